@@ -1,10 +1,11 @@
-// What products by multipoles cost (FastSum) beside the sums over all pairs, for errors, numbers,
-// kinds of particles, unbounded and above a wall; and which errors they have. Blobs and spheres at
-// random at a volume fraction of 0.1, which may overlap.
+// The cost of products by multipoles (FastSum) beside the sums over all pairs, for several errors,
+// numbers and kinds of particles, unbounded and above a wall, and the errors of these products.
+// Blobs and spheres are at random at a volume fraction of 0.1 and may overlap.
 //
-//     BenchmarkFastSum            Google Benchmark; counters: the error found with random forces,
-//     relative; memory; processor time a product BenchmarkFastSum --errors   no times: the largest
-//     error of each row of FastSum's table over scenes of many kinds, as JSON
+// BenchmarkFastSum            Google Benchmark; counters: the error found with random forces,
+//                             relative; memory; processor time a product
+// BenchmarkFastSum --errors   no times: the largest error of each row of FastSum's table over
+//                             scenes of many kinds, as JSON
 
 #include <benchmark/benchmark.h>
 #include <openmm/internal/ThreadPool.h>
@@ -43,7 +44,7 @@ struct Scene {
         if (hasWall) wall.emplace(0, false);
         return CpuRotnePragerYamakawa(particles, 1.0, forRanges, wall, fastSums);
     }
-    /** Roots of own frictions, but for a factor. */
+    /** Square roots of own frictions, up to a common factor. */
     VectorXd scale() const {
         VectorXd s(particles.numRows);
         for (int i = 0; i < particles.size(); i++)
@@ -64,7 +65,9 @@ struct Scene {
 
 enum SceneShape { Cloud, Layer, Shell, Clusters };
 
-/** @param fraction  of the volume (Cloud) or of the area (others do not ask) */
+/**
+ * @param fraction  of the volume (Cloud) or of the area; other shapes do not use it
+ */
 Scene makeScene(SceneShape shape, int n, bool spheres, bool equalRadii, bool hasWall,
                 double fraction = 0.1) {
     Scene scene;
@@ -137,7 +140,7 @@ void finish(benchmark::State& state, double seconds) {
     state.counters["time_per_product"] = seconds / state.iterations();
 }
 
-/** One product; the tree and the matrices of a placement are a row of their own. */
+/** One product. The tree and the matrices of a placement are a row of their own. */
 void product(benchmark::State& state, bool spheres, bool hasWall) {
     const int n = state.range(0);
     ThreadPool pool(state.range(2));
@@ -156,7 +159,7 @@ void product(benchmark::State& state, bool spheres, bool hasWall) {
     state.counters["megabytes"] = sum.getMemory() / 1e6;
 }
 
-/** What a new placement takes beside its products. */
+/** The cost of a new placement, apart from its products. */
 void placement(benchmark::State& state, bool spheres, bool hasWall) {
     const int n = state.range(0);
     const Scene& scene = sceneOf(n, spheres, hasWall);
@@ -217,8 +220,10 @@ double norm(const MatrixXd& A) {
     return value;
 }
 
-/** Errors of the whole matrix of few particles in small cubes, by the order and opening of the row
- * 1e-3: of random forces, in the norm of M, in that of energies. */
+/**
+ * Print errors of the whole matrix of few particles in small cubes, by the order and opening of the
+ * row 1e-3: for random forces, in the norm of M, and in the norm of energies.
+ */
 void printNorms() {
     for (SceneShape shape : {Cloud, Layer, Shell, Clusters})
         for (bool hasWall : {false, true}) {
@@ -242,7 +247,9 @@ void printNorms() {
         }
 }
 
-/** The largest error of each row over scenes: random forces, and one direction over the norm of M.
+/**
+ * Print the largest error of each row over scenes, for random forces, and for forces along one
+ * direction relative to the norm of M.
  */
 void printErrors() {
     printf("{\n");

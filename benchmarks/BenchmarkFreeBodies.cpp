@@ -1,6 +1,6 @@
-// What a step costs without forces: bodies in an otherwise empty System, on one thread.
-// time_per_body (seconds per body and step): the whole step, OpenMM's force evaluation of nothing
-// included. own_time_per_body: this plugin's part of it.
+// The cost of a step without forces: bodies in an otherwise empty System, on one thread.
+// time_per_body (seconds per body and step) is that of the whole step, with OpenMM's evaluation of
+// no forces included. own_time_per_body is this plugin's part of it.
 
 #include <benchmark/benchmark.h>
 #include <openmm/Context.h>
@@ -20,8 +20,10 @@ using namespace std;
 
 namespace {
 
-/** A body: its sites (nm) and moments (amu nm^2). Masses are equal; sizes are those of small
- * molecules. */
+/**
+ * A body: its sites (nm) and moments (amu nm^2). Masses are equal, and sizes are those of small
+ * molecules.
+ */
 struct Shape {
     string name;
     Vec3 moments;

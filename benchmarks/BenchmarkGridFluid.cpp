@@ -1,6 +1,7 @@
-// What force coupling on a grid costs: products, random fields and averages, beside FFTW's own
-// transforms of the same size by FFTW_MEASURE. Blobs at volume fraction 0.2, tolerance 1e-4, one
-// thread. A product has three transforms there and three back, a random field three back.
+// The cost of force coupling on a grid: products, random fields and averages, beside FFTW's own
+// transforms of the same size by FFTW_MEASURE. Blobs are at volume fraction 0.2, the tolerance is
+// 1e-4, and there is one thread. A product has three transforms there and three back, a random
+// field three back.
 
 #include <benchmark/benchmark.h>
 #include <fftw3.h>
@@ -31,7 +32,7 @@ struct Scene {
     }
 };
 
-/** With everything that a step has when it begins. */
+/** A scene with everything that exists at the beginning of a step. */
 struct Prepared {
     const Scene scene;
     const GridResolution resolution;
@@ -63,7 +64,7 @@ void product(benchmark::State& state) {
     p.name(state);
 }
 
-/** As iterations at a tolerance of 5e-5 and more take them. */
+/** Products as iterations at a tolerance of 5e-5 and above use them. */
 void roughProduct(benchmark::State& state) {
     Prepared p(state.range(0));
     const Eigen::MatrixXd forces = Eigen::VectorXd::LinSpaced(p.scene.particles.numRows, -1, 1);
@@ -100,7 +101,7 @@ void averageGradients(benchmark::State& state) {
     p.name(state);
 }
 
-/** Three there and three back, in place, in one piece. */
+/** Three transforms there and three back, in place, in one piece. */
 void sixTransforms(benchmark::State& state) {
     const Prepared p(state.range(0));
     const int n = p.stencils.getShape().size[0];

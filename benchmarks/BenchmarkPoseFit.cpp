@@ -1,5 +1,5 @@
-// What taking in others' changes costs for one body: the pose from positions, the twist from
-// velocities.
+// The cost of taking in changes by others, for one body: the pose from positions, and the twist
+// from velocities.
 
 #include <benchmark/benchmark.h>
 

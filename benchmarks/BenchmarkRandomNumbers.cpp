@@ -1,4 +1,4 @@
-// What random numbers cost: one at a time (Reference) and in packs (CPU), by their law.
+// The cost of random numbers: one at a time (Reference) and in packs (CPU), by their law.
 
 #include <benchmark/benchmark.h>
 

@@ -1,6 +1,6 @@
-// What a product with the Rotne-Prager-Yamakawa mobility costs, for instruction sets, threads,
-// columns and kinds of particles, in unbounded fluid and above a wall; and its matrix. Suspensions
-// at volume fraction 0.1, on a lattice with random displacements.
+// The cost of a product with the Rotne-Prager-Yamakawa mobility, for instruction sets, threads,
+// columns and kinds of particles, in unbounded fluid and above a wall, and the cost of its matrix.
+// Suspensions have volume fraction 0.1, on a lattice with random displacements.
 
 #include <benchmark/benchmark.h>
 #include <openmm/internal/ThreadPool.h>
@@ -31,8 +31,8 @@ struct Scene {
     std::vector<Vec3> positions;
     std::optional<NoSlipPlane> wall;
     Scene(int n, Kind kind) {
-        // Blobs of multiblobs sit at twice their radius from their neighbours, in touch with many
-        // packs.
+        // Blobs of multiblobs are at twice their radius from their neighbours, so they touch in
+        // many packs.
         const double spacing = kind == TouchingBlobs ? 2 : std::cbrt(4 * M_PI / 3 / 0.1);
         const double shift = kind == TouchingBlobs ? 0 : 0.5 * (spacing - 2) / std::sqrt(3.0);
         const int edge = std::ceil(std::cbrt(n));
@@ -51,7 +51,7 @@ struct Scene {
     }
 };
 
-/** Let Highway use nothing better than a target. */
+/** Let Highway use no better target than this one. */
 const char* restrictTo(int64_t best) {
     int64_t allowed = 0;
     hwy::SetSupportedTargetsForTest(0);
@@ -132,8 +132,10 @@ PRODUCT(Spheres, AVX2)
     ->Args({10000, 2, 2});
 PRODUCT(Spheres, SSE4)->ArgNames({"n", "columns", "threads"})->Args({1000, 2, 1});
 
-/** The yardstick: PlainPairs.h. Above a wall the same scenes, but that it does not see what a
- * sphere does to itself. */
+/**
+ * The yardstick: PlainPairs.h. Above a wall the scenes are the same, but the yardstick leaves out
+ * the own mobility of a sphere.
+ */
 void plainProduct(benchmark::State& state, Kind kind, int64_t target) {
     const int n = state.range(0), columns = state.range(1), threads = state.range(2);
     state.SetLabel(restrictTo(target));
@@ -283,7 +285,9 @@ void scalarBlobsAtWall(benchmark::State& state) {
 BENCHMARK(scalarBlobs)->Arg(15)->Unit(benchmark::kMicrosecond);
 BENCHMARK(scalarBlobsAtWall)->Arg(15)->Unit(benchmark::kMicrosecond);
 
-/** What LangevinHI asks for in a step: exp(-Sh) z and sqrt(1 - exp(-2Sh)) chi, here for S^-1 = M.
+/**
+ * The functions that LangevinHI needs in a step: exp(-Sh) z and sqrt(1 - exp(-2Sh)) chi, here for
+ * S^-1 = M.
  */
 void decayAndNoise(benchmark::State& state) {
     const int n = state.range(0), threads = state.range(2);

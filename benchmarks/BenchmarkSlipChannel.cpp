@@ -1,8 +1,8 @@
-// What a slip channel on a grid costs: on a mirrored grid, and by the images of particles in a
-// periodic fluid of twice the width, which is the same flow and field. Beside it FFTW's transforms
-// along y of one column of eight planes: of the whole period, of half of it, and its own sums of
-// cosines and sines of so many numbers. Blobs at random at volume fraction 0.2, one thread.
-// Arguments: blobs, width over their radius, tolerance 10^-n.
+// The cost of a slip channel on a grid: on a mirrored grid, and by the images of particles in a
+// periodic fluid of twice the width, which gives the same flow and field. Beside it are FFTW's
+// transforms along y of one column of eight planes: of the whole period, of half of it, and its own
+// sums of cosines and sines of as many numbers. Blobs are at random at volume fraction 0.2, with
+// one thread. Arguments: blobs, width over their radius, tolerance 10^-n.
 
 #include <benchmark/benchmark.h>
 #include <fftw3.h>
@@ -38,7 +38,7 @@ struct Scene {
     }
 };
 
-/** With everything that a step has when it begins. */
+/** A scene with everything that exists at the beginning of a step. */
 struct Prepared {
     const Scene scene;
     const GridResolution resolution;
@@ -52,7 +52,7 @@ struct Prepared {
           shape(resolution.shapeFor(scene.twice)), stencils(scene.particles, resolution) {
         shape.mirrored = !images;
         stencils.moveTo(shape, scene.positions, false);
-        // Memory is there in all but the first step.
+        // Memory is allocated in the first step only, so it is prepared here.
         fluid.draw(stencils, 1, NoiseStream(), NoiseStream::RandomField, field);
     }
     void name(benchmark::State& state) const {
@@ -104,7 +104,11 @@ void stencils(benchmark::State& state) {
     p.name(state);
 }
 
-/** Of a column of modes of eight planes. @param numbers  of the period */
+/**
+ * Transforms of a column of modes of eight planes.
+ *
+ * @param numbers  of the period
+ */
 void transform(benchmark::State& state,
                const std::function<fftw_plan(int period, double* from, double* to)>& make) {
     const int period = state.range(0), planes = 8;

@@ -1,11 +1,10 @@
-// What periodic Rotne-Prager-Yamakawa costs without a matrix (RotnePragerYamakawaGrid): products,
-// their pairs and waves, and what is made once for each placement, beside the product of force
-// coupling on a grid and FFTW's own transforms of the same size by FFTW_MEASURE; noise, as it is
-// made and by a root of the whole matrix. Particles at volume fraction 0.2 on a cubic lattice,
-// shaken as far as they do not overlap; one thread.
-//
-// Arguments: particles, minus the exponent of the tolerance; of `splitting` also xi in hundredths
-// of 1/radius.
+// The cost of periodic Rotne-Prager-Yamakawa without a matrix (RotnePragerYamakawaGrid): products,
+// their pairs and waves, and what is made once for each placement. Beside it are the product of
+// force coupling on a grid and FFTW's own transforms of the same size by FFTW_MEASURE. The cost of
+// noise is that of the model's own noise, and that of a root of the whole matrix. Particles are at
+// volume fraction 0.2 on a cubic lattice, displaced at random as far as they do not overlap, with
+// one thread. Arguments: particles, minus the exponent of the tolerance; for `splitting` also xi in
+// hundredths of 1/radius.
 
 #include <benchmark/benchmark.h>
 #include <fftw3.h>
@@ -49,7 +48,7 @@ double toleranceOf(const benchmark::State& state) {
     return std::pow(10.0, -(double)state.range(1));
 }
 
-/** Both parts, as a place of the model has them. */
+/** Both parts, as a MobilityAt of the model has them. */
 struct Parts {
     const Scene scene;
     const std::vector<EwaldKind> kinds;
@@ -132,7 +131,7 @@ void makingWeights(benchmark::State& state) {
     Parts p(state);
     for (auto _ : state) p.makeWeights();
 }
-/** A product by splittings other than the fastest. */
+/** A product with splittings other than the fastest. */
 void splitting(benchmark::State& state) {
     Parts p(state, false, 0.01 * state.range(2));
     const auto both = [&] {
@@ -143,7 +142,10 @@ void splitting(benchmark::State& state) {
     for (auto _ : state) both();
     p.name(state);
 }
-/** Slips of the covariance M at a new placement: a field of waves, and a root of pairs. */
+/**
+ * Slips (random surface velocities) of the covariance M at a new placement: a field of waves, and a
+ * root of pairs.
+ */
 void noise(benchmark::State& state) {
     const Scene scene(state.range(0), false);
     const RotnePragerYamakawaGrid model(scene.particles, 1, toleranceOf(state), 0,
@@ -152,14 +154,16 @@ void noise(benchmark::State& state) {
     MatrixXd slips;
     Placement placement = scene.placement;
     const auto draw = [&] {
-        placement.positions[0][0] += 1e-9;  // elsewhere, so that pairs are made anew
+        placement.positions[0][0] += 1e-9;  // another position, so that pairs are made anew
         model.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, placement.box, field);
         field->slipsAt(placement, false, slips);
     };
     draw();
     for (auto _ : state) draw();
 }
-/** The same by Lanczos with products of all of M, in single precision where the tolerance allows.
+/**
+ * The same slips by Lanczos' method with products of all of M, in single precision where the
+ * tolerance allows.
  */
 void noiseByOneRoot(benchmark::State& state) {
     const Scene scene(state.range(0), false);
@@ -195,7 +199,7 @@ void forceCoupling(benchmark::State& state) {
     for (auto _ : state) at->apply(forces, velocities);
     state.counters["nodes along an edge"] = model.shapeFor(scene.placement.box).size[0];
 }
-/** Three there and three back, in place, in one piece, of the grid of the product. */
+/** Three transforms there and three back, in place, in one piece, on the grid of the product. */
 void sixTransforms(benchmark::State& state) {
     const Scene scene(state.range(0), false);
     const int n =

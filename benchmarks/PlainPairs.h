@@ -3,26 +3,29 @@
 
 #include <vector>
 
-/** Particles of one radius and kind that do not overlap, and what is multiplied. Vectors have room
- * for a whole pack more. */
+/**
+ * Particles of one radius and kind that do not overlap, and the vectors that are multiplied.
+ * Vectors have room for one more pack.
+ */
 struct PlainPairs {
     int count;
     std::vector<double> x, y, z;  // z from the wall, if there is one
     double radius;
     bool hasWall, torques;
     int columns;                             // 1 or 2
-    std::vector<std::vector<double>> loads;  // three rows a column, of spheres with torque six
+    std::vector<std::vector<double>> loads;  // three rows a column, or six for spheres with torque
 };
 
 /**
  * The yardstick for products with the Rotne-Prager-Yamakawa mobility: a plain loop over all pairs j
- * < i in double precision, packs of j for each i, a square root and a division for each distance.
- * What i has is summed in registers, what j has is loaded, added to and stored. In unbounded fluid
- * a force is multiplied by 1 and r r^T, above a wall by the block of the pair and its transpose.
- * There is one radius, there are no overlaps, and what a sphere does to itself is left out.
+ * < i in double precision, with packs of j for each i, and a square root and a division for each
+ * distance. Results for i are summed in registers. Those for j are loaded, added to and stored. In
+ * unbounded fluid a force is multiplied by 1 and r r^T, above a wall by the block of the pair and
+ * its transpose. There is one radius, there are no overlaps, and the own mobility of a sphere is
+ * left out.
  *
  * @param first, step  rows of the triangle that this thread takes
- * @param velocities   as loads; added to
+ * @param velocities  as loads; added to
  */
 void addPlainPairs(const PlainPairs& pairs, int first, int step,
                    std::vector<std::vector<double>>& velocities);

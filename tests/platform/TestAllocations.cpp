@@ -26,8 +26,9 @@ int allocations = 0;
 }  // namespace
 
 #ifndef RIGIDHI_MALLOC_IS_TAKEN
-// The program's malloc goes before that of the C library, for all libraries: new, Eigen and the
-// vectors of C++ come here. OpenBLAS, which LAPACK is in, takes buffers of its own for some sizes.
+// The program's malloc takes precedence over that of the C library, for all libraries: new, Eigen
+// and the vectors of C++ call it. OpenBLAS, which contains LAPACK, takes buffers of its own for
+// some sizes.
 extern "C" {
 void* __libc_malloc(size_t);
 __attribute__((visibility("default"))) void* malloc(size_t size) {
@@ -121,8 +122,8 @@ TEST(Allocations, NoneInADenseStep) {
             for (int numBodies : {4, 9})
                 for (bool inShear : {false, true}) {
                     if (kind == OneMultiblob) numBodies = 1;
-                    // LangevinHI decomposes a matrix: below 40 rows by Eigen, which has a vector of
-                    // its own there.
+                    // LangevinHI decomposes a matrix: below 40 rows by Eigen, which allocates a
+                    // vector of its own.
                     const bool eigen = !traits.isOverdamped() && numBodies == 4;
                     EXPECT_LE(countAllocations(traits.scheme, kind, numBodies, inShear),
                               eigen ? 1 : 0)

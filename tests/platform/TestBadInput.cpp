@@ -1,6 +1,6 @@
-// What C++ users may do wrong: every call is an OpenMMException that names object, value, bound and
-// remedy. (tests/python/test_bad_input_*.py go through the same, and through runs and saved states,
-// on both platforms.)
+// Errors that C++ users may make: every such call throws an OpenMMException that names object,
+// value, bound and remedy. (tests/python/test_bad_input_*.py do the same, and test runs and saved
+// states, on both platforms.)
 
 #include <openmm/AndersenThermostat.h>
 #include <openmm/VirtualSite.h>

@@ -1,6 +1,6 @@
-// What users may do wrong with a MobilityForce and LangevinHI: every call is an OpenMMException
-// that names object, value, bound and remedy. (tests/python/test_bad_input_fluid.py has wrong types
-// and shapes.)
+// Errors that users may make with a MobilityForce and LangevinHI: every such call throws an
+// OpenMMException that names object, value, bound and remedy. (tests/python/test_bad_input_fluid.py
+// has wrong types and shapes.)
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -159,7 +159,7 @@ TEST(BadFluid, BodiesAndParticlesThatTheFluidCannotTake) {
     draining.fluid->setModel(MobilityForce::FreeDraining);
     draining.add(rod, Vec3(0, 5, 0));
     expectRefused(draining, {"lie on a line"});
-    // A tensor of its own has nothing about the line to be combined with.
+    // The mobility of the blobs has no part about the line to combine an own tensor with.
     Pair own;
     own.add(rodKind(), Vec3(0, 5, 0));
     own.fluid->setBodyFriction(2, unitTensor());
@@ -189,7 +189,8 @@ const vector<MobilityForce::Solver> solvers = {MobilityForce::Dense, MobilityFor
 TEST(BadFluid, BlobsOfABodyAtOnePlaceAreRefusedWithItsShape) {
     for (auto solver : solvers)
         for (int seed = 0; seed < 200; seed++) {
-            // Exactly so, and by rounding or a little more: the bound is 1e-6 of the radius.
+            // At exactly one place, and apart by rounding or a little more: the bound is 1e-6 of
+            // the radius.
             const double distance = seed % 4 == 0   ? 0
                                     : seed % 4 == 1 ? 1e-16
                                     : seed % 4 == 2 ? 1e-10
@@ -217,7 +218,7 @@ TEST(BadFluid, BlobsOfABodyNearEachOtherOrOfOtherRadiiAreTaken) {
                     Vec3(0, 5, 0));
                 scene.fluid->setSolver(solver);
                 scene.start(testPlatform());
-                // A twin adds nothing to the body that it is in.
+                // A second blob at the same place adds nothing to its own body.
                 FluidScene single;
                 single.add(sphereKind(0.5));
                 BodyKind kind = twinKind(seed, 0);
@@ -298,7 +299,7 @@ TEST(BadFluid, ParticlesAtOnePlaceThatDoNotFeelEachOther) {
 }
 
 TEST(BadFluid, ErrorsInOneOfManyGroupsReachTheUser) {
-    // They may arise on another thread.
+    // The error may be thrown on another thread.
     FluidScene scene(0, 0.01);
     vector<int> groups;
     for (int g = 0; g < 6; g++)
@@ -649,8 +650,8 @@ TEST(BadFluid, StepsThatAreNotFiniteLeaveTheLastGoodState) {
 }
 
 TEST(BadFluid, ForcesAlongARodThatCancelAreNoTorque) {
-    // Their wrench is nothing but rounding, in any direction: it must not be taken for a torque
-    // about the line.
+    // The wrench of the bodies is only rounding, in any direction. It must not be taken for a
+    // torque about the line.
     for (int seed = 0; seed < 20; seed++) {
         Pair rod;
         mt19937 generator(seed);

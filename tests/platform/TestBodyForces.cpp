@@ -257,8 +257,8 @@ TEST(BodyForces, SeveralForcesAndRepeatedBodiesAddUp) {
     EXPECT_LT(norm(scene.integrator.getBodyForces()[0] - Vec3(111, 7, 0)), 1e-12);
     EXPECT_LT(norm(scene.integrator.getBodyForces()[1] - Vec3(100, 7, 0)), 1e-12);
     EXPECT_LT(norm(scene.integrator.getBodyTorques()[0] - Vec3(0, 0, 11)), 1e-12);
-    // New parameters and Context parameters count from the next evaluation, also for the forces
-    // kept from the last step.
+    // New parameters and Context parameters take effect from the next evaluation on, also for
+    // forces kept from the last step.
     const Vec3 before = scene.integrator.getBodyVelocities()[0];
     first->setBodyParameters(1, 0, {-1000});
     first->updateParametersInContext(*scene.context);

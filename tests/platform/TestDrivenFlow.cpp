@@ -134,8 +134,8 @@ TEST(DrivenFlow, BodiesWithTensorsOfTheirOwnGoAsTheirBlobs) {
         scene.start();
         expectNear(scene.stepTwists(), scene.expected().following * scene.slips(flow), 1e-10);
     }
-    // FreeDraining takes tensors as they are: also of bodies on a line and of bodies without
-    // hydrodynamic particles, which go with the flow at their origin.
+    // FreeDraining takes tensors as they are, also those of bodies on a line. Bodies without
+    // hydrodynamic particles follow the flow at their origin.
     FlowScene scene;
     scene.fluid->setModel(MobilityForce::FreeDraining);
     flow.set(*scene.fluid);
@@ -153,7 +153,8 @@ TEST(DrivenFlow, BodiesWithTensorsOfTheirOwnGoAsTheirBlobs) {
     expected << scene.expected({bodies[0]}).following * slips.head<15>(),
         scene.expected({bodies[1]}).following * slips.segment<9>(15), flow.at(bodies[2].R),
         flow.halfCurl();
-    // How a rod turns about itself its blobs do not say, and its own tensor does: with the flow.
+    // The blobs of a rod do not determine its rotation about its line, but its own tensor does: it
+    // follows the flow.
     const Vector3d line = (bodies[1].offsets[1] - bodies[1].offsets[0]).normalized();
     expected.segment<3>(9) += line * line.dot(flow.halfCurl());
     expectNear(scene.stepTwists(), expected, 1e-12);
@@ -186,8 +187,10 @@ Vector3d axisAfter(RigidHI::Scheme scheme, double halfHeight, const QuaternionAr
     return rotationOf(scene.integrator.getBodyOrientations()[0]) * Vector3d::UnitZ();
 }
 
-/** Of Jeffery's orbits, by the rotation of a prism that lies along the flow: B = (ratio^2 -
- * 1)/(ratio^2 + 1) of an equivalent spheroid. */
+/**
+ * The constant of Jeffery's orbits, by the rotation of a prism that lies along the flow: B =
+ * (ratio^2 - 1)/(ratio^2 + 1) of an equivalent spheroid.
+ */
 double brethertonConstant(double halfHeight) {
     FlowScene scene;
     scene.add(prismKind(halfHeight), Vec3(), {{sqrt(0.5), 0, sqrt(0.5), 0}});  // z to x
@@ -221,7 +224,7 @@ TEST(DrivenFlow, JefferysOrbits) {
         EXPECT_NEAR(half[0], -n[0], 1e-3);
         EXPECT_NEAR(half[1], -n[1], 1e-3);
     }
-    // What is a cube turns like a sphere, steadily.
+    // A prism with the symmetry of a cube turns like a sphere, steadily.
     EXPECT_NEAR(brethertonConstant(0.6), 0, 1e-12);
     for (auto scheme : {RigidHI::EulerMaruyama, RigidHI::FixmanMidpoint}) {
         const Vector3d n = axisAfter(scheme, 0.6, q, rate, 2, 7);
@@ -232,7 +235,7 @@ TEST(DrivenFlow, JefferysOrbits) {
 }
 
 TEST(DrivenFlow, OrderWithoutNoise) {
-    // Of multiblobs that feel each other in a strain with rotation.
+    // Multiblobs that feel each other in a strain with rotation.
     const auto end = [](RigidHI::Scheme scheme, int steps) {
         FlowScene scene(0, 1.0 / steps, scheme);
         generalFlow().set(*scene.fluid);
@@ -363,7 +366,7 @@ TEST(DrivenFlow, SpheresResistStrainByStresslets) {
             carried.segment<6>(6 * i) << flow.at(scene.x[i]), flow.halfCurl();
         EXPECT_GT((expected - carried).norm(), 0.05 * carried.norm());
         expectNear(scene.stepTwists(), expected, 1e-12);
-        // And where that led.
+        // The same at the positions after the step.
         const auto places = scene.integrator.getBodyPositions();
         for (int i = 0; i < 3; i++) scene.x[i] = toEigen(places[i]);
         expectNear(scene.stepTwists(), spheresInFlow(scene.x, scene.a, flow, 0.6), 1e-12);
@@ -380,7 +383,7 @@ TEST(DrivenFlow, SpheresResistStrainByStresslets) {
 
 TEST(DrivenFlow, TwoSpheresFarApartAreThoseOfBatchelorAndGreen) {
     // J. Fluid Mech. 56, 375 (1972): V = omega x r + E.r - [A nn + B (1 - nn)].E.r with A = 5/r^3 -
-    // 8/r^5 + 25/r^6, B = 16/(3 r^5), and then r^-8. With only one of the three terms missing the
+    // 8/r^5 + 25/r^6, B = 16/(3 r^5), and then r^-8. If any of the three terms were missing, the
     // rest would fall more slowly.
     SKIP_ON_SINGLE_PRECISION_DEVICES("what is left is 1e-7 of the velocity");
     const LinearFlow flow = generalFlow();
@@ -517,8 +520,8 @@ TEST(DrivenFlow, SpheresResistTheStrainOfWaves) {
     }
     scene.start();
     scene.setBox(8, 7.5, 9);
-    // The matrix of forces, torques and stresslets is tested elsewhere; here is what strains make
-    // of it, at the start and where that led.
+    // The matrix of forces, torques and stresslets is tested elsewhere. Here the effect of strains
+    // on it is tested, at the start and at the positions after the step.
     RigidHIPlugin::LatticeSum sum(particles, RigidHIPlugin::overSurfaces(), true);
     sum.setBox({Vec3(8, 0, 0), Vec3(0, 7.5, 0), Vec3(0, 0, 9)});
     for (int step = 0; step < 2; step++) {
@@ -567,8 +570,8 @@ TEST(DrivenFlow, TheMiddleOfALongWaveIsAShear) {
 // ---- With momenta ----
 
 TEST(DrivenFlow, MomentaGoToThoseOfTheFlow) {
-    // So little mass that a step is long and moves nothing: velocities are those of bodies without
-    // forces.
+    // The mass is so small that a step is long compared with relaxation and yet moves nothing.
+    // Velocities are then those of bodies without forces.
     const LinearFlow flow = generalFlow();
     const double h = 1e-9, light = 1e-14;
     for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree})
@@ -593,7 +596,8 @@ TEST(DrivenFlow, MomentaGoToThoseOfTheFlow) {
 }
 
 TEST(DrivenFlow, MomentaGoWhereStepsWithoutThemDo) {
-    // The same of all models and boundaries, and of bodies that have no moments about some axes.
+    // The same holds for all models and boundaries, and for bodies that have no moments about some
+    // axes.
     struct Case {
         MobilityForce::Model model;
         MobilityForce::Boundary boundary;
@@ -644,7 +648,7 @@ TEST(DrivenFlow, MomentaGoWhereStepsWithoutThemDo) {
             BodyKind eccentric = sphereKind(0.6, light, light);
             eccentric.sites[0] = Vec3(0.1, 0.3, -0.2);
             scene.add(eccentric, Vec3(4.5, 2, 1.5), {{0.6, 0, 0.8, 0}});
-            // Iterations ask for moments about all axes.
+            // Iterations need moments about all axes.
             scene.add(sphereKind(0.5, light, c.solver == MatrixFree ? light : 0),
                       Vec3(3, 3.5, 2.7));
             if (c.model != SD) {
@@ -779,7 +783,7 @@ TEST(DrivenFlow, VelocitiesInShearAreThermalAboutTheFlow) {
 
 TEST(DrivenFlow, EquipartitionIsAboutAUniformFlow) {
     // The process is exact: after n steps from rest mean and variance are known. Angular velocities
-    // know nothing of the flow.
+    // are independent of the flow.
     const double a = 0.5, eta = 0.6, mass = 1.5, h = 0.05;
     const int copies = 3000, steps = 8;
     const Vector3d velocity(1.5, -2, 0.7);
@@ -861,7 +865,8 @@ TEST(DrivenFlow, AUniformFlowOnlyShifts) {
             double largest = 0;
             for (size_t i = 0; i < x.size(); i++)
                 largest = max(largest, norm(y[i] - x[i] - toVec3(steps * h * velocity)));
-            // Differences over 1e-5 of lengths magnify rounding, those of iterations their errors.
+            // Differences over 1e-5 of lengths magnify rounding, and those of iterations magnify
+            // the errors of the iterations.
             EXPECT_LT(largest, solver == MobilityForce::Dense ? 1e-8 : 1e-4);
             EXPECT_GT(norm(x[0] - still.positions[0]), 0.1);
         }
@@ -1068,7 +1073,7 @@ TEST(DrivenFlow, BoundariesWithoutItAreRefused) {
         scene.add(sphereKind(0.8), Vec3(4, 4, 4));
         set(*scene.fluid);
         expectError([&] { scene.start(); }, words);
-        // Nor may it come later.
+        // The flow may not be set later either.
         FlowScene later;
         later.fluid->setModel(model);
         later.fluid->setBoundary(boundary);

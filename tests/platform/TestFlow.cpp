@@ -1,6 +1,6 @@
 // The flow of the fluid, as users read it: Stokes' solution, tracers, averages over particles,
-// walls, modes, incompressibility, the Brownian stress; which flow is answered when, and that
-// asking changes nothing.
+// walls, modes, incompressibility, the Brownian stress. Further tests: which flow is returned when,
+// and that asking for it changes nothing.
 
 #include <openmm/serialization/XmlSerializer.h>
 
@@ -143,8 +143,10 @@ double slipOfParticles(Pushed& scene, const vector<LabBody>& bodies, const Vecto
     return largest;
 }
 
-/** The divergence by central differences, and its error's bound by the third derivatives:
- * differences over twice the step. */
+/**
+ * The divergence by central differences, and a bound of its error from third derivatives:
+ * differences over twice the step.
+ */
 double divergenceOfFlow(Pushed& scene, const Vec3& x, double step) {
     double sum = 0;
     for (int k = 0; k < 3; k++) {
@@ -227,8 +229,9 @@ TEST(Flow, OfSeveralIsTheSumAndOfFreeParticlesToo) {
 }
 
 TEST(Flow, CarriesTracers) {
-    // A sphere too small to be felt goes with the flow: rows of the mobility matrix, which other
-    // tests compare with the papers. Its average over its surface is a^2/6 times the Laplacian off.
+    // A sphere too small to be felt follows the flow: rows of the mobility matrix, which other
+    // tests compare with the papers. Its average over its surface differs by a^2/6 times the
+    // Laplacian.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     struct Case {
         string name;
@@ -284,8 +287,8 @@ TEST(Flow, CarriesTracers) {
 }
 
 TEST(Flow, MatrixFreeIsDenseToItsTolerance) {
-    // Forces whose error is the part t of them in the norm of M (power P = F U) are wrong at a
-    // tracer of radius a by t sqrt(P/(6 pi eta a)) at most.
+    // Forces with a relative error t in the norm of M (power P = F U) give a tracer of radius a a
+    // velocity with an error of at most t sqrt(P/(6 pi eta a)).
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     const double a = 0.3, eta = 0.6;
     const VectorXd wrenches = someWrenches(3);
@@ -311,9 +314,9 @@ TEST(Flow, MatrixFreeIsDenseToItsTolerance) {
 }
 
 TEST(Flow, BlobsAreHeldByIt) {
-    // The average over the envelope of each blob is the rigid motion there: without a flow of one's
-    // own, in driven flows, with noise. A rule of degree 2n on a surface leaves (a_i/(r -
-    // a_j))^(2n) of the neighbour's flow: 0.55^32.
+    // The average over the envelope of each blob is the rigid motion there: without a driven flow,
+    // in driven flows, and with noise. A rule of degree 2n on a surface leaves (a_i/(r - a_j))^(2n)
+    // of the neighbour's flow: 0.55^32.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     struct Case {
         ModelCase model;
@@ -354,7 +357,7 @@ TEST(Flow, BlobsAreHeldByIt) {
 }
 
 TEST(Flow, SpheresOnAGridAreHeldByIt) {
-    // With noise the flow has all waves of the grid; the rule sees those that Gaussians leave.
+    // With noise the flow has all waves of the grid, and the rule sees those that Gaussians leave.
     // Gaussians are cut off on the grid, to its tolerance.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     for (double temperature : {0.0, T1}) {
@@ -373,8 +376,9 @@ TEST(Flow, SpheresOnAGridAreHeldByIt) {
 }
 
 TEST(Flow, OfEverySchemeHoldsSpheres) {
-    // Where it had its forces the step moved with the flow: at the start, at the mid-point, at both
-    // ends. Elsewhere by one power of the displacement less.
+    // The step moved with the flow at the poses at which its forces were evaluated: at the start,
+    // at the mid-point, or at both ends. At other poses the agreement is lower by one power of the
+    // displacement.
     SKIP_ON_SINGLE_PRECISION_DEVICES("differences of positions are rounded");
     for (const SchemeTraits& traits : overdampedSchemes())
         for (auto scaling : {RigidHI::SlipOnly, RigidHI::Whole})
@@ -396,7 +400,7 @@ TEST(Flow, OfEverySchemeHoldsSpheres) {
                     auto bodies = scene.labBodies();
                     const VectorXd twists = scene.stepTwists();
                     const auto after = scene.labBodies();
-                    // With noise alone the mid-point is half the way.
+                    // With noise alone the mid-point is at half the displacement.
                     if (corrects)
                         for (size_t b = 0; noise && b < bodies.size(); b++)
                             bodies[b].R = 0.5 * (bodies[b].R + after[b].R);
@@ -671,7 +675,7 @@ TEST(Flow, AUniformFlowIsAChangeOfFrame) {
         if (scheme == RigidHI::LangevinHI)
             moving.integrator.setBodyVelocities(vector<Vec3>(2, toVec3(velocity)));
         for (Pushed* scene : {&still, &moving}) scene->integrator.step(1);
-        // By how far it had gone where the forces were.
+        // The displacement up to the poses where the forces were evaluated.
         const double gone = scheme == RigidHI::LangevinHI       ? h
                             : scheme == RigidHI::FixmanMidpoint ? h / 2
                                                                 : 0;
@@ -688,7 +692,7 @@ TEST(Flow, AUniformFlowIsAChangeOfFrame) {
 
 namespace {
 
-/** A scene whose forces depend on places and time, so that each evaluation tells. */
+/** A scene whose forces depend on positions and time, so that evaluations can be told apart. */
 void addChanging(Pushed& scene) {
     scene.add(apartKind(), Vec3(1, 1, 2.5), {{0.8, 0.6, 0, 0}});
     scene.add(sphereKind(0.6), Vec3(3.5, 2, 1.5));
@@ -932,7 +936,7 @@ TEST(Flow, IsSaved) {
             third->integrator.step(1);
             loadState(*third->context, xml);
             EXPECT_EQ(third->flow(somewhere), expected);
-            // And nothing else was changed by asking.
+            // Asking for the flow has changed nothing else.
             scene->integrator.step(2);
             second->integrator.step(2);
             third->integrator.step(2);
@@ -1017,7 +1021,7 @@ TEST(Flow, DamagedLastStepsAreRefused) {
     size_t number = poses;
     for (int i = 0; i < 4; i++) number = xml.find("value=\"", number + 1);
     expectError([&] { load(xml.substr(0, number) + "value=\"3" + xml.substr(number + 7)); }, words);
-    // Without one, as earlier versions saved States: the flow of present forces.
+    // A State without a last step, as earlier versions saved it, gives the flow of present forces.
     load(xml.substr(0, at) + xml.substr(end + string("</LastStep>").size()));
     const MatrixXd expected = flowOfForces(*other, rotnePrager, MobilityForce::Unbounded,
                                            [](Pushed& fresh) { generalFlow().set(*fresh.fluid); });
@@ -1025,7 +1029,7 @@ TEST(Flow, DamagedLastStepsAreRefused) {
     other->integrator.step(1);
     scene->integrator.step(1);
     EXPECT_EQ(other->state(), scene->state());
-    // That of another scheme serves nobody.
+    // The last step of another scheme is not used.
     const auto euler = savedScene(RigidHI::EulerMaruyama, MobilityForce::Dense, 1);
     stringstream whole(xml);
     loadState(*euler->context, whole);
@@ -1036,7 +1040,7 @@ TEST(Flow, DamagedLastStepsAreRefused) {
 
 namespace {
 
-/** What is averaged: flows at points, or amplitudes of modes. */
+/** The averaged quantities: flows at points, or amplitudes of modes. */
 struct Observed {
     Points points;
     vector<array<int, 3>> modes;
@@ -1047,7 +1051,7 @@ struct Observed {
             values.segment<2>(2 * m) = scene.mode(modes[m][0], modes[m][1], modes[m][2]);
         return values;
     }
-    /** Of the model's random field. */
+    /** The same quantities of the model's random field. */
     VectorXd ofNoise(Pushed& scene) const {
         VectorXd values(2 * modes.size());
         for (size_t m = 0; m < modes.size(); m++)
@@ -1056,8 +1060,10 @@ struct Observed {
     }
 };
 
-/** What the theory says: the matrix of what is observed for each wrench, and the divergences of
- * that and of N, by differences of poses. */
+/**
+ * The theory: the matrix of the observed quantities for each wrench, and the divergences of this
+ * matrix and of N, by differences of poses.
+ */
 struct Theory {
     MatrixXd N_flow, N;
     VectorXd div_flow, div_N;
@@ -1097,10 +1103,10 @@ struct Theory {
 };
 
 /**
- * One step after another from the same poses, kT = 1 and no forces. The mean of what is observed,
- * A, is to be div_flow; that of the bodies' velocity U is div N. N_flow N^-1 U is the part of A
- * that moves with the bodies, and large, of h^-1/2. It is subtracted: the mean of the rest is what
- * div_flow has beside N_flow N^-1 div N.
+ * Steps that all start from the same poses, at kT = 1 and without forces. The mean of the observed
+ * quantities A is to be div_flow, and that of the bodies' velocity U is div N. N_flow N^-1 U is the
+ * part of A that moves with the bodies. It is of order h^-1/2 and large, so it is subtracted. The
+ * mean of the rest is div_flow minus N_flow N^-1 div N.
  */
 struct Draws {
     vector<vector<double>> rest;   // of each component
@@ -1125,8 +1131,9 @@ Draws draw(Pushed& scene, const Observed& observed, const Theory& theory, int nu
 }
 
 /**
- * By how many standard errors means are off, root mean square over components; and whether each is
- * within 5. Where nothing varies, the theory's differences have errors.
+ * The root mean square over components of the deviations of means, in standard errors. It is also
+ * checked that each deviation is within 5. Where nothing varies, the errors are those of the
+ * theory's differences.
  */
 double offBy(const vector<vector<double>>& samples, const VectorXd& expected, const char* what) {
     double squares = 0;
@@ -1179,7 +1186,7 @@ TEST(Flow, HasTheBrownianStress) {
         } else {
             EXPECT_GT(expected.norm(), 0.02);
         }
-        // Without a drift nothing is beside what follows bodies, whatever is drawn.
+        // A scheme without drift has only the part that moves with the bodies, whatever is drawn.
         const auto plain = make(T1, RigidHI::EulerMaruyama);
         for (const auto& component : draw(*plain, observed, theory, 3).rest)
             for (double rest : component) EXPECT_LT(abs(rest), 1e-6);
@@ -1190,7 +1197,7 @@ TEST(Flow, HasTheBrownianStress) {
             const int number = 4000;
             const Draws draws = draw(*scene, observed, theory, number);
             offBy(draws.rest, expected, traitsOf(scheme).name);
-            // The test sees whether it is there.
+            // The test can tell whether the Brownian stress is there.
             if (bodies != Spheres) {
                 EXPECT_GT(offBy(draws.rest, VectorXd::Zero(expected.size()), nullptr), 8);
             }
@@ -1200,10 +1207,13 @@ TEST(Flow, HasTheBrownianStress) {
 
 namespace {
 
-/** The mean over so many steps of each scheme on a grid, which is to be known to a fifth of it. */
+/**
+ * Check the mean over so many steps of each scheme on a grid, which is to be known to a fifth of
+ * itself.
+ */
 void checkBrownianStressOnAGrid(const vector<RigidHI::Scheme>& schemes, int number) {
-    // Amplitudes of modes. The part of order h^-1/2 has no mean: it is what the same random numbers
-    // make in a step so short that nothing else is left of h.
+    // Amplitudes of modes. The part of order h^-1/2 has no mean. It is found with the same random
+    // numbers in a step so short that only this part is left.
     const double h = 1e-3, shortness = 1e-6;
     const auto make = [&](double temperature, double step, RigidHI::Scheme scheme) {
         auto scene = make_unique<Pushed>(onGrid, temperature, step, scheme);
@@ -1253,8 +1263,10 @@ TEST(Flow, OnAGridHasTheBrownianStress) {
     checkBrownianStressOnAGrid({RigidHI::TrapezoidalSlip}, 600);
 }
 
-/** In drift correctors nu times the random field varies more. With random differences they do the
- * same on a grid. */
+/**
+ * In drift correctors nu times the random field varies more. On a grid they do the same as the
+ * scheme with random differences.
+ */
 TEST(Flow, FullOnAGridHasTheBrownianStressOfOthers) {
     SKIP_ON_DEVICES("thousands of steps that copy positions");
     checkBrownianStressOnAGrid({RigidHI::RandomFiniteDifference}, 700);

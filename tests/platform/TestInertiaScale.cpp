@@ -1,6 +1,6 @@
 // setInertiaScale(): moments times a factor in the dynamics of schemes with momenta. Equipartition
-// and averages over configurations are those of any moments; trajectories are those of bodies that
-// have the scaled moments; what users see of motion are real angular velocities.
+// and averages over configurations are those of any moments. Trajectories are those of bodies that
+// have the scaled moments. The angular velocities that users see are the real ones.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -168,8 +168,10 @@ struct Energies {
     }
 };
 
-/** What statistics are made of; devices take a tenth of a millisecond a launch, and the loops over
- * bodies there are those of CPU. */
+/**
+ * Samples for statistics. Devices take a tenth of a millisecond a launch, and the loops over bodies
+ * there are those of CPU.
+ */
 vector<Scheme> schemesToSample() {
     return onDevice() ? vector<Scheme>{CustomRigidHIIntegrator::LangevinC}
                       : thermostatsWithMomenta();
@@ -236,9 +238,8 @@ TEST(InertiaScale, EquipartitionPerAxis) {
                 integrator.setRandomNumberSeed(3);
                 Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
                 context.setPositions(randomPoses(shape, copies, 1, 2));
-                // The slowest axis relaxes at about a fifth of Gamma, 0.1 ps, whatever the factor:
-                // ten times that to begin with, then squares of momenta are independent within
-                // exp(-6).
+                // The slowest axis relaxes at about a fifth of Gamma, 0.1 ps, whatever the factor.
+                // After ten times that, squares of momenta are independent within exp(-6).
                 integrator.step(500);
                 Energies energies;
                 for (int s = 0; s < 8; s++) {
@@ -288,10 +289,10 @@ TEST(InertiaScale, AveragesOverConfigurationsStay) {
     const int copies = 60;
     for (Scheme scheme : schemesToSample())
         for (double factor : factorsToSample()) {
-            // Steps grow as the root of the factor. Directions forget in at most 1.5 ps, a third of
-            // what samples are apart. (Were the friction divided by the root, too, every factor
-            // would have the same path.) A CMMotionRemover has all velocities taken in at every
-            // step.
+            // Steps grow as the square root of the factor. Directions decorrelate in at most 1.5
+            // ps, a third of the distance of samples. (If the friction were divided by the root
+            // too, every factor would have the same path.) A CMMotionRemover makes the integrator
+            // take in all velocities at every step.
             Waters waters(scheme, 0.0015 * sqrt(factor), factor, k, copies);
             waters.integrator.setRotationalFriction(20);
             waters.integrator.setRandomNumberSeed(31 + static_cast<int>(factor));
@@ -330,7 +331,8 @@ TEST(InertiaScale, AveragesUnderABarostatStay) {
     waters.integrator.setFriction(5);
     waters.integrator.setRotationalFriction(5);
     waters.integrator.step(2000);
-    // Blocks of 200 steps: volumes forget in a dozen attempts, directions within half a picosecond.
+    // Blocks of 200 steps: volumes decorrelate in a dozen attempts, directions within half a
+    // picosecond.
     vector<double> volumes, cosines;
     Energies energies;
     for (int block = 0; block < 80; block++) {
@@ -451,8 +453,8 @@ TEST(InertiaScale, UsersSeeRealAngularVelocities) {
 }
 
 TEST(InertiaScale, MayChangeBetweenSteps) {
-    // What goes on after a change is what a Context does that has the new factor from its start,
-    // and was given the same poses and velocities.
+    // After a change of the factor, a Context continues like one that has had the new factor from
+    // its start, and was given the same poses and velocities.
     for (const Way& way : waysWithMomenta()) {
         Mixture changed(way, 1), fresh(way, 4);
         changed.integrator.step(3);
@@ -475,7 +477,8 @@ TEST(InertiaScale, MayChangeBetweenSteps) {
 }
 
 TEST(InertiaScale, ARunGoesOnBitForBit) {
-    // No power of 2: what is saved are the angular momenta of the scaled moments, and their factor.
+    // The factor is no power of 2. The angular momenta of the scaled moments are saved, with their
+    // factor.
     for (const Way& way : waysWithMomenta()) {
         SCOPED_TRACE(way.name);
         expectToResumeBitForBit<Mixture>(
@@ -491,8 +494,8 @@ TEST(InertiaScale, ARunGoesOnBitForBit) {
 }
 
 TEST(InertiaScale, SchemesMayAlternate) {
-    // Without momenta there is nothing to scale: velocities wait as they are, and come back with
-    // the factor.
+    // A scheme without momenta has nothing to scale. Velocities are kept meanwhile, and come back
+    // with the factor.
     const auto C = CustomRigidHIIntegrator::LangevinC,
                none = CustomRigidHIIntegrator::GradientThermostat;
     Mixture scene({"", C, false, MobilityForce::FreeDraining, MobilityForce::Auto}, 4);
@@ -519,8 +522,8 @@ TEST(InertiaScale, IsDescribed) {
     EXPECT_EQ(effect.find("on: the dynamics has the principal moments times 2.5"), 0u) << effect;
     EXPECT_NE(effect.find("motion is not the real one"), string::npos);
     EXPECT_EQ(scene.integrator.getDegreesOfFreedom(), degrees);
-    // A step that does not resolve rotation does so with larger moments, as the warning that goes
-    // with it says at once.
+    // A step that does not resolve rotation resolves it with larger moments, and the warning then
+    // disappears at once.
     scene.integrator.setInertiaScale(1e-4);
     EXPECT_NE(scene.integrator.getEffects().at("warnings").find("does not resolve the rotation"),
               string::npos);

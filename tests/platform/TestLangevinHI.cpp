@@ -75,7 +75,9 @@ BodyKind pointKind(double radius, double mass) {
     return {"point", mass, Vec3(), {Vec3()}, {radius}};
 }
 
-/** Everything at once, spheres only where a model takes no more: places about 2.5 apart. */
+/**
+ * Bodies of all kinds, or spheres only where a model takes no others, at positions about 2.5 apart.
+ */
 void addAllKinds(FluidScene& scene, bool multiblobs, const Vec3& offset = Vec3()) {
     mt19937 random(5);
     vector<BodyKind> kinds = {sphereKind(0.5, 1, 0.3), markedSphere(0.6, 2, Vec3(0.5, 0.3, 0.4)),
@@ -241,7 +243,7 @@ TEST(LangevinHI, WithConstantIsotropicFrictionIsLangevinC) {
 }
 
 TEST(LangevinHI, OwnIsotropicTensorsAreLangevinCToo) {
-    // A multiblob with a diagonal tensor of its own: thermostat, though its blobs make none.
+    // A multiblob with a diagonal own tensor: it is a thermostat, although its blobs make none.
     FluidScene hydrodynamic(T1, 0.02), plain(T1, 0.02);
     for (FluidScene* scene : {&hydrodynamic, &plain}) scene->add(boomerangKind());
     hydrodynamic.fluid->setModel(MobilityForce::FreeDraining);
@@ -289,8 +291,10 @@ TEST(LangevinHI, TheCoupledPathWithIsotropicFrictionIsLangevinCUpToTheNeighbour)
 
 namespace {
 
-/** Response of all velocities to all velocities in one step without forces and noise, by central
- * differences. */
+/**
+ * The response of all velocities at the end of one step to all velocities at its start, without
+ * forces and noise, by central differences.
+ */
 MatrixXd measuredResponse(FluidScene& scene, double size) {
     const int n = scene.bodies.size(), rows = 6 * n + 3 * scene.freeParticles.size();
     const auto R = scene.integrator.getBodyPositions();
@@ -346,7 +350,7 @@ MatrixXd fullFriction(FluidScene& scene, const ModelCase& model) {
     if (model.model == MobilityForce::RotnePragerYamakawa &&
         model.sphereWall == MobilityForce::FromModel && !scene.isPeriodic())
         return scene.expected().friction;
-    // Others have unit tests of their matrices, and no free particles.
+    // Other models have unit tests of their matrices, and no free particles.
     if (model.model != MobilityForce::FreeDraining) return scene.friction();
     int rows = 0, row = 0;
     for (const LabBody& body : bodies) rows += body.rows();
@@ -379,8 +383,8 @@ TEST_P(EveryModel, OneStepResponseIsTheExponentialOfFrictionOverInertia) {
 }
 
 TEST(LangevinHI, OneStepOfABodyAloneAndOfPairs) {
-    // The constant path; spheres only (the mobility is decomposed, not the friction); bodies
-    // without inertia about a line.
+    // The path for constant friction; spheres only, where the mobility is decomposed and not the
+    // friction; bodies without inertia about a line.
     const vector<vector<BodyKind> > scenes = {
         {boomerangKind()},
         {rodKind()},
@@ -446,9 +450,9 @@ TEST(LangevinHI, HardRatiosOfMassesAndOfFrictionToMass) {
 }
 
 TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
-    // From rest, at a temperature so small that nothing moves: <V V^T> = kT (I^-1 - E I^-1 E^T), E
-    // the response. The samples are made white by the theory; entry (i, k) of their covariance then
-    // has the error sqrt((1 + delta_ik)/n).
+    // From rest, at a temperature so small that nothing moves: <V V^T> = kT (I^-1 - E I^-1 E^T),
+    // with E the response. The theory is used to make the samples white. Entry (i, k) of their
+    // covariance then has the error sqrt((1 + delta_ik)/n).
     const double smallT = 1e-12 * T1;
     for (double h : {0.01, 0.5}) {
         FluidScene scene(smallT, h);
@@ -460,7 +464,8 @@ TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
         const MatrixXd E = exponential(-h * inverse * friction);
         const MatrixXd covariance = inverse - E * inverse * E.transpose();
         const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(covariance);
-        // Steps with lattice sums take longer; their noise is made as that of other dense matrices.
+        // Steps with lattice sums take longer. Their noise is made like that of other dense
+        // matrices.
         const int rows = covariance.rows(), n = scene.isPeriodic() ? 300 : 3000;
         int dead = 0;
         while (eigen.eigenvalues()[dead] < 1e-10 * eigen.eigenvalues()[rows - 1]) dead++;
@@ -629,8 +634,9 @@ struct ByReplica {
 }  // namespace
 
 TEST(LangevinHI, EquilibriumUnderStrongCouplingOfTranslationAndRotation) {
-    // A boomerang whose centre of mass is far from its blobs' middle, alone and with a neighbour in
-    // the same group: the trap, the field and the moments say where it is, not the friction.
+    // A boomerang whose centre of mass is far from the middle of its blobs, alone and with a
+    // neighbour in the same group. The trap, the field and the moments determine its distribution,
+    // not the friction.
     const double k = 3, charge = 1, h = 0.04;
     for (bool neighbour : {false, true}) {
         Replicas replicas(T1, h);
@@ -696,8 +702,8 @@ TEST(LangevinHI, EquilibriumUnderStrongCouplingOfTranslationAndRotation) {
 }
 
 TEST(LangevinHI, StaticCovariancesOfTwoTrappedSpheres) {
-    // Spheres that touch and overlap under RPY: friction varies strongly, the Gibbs distribution
-    // does not see it.
+    // Spheres that touch and overlap under RPY: friction varies strongly, but the Gibbs
+    // distribution does not depend on it.
     const double k = 2, h = 0.1;
     Replicas replicas(T1, h);
     mt19937 random(3);
@@ -812,8 +818,8 @@ TEST(LangevinHI, TemperatureAtAnyFriction) {
         }
         const double bodies = 2 * pairs;
         if (frictionOverMass < 1e-3) {
-            // 130 steps of 0.01 at this friction change the energy by less than 2e-6 and noise of
-            // its root.
+            // 130 steps of 0.01 at this friction change the energy by less than 2e-6, and noise by
+            // less than the root of that.
             for (double e : translational) ASSERT_NEAR(e / start, 1, 0.01);
             continue;
         }
@@ -832,8 +838,8 @@ TEST(LangevinHI, TemperatureAtAnyFriction) {
 }
 
 TEST(LangevinHI, WeakFrictionKeepsEnergy) {
-    // T = 0, friction/mass 1e-6: a free flight loses 2 gamma t of its energy, and nothing by
-    // rounding.
+    // T = 0, friction/mass 1e-6: a free flight loses 2 gamma t of its energy, and rounding adds no
+    // loss.
     const double mass = 6 * M_PI * 0.6 * 0.5 * 1e6;
     FluidScene scene(0, 0.01);
     for (int b = 0; b < 2; b++) scene.add(sphereKind(0.5, mass, 0.1 * mass), Vec3(1.2 * b, 0, 0));
@@ -996,8 +1002,8 @@ TEST(LangevinHI, VirtualSitesFollowTheirBodies) {
 }
 
 TEST(LangevinHI, ReplicasDoNotFeelEachOther) {
-    // Bit for bit: what a replica does not depend on where the others are, nor on how many there
-    // are.
+    // The motion of a replica depends, bit for bit, neither on where the others are nor on how many
+    // there are.
     const auto run = [](double apart, int replicas, int threadCount) {
         FluidScene scene(T1, 0.02);
         vector<int> groups;
@@ -1064,7 +1070,8 @@ TEST(LangevinHI, MatrixFreeIsDenseToFiveTimesTheTolerance) {
                                                           : MobilityForce::Dense);
                         scene.fluid->setSolverTolerance(tolerance);
                         scene.start(testPlatform());
-                        // Slow, so that what the step turns does not show.
+                        // Momenta are small, so that the rotation in the step has no visible
+                        // effect.
                         VectorXd twists(72);
                         normal_distribution<double> normal(0, 1e-3);
                         for (double& x : twists) x = normal(random);
@@ -1085,7 +1092,8 @@ TEST(LangevinHI, MatrixFreeIsDenseToFiveTimesTheTolerance) {
                         Z[matrixFree].tail<3>() *= sqrt(1.5);
                         EXPECT_EQ(counter(scene, "solverIterations") > 0, matrixFree);
                     }
-                    // Of nothing but decayed momenta, the start's norm is the measure.
+                    // Where only decayed momenta are left, the error is relative to the norm of the
+                    // start.
                     const double scale = max(Z[0].norm(), temperature == 0 ? 5e-3 : 0.0);
                     const double error = (Z[1] - Z[0]).norm() / scale / tolerance;
                     EXPECT_LT(error, 5) << "h = " << h << ", kT = " << temperature << ", tolerance "

@@ -1,4 +1,4 @@
-// What others do to a Context, and how the integrator lives with it.
+// Changes that others make to a Context, and how the integrator deals with them.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -125,7 +125,7 @@ TEST(VirtualSites, ForcesOnThemAreCountedOnce) {
 
 TEST(VirtualSites, FollowTheirBodies) {
     WaterBox box(2);
-    // The user may leave them behind.
+    // The user need not place the virtual sites.
     for (size_t i = 3; i < box.positions.size(); i += 4) box.positions[i] = Vec3();
     box.start();
     box.integrator.step(20);
@@ -223,8 +223,8 @@ TEST(FreeParticles, ConstrainedFlexibleMoleculesKeepTheirConstraintsAndTemperatu
         for (int i = 0; i < 4 * copies; i += 4)
             for (int k : {1, 2}) {
                 const Vec3 d = x[i + k] - x[i];
-                // Of places, which lie that far from the origin; and of the direction that they
-                // tell.
+                // The rounding of positions so far from the origin, and of the direction that they
+                // define.
                 const double reading = readTolerance(0, 0.5 * copies);
                 ASSERT_NEAR(norm(d), 0.1, 1e-8 + reading);
                 ASSERT_NEAR(d.dot(v[i + k] - v[i]) / norm(d), 0,
@@ -330,7 +330,7 @@ TEST(Poses, MembersWithinToleranceArePutBackOthersAreAnError) {
     box.context->setPositions(moved);
     expectError([&] { box.integrator.step(1); },
                 {"body 1", "particle ", "nm from its place", "setPoseTolerance"});
-    // What was given is still there, and good positions mend it.
+    // The given state is still there, and good positions mend it.
     const auto kept = positionsOf(*box.context);
     for (size_t p = 0; p < moved.size(); p++)
         EXPECT_LE(norm(kept[p] - moved[p]), readTolerance(0, 1));
@@ -381,8 +381,8 @@ TEST(Others, CMMotionRemoverRemovesMomentumAndThreeDegreesOfFreedom) {
     EXPECT_EQ(box.integrator.getDegreesOfFreedom().at("removed"), 3);
     EXPECT_EQ(box.integrator.getDegreesOfFreedom().at("total"), 27 * 6 - 3);
     const auto spinsBefore = box.integrator.getBodyAngularVelocities();
-    // Before the drift of a step the remover acts: with no forces of time the momentum after a step
-    // is that of one step of noise.
+    // The remover acts before the drift of a step. With no forces and no friction, the momentum
+    // after a step is that of one step's noise.
     box.integrator.setFriction(0);
     box.integrator.setRotationalFriction(0);
     box.integrator.step(5);
@@ -565,7 +565,8 @@ TEST(Others, CMMotionRemoverRemovesTheMomentumOfBodiesWithMassesOfTheirOwn) {
     for (int steps : {1, 4}) {
         for (OddMasses* scene : {&removed, &free}) scene->integrator.step(steps);
         EXPECT_LT(norm(removed.momentum()), readTolerance(1e-12, 3) * mass);
-        // All velocities are changed by the same, so rotation is not, nor what particles say of it.
+        // All velocities are changed by the same vector. So rotation is not changed, nor what the
+        // particles' velocities say of it.
         const auto v = removed.integrator.getBodyVelocities(),
                    v0 = free.integrator.getBodyVelocities(),
                    omega = removed.integrator.getBodyAngularVelocities(),
@@ -721,8 +722,8 @@ vector<Change> changesOfForces() {
         s.context->reinitialize(true);
         onlyGroup0(s);
     };
-    // Version 7 looks at the groups of its own Forces in each evaluation, but for what is on a
-    // device; later ones keep those of the start.
+    // Version 7 looks at the groups of its own Forces in each evaluation, except for those on a
+    // device. Later versions keep the groups of the start.
     const bool keepsGroups = Platform::getOpenMMVersion().substr(0, 2) != "7.",
                keepsDirect = keepsGroups || onDevice();
     return {
@@ -777,8 +778,8 @@ vector<Change> changesOfForces() {
 }  // namespace
 
 TEST(Others, TheNextStepHasTheForcesOfTheNewSettings) {
-    // As an integrator that evaluates all forces in every step: here one that is told that its
-    // positions are new ones.
+    // The result is that of an integrator that evaluates all forces in every step: here an
+    // integrator that is told that its positions are new.
     for (auto scheme :
          {CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat,
           CustomRigidHIIntegrator::LangevinHI, CustomRigidHIIntegrator::FixmanMidpoint})
@@ -936,8 +937,8 @@ TEST(Others, ConstraintsOfFreeParticlesArePreparedOnce) {
     SKIP_ON_DEVICES(
         "the Context's constraints are the device's, and those of free particles are prepared on "
         "the host beside them");
-    // OpenMM takes quadratic time to prepare those that are no water; doing it again for us took as
-    // long.
+    // OpenMM takes quadratic time to prepare constraints that are not those of water. Preparing
+    // them again for this plugin took as long.
     System system;
     const int molecules = 1500;
     for (int m = 0; m < molecules; m++) {

@@ -131,8 +131,8 @@ TEST(MatrixFree, OneStepAgreesWithTheDenseOneToFiveTolerances) {
 }
 
 TEST(MatrixFree, WeakFrictionIsAccurateItself) {
-    // What the fluid changes in a short step is far below the momenta: it must be right relative to
-    // itself, or a long run at a coarse tolerance would have another temperature.
+    // The change by the fluid in a short step is far below the momenta. It must be accurate
+    // relative to itself, or a long run at a coarse tolerance would have another temperature.
     const double h = 1e-6, tolerance = 1e-4;
     for (Scene kind : scenes) {
         FluidScene dense(kind, MobilityForce::Dense, 1e-6, 0, h),

@@ -12,8 +12,10 @@ using namespace std;
 
 namespace {
 
-/** What tests need to know about a model. A new model, or a model with another boundary, is a line
- * here. */
+/**
+ * The data that tests need about a model. A new model, or a model with another boundary, is a line
+ * here.
+ */
 struct ModelCase {
     string name;
     MobilityForce::Model model;
@@ -58,8 +60,10 @@ void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setChannelWalls(wallHeight, wallHeight + channelWidth);
     if (model.boundary == MobilityForce::SlipChannel) scene.side = channelWidth + 1;
 }
-/** So far from the scene that no more is left of a wall, or of images, than a radius divided by the
- * distance. */
+/**
+ * A distance from the scene at which the effect of a wall or of images is a radius divided by the
+ * distance.
+ */
 void removeBoundary(FluidScene& scene, double distance = 1e18) {
     scene.fluid->setWallHeight(-distance);
     scene.fluid->setChannelWalls(-0.4 * distance, 0.4 * distance);
@@ -263,8 +267,8 @@ TEST_P(EveryModel, FarAwayIsThatOfAPointForce) {
                     -0.5 * scale / (r * r) * (Matrix3d::Identity() - 3 * u * u.transpose());
             }
             const MatrixXd block = N.block(6 * i, 6 * k, 6, 6);
-            // Bodies off their origin, and those that turn when pushed, correct it by their size
-            // over the distance.
+            // Bodies off their origin, and bodies that turn when pushed, have corrections of their
+            // size over the distance.
             const double size = 3 / r;
             EXPECT_LT((block - expected).topLeftCorner(3, 3).norm(), scale * size) << i << " " << k;
             if (!GetParam().couplesBodies) {
@@ -340,7 +344,7 @@ TEST_P(EveryModel, ReferenceAndCpuAgree) {
 }
 
 TEST_P(EveryModel, GroupsAreScenesOfTheirOwn) {
-    // Near or far, a group is what it is alone, bit for bit.
+    // Near or far, the mobility of a group is that of the group alone, bit for bit.
     FluidScene alone;
     choose(alone, GetParam());
     addMixture(alone, GetParam());
@@ -478,7 +482,7 @@ TEST(EveryEnumerator, OthersAreRefused) {
     expectError(
         [&] { RigidHIPlugin::checkOperator(MobilityForce::RotnePragerYamakawa, badBoundary); },
         {"model RotnePragerYamakawa with boundary -1"});
-    // Not the operator of unbounded fluid without a word.
+    // The operator of unbounded fluid must not be used silently.
     MobilityForce fluid;
     fluid.setModel(MobilityForce::StokesianDynamics);
     fluid.setBoundary(MobilityForce::NoSlipWall);

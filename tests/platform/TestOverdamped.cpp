@@ -38,7 +38,7 @@ struct Named {
     int order;   // at temperature 0
     int forces;  // evaluations a step
 };
-/** Those of the kind Overdamped. */
+/** The schemes of the kind Overdamped. */
 vector<Named> overdampedSchemes() {
     vector<Named> found;
     for (const SchemeTraits& traits : schemeTable)
@@ -115,7 +115,8 @@ struct OverdampedScene : FluidScene {
 // ---- Without noise ----
 
 TEST(Overdamped, OrderWithoutNoise) {
-    // Against a step 32 times finer by a second-order scheme, whose own error is 1e-3 of theirs.
+    // The reference is a step 32 times finer with a second-order scheme, whose own error is 1e-3 of
+    // that of the tested schemes.
     const double total = 1.6;
     const int steps = 64;
     for (bool wall : {false, true}) {
@@ -169,9 +170,10 @@ TEST(Overdamped, TimeDependentForcesAreTakenWhereTheSchemesTakeThem) {
 }
 
 TEST(Overdamped, VelocityIsMobilityTimesForce) {
-    // Every row, within the O(h) by which velocities change during the step. getMobilityInContext()
-    // has no rows of free particles, and the forces on these act on bodies too: so the mobility is
-    // the independent one, which is compared with the other where that is all.
+    // Every row is compared, within the O(h) by which velocities change during the step.
+    // getMobilityInContext() has no rows of free particles, and the forces on these act on bodies
+    // too. So the mobility is the independently computed one, which is compared with
+    // getMobilityInContext() where there are no free particles.
     const double h = 1e-7;
     for (const Named& s : schemes) {
         for (bool wall : {false, true}) {
@@ -329,7 +331,8 @@ TEST(Overdamped, SpheresInFluidsWithoutWallsHaveNoDriftTerms) {
                 EXPECT_EQ(statistics.at("mobilityProducts"), (inBetween ? 2 : 1) * steps);
                 EXPECT_EQ(statistics.at("solverIterations"), 0);
             }
-            // What is left of these two is EulerMaruyama, bit for bit.
+            // Without drift, RandomFiniteDifference and TractionEulerMaruyama are EulerMaruyama,
+            // bit for bit.
             if (s.scheme == RigidHI::EulerMaruyama) {
                 eulerMaruyama = scene.state();
                 itsStatistics = statistics;
@@ -394,9 +397,9 @@ TEST(Overdamped, DriftIsOffOnlyWhereItIsZero) {
 }
 
 TEST(Overdamped, SpheresOnASpringHaveTheirDistance) {
-    // Two unequal spheres on a spring of energy k r^2/2: <r^2> = 3 kT/k, where they overlap and
-    // their mobility changes most. Square roots at the mid-point without the divergence of slips
-    // are 8 % off. The other schemes are one of these here.
+    // Two unequal spheres on a spring of energy k r^2/2: <r^2> = 3 kT/k. At these distances they
+    // overlap and their mobility changes most. Square roots at the mid-point without the divergence
+    // of slips are 8 % off. Each of the other schemes is the same as one of these here.
     const double k = 3, exact = 3 / k;
     for (Scheme scheme : {RigidHI::EulerMaruyama, RigidHI::FixmanMidpoint, RigidHI::TrapezoidalSlip,
                           RigidHI::DriftCorrectorRFD}) {
@@ -506,7 +509,8 @@ TEST(Overdamped, AnswersDoNotDependOnMasses) {
         const double tolerance = 1e-3;
         AnswerScene massless(false, solver, tolerance), massive(true, solver, tolerance);
         const auto found = massless.twists();
-        // To the rounding of the turn to the axes of inertia: so both go the same way.
+        // They agree up to the rounding of the rotation to the axes of inertia. So both scenes
+        // take the same path.
         const auto withMasses = massive.twists();
         for (int i = 0; i < 24; i++) EXPECT_NEAR(found[i], withMasses[i], 1e-12);
         for (AnswerScene* scene : {&massless, &massive}) {
@@ -522,7 +526,8 @@ TEST(Overdamped, AnswersDoNotDependOnMasses) {
                             "getFrictionInContext() 1 group by "
                             "dense matrices");
         }
-        // Iterations are right to the tolerance in the norm of the friction, and do stop there.
+        // Iterations have an error below the tolerance in the norm of the friction, and do stop
+        // there.
         AnswerScene exact(false, MobilityForce::Dense, tolerance);
         const auto expected = exact.twists();
         const VectorXd error = Eigen::Map<const VectorXd>(found.data(), 24) -
@@ -583,10 +588,10 @@ TEST(Overdamped, ColumnsOfManyBlobs) {
 }
 
 TEST(Overdamped, SmallDifferencesOfIterationsAreNotRounding) {
-    // At this tolerance products within iterations may be in single precision, whose 1e-7 a
-    // finite-difference step of 1e-6 would make 6 to 16 % of the drift. In a step so long that
-    // noise is nothing beside it, the drift is that of exact matrices, from the same random
-    // directions.
+    // At this tolerance products within iterations may be in single precision. With a
+    // finite-difference step of 1e-6, their error of 1e-7 would make 6 to 16 % of the drift. In a
+    // step so long that noise is negligible beside it, the drift is that of exact matrices, from
+    // the same random directions.
     const double h = 1e9, tolerance = 1e-3;
     const auto velocities = [&](Scheme scheme, MobilityForce::Solver solver,
                                 double solverTolerance) {
@@ -607,9 +612,9 @@ TEST(Overdamped, SmallDifferencesOfIterationsAreNotRounding) {
             result.segment(3 * b, 3) = toEigen(after[b] - before[b]) / h;
         return result;
     };
-    // Differences are of iterations to a tenth of the tolerance. Dense roots have other noise, so
-    // the drift-corrector is compared with fine iterations; its divergence is less exact than its
-    // roots.
+    // Finite differences are those of iterations to a tenth of the tolerance. Dense roots have
+    // other noise, so the drift-corrector is compared with fine iterations. Its divergence is less
+    // exact than its roots.
     const struct {
         Scheme scheme;
         MobilityForce::Solver exactSolver;
@@ -735,7 +740,7 @@ TEST(Overdamped, LangevinNeedsMassesOfFreeParticles) {
     expectError([&] { scene.start(testPlatform()); },
                 {"particle 1 has hydrodynamic radius 0.4",
                  "which scheme LangevinHI needs; give it a mass"});
-    // A virtual site is moved by others.
+    // A virtual site moves with other particles.
     OverdampedScene site(RigidHI::EulerMaruyama);
     site.addMassless(sphereKind(1));
     site.addFree(0, 0.5, Vec3(3, 0, 0));
@@ -760,7 +765,7 @@ TEST(Overdamped, Settings) {
 }
 
 TEST(Overdamped, MessagesNameTheToleranceThatWasSet) {
-    // What is differenced is solved to a tenth of it.
+    // Solutions that are differenced are solved to a tenth of the tolerance.
     int seen = 0;
     for (const Named& s : schemes) {
         OverdampedScene scene(s.scheme, T1);
@@ -780,7 +785,7 @@ TEST(Overdamped, MessagesNameTheToleranceThatWasSet) {
     EXPECT_GT(seen, 0);
 }
 
-/** Spheres on all sides of each other, nearer than any finite difference. */
+/** Spheres that have neighbours on all sides, nearer than any finite difference. */
 TEST(Overdamped, FiniteDifferencesThatLeadNowhere) {
     for (Scheme scheme : {RigidHI::RandomFiniteDifference, RigidHI::TractionEulerMaruyama,
                           RigidHI::TrapezoidalSlip, RigidHI::DriftCorrectorRFD}) {
@@ -871,7 +876,7 @@ void expectIntact(OverdampedScene& scene, const vector<Vec3>& before, double tol
 TEST(Overdamped, StrongGravity) {
     for (const Named& s : schemes) {
         if (s.scheme == RigidHI::DriftCorrectorFD)
-            continue;  // as the other, at three times the cost
+            continue;  // as DriftCorrectorRFD, but at three times the cost
         OverdampedScene scene(s.scheme, T1, 0.05);
         addBoomerang(scene, 100);
         scene.integrator.setMaximumRejections(10000);
@@ -917,8 +922,10 @@ TEST(Overdamped, StepsThroughTheWallWithoutNoiseAreAnError) {
     }
 }
 
-/** What is wrong with a start is said of it, not of the step: also by schemes that take no mobility
- * there. */
+/**
+ * An error of the start is reported as one of the start, not of the step, also by schemes that
+ * compute no mobility there.
+ */
 TEST(Overdamped, StartsBelowTheWallAreNamed) {
     for (const Named& s : schemes)
         for (double temperature : {0.0, T1}) {
@@ -968,7 +975,7 @@ TEST(Overdamped, HeightAboveAWall) {
     EXPECT_GT(right - withoutDrift, 0.15);
     vector<pair<Scheme, RigidHI::NoiseLaw> > cases;
     for (const Named& s : schemes)
-        if (s.scheme != RigidHI::DriftCorrectorFD)  // as the other, at three times the cost
+        if (s.scheme != RigidHI::DriftCorrectorFD)  // three times the cost of DriftCorrectorRFD
             cases.push_back({s.scheme, RigidHI::Gaussian});
     for (Scheme scheme : {RigidHI::FixmanMidpoint, RigidHI::RandomFiniteDifference})
         cases.push_back({scheme, RigidHI::TwoPoint});
@@ -1009,7 +1016,7 @@ TEST(Overdamped, HeightAboveAWall) {
     }
 }
 
-/** What has neither mass nor radius stays where it is, and what has a radius moves. */
+/** A particle with neither mass nor radius stays where it is, and one with a radius moves. */
 TEST(Overdamped, ParticlesWithoutMassAndRadiusDoNotMove) {
     for (const Named& s : schemes) {
         OverdampedScene scene(s.scheme, T1);

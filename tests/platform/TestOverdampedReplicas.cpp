@@ -90,7 +90,7 @@ TEST(OverdampedReplicas, AStepIsRedoneByThoseThatMust) {
              << " in one step; " << forces << " force evaluations a step" << endl;
         EXPECT_GT(perReplica, 0.05) << s.name;
         EXPECT_LT(perReplica, 0.35) << s.name;
-        // The limit is one replica's: together they redo more.
+        // The limit is that of one replica. Together the replicas redo more.
         EXPECT_GT(most, limit) << s.name;
         if (s.forcesInBetween) {
             EXPECT_LT(forces, 6) << s.name;
@@ -100,8 +100,10 @@ TEST(OverdampedReplicas, AStepIsRedoneByThoseThatMust) {
     }
 }
 
-/** What one replica does, bit for bit, depends neither on what others redo nor on whether there are
- * any. */
+/**
+ * The motion of one replica depends, bit for bit, neither on the steps that others redo nor on
+ * whether there are other replicas.
+ */
 TEST(OverdampedReplicas, AReplicaDoesNotFeelWhatOthersRedo) {
     const int n = 24, steps = 100;
     for (const Named& s : schemes) {
@@ -145,8 +147,8 @@ TEST(OverdampedReplicas, AReplicaDoesNotFeelWhatOthersRedo) {
                       readTolerance(1e-12, 10))
                 << s.name;
         }
-        // Forces are those of where the scheme took them last, whether it asked for them again or
-        // not.
+        // Forces are those of the positions at which the scheme evaluated them last, whether it
+        // evaluated them again or not.
         EXPECT_TRUE(
             sameBits({all.integrator.getBodyForces()[0], all.integrator.getBodyTorques()[0]},
                      {alone.integrator.getBodyForces()[0], alone.integrator.getBodyTorques()[0]}))
@@ -154,7 +156,7 @@ TEST(OverdampedReplicas, AReplicaDoesNotFeelWhatOthersRedo) {
         EXPECT_TRUE(sameBits({all.integrator.getBodyForces()[replica]},
                              {othersHigh.integrator.getBodyForces()[replica]}))
             << s.name;
-        // It can fail: number 0, this replica and many others were redone.
+        // The test could fail, because number 0, this replica and many others were redone.
         const int byFirst = alone.integrator.getNumRejectedSteps(),
                   byTwo = othersHigh.integrator.getNumRejectedSteps();
         EXPECT_GT(byFirst, 3) << s.name;
@@ -207,15 +209,17 @@ TEST(OverdampedReplicas, HeightsAreThoseOfOneReplica) {
     }
 }
 
-/** A replica that no noise helps is an error, which leaves all as they were: those too that had
- * reached their ends. */
+/**
+ * A replica that no noise helps is an error. All replicas are then restored, also those that had
+ * finished the step.
+ */
 TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
     for (const Named& s : schemes)
         for (bool onlyInBetween : {false, true}) {
             if (onlyInBetween && !s.forcesInBetween) continue;
             ReplicaScene scene(s.scheme, T1, 1e-3);
             scene.addSpheres(8, 3);
-            // In between the time is h/2 or h.
+            // At intermediate positions the time is h/2 or h.
             auto* push = new CustomBodyForce("0", "0", onlyInBetween ? "-1e6*step(t-1e-4)" : "-1e6",
                                              "0", "0", "0");
             push->addBody(5, {});
@@ -238,11 +242,12 @@ TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
             const auto statistics = scene.integrator.getStepStatistics();
             const double perSphere = calm.integrator.getStepStatistics().at("randomNumbers") / 8;
             EXPECT_EQ(statistics.at("randomNumbers"), perSphere * (8 + 4)) << s.name;
-            // Forces in between are wanted again for each attempt, where one comes so far.
+            // Forces at intermediate positions are evaluated again for each attempt that gets so
+            // far.
             const bool atStart = s.name.substr(0, 5) != "Drift",
                        inBetween = onlyInBetween || !atStart;
             EXPECT_EQ(statistics.at("forceEvaluations"), atStart + 5 * inBetween) << s.name;
-            // All go on when it can, out of reach of the wall.
+            // All continue when this replica can, out of reach of the wall.
             auto R = scene.integrator.getBodyPositions();
             R[5] = Vec3(0, 0, 1e6);
             scene.integrator.setBodyPositions(R);
@@ -270,7 +275,7 @@ TEST(OverdampedReplicas, ThreadsDoNotMatter) {
     }
 }
 
-/** As often as all are redone, a run that is resumed is the uninterrupted one. */
+/** A resumed run is the uninterrupted one, also with redone steps. */
 TEST(OverdampedReplicas, ResumesBitForBit) {
     for (const Named& s : schemes) {
         ReplicaScene whole(s.scheme), part(s.scheme);

@@ -118,10 +118,10 @@ TEST(Overlap, AMinimumGapLetsSpheresThrough) {
 }
 
 TEST(Overlap, LooksAheadWithTheForcesThatTheNextStepStartsWith) {
-    // A drive of c v with c h/2m = 0.5: the force predicted for the end of a step is less than that
-    // for the velocity reached, with which the next step starts. A look ahead with the former
-    // passes gaps of 0.202 to 0.208, which overlap at the next mid-step, where no noise can help
-    // and nothing is redone.
+    // A driving force c v with c h/2m = 0.5: the force predicted for the end of a step is less than
+    // that for the velocity reached, with which the next step starts. A look ahead with the
+    // predicted force accepts gaps of 0.202 to 0.208. These overlap at the next mid-step, where no
+    // noise can help and nothing is redone.
     int refused = 0;
     for (double gap = 0.1; gap < 0.4; gap += 0.002) {
         Pair pair(gap, 0, 0, 0.1, 0, 1000);

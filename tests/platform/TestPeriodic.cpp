@@ -229,7 +229,7 @@ TEST(Periodic, BarostatsAreRefused) {
 }
 
 TEST(Periodic, ABodyAloneTurnsItsTensorInTheBox) {
-    // Its tensor is not one that turns with it, so nothing of it is constant.
+    // Its tensor does not turn with the body, so no part of it is constant.
     for (auto model : {MobilityForce::RotnePragerYamakawa, MobilityForce::ForceCoupling}) {
         PeriodicScene scene(300, 1e-3, RigidHI::DriftCorrectorFD, model);
         scene.add(boomerangKind());

@@ -141,7 +141,7 @@ TEST(Resume, TwentyStepsAreTenAndTen) {
         one.integrator->step(20);
         two.integrator->step(10);
         two.context->getState(State::Energy | State::Forces |
-                              State::Positions);  // looking changes nothing
+                              State::Positions);  // reading the state changes nothing
         two.now();
         two.integrator->step(10);
         expectSame(one.now(), two.now(), "scheme " + to_string(scheme));
@@ -176,7 +176,7 @@ TEST(Resume, CheckpointsAndStatesContinueTheRunAtAnyStep) {
             expectSame(expected, fromState.now(), "State");
 
             unique_ptr<State> copy(XmlSerializer::deserialize<State>(xml));
-            // Into a Context that has gone its own way.
+            // Load into a Context that has taken other steps.
             Trajectory fromXml(scene, 123, 2, true, scheme);
             fromXml.integrator->step(3);
             fromXml.context->setState(*copy);

@@ -322,7 +322,8 @@ TEST(Schemes, WithoutFrictionNoRandomNumberIsDrawnAndEnergyIsConserved) {
 }
 
 TEST(Schemes, AtZeroTemperatureNoRandomNumberIsDrawn) {
-    // 6 numbers a body and draw, of which the paper's schemes have so many a step.
+    // There are 6 numbers for each body and draw, and the paper's schemes have this number of draws
+    // a step.
     const map<Scheme, int> draws = {{A, 2}, {B, 2}, {C, 1}, {Gradient, 1}};
     for (Scheme scheme : thermostats()) {
         Trap trap(scheme, 0.01, waterShape(), 20, 1.0);

@@ -1,5 +1,5 @@
-// Every shape: rigid, finite, the right temperature about every axis, nothing about axes without
-// inertia.
+// Every shape stays rigid and finite, has the right temperature about every axis, and does not move
+// about axes without inertia.
 
 #include <openmm/CustomExternalForce.h>
 

@@ -1,5 +1,5 @@
 // Contexts that step at the same time in different threads of a program, as Python's threads do,
-// since bindings let go of its lock.
+// since the bindings release Python's lock.
 
 #include <atomic>
 #include <chrono>
@@ -55,7 +55,7 @@ Platform& otherPlatform() {
 }  // namespace
 
 TEST_F(TwoBlasThreads, ContextsInTwoThreadsGiveWhatEachGivesAlone) {
-    // Of both platforms, whose libraries share nothing but the API library.
+    // Contexts of both platforms, whose libraries share nothing except the API library.
     for (Platform* second : {&testPlatform(), &otherPlatform()}) {
         vector<vector<Vec3> > alone = {resultOf(*denseScene(testPlatform(), 1)),
                                        resultOf(*denseScene(*second, 2))};
@@ -87,8 +87,8 @@ TEST_F(TwoBlasThreads, AContextThatEndsItsStepLeavesOthersTheirOneThread) {
             this_thread::sleep_for(2 * pause);
         }
     });
-    // Most of these begin within a step, which then ends. This test's copy of the numerics is none
-    // of the platform's.
+    // Most of these holders begin within a step, which then ends. This test's copy of the numerics
+    // is not that of the platform.
     int others = 0;
     for (int i = 0; i < 10; i++) {
         for (const int last = steps; steps == last;) this_thread::yield();

@@ -395,7 +395,7 @@ TEST(Wall, BestKnownWithoutAWallIsRefused) {
 }
 
 TEST(Wall, BlobsAboveEachOtherThatAreBothLiftedToContact) {
-    // Crossing takes blobs below contact for blobs at contact: those above each other are then at
+    // Crossing takes blobs below contact for blobs at contact. Blobs above each other are then at
     // one place.
     for (double x : {0.0, 0.1}) {
         WallScene scene;
@@ -481,7 +481,7 @@ TEST(Wall, BestKnownIsACongruenceOfTheModel) {
     EXPECT_LT(factor(2), 0.8);
     EXPECT_NEAR(N[1](2, 8), factor(2) * factor(8) * N[0](2, 8), 1e-15);
     EXPECT_NEAR(N[1](5, 11), factor(5) * factor(11) * N[0](5, 11), 1e-15);
-    EXPECT_NEAR(factor(14), 1, 1e-3);  // a multiblob feels only that the others move less
+    EXPECT_NEAR(factor(14), 1, 1e-3);  // a multiblob is affected only by the others moving less
     EXPECT_GT(smallestEigenvalue(N[1]), 0.1);
 }
 
@@ -530,8 +530,8 @@ TEST(Wall, OwnTensorsAreThoseOfUnboundedFluid) {
 }
 
 TEST(Wall, OneBodyIsNotConstantInItsFrame) {
-    // What is taken once in unbounded fluid is taken anew in every step here; also of a sphere, and
-    // of a free particle.
+    // The quantities that are computed once in unbounded fluid are computed in every step here,
+    // also for a sphere and for a free particle.
     for (int kind = 0; kind < 3; kind++) {
         WallScene scene(0, T1, 0.001);
         if (kind == 2)
@@ -661,8 +661,8 @@ map<string, double> gibbs(const BodyKind& kind) {
 
 TEST(Wall, HeightsFollowGibbsAndVelocitiesMaxwell) {
     // LangevinHI needs no drift term, however the friction depends on height and orientation.
-    // Replicas are groups. Were friction and noise not taken at the same place, P would have a
-    // factor like the inverse mobility, which would lower the sphere's mean height by 4 %: five
+    // Replicas are groups. If friction and noise were taken at different places, P would have a
+    // factor like the inverse mobility. It would lower the sphere's mean height by 4 %: five
     // standard errors.
     const double h = 0.05;
     for (bool multiblob : {false, true})

@@ -208,8 +208,8 @@ TEST(BodyMobility, NothingHoldsRodsAboutTheirLine) {
         EXPECT_LT((measured.friction().leftCols(6) * null).norm(),
                   1e-13 * measured.friction().norm())
             << kind.name;
-        // Neither a torque about the line moves it nor does anything turn it about the line,
-        // wherever the origin.
+        // A torque about the line does not move the body, and nothing turns it about the line,
+        // wherever the origin is.
         VectorXd torque = null;
         torque.head(3).setZero();
         EXPECT_LT((measured.mobility().leftCols(6) * torque).norm(),
@@ -351,7 +351,7 @@ TEST(BodyMobility, OwnTensorsEnterByCongruence) {
 }
 
 TEST(BodyMobility, OwnTensorsOfSpheresAreTheSameWithAndWithoutMatrices) {
-    // Spheres about their centres are answered by products with the particles' mobility.
+    // For spheres about their centres, products with the particles' mobility give the answer.
     vector<FluidElement> elements(3, kinds()[2].element);
     elements[0].ownMobility = 0.05 * tensorWithoutSymmetry(1);
     elements[2].ownMobility = 0.03 * tensorWithoutSymmetry(2);
@@ -381,8 +381,8 @@ TEST(BodyMobility, OwnTensorsAreExactFarAwayAndPositiveNearby) {
         smallest = min(smallest, least);
     }
     cout << "smallest eigenvalue " << smallest << endl;
-    // Far away: the self block is the own tensor, and forces on others make the flow of a point
-    // force.
+    // Far away, the self block is the own tensor, and forces on other bodies make the flow of a
+    // point force.
     Scene far = ownTensorScene(2, 1, 5);
     far.poses[1].R += Vector3d(2e4, 0, 0);
     far.elements.resize(2);
@@ -414,7 +414,7 @@ TEST(BodyMobility, BlobsAtOnePlaceAreAnError) {
 
 namespace {
 
-/** What no model of ours gives: -1, as mobility and as friction. */
+/** A matrix that no model of this library gives: -1, as mobility and as friction. */
 class Indefinite : public MobilityModel {
 public:
     Indefinite(const HydrodynamicParticles& particles, bool friction, bool alone)

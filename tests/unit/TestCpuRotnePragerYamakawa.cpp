@@ -23,8 +23,7 @@ namespace {
 
 enum Kind { Spheres, Blobs, Mixed };
 
-/** Wall: near contact for the lowest. Crossing: through which a good part of the particles reach.
- */
+/** Wall: the lowest particles are near contact. Crossing: many particles reach through the wall. */
 enum Bounds { Unbounded, Wall, Crossing };
 
 struct Scene {
@@ -169,14 +168,14 @@ void expectNeitherThreadsNorWidthOfPacks(const Scene& scene) {
         }));
         EXPECT_EQ(ranges, 5 * threads);  // the matrix, two columns, one column, twice
     }
-    // Nobody promises that ranges are done at the same time.
+    // There is no promise that ranges are computed at the same time.
     expectTheSame(results(scene, forces, [&](int count, const function<void(int, int)>& task) {
         task(0, count / 2);
         task(count / 2, count);
     }));
     onEveryInstructionSet([&](int64_t target) {
         if (target != HWY_AVX3 && target != HWY_AVX2)
-            return;  // others round products before adding
+            return;  // other instruction sets round products before adding
         const Results r = results(scene, forces);
         EXPECT_EQ((r.velocities.array() != alone.velocities.array()).count(), 0);
     });
@@ -254,7 +253,8 @@ TEST(PairTournament, EveryPairOnceAndAlwaysInTheSameOrder) {
     for (int chunks : {0, 1, 2, 3, 4, 5, 8, 9, 30}) {
         PairTournament tournament(chunks);
         for (int threads : {1, 2, 3, 4}) {
-            // What each chunk got, in order. Chunks are guarded by their turns alone.
+            // The partners of each chunk, in order. Only the turns protect the chunks against
+            // concurrent access.
             vector<vector<int>> partners(chunks);
             atomic<int> computed(0);
             tournament.begin();
@@ -283,7 +283,7 @@ TEST(PairTournament, EveryPairOnceAndAlwaysInTheSameOrder) {
     }
 }
 
-/** As another sum may call them: ranges of its own, of either kind first. */
+/** Ranges as another sum may use them: of its own choice, with either kind first. */
 TEST(PairSums, TwoRangesBothWays) {
     for (Bounds bounds : {Unbounded, Wall})
         for (int kinds = 0; kinds < 4; kinds++) {
@@ -372,7 +372,7 @@ TEST(CpuRotnePragerYamakawa, ReachesAsFarBeyondContact) {
         nearby->dense(dense);
         reference->near({scene.positions})->dense(expected);
         EXPECT_LT((dense - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.maxCoeff());
-        // Another place at the same time, as ever.
+        // Another MobilityAt may exist at the same time, as always.
         const MatrixXd before = dense;
         scene.positions[5][2] += 1e-3;
         M.at({scene.positions})->dense(dense);

@@ -1,6 +1,6 @@
-// A device without a device: a platform that keeps particles in single precision, and forces in
-// fixed point, as OpenMM's device platforms do. What is promised of them is tested here to the last
-// bit, and without the tolerances that real ones need.
+// A platform that stands for a device: it keeps particles in single precision, and forces in fixed
+// point, as OpenMM's device platforms do. What is promised of such platforms is tested here to the
+// last bit, and without the tolerances that real devices need.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -178,8 +178,10 @@ private:
     const bool says;
 };
 
-/** Waters, a body of one site, which only its twist knows to turn, and free particles with a
- * constraint and a virtual site. */
+/**
+ * Waters, a body of one site whose spin is known from its twist alone, and free particles with a
+ * constraint and a virtual site.
+ */
 struct DeviceScene {
     DevicePlatform device;
     System system;
@@ -273,7 +275,7 @@ TEST(DeviceArrays, DoublesOfTheHostAreMaster) {
             inPieces.integrator.step(1);
             inPieces.everything();
             readAndSet.integrator.step(1);
-            // What the device holds is rounded: who sets it again moves nothing.
+            // The device holds rounded positions and velocities. Setting them again moves nothing.
             readAndSet.context->setPositions(positionsOf(*readAndSet.context));
             readAndSet.context->setVelocities(velocitiesOf(*readAndSet.context));
         }
@@ -352,8 +354,8 @@ TEST(DeviceArrays, RemovalOfMomentumKeepsItsFrequency) {
 }
 
 TEST(DeviceArrays, DrawnTwistsAreKept) {
-    // One site cannot tell a spin: it is known only if the velocities that come back count as those
-    // that were drawn.
+    // One site does not determine a spin. The spin is known only if the velocities that come back
+    // are recognised as those that were written.
     DeviceScene scene;
     EXPECT_GT(norm(scene.integrator.getBodyAngularVelocities()[3]), 0.1);
 }
@@ -448,7 +450,7 @@ TEST(DeviceArrays, AStateIsTakenByAnotherPlatform) {
     other.context.reset(new Context(other.system, other.integrator, platform("Reference")));
     other.context->setState(state);
     EXPECT_TRUE(sameBits(other.bodies(), bodies));
-    // What was moved after loading counts.
+    // Positions that are changed after loading are taken in.
     vector<Vec3> moved = positionsOf(*other.context);
     for (int p = 0; p < 3; p++) moved[p] += Vec3(1e-4, 0, 0);
     other.context->setState(state);

@@ -213,8 +213,8 @@ TEST(Expression, RandomOnesHaveTheValuesOfOpenMM) {
         const string text = random(4);
         for (const auto& values : {points[0], points[2]}) {
             const double value = ourValue(text, values);
-            // OpenMM simplifies 0*x/0 to 1, and hangs over constants that are NaN. Cancellation
-            // magnifies rounding.
+            // OpenMM simplifies 0*x/0 to 1, and does not return for constants that are NaN.
+            // Cancellation magnifies rounding.
             if (!isfinite(value) || abs(value) > 1e8) continue;
             const double expected = openmmValue(text, values);
             finite++;
@@ -248,8 +248,8 @@ TEST(Expression, LongAndDeepOnes) {
 }
 
 TEST(Expression, ChainsOfDefinitionsMayBeLong) {
-    // Each in one of the ways a definition may stand in the next: neither depth nor time grows
-    // faster than the text.
+    // Each definition is used in the next one in one of the possible ways. Neither depth nor time
+    // grows faster than the text.
     const int links = 15000;
     string counting = "a0", nested = "a0", wide = "0", later;
     for (int i = 0; i < links; i++) {

@@ -36,8 +36,10 @@ struct Scene {
         if (hasWall) wall.emplace(0, false);
         return CpuRotnePragerYamakawa(particles, 0.7, {}, wall, fastSums);
     }
-    /** Roots of own frictions, but for a factor: with these forces and torques of unit size are as
-     * strong. */
+    /**
+     * Square roots of own frictions, up to a common factor: multiplied by them, forces and torques
+     * of unit size have the same strength.
+     */
     VectorXd scale() const {
         VectorXd s(particles.numRows);
         for (int i = 0; i < particles.size(); i++) {
@@ -103,7 +105,9 @@ Scene heldOut(int n, Held shape, Kind kind, bool hasWall) {
     return scene;
 }
 
-/** Random, and all along one direction, which is where M is largest; scaled by own mobilities. */
+/**
+ * Random forces, and forces all along one direction, where M is largest; scaled by own mobilities.
+ */
 MatrixXd forcesFor(const Scene& scene) {
     mt19937 random(5);
     normal_distribution<double> g;
@@ -145,7 +149,7 @@ TEST(SolidHarmonics, ShiftsAndTakesFromFar) {
     const Vector3d u = x + d;
     harmonics.basis(u[0], u[1], u[2], shifted.data());
     EXPECT_LT((harmonics.shift(d) * Rx - shifted).cwiseAbs().maxCoeff(), 1e-15);
-    // What is cut off is (|x|/|D|)^19 and (|y|/|D|)^19, 1e-12.
+    // The terms that are cut off are (|x|/|D|)^19 and (|y|/|D|)^19, 1e-12.
     EXPECT_NEAR(Rx.dot(harmonics.fromFar(D) * Ry), 1 / (D + x - y).norm(), 1e-11);
 }
 
@@ -217,7 +221,7 @@ TEST(ClusterTree, EveryPairIsInOnePairOfCubes) {
         }
 }
 
-// Formulas: with the order, errors go to zero whatever particles there are.
+// The formulas: errors go to zero with the order, whatever particles there are.
 TEST(FastSum, ConvergesToTheSumOverPairs) {
     for (bool hasWall : {false, true})
         for (Kind kind : {Blobs, Spheres, Mixed})
@@ -248,7 +252,7 @@ TEST(FastSum, ErrorsAreBelowWhatWasAskedFor) {
             const VectorXd scale = scene.scale();
             const MatrixXd forces = forcesFor(scene),
                            exact = scale.asDiagonal() * exactly(scene, forces);
-            // The norm of M is at least what it makes of these forces.
+            // The norm of M is at least the ratio of the norms of products and forces.
             const VectorXd sizes = (scale.cwiseInverse().asDiagonal() * forces).colwise().norm();
             const double norm = exact.colwise().norm().transpose().cwiseQuotient(sizes).maxCoeff();
             for (double error : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6}) {
@@ -325,7 +329,7 @@ TEST(FastSum, NeitherThreadsNorWidthOfPacksShow) {
     }
 }
 
-// Nothing is left of an earlier placement, and what matrices were made then does not show.
+// Nothing is left of an earlier placement, and matrices that were made for it have no influence.
 TEST(FastSum, ForgetsEarlierPlacements) {
     for (bool hasWall : {false, true}) {
         const Scene scene = cloud(800, Spheres, false, hasWall, 25),

@@ -118,7 +118,8 @@ TEST(FluidOrnsteinUhlenbeck, StepIsTheMatrices) {
                     known.of([&](long double x) { return sqrtl(-expm1l(-2 * x * h)); });
                 VectorXd Z = start;
                 process.step(h, 0, Z, VectorXd());  // without noise nothing is asked of chi
-                // What is left where nothing is left is rounding of the start.
+                // Where the momenta have decayed completely, only the rounding of the start is
+                // left.
                 const VectorXd left = start + decay * start;
                 ASSERT_LT((Z - left).norm(), 1e-13 * start.norm()) << n << " rows, h S " << hS;
                 if (hS < 0.1) {
@@ -137,7 +138,8 @@ TEST(FluidOrnsteinUhlenbeck, StepIsTheMatrices) {
 }
 
 TEST(FluidOrnsteinUhlenbeck, StrongFrictionLeavesNoTraceOfTheStart) {
-    // exp(-800) is nothing: what remains must not be rounding of the start, however large that is.
+    // exp(-800) is negligible. What remains must not be rounding of the start, however large the
+    // start is.
     const Known known(12, 800 * 50, 50, 5);
     FluidOrnsteinUhlenbeck process;
     process.decompose(known.S(), false);
@@ -166,7 +168,8 @@ TEST(FluidOrnsteinUhlenbeck, NoiseHasTheCovarianceThatKeepsTheGibbsDistribution)
 }
 
 TEST(FluidOrnsteinUhlenbeck, StepsAddUp) {
-    // Over h1 + h2 as over h1, then h2: the decays multiply, the covariances follow.
+    // A step over h1 + h2 is the same as steps over h1 and then h2: the decays multiply, and the
+    // covariances follow.
     for (int n : sizes) {
         const Known known(n, 3, 30, n + 1);
         FluidOrnsteinUhlenbeck process;
@@ -216,8 +219,8 @@ TEST(FluidOrnsteinUhlenbeck, OneObjectTakesMatricesOfAnySize) {
 }
 
 TEST(FluidOrnsteinUhlenbeck, RotationsThatTheFluidDoesNotSeeKeepTheirMomentum) {
-    // A null vector of the friction, but for rounding of either sign: nothing decays along it, and
-    // no noise arises.
+    // A null vector of the friction, up to rounding of either sign: nothing decays along it, and it
+    // has no noise.
     for (int n : {6, 45})
         for (double rounded : {-1e-15, 0.0, 1e-15}) {
             Known known(n, 2, 10, n);

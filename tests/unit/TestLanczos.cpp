@@ -18,7 +18,7 @@ using Eigen::VectorXd;
 
 namespace {
 
-/** Q diag(values) Q^T; without Q diagonal, where only the iteration itself rounds. */
+/** Q diag(values) Q^T. Without Q the matrix is diagonal, and only the iteration itself rounds. */
 struct KnownMatrix {
     VectorXd values;
     MatrixXd Q;
@@ -80,7 +80,7 @@ VectorXd spectrum(mt19937& random, Spectrum kind, int n, double condition) {
     return v;
 }
 
-/** Relative to the norm of what is expected; both are nothing where that is. */
+/** The error relative to the norm of the expected result; 0 where both are zero. */
 double errorOf(const Lanczos& lanczos, const MatrixXd& result, const KnownMatrix& A,
                const SpectralFunction& f, const VectorXd& x, int column = 0) {
     const VectorXd expected = A.apply(lanczos.isIncrement(column) ? f.minusOne : f.value, x);
@@ -116,7 +116,8 @@ TEST(Lanczos, ThePromiseHolds) {
                     const double condition = pow(10, 8 * uniform(random) * uniform(random));
                     const double scale = pow(10, 6 * uniform(random) - 3),
                                  tolerance = pow(10, -2 - 8 * uniform(random));
-                    // From no decay to all, and every third time where most of the change is.
+                    // The decay ranges from none to complete. Every third time it is where most of
+                    // the change is.
                     const double h = scale * pow(10, repeat % 3 == 0 ? 6 * uniform(random) - 3
                                                                      : 28 * uniform(random) - 14);
                     KnownMatrix A = {scale * spectrum(random, Spectrum(kind), n, condition),
@@ -150,8 +151,8 @@ TEST(Lanczos, ThePromiseHolds) {
 }
 
 TEST(Lanczos, RoughProductsTakeOverWhereTheyDoNoHarm) {
-    // Errors of the size that rough products may have, in random directions; and those of a matrix
-    // that is another one.
+    // Errors of products have the size that rough products may have. They are in random directions,
+    // or those of a matrix that is slightly another one.
     mt19937 random(4);
     uniform_real_distribution<double> uniform(0, 1);
     int cases = 0, products = 0, roughOnes = 0, again = 0;
@@ -281,7 +282,7 @@ TEST(Lanczos, ColumnsAreIndependentAndConvergedOnesAreLeftOut) {
 }
 
 TEST(Lanczos, DecayedColumnsMayBeMeasuredByTheSum) {
-    // exp(-h/x) z is hardly anything beside the noise: then it takes hardly any products.
+    // exp(-h/x) z is negligible beside the noise, so that it takes hardly any products.
     mt19937 random(5);
     const KnownMatrix A = {spectrum(random, Uniform, 200, 100), MatrixXd()};
     const MatrixXd x = normal(random, 200, 2);
@@ -326,7 +327,7 @@ TEST(Lanczos, Errors) {
     const KnownMatrix hopeless = {spectrum(random, Logarithmic, 40, 1e14), MatrixXd()};
     expectFragment(solve(hopeless, 1e-9, 100, SpectralFunction::decay(1e-20)),
                    "rounding makes an error of");
-    // What is said to be out of reach is what the user asked for.
+    // The message about a tolerance out of reach names the tolerance that the user asked for.
     const auto part = [&](const KnownMatrix& matrix, const SpectralFunction& f, int most) {
         return messageOf(
             [&] { Lanczos(1e-15, most, 1e-14).apply(matrix.product(), x, {f}, result); });

@@ -90,7 +90,7 @@ TEST(MobilityModel, SeveralPlacesLiveAtOnce) {
         const Answers atFirst(*a), atSecond(*b);
         EXPECT_FALSE(atFirst == atSecond) << c.name;
         EXPECT_TRUE(atFirst == Answers(*a)) << c.name;
-        // The memory of a place, lent to another: nothing of the first is left.
+        // The memory of a MobilityAt is used for another placement: nothing of the first is left.
         auto lent = c.model->at(first);
         Answers unused(*lent);
         const MobilityAt* memory = lent.get();
@@ -138,7 +138,7 @@ TEST(MobilityModel, ABodyByItselfIsThatOfUnboundedFluid) {
     for (const Case& c : cases(threeSpheres())) {
         c.model->ownMobility(body, sites, own);
         if (string(c.model->name()) == "ForceCoupling") {
-            // By Gaussians: as in a box so large that images count no more.
+            // By Gaussians: the mobility is that in a box so large that images do not count.
             const double L = 1e15;
             PeriodicForceCoupling(body, eta)
                 .at({sites, {Vec3(L, 0, 0), Vec3(0, L, 0), Vec3(0, 0, L)}})
@@ -235,7 +235,7 @@ TEST(MobilityModel, FlowAtPointsIsKnownOrRefused) {
         },
         {"the model does not know the flow at points of the fluid",
          "ask for the velocities of bodies by applyMobilityInContext()"});
-    // Those that have it add to what is there.
+    // The models that know the flow add it to the given velocities.
     for (const Case& c : cases(particles)) {
         const unique_ptr<MobilityAt> place = c.model->at(first);
         MatrixXd forces = MatrixXd::Zero(18, 1);

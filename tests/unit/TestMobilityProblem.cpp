@@ -54,7 +54,8 @@ TEST(MobilityProblem, NoiseOfSpheresHasItsCovarianceInAnyUnit) {
         for (int r = 0; r < n; r++) scale[r] = pow(unit, r % 6 < 3 ? 0.5 : 1.5);
         BodyMobility& problem = spheres.bodies->byProducts();
         MatrixXd slips, wrenches;
-        // The symmetric root, column by column, each to five tolerances: so the covariance to ten.
+        // The symmetric root, column by column, each accurate to five tolerances, so that the
+        // covariance is accurate to ten.
         problem.thermalSlip(MatrixXd::Identity(n, n), slips);
         problem.thermalWrench(MatrixXd::Identity(n, n), wrenches);
         const MatrixXd N = scale.asDiagonal() * spheres.bodies->mobility() * scale.asDiagonal();
@@ -132,7 +133,9 @@ struct InAField {
         (*bodies)->getMotion().place(at, turns, result);
         return result;
     }
-    /** Slips of each wave alone, as a strategy gives them: what random numbers are multiplied by.
+    /**
+     * The slips of each wave alone, as a strategy gives them. The random numbers are multiplied by
+     * these slips.
      */
     MatrixXd response(BodyMobility& mobility) const {
         MatrixXd result(mobility.getSlipSpace().getNumRows(), model->numWaves()), slips;
@@ -159,8 +162,8 @@ TEST(MobilityProblem, SlipsOfTheModelsOwnFieldHaveTheCovarianceM) {
         MatrixXd M;
         scene.model->at(scene.placement(scene.poses))->dense(M);
         EXPECT_LT(difference(B * B.transpose(), M), 1e-14);
-        // The twists that they make of bodies have the covariance N, and no body turns about its
-        // line.
+        // The twists of bodies that these slips cause have the covariance N, and no body turns
+        // about its line.
         MatrixXd U;
         mobility->solve(MatrixXd::Zero((*scene.bodies)->getNumRows(), B.cols()), B, U);
         scene.bodies->setPoses(scene.poses);
@@ -176,8 +179,8 @@ TEST(MobilityProblem, OneFieldIsLookedAtAtSeveralPlaces) {
         const MatrixXd here = scene.response(*mobility);
         mobility->setPoses(scene.others, true);
         const MatrixXd there = scene.response(*mobility);
-        // Covariances between the flows at all pairs of centres, from a formula that knows no
-        // field.
+        // Covariances between the flows at all pairs of centres, from a formula that does not use
+        // the field.
         const Placement a = scene.placement(scene.poses), b = scene.placement(scene.others);
         const HydrodynamicParticles& particles = scene.model->getParticles();
         const MatrixXd both = here * there.transpose();
@@ -191,8 +194,10 @@ TEST(MobilityProblem, OneFieldIsLookedAtAtSeveralPlaces) {
     }
 }
 
-/** What schemes without momenta draw: the field, of which no root is taken; the same at any poses
- * until the next drawing. */
+/**
+ * Schemes without momenta draw the model's field, and compute no root. The field is the same at any
+ * poses until the next draw.
+ */
 TEST(MobilityProblem, SchemesTakeTheModelsOwnField) {
     InAField scene;
     BodyMobility& mobility = scene.bodies->byMatrices();
@@ -254,9 +259,10 @@ scalar::Quaternion<double> turned(const scalar::Quaternion<double>& q, const Vec
 }  // namespace
 
 TEST(MobilityProblem, TheDivergenceOfAFieldIsThatOfItsTwists) {
-    // Against central differences of one coordinate of one body after the other: multiblobs about
-    // points far from their middle, whose divergence is made of gradients; with a sphere about such
-    // a point, of differences of all bodies at once.
+    // The divergence is compared with central differences of one coordinate of one body after the
+    // other. Multiblobs about points far from their middle have a divergence made of gradients.
+    // With a sphere about such a point, the divergence is made of differences of all bodies at
+    // once.
     for (int k = 0; k < 4; k++) {
         const bool withSphere = k % 2 == 1, inChannel = k >= 2;
         vector<FluidElement> elements;

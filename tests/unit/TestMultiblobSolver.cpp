@@ -1,4 +1,4 @@
-// The solver of rigid multiblobs: what it promises at any tolerance with exact and rough products,
+// The solver of rigid multiblobs: its promises at any tolerance with exact and rough products,
 // first guesses, threads.
 
 #include "CoupledBodiesSupport.h"
@@ -140,7 +140,8 @@ TEST(MultiblobSolver, RoughProductsKeepAnyTolerance) {
             EXPECT_LT(layer.errorOf(twists, wrenches, c), 3 * tolerance) << tolerance;
             EXPECT_LT(layer.errorOf(exactly, wrenches, c), 3 * tolerance) << tolerance;
         }
-        // An exact product for each further four digits, and next to no iteration more.
+        // There is one exact product for each further four digits, and next to no additional
+        // iteration.
         EXPECT_EQ(exact, 2 * (tolerance >= 5e-5 ? 0 : tolerance >= 2e-9 ? 1 : 2)) << tolerance;
         EXPECT_EQ(products, 2 * (iterations + 1) + exact);
         EXPECT_LE(iterations, exactIterations + 1) << tolerance;
@@ -176,7 +177,7 @@ TEST(MultiblobSolver, SlipsTooAndTheForcesOfBlobs) {
         const double scale = lambda.dot(M * lambda) + slips.col(0).dot(factor.solve(slips.col(0)));
         EXPECT_LT(sqrt(difference.dot(M * difference) / scale), 3 * tolerance);
         EXPECT_LT(ofTwists.dot(N.inverse() * ofTwists), 9 * tolerance * tolerance * scale);
-        // They add up to the wrenches whatever the tolerance.
+        // The forces add up to the wrenches, whatever the tolerance.
         EXPECT_LT((K.transpose() * forces - wrenches).norm(), 1e-10 * wrenches.norm());
     }
 }

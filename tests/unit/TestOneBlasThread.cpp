@@ -1,4 +1,4 @@
-// The number of BLAS threads belongs to the process: holders share it, and leave it as it was.
+// The number of BLAS threads belongs to the process. Holders share it, and restore it.
 
 #include <memory>
 

@@ -39,7 +39,7 @@ FluidElement element(int body, const vector<Vector3d>& sites, const vector<doubl
     return e;
 }
 
-/** Bodies at places, as the schemes see them. */
+/** Bodies at positions, as the schemes see them. */
 struct Scene {
     string name;
     vector<FluidElement> elements;
@@ -128,7 +128,7 @@ Scene lubricatedSpheres() {
     s.add(element(1, {{0, 0, 0}}, {0.8}), {1.9, 0.4, 1.5}, {0.1, 0.4, 0});
     return s;
 }
-/** A tensor without any symmetry but its own, in the units of these scenes. */
+/** A tensor that is symmetric and has no other symmetry, in the units of these scenes. */
 MatrixXd ownTensor(int seed) {
     const MatrixXd m = tensorWithoutSymmetry(seed);
     return m / (m.trace() / 6);
@@ -153,7 +153,7 @@ Scene stokesianSpheres() {
     s.add(element(2, {{0, 0, 0}}, {0.9}), {0.3, 2.1, 0.4});
     return s;
 }
-/** Unequal ones, overlapping and one inside another, a free particle. */
+/** Unequal spheres that overlap, one of them inside another, and a free particle. */
 Scene spheresUnbounded() {
     Scene s;
     s.name = "spheres and a free particle, unbounded";
@@ -195,7 +195,7 @@ Matrix3d rotationMatrix(const Quaternion& q) {
     return Eigen::Quaterniond(q.w, q.x, q.y, q.z).toRotationMatrix();
 }
 
-/** N where the twist vector `u` leads from the scene's places. */
+/** N at the poses to which the twist vector `u` leads from those of the scene. */
 MatrixXd mobilityAt(const Scene& scene, TestedBodies& bodies, const VectorXd& u) {
     vector<Pose> poses(scene.elements.size());
     for (size_t e = 0; e < poses.size(); e++) {
@@ -227,7 +227,9 @@ VectorXd divergence(const Scene& scene) {
     return sum;
 }
 
-/** What one step does, as a twist times time: translations, and rotation vectors in the lab frame.
+/**
+ * The displacement of one step, as a twist times time: translations, and rotation vectors in the
+ * lab frame.
  */
 VectorXd increment(const OverdampedMove& move, const CoupledBodies& bodies) {
     VectorXd u = VectorXd::Zero(bodies.getNumRows());
@@ -242,7 +244,7 @@ VectorXd increment(const OverdampedMove& move, const CoupledBodies& bodies) {
     return u;
 }
 
-/** A scheme's steps from the scene's places, with random numbers of their own for each. */
+/** A scheme's steps from the scene's poses. Each step has its own random numbers. */
 struct Steps {
     const Scene& scene;
     const OverdampedEntry& entry;
@@ -263,7 +265,10 @@ struct Steps {
         step.noise.seed = 4711;
         step.noise.law = scene.law;
     }
-    /** What step i does: the first of a run, so what a scheme remembers of others is forgotten. */
+    /**
+     * The displacement of step i. It is the first of a run, so data that a scheme keeps from
+     * earlier steps are cleared.
+     */
     VectorXd increment(int i, double h) {
         for (OverdampedScheme::Vectors* vectors : scheme->memory()) vectors->resize(0, 0);
         step.h = h;
@@ -273,10 +278,10 @@ struct Steps {
         return ::increment(move, *bodies);
     }
     /**
-     * The part of order sqrt(h) of step i: its mean is 0, so what a step does less this has the
-     * same mean with a far smaller variance. It is found as what the scheme does, with the same
-     * random numbers, in a step so short that nothing else is left: of the drift sqrt(shortness) =
-     * 1e-4 is, and of rounding less.
+     * The part of order sqrt(h) of step i. Its mean is 0, so the displacement of a step minus this
+     * part has the same mean with a far smaller variance. It is found from a step of the scheme
+     * with the same random numbers that is so short that only this part is left. The drift then
+     * contributes sqrt(shortness) = 1e-4 of itself, and rounding less.
      */
     VectorXd leadingNoise(int i, double h) {
         const double shortness = 1e-8;
@@ -285,7 +290,7 @@ struct Steps {
 };
 
 struct Averages {
-    VectorXd mean, error;      // of the increments less the leading noise
+    VectorXd mean, error;      // of the increments minus the leading noise
     double along, alongError;  // of their component along a direction
 };
 
@@ -328,7 +333,7 @@ Averages average(Integrator::Scheme scheme, const Scene& scene, double h, double
     return sampling.averages();
 }
 
-/** Those that make the drift. */
+/** The schemes that make the stochastic drift. */
 const vector<Integrator::Scheme> consistent = [] {
     vector<Integrator::Scheme> found;
     for (const Integrator::Scheme scheme : overdampedSchemes)
@@ -337,15 +342,15 @@ const vector<Integrator::Scheme> consistent = [] {
 }();
 
 /**
- * The mean increment is kT h div N. The rest after the leading noise is of order h with odd powers
- * of sqrt(h) of zero mean, so at this h the bias is h kT N/a^2 = 1e-4 of the drift. As many samples
- * as a standard error below a tenth of the drift's norm takes, by scheme and scene; 5 standard
- * errors for all components of all schemes and scenes (about 300 numbers: 2e-4 of failing by
- * chance).
+ * The mean increment is kT h div N. The rest after the leading noise is of order h, and odd powers
+ * of sqrt(h) have zero mean. So at this h the bias is h kT N/a^2 = 1e-4 of the drift. The number of
+ * samples, by scheme and scene, is such that the standard error is below a tenth of the drift's
+ * norm. The test allows 5 standard errors for all components of all schemes and scenes (about 300
+ * numbers: 2e-4 of failing by chance).
  *
- * Where single rows are less well known than that, a scheme without drift could pass row by row. So
- * the component along the expected drift must be known to a tenth of it: no drift at all is then 10
- * errors off, where 5 are allowed.
+ * Where single rows are known less well, a scheme without drift could pass row by row. So the
+ * component along the expected drift must be known to a tenth of it. A scheme without any drift is
+ * then 10 errors off, where 5 are allowed.
  */
 void checkDrift(const Scene& scene, double error = 0.1) {
     const double h = 1e-4, kT = 1.3;
@@ -357,7 +362,7 @@ void checkDrift(const Scene& scene, double error = 0.1) {
         Steps steps(scheme, scene, kT);
         Sampling sampling(expected / size);
         Averages found;
-        const int block = 100, most = 200000;  // so many that errors have errors of a few per cent
+        const int block = 100, most = 200000;  // so many that errors are known to a few per cent
         do {
             for (int i = 0; i < block; i++) {
                 const int k = sampling.samples;
@@ -397,17 +402,21 @@ TEST(OverdampedSchemes, DriftWithOwnTensorsMatrixFree) {
     checkDrift(matrixFree(ownTensors()), 0.4);
 }
 TEST(OverdampedSchemes, DriftWithARandomField) { checkDrift(blobsInAField(), 0.4); }
-/** Row by row less exactly, for lattice sums take long. */
+/** Rows are tested less exactly, because lattice sums take long. */
 TEST(OverdampedSchemes, DriftInASlipChannel) { checkDrift(bodyInAChannel(), 0.4); }
 TEST(OverdampedSchemes, DriftWithLubrication) { checkDrift(stokesianSpheres()); }
 TEST(OverdampedSchemes, DriftOfRodsUnbounded) { checkDrift(rodsUnbounded()); }
 TEST(OverdampedSchemes, DriftOfOneBodyAboutAnyPoint) { checkDrift(aloneOffCentre()); }
-/** Row by row less exactly, for it takes a millisecond a step: that the iterations do what the
- * factors do is what is to be seen. */
+/**
+ * Rows are tested less exactly, because a step takes a millisecond. The test is to show that the
+ * iterations give the same as the factors.
+ */
 TEST(OverdampedSchemes, DriftMatrixFree) { checkDrift(matrixFree(rodsUnbounded()), 0.4); }
 
-/** div N = 0 wherever bodies say so, to what differences leave of it; where they do not, it is 1e4
- * times larger. */
+/**
+ * div N = 0 wherever bodies say so, up to the error of differences. Elsewhere it is 1e4 times
+ * larger.
+ */
 TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
     mt19937 random(5);
     uniform_real_distribution<double> u(0, 1);
@@ -428,8 +437,8 @@ TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
         EXPECT_TRUE(bodies->isDivergenceFree());
         const double largest =
             mobilityAt(scene, bodies, VectorXd::Zero(bodies->getNumRows())).maxCoeff();
-        // Third derivatives are up to the inverse cube of a radius here, and differences wrong by a
-        // sixth of 1e-8 of them.
+        // Third derivatives are up to the inverse cube of a radius here. Differences have an error
+        // of a sixth of 1e-8 of these derivatives.
         EXPECT_LT(divergence(scene).cwiseAbs().maxCoeff(), 1e-7 * largest) << k;
     }
     for (const Scene& scene : {threeBodiesAtWall(), rodsUnbounded(), lubricatedSpheres(),
@@ -438,7 +447,7 @@ TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
     Scene offOrigin = spheresUnbounded();
     offOrigin.elements[0].sites[0] = Vector3d(0.1, 0, 0);
     EXPECT_FALSE(offOrigin.mobility()->isDivergenceFree());
-    // Spheres with a wall or lubrication have one.
+    // Spheres with a wall or lubrication have a divergence.
     EXPECT_GT(divergence(lubricatedSpheres()).norm(), 1e-3);
     Scene lubrication = stokesianSpheres();
     lubrication.elements[1].sites[0].setZero();
@@ -446,9 +455,9 @@ TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
 }
 
 /**
- * Without drift a step has the mean 0, and without forces the schemes but FixmanMidpoint are their
- * leading noise and nothing else. What the mid-point alone, or the divergence of slips alone, would
- * do is 1e-2 of kT h here: kT h sum_jk (d_j L_ik) L_jk, L the root.
+ * Without drift a step has the mean 0. Without forces, the steps of all schemes except
+ * FixmanMidpoint are their leading noise and nothing else. The mid-point alone, or the divergence
+ * of slips alone, would give 1e-2 of kT h here: kT h sum_jk (d_j L_ik) L_jk, with L the root.
  */
 TEST(OverdampedSchemes, SpheresUnboundedHaveNoDrift) {
     const double h = 1e-4, kT = 1.3;
@@ -476,8 +485,8 @@ TEST(OverdampedSchemes, SpheresUnboundedHaveNoDrift) {
                                            halfDrift.normalized());
             SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
             if (!isFixman) {
-                // Iterations are right to 1e-8 of the noise; places of about 1, hence short steps,
-                // to 1e-16, which the shortness makes 1e-12.
+                // Iterations have an error of 1e-8 of the noise. Positions are about 1, so short
+                // steps have an error of 1e-16, which the scaling by the shortness makes 1e-12.
                 const double noise = sqrt(2 * kT * h * L.squaredNorm());
                 EXPECT_LT(found.mean.norm(), scene.matrixFree ? 1e-7 * noise : 5e-12);
                 continue;
@@ -491,15 +500,17 @@ TEST(OverdampedSchemes, SpheresUnboundedHaveNoDrift) {
 
 namespace {
 
-/** Increments have the covariance 2 kT h N: 5 standard errors, that of a normal product being
- * sqrt(N_ii N_jj + N_ij^2). */
+/**
+ * Increments have the covariance 2 kT h N. The test allows 5 standard errors, where that of a
+ * product of normal numbers is sqrt(N_ii N_jj + N_ij^2).
+ */
 void checkCovariance(const Scene& scene) {
     const double h = 1e-6, kT = 0.8;
     const int samples = scene.matrixFree ? 1000 : 4000;
     auto bodies = scene.mobility();
     const MatrixXd N = mobilityAt(scene, bodies, VectorXd::Zero(bodies->getNumRows()));
     for (const Integrator::Scheme scheme : overdampedSchemes) {
-        if (scheme == Integrator::DriftCorrectorFD) continue;  // its noise is that of the other one
+        if (scheme == Integrator::DriftCorrectorFD) continue;  // noise of the other corrector
         SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
         Steps steps(scheme, scene, kT);
         MatrixXd found = MatrixXd::Zero(N.rows(), N.rows());
@@ -525,9 +536,10 @@ TEST(OverdampedSchemes, Covariance) {
 }
 
 /**
- * Weak order 1 takes first and second moments of a step, for odd ones beyond vanish by symmetry:
- * two-point numbers have them, in the noise as in the directions of differences. Their products
- * vary less than normal ones, three-point ones as much.
+ * Weak order 1 needs the first and second moments of a step, because odd moments beyond these
+ * vanish by symmetry. Two-point numbers have these moments, both in the noise and in the directions
+ * of differences. Their products vary less than normal ones, and those of three-point numbers as
+ * much.
  */
 TEST(OverdampedSchemes, DiscreteNoiseHasTheSameDriftAndCovariance) {
     for (auto law : {NoiseStream::ThreePoint, NoiseStream::TwoPoint})
@@ -576,7 +588,7 @@ namespace {
 const vector<OpenMM::Vec3> pointsOfFluid = {OpenMM::Vec3(0.4, 1.2, 1.4),
                                             OpenMM::Vec3(1.5, -0.6, 2.1)};
 
-/** What these shares of a step's flow make of the fluid at points. */
+/** The flow at points of the fluid that these shares of a step's flow make. */
 VectorXd flowAt(BodyMobility& mobility, const FlowOfStep& made, RandomField* field,
                 const DrivenFlow* driven = nullptr) {
     Velocities velocities = Velocities::Zero(3, pointsOfFluid.size());
@@ -591,7 +603,7 @@ VectorXd flowAt(BodyMobility& mobility, const FlowOfStep& made, RandomField* fie
 
 /** Steps whose flow is recorded. */
 struct FlowingSteps : Steps {
-    bool whole = true;  // or only what comes from solves for velocities
+    bool whole = true;  // or only the flow that comes from solves for velocities
     const char* name;
     FlowingSteps(Integrator::Scheme s, const Scene& scene, double kT)
         : Steps(s, scene, kT), name(traitsOf(s).name) {}
@@ -603,21 +615,22 @@ struct FlowingSteps : Steps {
         move.record(nullptr);
         made.check(name);
         if (!whole) {
-            // Thermal slips are all that is recorded beside.
+            // Apart from these shares, only thermal slips are recorded.
             made.fieldWeight = 0;
             if (made.shares.size() > 1) made.shares.resize(1);
         }
         return h * flowAt(move.getMobility(), made, move.getField());
     }
-    /** Its part of order sqrt(h), as leadingNoise(). */
+    /** The part of order sqrt(h) of the flow, as leadingNoise(). */
     VectorXd leadingFlow(int i, double h) {
         const double shortness = 1e-8;
         return flow(i, shortness * h) / sqrt(shortness);
     }
 };
 
-/** div N_xQ, of the flow at points that a wrench makes, by central differences of the bodies'
- * poses. */
+/**
+ * div N_xQ of the flow at points that a wrench makes, by central differences of the bodies' poses.
+ */
 VectorXd divergenceOfFlow(const Scene& scene) {
     auto bodies = scene.mobility();
     BodyMobility& mobility = bodies.byMatrices();
@@ -639,9 +652,9 @@ VectorXd divergenceOfFlow(const Scene& scene) {
 }
 
 /**
- * The mean flow of a step without forces is kT div N_xQ: the stochastic drift of a particle that
- * were there, with the fluid's own derivative left out because the point stays where it is. Samples
- * and errors as of checkDrift().
+ * The mean flow of a step without forces is kT div N_xQ. It is the stochastic drift of a particle
+ * at the point, without the fluid's own derivative, because the point stays where it is. Samples
+ * and errors are those of checkDrift().
  */
 void checkMeanFlow(const Scene& scene, double error = 0.15) {
     const double h = 1e-4, kT = 1.3;
@@ -680,8 +693,10 @@ TEST(OverdampedSchemes, MeanFlowWithOwnTensors) { checkMeanFlow(ownTensors()); }
 TEST(OverdampedSchemes, MeanFlowWithARandomField) { checkMeanFlow(blobsInAField(), 0.4); }
 TEST(OverdampedSchemes, MeanFlowWithLubrication) { checkMeanFlow(stokesianSpheres()); }
 
-/** The flow of the forces that keep bodies rigid has another mean: the random flow is correlated
- * with nu. */
+/**
+ * The flow of the forces that keep bodies rigid has another mean, because the random flow is
+ * correlated with nu.
+ */
 TEST(OverdampedSchemes, MeanFlowNeedsTheRandomFlow) {
     const double h = 1e-4, kT = 1.3;
     for (const Scene& scene : {boomerangAtWall(), blobsInAField()}) {
@@ -716,8 +731,8 @@ TEST(OverdampedSchemes, MeanFlowOfSpheresIsThatOfForces) {
             const Averages found = sampling.averages();
             for (int i = 0; i < 6; i++)
                 EXPECT_LT(abs(found.mean[i]), 5 * found.error[i] + 1e-10) << "row " << i;
-            // Slips of the mid-point instead of the start's would leave the drift correctors 0.01 h
-            // in row 3 (seen: 7 errors).
+            // With slips of the mid-point instead of the start's, the drift correctors would have a
+            // mean of 0.01 h in row 3 (seen: 7 errors).
             if (!iterate) {
                 EXPECT_LT(found.error[3], 0.0025 * h);
             }
@@ -725,7 +740,7 @@ TEST(OverdampedSchemes, MeanFlowOfSpheresIsThatOfForces) {
 }
 
 TEST(OverdampedSchemes, SayWhatTheirFlowIs) {
-    // Each solve for velocities once; FlowingSteps::flow() checks it, too, with noise.
+    // Each solve for velocities is recorded once. FlowingSteps::flow() checks this too, with noise.
     for (Integrator::Scheme scheme : overdampedSchemes)
         for (bool whole : {false, true})
             for (double kT : {0.0, 1.0}) {

@@ -64,7 +64,7 @@ const vector<double> radii = {1, 0.55, 0.8, 0.1};
 const vector<Vec3> places = {Vec3(0.41, 6.9, 1.2), Vec3(2.15, 0.35, 8.9), Vec3(2.3, 0.9, 9.4),
                              Vec3(0.7, 6.2, 1.5)};
 
-/** Force coupling by its definition: every wave for itself, complex, both of k and -k. */
+/** Force coupling by its definition: a complex sum over every single wave, both k and -k. */
 MatrixXd byDefinition(const vector<double>& radii, const vector<Vec3>& x, const BoxVectors& box,
                       double largestWave) {
     typedef complex<double> Complex;
@@ -150,7 +150,7 @@ TEST(LatticeSum, OneSphereInACubeIsTheClosedForm) {
             EXPECT_NEAR(surfaces(k, k), 1 - hasimoto * x + 4 * M_PI / 3 * x * x * x, 2e-14) << x;
             // A rotating sphere's images make a uniform counter-rotation: 1 - volume fraction.
             EXPECT_NEAR(surfaces(3 + k, 3 + k) * 4 / 3, 1 - 4 * M_PI / 3 * x * x * x, 2e-14) << x;
-            // What Gaussians overlap their images by is exp(-L^2/4 sigma^2).
+            // Gaussians overlap their images by exp(-L^2/4 sigma^2).
             EXPECT_NEAR(gaussians(k, k), 1 - hasimoto * x + 4 * x * x * x,
                         2e-14 + 20 * exp(-M_PI / (4 * x * x)))
                 << x;
@@ -166,7 +166,7 @@ TEST(LatticeSum, LargeBoxesAreUnboundedFluid) {
     RotnePragerYamakawa(particlesOf(radii), 1).at({places})->dense(free);
     MatrixXd M;
     model.at({places, cube(L)})->dense(M);
-    // All velocities lag behind by the same, in units of 1/(6 pi eta); the rest is of order
+    // All velocities lag behind by the same amount, in units of 1/(6 pi eta). The rest is of order
     // (r/L)^3.
     for (int i = 0; i < 24; i++)
         for (int j = 0; j < 24; j++) {
@@ -295,7 +295,7 @@ TEST(PeriodicStokesianDynamics, LargeBoxesAreUnboundedFluid) {
     for (bool lubrication : {false, true}) {
         MatrixXd M, free;
         StokesianDynamics(particlesOf(some), 1, lubrication, 0).at({x})->dense(free);
-        // What lubrication adds feels that all velocities lag behind.
+        // The friction that lubrication adds is affected by the common lag of all velocities.
         const double L = lubrication ? 1e11 : 1e6, lag = 2.837297479480619 / (6 * M_PI * L);
         PeriodicStokesianDynamics model(particlesOf(some), 1, lubrication, 0);
         model.at({x, cube(L)})->dense(M);
@@ -362,8 +362,8 @@ TEST(PeriodicStokesianDynamics, DenseClustersArePositiveDefinite) {
 }
 
 TEST(PeriodicStokesianDynamics, IsASmoothFunctionOfTheBox) {
-    // Where lubrication begins to end, at 8 mean radii, and ends, at 10: second differences show no
-    // kink.
+    // Lubrication is cut off between 8 and 10 mean radii. At both distances second differences show
+    // no kink.
     PeriodicStokesianDynamics model(particlesOf({1}), 1, true, 0);
     for (double L : {8.0, 10.0}) {
         double K[5];

@@ -263,7 +263,8 @@ TEST(PoseFit, TakesTheSmallestTurnWhereARotationIsOpen) {
 }
 
 TEST(PoseFit, SitesOnASkewLineAreALine) {
-    // Rounding must not make them a body in space, whose third direction nothing fixes.
+    // Rounding must not turn collinear sites into a body in space, whose third direction nothing
+    // fixes.
     mt19937 generator(3);
     uniform_real_distribution<double> u(-1, 1);
     for (int trial = 0; trial < 2000; trial++) {

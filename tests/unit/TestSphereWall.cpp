@@ -89,8 +89,10 @@ TEST(SphereWallMobility, IsThatOfARigidSphere) {
     }
 }
 
-/** What others print and what it replaces: Delong et al. 2015, eqs. 95 to 97, h of the first two
- * being the gap. */
+/**
+ * The published approximations that these fits replace: Delong et al. 2015, eqs. 95 to 97, where h
+ * of the first two is the gap.
+ */
 TEST(SphereWallMobility, IsNearTheApproximationsOfThePaper) {
     for (double gap : {0.001, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0})
         EXPECT_NEAR(SphereWallMobility::bestKnown(gap).across,
@@ -108,7 +110,8 @@ TEST(SphereWallMobility, IsNearTheApproximationsOfThePaper) {
                     1 - 9 * u / 16 + u * u * u / 8 - 45 * pow(u, 4) / 256 - pow(u, 5) / 16,
                     0.05 * pow(u, 4));
     }
-    // Between these no approximation of the paper is near: eq. 97 was 4.4 % low at 0.13 radii.
+    // At intermediate gaps no approximation of the paper is close: eq. 97 was 4.4 % low at 0.13
+    // radii.
     EXPECT_NEAR(SphereWallMobility::bestKnown(0.13).along, 0.46772657, 1e-8);
 }
 
@@ -119,8 +122,8 @@ TEST(SphereWallMobility, EndsContinuityAndPositivity) {
         ASSERT_GT(determinant(m), 0.5 * m.along * m.turnAlong) << gap;
         ASSERT_GT(min({m.along, m.across, m.turnAlong, m.turnNormal}), 0) << gap;
         ASSERT_LE(max({m.along, m.across, m.turnAlong / 0.75, m.turnNormal / 0.75}), 1) << gap;
-        // All but rolling rise with the gap, by no more than it does; a jump would be 0.1 % here at
-        // most.
+        // All mobilities except rolling rise with the gap, by no more than the gap does. A jump
+        // would be 0.1 % here at most.
         for (auto member : {&SphereWallMobility::along, &SphereWallMobility::across,
                             &SphereWallMobility::turnAlong, &SphereWallMobility::turnNormal}) {
             ASSERT_GE(m.*member, before.*member * (1 - 1e-14)) << gap;

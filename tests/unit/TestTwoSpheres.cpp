@@ -123,9 +123,9 @@ TEST(TwoSpheres, FullTableNearContact) {
 }
 
 TEST(TwoSpheres, LubricationLimits) {
-    // that all constants of the singular terms are right is what the table's error at gaps below
-    // its fit shows, above equal spheres approaching: 1/(4 gap), the leading term of lubrication
-    // theory
+    // The error at gaps below the fit, tested above, shows that all constants of the singular terms
+    // are right. In addition, for equal spheres approaching each other: 1/(4 gap), the leading term
+    // of lubrication theory.
     EXPECT_NEAR(TwoSphereResistance(1).exact(1e-8)[XA11] * 1e-8, 0.25, 1e-7);
     // and shearing past each other: -(1/6) ln(gap)
     const TwoSphereResistance equal(1);

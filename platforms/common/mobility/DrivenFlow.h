@@ -5,8 +5,10 @@
 
 namespace RigidHIPlugin {
 
-/** How much of a wave a particle feels: s of its velocity, t of its angular velocity and strain.
- * Both are 1 of a wave much longer than its radius. */
+/**
+ * How much of a wave a particle feels: the factor s of the velocity, and t of the angular velocity
+ * and the strain rate. Both are 1 for a wave much longer than the particle's radius.
+ */
 struct WaveFactors {
     double s = 1, t = 1;
 };
@@ -22,7 +24,10 @@ struct DrivenFlow {
 
     bool isZero() const { return velocity.isZero(0) && gradient.isZero(0) && waveVelocity == 0; }
     bool hasGradient() const { return !gradient.isZero(0) || waveVelocity != 0; }
-    /** Averages over a particle: of v, half its curl, the symmetric part of its gradient. */
+    /**
+     * Averages over a particle: of v, of half the curl of v, and of the symmetric part of its
+     * gradient.
+     */
     Eigen::Vector3d velocityAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;
     Eigen::Vector3d angularVelocityAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;
     Eigen::Matrix3d strainRateAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;

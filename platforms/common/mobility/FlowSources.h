@@ -5,8 +5,11 @@
 
 namespace RigidHIPlugin {
 
-/** What the fluid flows from: forces of particles upon it (rows of HydrodynamicParticles), and
- * stresslets in the basis of StressletBasis.h, five numbers a particle, or none. */
+/**
+ * The sources of the fluid's flow: forces of particles on the fluid (rows of
+ * HydrodynamicParticles), and stresslets in the basis of StressletBasis.h. There are five stresslet
+ * numbers a particle, or none.
+ */
 struct FlowSources {
     Eigen::MatrixXd forces;
     Eigen::VectorXd stresslets;

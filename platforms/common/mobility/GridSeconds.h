@@ -6,8 +6,10 @@
 
 namespace RigidHIPlugin {
 
-/** Seconds that a fluid on a grid has taken, of all threads together, for getStepStatistics().
- * Zeros without a grid. */
+/**
+ * Seconds that a fluid on a grid has taken, summed over all threads, for getStepStatistics(). They
+ * are 0 without a grid.
+ */
 struct GridSeconds {
     double spreading = 0;   // forces to nodes
     double transforms = 0;  // Fourier transforms, with the fluid's response to each mode
@@ -18,7 +20,7 @@ struct GridSeconds {
         transforms += factor * other.transforms;
         averaging += factor * other.averaging;
     }
-    /** The larger of each. */
+    /** Set each number to the larger of its own and the other's. */
     void raise(const GridSeconds& other) {
         spreading = std::max(spreading, other.spreading);
         transforms = std::max(transforms, other.transforms);
@@ -26,7 +28,7 @@ struct GridSeconds {
     }
 };
 
-/** Adds the time of its life. */
+/** Adds the seconds from its construction to its destruction. */
 class TimeOfLife {
 public:
     explicit TimeOfLife(double& seconds) : seconds(seconds) {}

@@ -15,7 +15,7 @@ struct HydrodynamicParticles;
 class MobilityModel;
 struct DrivenFlow;
 
-/** The vectors of a periodic box, nm; zeros: there is none. */
+/** The vectors of a periodic box, nm. Zeros mean that there is no box. */
 typedef std::array<OpenMM::Vec3, 3> BoxVectors;
 
 /** Where the particles of a model are. */
@@ -25,32 +25,41 @@ struct Placement {
 };
 
 /**
- * A mobility model at one placement: velocities = M forces. Models make them (MobilityModel::at());
- * several may live at once. What is cached lives as long as the place. One place serves one caller
- * at a time.
+ * A mobility model at one placement: velocities = M forces.
  *
- * All matrices are in the lab frame, with rows as HydrodynamicParticles says, in nm/(ps kJ/mol/nm)
- * and so on. The matrix is symmetric positive definite at every placement to which the model does
- * not object.
+ * Models make such objects (MobilityModel::at()), and several may live at once. What one has cached
+ * lives as long as it stays at its placement. One object serves one caller at a time.
+ *
+ * All matrices are in the lab frame, with rows as in HydrodynamicParticles, in nm/(ps kJ/mol/nm)
+ * and so on. The matrix is symmetric positive definite at every placement that the model accepts.
  */
 class MobilityAt {
 public:
     explicit MobilityAt(const MobilityModel& model);
     virtual ~MobilityAt() {}
-    /** velocities = M forces; every column is a case of its own. @param velocities  resized and
-     * overwritten */
+    /**
+     * Compute velocities = M forces. Every column is a case of its own.
+     *
+     * @param velocities  resized and overwritten
+     */
     virtual void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) = 0;
-    /** As apply(), right to `roughError` of the norm of M times that of the forces:
-     * MobilityModel::hasRoughProducts(). Default: apply(). */
+    /**
+     * As apply(), but with an error of at most `roughError` times the norm of M times the norm of
+     * the forces; see MobilityModel::hasRoughProducts(). Default: apply().
+     */
     virtual void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
         apply(forces, velocities);
     }
-    /** The error of applyRoughly(), and the tolerances of iterations that can do with it. */
+    /**
+     * The error of applyRoughly(), and the smallest tolerance of an iteration for which such
+     * products are accurate enough.
+     */
     static constexpr double roughError = 1e-6, leastRoughTolerance = 5e-5;
     /**
-     * As apply(), right to `error` of the norm of M times that of the forces, both scaled by the
-     * roots of own mobilities, if that takes less time; 0: exact. Default: applyRoughly() where
-     * that is enough.
+     * As apply(), but with an error of at most `error` times the norm of M times the norm of the
+     * forces, if that takes less time. M and forces are scaled by the square roots of the
+     * particles' own mobilities in both norms. An `error` of 0 asks for exact products. Default:
+     * applyRoughly() where its error is small enough.
      */
     virtual void applyWithin(double error, const Eigen::MatrixXd& forces,
                              Eigen::MatrixXd& velocities) {
@@ -59,42 +68,57 @@ public:
         else
             apply(forces, velocities);
     }
-    /** The error of products that an iteration of this relative tolerance can do with; 0: none. */
+    /**
+     * The error of products that is small enough for an iteration of this relative tolerance; 0:
+     * products must be exact.
+     */
     static double errorFor(double tolerance) {
         return tolerance >= leastRoughTolerance ? roughError : 0;
     }
-    /** Products for such an iteration. */
+    /** Products with the error errorFor(tolerance). */
     void applyFor(double tolerance, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
         applyWithin(errorFor(tolerance), forces, velocities);
     }
     /** The matrix itself. Default: apply() to the identity. */
     virtual void dense(Eigen::MatrixXd& mobility);
-    /** Its inverse. Default: by Cholesky's factors of dense(). @throws OpenMMException if M is not
-     * positive definite */
+    /**
+     * The inverse of the matrix. Default: by the Cholesky factors of dense().
+     *
+     * @throws OpenMMException if M is not positive definite
+     */
     virtual void friction(Eigen::MatrixXd& friction);
-    /** What all particles do because each resists the strain of a flow by its stresslet; added to
-     * rows of particles. Default: nothing, there are none. */
+    /**
+     * Add the velocities that all particles have because each of them resists the strain of a flow
+     * by its stresslet. The velocities are added to rows of particles. Default: nothing, because
+     * there are no stresslets.
+     */
     virtual void addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) {}
     /**
-     * What the fluid's flow comes from when these forces act on particles: forces and, where
-     * particles resist strain, stresslets; also that of a driven flow (null: none). Default: the
-     * forces.
+     * The sources of the fluid's flow when these forces act on particles: the forces and, where
+     * particles resist strain, their stresslets. The stresslets include those that a driven flow
+     * causes. Default: the forces.
+     *
+     * @param flow  the driven flow; null: there is none
      */
     virtual FlowSources sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) {
         return {forces, {}};
     }
-    /** velocities += factor times what such sources make of the fluid at points, driven flow not
-     * included. @throws OpenMMException if the model does not know it (default) */
+    /**
+     * Add to the velocities `factor` times the flow of such sources at points of the fluid. The
+     * driven flow is not included.
+     *
+     * @throws OpenMMException if the model does not know this flow (default)
+     */
     virtual void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
                            double factor, Velocities& velocities);
-    /** Seconds of the caller's thread in products with a grid; 0 for other models. */
+    /** Seconds of the caller's thread in products with a grid; 0 for models without a grid. */
     virtual double getSecondsOfGrid() const { return secondsOfGrid; }
 
 protected:
     friend class MobilityModel;
     /**
-     * Be at this placement from now on, to which the model does not object, or (nearby) which it
-     * accepts as a small way from such a one. What was cached is to be forgotten, memory kept.
+     * Move to this placement. The model accepts it or, with `nearby`, accepts it as a small way
+     * from an accepted placement. Cached results are to be forgotten, and memory is kept.
      */
     virtual void moveTo(const Placement& placement, bool nearby) = 0;
 

@@ -15,18 +15,18 @@
 namespace RigidHIPlugin {
 
 /**
- * The hydrodynamic particles that feel each other, in the order of their rows. What does not change
- * in a step.
+ * The hydrodynamic particles that feel each other, in the order of their rows. These data do not
+ * change in a step.
  *
- * A particle with torque (a sphere) has six rows, force then torque (velocity then angular
- * velocity); one without (a blob of a rigid multiblob, or a free particle) has three.
+ * A particle with torque (a sphere) has six rows: force then torque, or velocity then angular
+ * velocity. A particle without torque (a blob of a rigid multiblob, or a free particle) has three.
  */
 struct HydrodynamicParticles {
     std::vector<double> radii;     // nm
     std::vector<char> hasTorque;   // whether the particle has rows for torque and angular velocity
     std::vector<int> firstRow;     // of each particle
     std::vector<int> systemIndex;  // index in the System, for messages
-    std::vector<int> body;         // body it is in, -1: a free particle
+    std::vector<int> body;         // the body of each particle; -1: a free particle
     int numRows = 0;
 
     int size() const { return radii.size(); }
@@ -40,25 +40,28 @@ struct HydrodynamicParticles {
     }
 };
 
-/** @throws OpenMMException  always: the mobility matrix of so many particles is not positive
- * definite, and where to look */
+/**
+ * @throws OpenMMException  always: the mobility matrix of so many particles is not positive
+ *     definite. The message says where to look.
+ */
 [[noreturn]] void refuseIndefiniteMobility(int numParticles);
-/** Likewise the friction matrix of so many bodies. */
+/** Likewise for the friction matrix of so many bodies. */
 [[noreturn]] void refuseIndefiniteFriction(int numBodies);
 /**
- * A tolerance in a message: the one that the user has set, and the part of it that is left for an
- * iteration.
+ * The text of a tolerance in a message: the tolerance that the user has set, and the part of it
+ * that is left for an iteration.
  *
- * @param wanted  the former; 0: it is the iteration's own
+ * @param tolerance  the iteration's own
+ * @param wanted  that of the user; 0: the iteration's own tolerance is the user's
  */
 std::string toleranceText(double tolerance, double wanted);
 
 /**
- * How the fluid couples particles: what does not depend on where they are. Immutable, so that any
- * number of places may be asked at once, by several threads.
+ * How the fluid couples particles: all that does not depend on where they are. A model is
+ * immutable, so several threads may ask any number of its MobilityAt objects at once.
  *
- * A new model is two classes: this one, with name() and makePlace(), and its MobilityAt, with
- * apply(); what it can do better than by the defaults it overrides.
+ * A new model is two classes: a MobilityModel with name() and makePlace(), and its MobilityAt with
+ * apply(). Where the model can do better than a default, it overrides it.
  */
 class MobilityModel {
 public:
@@ -68,160 +71,191 @@ public:
     virtual ~MobilityModel() {}
     const HydrodynamicParticles& getParticles() const { return particles; }
     double getViscosity() const { return viscosity; }
-    /** The model in messages: that of setModel(). */
+    /** The name of the model in messages: that of setModel(). */
     virtual const char* name() const = 0;
 
     // ---- The model at a place
     /**
      * The mobility of one configuration. The model must outlive it.
      *
-     * @throws OpenMMException with the objection(), if there is one
+     * @throws OpenMMException with the text of objection(), if the model refuses the placement
      */
     std::unique_ptr<MobilityAt> at(const Placement& placement) const;
     /**
-     * Likewise for a finite difference, a small way from an accepted placement: where that touches
-     * the limit of what the model accepts, the small way may lead beyond. A model whose formulas
-     * hold there too (holdsNearby()) takes it.
+     * Likewise for a finite difference: the placement is a small way from an accepted one. If the
+     * accepted placement is at the limit of what the model accepts, the small way may lead beyond
+     * the limit. A model whose formulas hold there too (holdsNearby()) accepts the placement.
      */
     std::unique_ptr<MobilityAt> near(const Placement& placement) const;
     /**
-     * at() and near() with the memory of a place that this model has made before; null at first.
-     * What was cached is forgotten. If the model objects, the place stays as it was.
+     * at() and near() with the memory of a MobilityAt that this model has made before; null at
+     * first. Cached results are forgotten. If the model refuses the placement, the MobilityAt stays
+     * as it was.
      */
     void place(std::unique_ptr<MobilityAt>& at, const Placement& placement) const;
     void placeNear(std::unique_ptr<MobilityAt>& at, const Placement& placement) const;
 
     // ---- Noise
     /**
-     * Draw the model's own random field, where it has one (hasOwnRandomField()); without, nothing
-     * is done.
+     * Draw the model's own random field, if it has one (hasOwnRandomField()). Otherwise nothing is
+     * done.
      *
-     * @param purpose  of the random numbers: with the noise's seed and step it says which they are
-     * @param field    that of an earlier draw of this model, whose memory is taken, or null
+     * @param purpose  of the random numbers; with the noise's seed and step it determines the
+     *     numbers
+     * @param field  that of an earlier draw of this model, whose memory is reused, or null
      */
     virtual void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                            std::unique_ptr<RandomField>& field) const {}
 
-    // ---- A flow that is there without particles
+    // ---- A flow that is present without particles
     /**
-     * Velocities of particles that go with a flow, and angular velocities where there are rows for
-     * them, each particle by itself: averages as the model takes them of its own flows. What strain
-     * does by stresslets MobilityAt::addStressletsOf() adds.
+     * The velocities of particles that follow a flow, and the angular velocities where there are
+     * rows for them. Each particle is taken by itself: its velocities are averages as the model
+     * takes them of its own flows. MobilityAt::addStressletsOf() adds what the strain does by
+     * stresslets.
      */
     void follow(const DrivenFlow& flow, const Placement& placement, Eigen::MatrixXd& slips) const;
-    /** What a particle averages of a wave exp(ikx): the s(k) and t(k) of its force and torque.
-     * Default: of waves much longer than the radius. */
+    /**
+     * The factors s(k) and t(k) of the averages of a wave exp(ikx) that belong to a particle's
+     * force and torque. Default: those of waves much longer than the radius.
+     */
     virtual WaveFactors waveFactors(double radius, double k) const { return {}; }
     /**
-     * Volume of the fluid in the box, nm^3, between walls where there are some; 0: it is not
-     * bounded. Sources make of a wave sin(kx) along the direction a the amplitude 2/(eta k^2 V)
-     * times their power on a flow of unit amplitude: M is symmetric.
+     * The volume of the fluid in the box, nm^3; between the walls where there are walls; 0: the
+     * fluid is unbounded. Because M is symmetric, the flow of sources contains a wave sin(kx) along
+     * the direction a with the amplitude 2/(eta k^2 V) times the power of the sources on a flow of
+     * unit amplitude.
      */
     virtual double fluidVolume(const BoxVectors& box) const { return 0; }
     /** Whether particles resist strain by stresslets of their own. Default: no. */
     virtual bool hasStresslets() const { return false; }
-    /** @throws OpenMMException if a wave of so many periods along an axis of the box is too short
-     * for the model. Default: it is not */
+    /**
+     * @throws OpenMMException if a wave of so many periods along an axis of the box is too short
+     *     for the model. Default: no wave is too short.
+     */
     virtual void checkWave(const BoxVectors& box, int axis, int periods) const {}
 
-    // ---- Where it has a mobility
+    // ---- Where the model has a mobility
     /**
-     * Why the model has no mobility at this placement (overlap, beyond a wall), naming the
-     * particles; empty where it has one. A step that leads there is redone with new noise. Default:
-     * the model has one everywhere.
+     * Why the model has no mobility at this placement (overlap, a position beyond a wall), naming
+     * the particles; empty where it has one. A step that leads to such a placement is redone with
+     * new noise. Default: the model has a mobility everywhere.
      */
     virtual std::string objection(const Placement& placement) const { return {}; }
-    /** Whether objection() can ever object. */
+    /** Whether objection() can ever refuse a placement. */
     virtual bool mayObject() const { return false; }
-    /** Whether near() takes this placement. Default: where there is no objection(). */
+    /** Whether near() accepts this placement. Default: it does where objection() is empty. */
     virtual bool acceptsNearby(const Placement& placement) const {
         return !mayObject() || objection(placement).empty();
     }
     /**
-     * Where the formulas take a particle to be: two of one radius at one such place make the matrix
-     * singular. Default: where it is. A wall through which surfaces reach lifts particles to
-     * contact.
+     * The position at which the formulas take a particle to be. Two particles of one radius at one
+     * such position make the matrix singular. Default: the particle's own position. Where surfaces
+     * may reach through a wall, the formulas lift such particles to contact.
      */
     virtual OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const {
         return position;
     }
 
     // ---- Traits
-    /** Whether the mobility of particles stays the same when all are shifted alike: not next to a
-     * wall. Default: no. */
+    /**
+     * Whether the mobility of particles stays the same when all are shifted alike, which is not so
+     * next to a wall. Default: no.
+     */
     virtual bool isHomogeneous() const { return false; }
-    /** Whether it turns with the particles: neither next to a wall nor in a periodic box. Default:
-     * no. */
+    /**
+     * Whether the mobility turns with the particles, which is so neither next to a wall nor in a
+     * periodic box. Default: no.
+     */
     virtual bool isIsotropic() const { return false; }
-    /** Whether the fluid is its own reflection at y = 0, where particles then have images that are
-     * not in the list. Default: no. */
+    /**
+     * Whether the fluid is its own reflection at y = 0. Particles then have images there that are
+     * not in the list of particles. Default: no.
+     */
     virtual bool isMirrored() const { return false; }
-    /** Whether MobilityAt::applyRoughly() takes less time than apply(), so that iterations should
-     * use it where they can. Default: no. */
+    /**
+     * Whether MobilityAt::applyRoughly() takes less time than apply(), so that iterations should
+     * use it where its error is small enough. Default: no.
+     */
     virtual bool hasRoughProducts() const { return false; }
     /** Whether MobilityAt::apply() needs no matrix, so that Krylov methods make sense. */
     virtual bool hasProducts() const { return true; }
-    /** Whether dense() is products with the columns of the identity, so that it serves few rows
-     * only. Default: no. */
+    /**
+     * Whether dense() makes products with the columns of the identity, so that it is useful for few
+     * rows only. Default: no.
+     */
     virtual bool isMatrixFree() const { return false; }
-    /** Whether near() keeps something of the placement before, as the nodes of a grid that a
-     * particle sees. Default: no. */
+    /**
+     * Whether near() keeps something of the placement before, such as the nodes of a grid that a
+     * particle reaches. Default: no.
+     */
     virtual bool isAnchored() const { return false; }
-    /** Whether MobilityAt::friction() costs less than dense(), so that callers who can use either
-     * should ask for friction. */
+    /**
+     * Whether MobilityAt::friction() costs less than dense(), so that callers who can use either
+     * should ask for the friction. Default: no.
+     */
     virtual bool isMadeFromFriction() const { return false; }
     /**
-     * Whether sum_j dM_ij/dx_j = 0 wherever the particles are, as for averages of a flow without
-     * sources over spheres in a fluid without walls. Spheres and free particles then have no
-     * stochastic drift. Default: no.
+     * Whether sum_j dM_ij/dx_j = 0 wherever the particles are. So it is where velocities are
+     * averages of a divergence-free flow over spheres in a fluid without walls. Spheres and free
+     * particles then have no stochastic drift. Default: no.
      */
     virtual bool isDivergenceFree() const { return false; }
-    /** Whether drawField() gives noise that costs less than square roots of M. Default: no, so that
-     * roots are taken. */
+    /**
+     * Whether drawField() gives noise that costs less than square roots of M. Default: no, and
+     * square roots are computed.
+     */
     virtual bool hasOwnRandomField() const { return false; }
     /**
-     * Whether what a particle sees of that field depends on its own place only, so that it is one
-     * flow. If not, fields at different placements have the covariance M each by itself, and
-     * divergences are found as of square roots. Default: it is.
+     * Whether the velocity that a particle takes from the random field depends on its own position
+     * only, so that the field is one flow. If not, the velocities at each placement have the
+     * covariance M there, but divergences are found as for square roots of M. Default: yes.
      */
     virtual bool fieldIsLocal() const { return true; }
     /**
-     * The mobility of bodies takes less time by iterations, column by column, than by a factor of
-     * dense() if there are more rows of particles than this for each row of bodies. The ratio of
-     * both times is proportional to it. Measured on one thread with shells of 642 blobs near a
-     * wall, at a tolerance of 1e-6.
+     * The number of rows of particles for each row of bodies above which the mobility of bodies
+     * takes less time by iterations, column by column, than by a factor of dense(). The ratio of
+     * both times is proportional to this number of rows. The value was measured on one thread with
+     * shells of 642 blobs near a wall, at a tolerance of 1e-6.
      */
     virtual double rowsWorthIterations() const { return 1750; }
 
     // ---- The box, and the grid in it
-    /** @throws OpenMMException  if the model cannot have such a box, naming it and the remedy.
-     * Default: it can */
+    /**
+     * @throws OpenMMException  if the model cannot have such a box. The message names the box and
+     *     the remedy. Default: the model accepts every box.
+     */
     virtual void checkBox(const BoxVectors& box) const {}
-    /** What is to be said of the model in a box, for describeEffects(). Default: nothing. */
+    /** A description of the model in a box, for describeEffects(). Default: nothing. */
     virtual std::string describe(const BoxVectors& box) const { return {}; }
     /** Whether MobilityAt::applyWithin() makes products of such an error in less time than a sum
      * over all pairs takes. Default: it does not. */
     virtual bool hasFastProducts(double error) const { return false; }
-    /** How it makes them, for describeEffects(). Empty where it has none. */
+    /** How it makes these products, for describeEffects(). Empty where it has none. */
     virtual std::string describeFastProducts(double error) const { return {}; }
-    /** What a grid has taken so far, with models that share it. Default: there is none. */
+    /**
+     * The time that a grid has taken so far, together with models that share it. Default: there is
+     * no grid.
+     */
     virtual GridSeconds getGridSeconds() const { return {}; }
 
     // ---- A body by itself
     /**
-     * The matrix of one body's particles alone in unbounded fluid, at their sites in its frame:
-     * where preconditioners and own tensors start from. Default: that of RotnePragerYamakawa, in
-     * which a sphere has its Stokes drag.
+     * The matrix of one body's particles alone in unbounded fluid, at their sites in the body
+     * frame. Preconditioners and own tensors start from this matrix. Default: that of
+     * RotnePragerYamakawa, in which a sphere has its Stokes drag.
      */
     virtual void ownMobility(const HydrodynamicParticles& body,
                              const std::vector<OpenMM::Vec3>& sites,
                              Eigen::MatrixXd& mobility) const;
 
 protected:
-    /** A place without particles yet, for this model. */
+    /** A MobilityAt of this model that has no placement yet. */
     virtual std::unique_ptr<MobilityAt> makePlace() const = 0;
-    /** Whether formulas hold a little beyond what objection() allows, as finite differences from
-     * there need it. */
+    /**
+     * Whether the formulas hold a little beyond what objection() allows, as finite differences from
+     * there need.
+     */
     virtual bool holdsNearby() const { return false; }
 
     const HydrodynamicParticles particles;

@@ -31,7 +31,10 @@ namespace {
         "; choose a model and a boundary that it has by setModel() and setBoundary()");
 }
 
-/** A model above the wall, with what setSphereWallMobility() asks for. */
+/**
+ * A model above the wall, with the mobility of single spheres that setSphereWallMobility() asks
+ * for.
+ */
 unique_ptr<MobilityModel> withSphereWallMobility(const MobilityForce& force,
                                                  const HydrodynamicParticles& particles,
                                                  unique_ptr<MobilityModel> model) {
@@ -50,10 +53,10 @@ shared_ptr<GridFluid> gridFluid(const PlatformModels& own) {
 }
 
 /**
- * Up to this many rows Auto takes lattice sums and matrices. Measured (benchmarks/README.md): a
- * step takes as long either way for fewer than 10 spheres or blobs, and where roots of the whole
- * matrix are wanted to 1e-6 for about 10. This is more, for matrices are exact and take triclinic
- * boxes.
+ * Up to this many rows Auto takes lattice sums and matrices. Measurements (benchmarks/README.md)
+ * found that a step takes as long either way for fewer than 10 spheres or blobs, and for about 10
+ * where roots of the whole matrix are wanted to 1e-6. The number here is larger, because matrices
+ * are exact and take triclinic boxes.
  */
 const int largestDenseSurfaceRows = 150;
 
@@ -103,11 +106,12 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
 }
 
 /**
- * Up to this many rows Auto takes lattice sums and matrices, beyond it a grid. Measured
- * (benchmarks/README.md, default tolerance): a product takes as long either way for fewer than 8,
- * about 40, about 1000 blobs at volume fractions of 0.1, 0.01, 0.001, a step of DriftCorrectorFD
- * for fewer, and one of EulerMaruyama, with a root or a field, for about 75 at 0.1, 220 at 0.01 and
- * more in dilute suspensions. The model does not know the box, so this is a number between.
+ * Up to this many rows Auto takes lattice sums and matrices, and beyond it a grid. Measurements at
+ * the default tolerance (benchmarks/README.md) found that a product takes as long either way for
+ * fewer than 8, about 40 and about 1000 blobs at volume fractions of 0.1, 0.01 and 0.001. A step of
+ * DriftCorrectorFD takes as long for fewer blobs. A step of EulerMaruyama, with a root or a field,
+ * takes as long for about 75 blobs at 0.1, 220 at 0.01, and more in dilute suspensions. The model
+ * does not know the box, so the number here is an intermediate one.
  */
 const int largestDenseLatticeRows = 300;
 
@@ -147,7 +151,7 @@ unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, const Mobili
 
 }  // namespace
 
-// No default in these switches: the compiler then names those that do not know a new model or
+// These switches have no default, so that the compiler names those that do not know a new model or
 // boundary.
 unique_ptr<MobilityModel> createMobility(const MobilityForce& force, const MobilityScene& scene,
                                          const HydrodynamicParticles& particles,
@@ -162,7 +166,8 @@ unique_ptr<MobilityModel> createMobility(const MobilityForce& force, const Mobil
             return unique_ptr<MobilityModel>(new StokesianDynamics(
                 particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
         case MobilityForce::ForceCoupling: return forceCoupling(force, scene, particles, own);
-        // What does not feel others still feels itself: the blobs of one body make its tensor.
+        // Particles that do not feel others still feel themselves: the blobs of one body make its
+        // tensor.
         case MobilityForce::FreeDraining:
         case MobilityForce::RotnePragerYamakawa:
             return rotnePragerYamakawa(force, scene, particles, own);

@@ -11,15 +11,17 @@
 
 namespace RigidHIPlugin {
 
-/** What a platform makes itself because it has something faster; where it gives nothing, the
- * readable models of one thread serve. */
+/**
+ * The models that a platform makes itself because it has something faster. Where it gives nothing,
+ * the readable models of one thread serve.
+ */
 struct PlatformModels {
     /** RotnePragerYamakawa, above the wall if there is one. */
     std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles& particles,
                                                  double viscosity,
                                                  const std::optional<NoSlipPlane>& wall)>
         rotnePragerYamakawa;
-    /** The fluid of a grid, which models of several groups may share. */
+    /** The fluid on a grid. Models of several groups may share it. */
     std::function<std::shared_ptr<GridFluid>()> gridFluid;
 };
 /** What a model must know of the scene besides its MobilityForce. */
@@ -30,14 +32,16 @@ struct MobilityScene {
 /**
  * The model of a MobilityForce, with its boundary, on every platform. A new model is entered here.
  *
- * @throws OpenMMException as checkOperator(), and what the model refuses
+ * @throws OpenMMException as checkOperator(), and for what the model refuses
  */
 std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force,
                                               const MobilityScene& scene,
                                               const HydrodynamicParticles& particles,
                                               const PlatformModels& own = {});
-/** @throws OpenMMException for a model or boundary that is none of the enumerators, and for a
- * boundary that the model has not */
+/**
+ * @throws OpenMMException for a model or boundary that is none of the enumerators, and for a
+ *     boundary that the model does not have
+ */
 void checkOperator(MobilityForce::Model model, MobilityForce::Boundary boundary);
 /** The names of a model and of a boundary, for describeEffects() and messages; empty for values
  * that are no enumerators. */

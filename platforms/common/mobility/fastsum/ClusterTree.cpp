@@ -13,8 +13,10 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** The deepest level: particles so close to each other that 2^20 cubes do not part them are not
- * parted. */
+/**
+ * The deepest level. Particles so close to each other that 2^20 cubes along an edge do not separate
+ * them stay together.
+ */
 const int deepest = 20;
 
 /** The bits of a coordinate, two zeros after each. */
@@ -49,10 +51,10 @@ void ClusterTree::build(const vector<Vec3>& positions, const vector<double>& rad
         }
     edge = 0;
     for (int k = 0; k < 3; k++) edge = max(edge, high[k] - low[k]);
-    // Near a wall the cubes stand on it, far from it they need not.
+    // Near a wall the cubes stand on it. Far from the wall they need not.
     const bool standing = hasWall && low[2] < edge;
     if (standing) edge = max(edge, high[2]);
-    // A little more, so that rounding puts nothing outside; for particles that are all at one place
+    // A little more, so that rounding puts nothing outside. For particles that are all at one place
     // any edge will do.
     const double margin = 1e-9;
     edge = edge > 0 ? edge * (1 + margin) : 1;
@@ -127,7 +129,7 @@ void ClusterTree::divide(const vector<double>& radii, bool standing, const Optio
                                     .squaredNorm());
             cell.reach = sqrt(square);
             cell.firstChild = cells.size();
-            // Particles larger than a cube are near to all in it anyway.
+            // Particles larger than a cube are near to all particles in it anyway.
             const double least = 0.5;
             if (cell.end - cell.first > options.leafSize && level < deepest &&
                 half > least * smallest) {
@@ -157,7 +159,9 @@ bool ClusterTree::areFar(const Cell& a, const Cell& b, double opening) const {
     return reach <= opening * distance && distance - reach > a.largest + b.largest;
 }
 
-/** Pairs of particles of two cells, of which b comes later, or of a cell with itself. */
+/**
+ * Sort the pairs of particles of two cells, of which b is the later one, or of a cell with itself.
+ */
 void ClusterTree::pairUp(int a, int b, const Options& options) {
     const Cell &A = cells[a], &B = cells[b];
     const auto count = [](const Cell& cell) {
@@ -186,7 +190,7 @@ void ClusterTree::pairUp(int a, int b, const Options& options) {
 }
 
 void ClusterTree::classify(bool hasWall) {
-    // Near pairs, from each leaf's side.
+    // Near pairs, as seen from each leaf.
     firstNear.assign(leaves.size() + 1, 0);
     for (const auto& pair : nearPairs) {
         firstNear[leafOfCell[pair.first] + 1]++;
@@ -202,7 +206,7 @@ void ClusterTree::classify(bool hasWall) {
     for (size_t i = 0; i < leaves.size(); i++)
         sort(near.begin() + firstNear[i], near.begin() + firstNear[i + 1]);
 
-    // Far pairs from each target's side, so that they are sorted by targets in every class.
+    // Far pairs, as seen from each target, so that they are sorted by targets in every class.
     const int numCells = cells.size();
     vector<int> firstFar(numCells + 1, 0);
     for (const auto& pair : farCells) {
@@ -237,7 +241,7 @@ void ClusterTree::classify(bool hasWall) {
                 pairs.push_back(pair);
                 numbers.push_back(known.first->second);
             }
-    // Classes in the order of their keys, so that nothing but where particles are decides in which
+    // Classes are in the order of their keys. So the positions of particles alone decide in which
     // order pairs are added up.
     vector<int> sorted(found.size());
     for (size_t i = 0; i < sorted.size(); i++) sorted[i] = i;
@@ -257,7 +261,9 @@ void ClusterTree::classify(bool hasWall) {
     for (size_t i = 0; i < pairs.size(); i++) farPairs[nextOf[numbers[i]]++] = pairs[i];
 }
 
-/** `bottom`: of the cubes, over the wall. */
+/**
+ * @param bottom  height of the lowest cubes over the wall
+ */
 void ClusterTree::FarClass::lie(const Cell& to, const Cell& from, bool image, double bottom) {
     const int finest = max(to.level, from.level);
     const double half = min(to.half, from.half);

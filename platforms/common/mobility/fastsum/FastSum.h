@@ -15,27 +15,36 @@ namespace RigidHIPlugin {
 
 /**
  * Products with the Rotne-Prager-Yamakawa mobility of many particles, unbounded or above a no-slip
- * wall, in a time that grows little faster than their number: by multipoles.
+ * wall, by multipoles. Their time grows little faster than the number of particles.
  *
- * Equation:  far from spheres with forces F_j, torques T_j and radii b_j at y_j, the flow is
- *                u = f - x_k grad f_k + grad g,   8 pi eta V_i = (1 + a_i^2/6 lap) u = u -
- * (a_i^2/3) grad div f,   8 pi eta W_i = curl f with four harmonic functions, f_k and g, whose
- * sources are charges and dipoles at y_j, by derivatives D by y_j of p = 1/|x - y_j|: f = (F_j +
- * T_j x D/2) p,   g = (y_j.F_j + (b_j^2/3) F_j.D + (y_j x T_j).D/2) p. A wall at z = 0 adds the
- * same form, with p of the mirror image of y_j, e = e_z and E = (2 z_j F_j.D + (2 b_j^2/3) D_z
- * F_j.D + (T_j x e).D) p,    f -> -f + e E,   g -> -g. These are RotnePragerYamakawa-inl.h and
- * RotnePragerYamakawaWall-inl.h for spheres that do not overlap, without approximation. Method: a
- * fast multipole method: four harmonic functions instead of tensors, moments and local expansions
- * in SolidHarmonics of the cubes of a ClusterTree, x and y_j taken from the centre of each cube;
- * pairs of particles in near cubes are summed as they stand. Error:     of the norm of M, scaled as
- * grids' are (docs/THEORY.md): what accuracyFor() was asked for; found by measurements over many
- * kinds of scenes, see its table. M is symmetric to that error only. Cost:      see
- * benchmarks/README.md. Memory: about (P + 1)^2 (8 bytes x 30) a cube, and matrices of up to (P +
- * 1)^4 numbers for each class. Order of additions: each cube's, from the tree alone, so results do
- * not depend on threads, nor, from AVX2 on, on the width of packs in double precision. Reference:
- * Tornberg, Greengard, J. Comput. Phys. 227, 1613 (2008); Gimbutas, Greengard, Veerapaneni, J.
- * Fluid Mech. 776, R1 (2015); Liang, Gimbutas, Greengard, Huang, Jiang, J. Comput. Phys. 234, 133
- * (2013): RPY by four harmonic sums.
+ * Equation:  Far from spheres with forces F_j, torques T_j and radii b_j at y_j, the flow is
+ *                u = f - x_k grad f_k + grad g,
+ *                8 pi eta V_i = (1 + a_i^2/6 lap) u = u - (a_i^2/3) grad div f,
+ *                8 pi eta W_i = curl f
+ *            with four harmonic functions, f_k and g. Their sources are charges and dipoles at y_j,
+ *            by derivatives D by y_j of p = 1/|x - y_j|:
+ *                f = (F_j + T_j x D/2) p,
+ *                g = (y_j.F_j + (b_j^2/3) F_j.D + (y_j x T_j).D/2) p.
+ *            A wall at z = 0 adds the same form, with p of the mirror image of y_j, e = e_z and
+ *                E = (2 z_j F_j.D + (2 b_j^2/3) D_z F_j.D + (T_j x e).D) p,
+ *                f -> -f + e E,   g -> -g.
+ *            These equations are those of RotnePragerYamakawa-inl.h and
+ *            RotnePragerYamakawaWall-inl.h for spheres that do not overlap, without approximation.
+ * Method:    A fast multipole method, with four harmonic functions instead of tensors. Moments and
+ *            local expansions are in SolidHarmonics of the cubes of a ClusterTree, and x and y_j
+ *            are taken from the centre of each cube. Pairs of particles in near cubes are summed
+ *            directly.
+ * Error:     At most the error that choose() was asked for, relative to the norm of M, scaled as
+ *            for grids (docs/THEORY.md). The errors were measured over many kinds of scenes; see
+ *            the table in FastSum.cpp. M is symmetric to that error only.
+ * Cost:      See benchmarks/README.md. Memory: about (P + 1)^2 (8 bytes x 30) a cube, and matrices
+ *            of up to (P + 1)^4 numbers for each class.
+ * Order:     The order of additions is that of each cube and follows from the tree alone. So
+ *            results do not depend on threads and, from AVX2 on and in double precision, not on the
+ *            width of packs.
+ * Reference: Tornberg, Greengard, J. Comput. Phys. 227, 1613 (2008); Gimbutas, Greengard,
+ *            Veerapaneni, J. Fluid Mech. 776, R1 (2015); Liang, Gimbutas, Greengard, Huang, Jiang,
+ *            J. Comput. Phys. 234, 133 (2013): RPY by four harmonic sums.
  */
 class FastSum {
 public:
@@ -45,10 +54,13 @@ public:
         int order;       // P
         double opening;  // of ClusterTree
         int leafSize;    // likewise
-        int floats;      // what is computed in floats: 0 nothing, 1 near pairs, 2 far pairs too
+        int floats;      // computed in floats: 0 nothing, 1 near pairs, 2 far pairs too
     };
-    /** What serves for such an error of products (MobilityAt::applyWithin()) of so many particles;
-     * null if the sum over all pairs takes less time. */
+    /**
+     * The parameters that are accurate enough for this error of products
+     * (MobilityAt::applyWithin()) of so many particles; null if the sum over all pairs takes less
+     * time.
+     */
     static const Accuracy* choose(double error, int numParticles, bool hasWall);
 
     FastSum(const HydrodynamicParticles& particles, bool hasWall, const Accuracy& accuracy,
@@ -56,14 +68,14 @@ public:
     ~FastSum();
     /**
      * @param positions  of particles; z from the wall, if there is one, and at least the radius, as
-     * formulas want it
-     * @param weights    what forces and velocities are multiplied by
+     *     the formulas need
+     * @param weights  the factors by which forces and velocities are multiplied
      */
     void moveTo(const std::vector<OpenMM::Vec3>& positions, const std::vector<double>& weights);
     /** velocities = M forces; @param scale 1/(8 pi eta) */
     void apply(const Eigen::MatrixXd& forces, double scale, Eigen::MatrixXd& velocities);
     const ClusterTree& getTree() const { return tree; }
-    /** Bytes that are held. */
+    /** Bytes of memory that are held. */
     size_t getMemory() const;
 
 private:

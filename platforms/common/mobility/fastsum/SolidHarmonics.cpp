@@ -12,9 +12,11 @@ namespace {
 
 typedef complex<double> Complex;
 
-/** Where an element is: the real part of R_n^m, m >= 0; the imaginary part comes one later. */
+/**
+ * The index of an element: that of the real part of R_n^m, m >= 0. The imaginary part comes next.
+ */
 int realPart(int n, int m) { return m == 0 ? n * n : n * n + 2 * m - 1; }
-/** Complex harmonics of m >= 0. */
+/** The index of a complex harmonic of m >= 0. */
 int place(int n, int m) { return n * (n + 1) / 2 + m; }
 
 vector<Complex> regular(int order, const Vector3d& r) {
@@ -48,7 +50,7 @@ vector<Complex> irregular(int order, const Vector3d& r) {
     return I;
 }
 
-/** The harmonic of any m, by its mirror image. */
+/** The harmonic of any m, by the harmonic of -m. */
 Complex ofAny(const vector<Complex>& of, int n, int m) {
     if (abs(m) > n) return 0;
     if (m >= 0) return of[place(n, m)];
@@ -140,7 +142,7 @@ MatrixXd SolidHarmonics::shift(const Vector3d& d) const {
             for (int k = 0; k <= n; k++)
                 for (int l = -k; l <= k; l++) {
                     const Complex c = ofAny(R, n - k, m - l);
-                    // c R_k^l, R_k^l = a + ib, for negative l (-1)^l (a - ib).
+                    // c R_k^l with R_k^l = a + ib; for negative l it is c (-1)^l (a - ib).
                     const int a = realPart(k, abs(l)), b = a + 1, row = realPart(n, m);
                     const double sign = l < 0 && l % 2 ? -1 : 1, conjugate = l < 0 ? -1 : 1;
                     C(row, a) += sign * c.real();

@@ -11,13 +11,18 @@ namespace RigidHIPlugin {
  * Real solid harmonics up to an order P, the basis of multipoles and of local expansions, and how
  * expansions are shifted.
  *
- * Equation:  with complex ones R_n^m = r^n P_n^m(cos theta) exp(i m phi)/(n + m)!, I_n^m = (n - m)!
- * P_n^m exp(i m phi)/r^(n+1) (P_n^m without the sign (-1)^m, and X_n^-m = (-1)^m conj X_n^m), the
- * basis is Re R_n^m and Im R_n^m for m >= 0: element n^2 for m = 0, n^2 + 2m - 1 and n^2 + 2m for
- * the two parts. Then R_n^m(u + v) = sum_kl R_k^l(u) R_(n-k)^(m-l)(v), 1/|D + x - y| = sum (-1)^k'
- * conj R_k^l(y) conj R_k'^l'(x) I_(k+k')^(l+l')(D). Cost:      basis() about 6 operations an
- * element; matrices P^4, once for each shift. Reference: Epton, Dembart, SIAM J. Sci. Comput. 16,
- * 865 (1995); normalisation: Dehnen, Comput. Astrophys. Cosmol. 1, 1 (2014).
+ * Equation:  With the complex harmonics
+ *                R_n^m = r^n P_n^m(cos theta) exp(i m phi)/(n + m)!,
+ *                I_n^m = (n - m)! P_n^m exp(i m phi)/r^(n+1)
+ *            (P_n^m without the sign (-1)^m, and X_n^-m = (-1)^m conj X_n^m), the basis is Re R_n^m
+ *            and Im R_n^m for m >= 0: element n^2 for m = 0, n^2 + 2m - 1 and n^2 + 2m for the two
+ *            parts. Then
+ *                R_n^m(u + v) = sum_kl R_k^l(u) R_(n-k)^(m-l)(v),
+ *                1/|D + x - y| = sum (-1)^k' conj R_k^l(y) conj R_k'^l'(x) I_(k+k')^(l+l')(D).
+ * Cost:      basis() takes about 6 operations an element. Matrices take P^4 operations, once for
+ *            each shift.
+ * Reference: Epton, Dembart, SIAM J. Sci. Comput. 16, 865 (1995); normalisation: Dehnen, Comput.
+ *            Astrophys. Cosmol. 1, 1 (2014).
  */
 class SolidHarmonics {
 public:
@@ -29,13 +34,17 @@ public:
 
     /** The basis at a point. @param R  size() numbers */
     void basis(double x, double y, double z, double* R) const;
-    /** The matrix C with R_a(u + d) = sum_b C_ab R_b(u): moments go by C, coefficients of local
-     * expansions by its transpose. */
+    /**
+     * The matrix C with R_a(u + d) = sum_b C_ab R_b(u). Moments are shifted by C, and coefficients
+     * of local expansions by its transpose.
+     */
     Eigen::MatrixXd shift(const Eigen::Vector3d& d) const;
     /** The matrix T with 1/|D + x - y| = sum_ab R_a(x) T_ab R_b(y), where |x| + |y| < |D|, cut off
      * beyond the order. */
     Eigen::MatrixXd fromFar(const Eigen::Vector3d& D) const;
-    /** The derivative along an axis: d R_a = sum of at most two terms factor R_to. */
+    /**
+     * A term of the derivative along an axis: d R_a is the sum of at most two terms `factor` R_to.
+     */
     struct Term {
         int to;
         double factor;
@@ -43,8 +52,11 @@ public:
     const std::vector<Term>& derivative(int axis, int element) const {
         return derivatives[axis][element];
     }
-    /** moments += those of a derivative: M_a += factor sum_c D_ac A_c, with `stride` numbers from
-     * one element to the next. */
+    /**
+     * Add to the moments those of a derivative: M_a += factor sum_c D_ac A_c.
+     *
+     * @param stride  from one element to the next
+     */
     void addDerivativeOfMoments(int axis, double factor, const double* from, double* to,
                                 int stride = 1) const;
     /** Coefficients of the derivative of a local expansion: to_c = sum_a D_ac L_a. */

@@ -17,16 +17,18 @@ const double shareOfWaves = 0.4, shareOfPairs = 0.4, shareOfGrid = 0.15;
 
 /** Times in ns on one thread, measured (benchmarks/README.md). */
 const double timeOfTransform =
-    0.16;                       // of a node, a doubling of their number, and one of six transforms
-const double timeOfMode = 1;    // of a node: the response of the fluid
-const double timeOfNode = 1.2;  // of a node of a stencil, there and back
+    0.16;  // for each node, each doubling of the number of nodes, and each of six transforms
+const double timeOfMode = 1;    // for each node: the response of the fluid
+const double timeOfNode = 1.2;  // for each node of a stencil, spreading and averaging
 const double timeOfPair = 5,
-             timeOfTorquePair = 12;  // of a pair, one way, with its share in the making of the list
+             timeOfTorquePair = 12;  // for each pair, one way, with its share in making the list
 
-/** The smallest wave number from which on waves add no more than `allowed` to the mobility of a
- * particle by itself. */
+/**
+ * The smallest wave number beyond which waves add no more than `allowed` to the mobility of a
+ * particle by itself.
+ */
 double largestWave(const std::vector<EwaldKind>& kinds, double xi, double allowed) {
-    // H is 1e-19 at the end.
+    // H is 1e-19 at `end`.
     const double end = 2 * xi * 7, step = 0.02 * xi;
     std::vector<double> ofForces(kinds.size(), 0), ofTorques(kinds.size(), 0);
     for (double k = end; k > step; k -= step) {
@@ -44,7 +46,8 @@ double largestWave(const std::vector<EwaldKind>& kinds, double xi, double allowe
     return step;
 }
 
-/** The smallest gap from which on pairs add no more than `allowed`, with particles at this density.
+/**
+ * The smallest gap beyond which pairs add no more than `allowed`, with particles at this density.
  */
 double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density, double allowed) {
     double largest = 0;
@@ -105,7 +108,7 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
         anyTorques = anyTorques || kind.torques > 0;
     }
     const double smallest = kinds.front().radius, largest = kinds.back().radius;
-    // Where particles crowd they have more neighbours than on average.
+    // Where particles are crowded, they have more neighbours than on average.
     const double crowd = 0.1 / (4 * M_PI / 3 * largest * largest * largest),
                  density = std::max(numParticles / volume, crowd);
     const double ofGrid = std::log(1 / (shareOfGrid * tolerance)), ends = std::sqrt(2 * ofGrid);
@@ -123,9 +126,10 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
                 grid.size[axis] = nextGridSize(grid.edge[axis] / (spacing > 0 ? spacing : h));
                 widest = std::max(widest, grid.spacing(axis));
             }
-            if (widest > coarsest) break;  // the user's
-            // The worst error of waves taken for others is exp(-2 pi^2 w^2/h^2 (1 - 2 xi^2 w^2)): w
-            // is the least that will do.
+            if (widest > coarsest) break;  // the spacing is the user's
+            // The worst error of aliased waves (waves that the grid takes for others) is exp(-2
+            // pi^2 w^2/h^2 (1 - 2 xi^2 w^2)). w is the smallest width that keeps it below its
+            // share.
             const double c = widest * widest * ofGrid / (2 * M_PI * M_PI), root = 1 - 8 * x * x * c;
             if (root >= 0) {
                 const double w = std::sqrt((1 - std::sqrt(root)) / (4 * x * x)),

@@ -17,23 +17,25 @@ struct EwaldKind {
 std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles);
 
 /**
- * Where periodic Rotne-Prager-Yamakawa is split into pairs and waves, and how far each of both is
- * summed.
+ * Where the periodic Rotne-Prager-Yamakawa mobility is split into pairs and waves, and how far each
+ * of the two parts is summed.
  *
- * Method:    of all splittings whose errors are below the tolerance the one that a model of the
- * time calls the fastest, from constants measured once: never by a clock, so that it is a function
- * of box, particles and settings. Errors, each over own mobilities: waves beyond the grid's, by
- * their sum over one particle; pairs beyond the reach, by their sum over a uniform density; waves
- * that the grid takes for others, and the ends of Gaussians. Reference: Lindbo, Tornberg, J.
- * Comput. Phys. 230, 8744 (2011), for the latter two.
+ * Method:    Of all splittings whose errors are below the tolerance, the one is taken that a model
+ *            of the time calls the fastest. The constants of this model were measured once. No
+ *            clock is used, so the splitting is a function of box, particles and settings.
+ * Errors:    All errors are relative to own mobilities. That of waves beyond the grid's is their
+ *            sum over one particle. That of pairs beyond the reach is their sum over a uniform
+ *            density. The grid adds the errors of waves that it takes for others (aliasing), and of
+ *            the ends of the Gaussians.
+ * Reference: Lindbo, Tornberg, J. Comput. Phys. 230, 8744 (2011), for the errors of the grid.
  */
 struct EwaldSplitting {
     /**
-     * @param tolerance  of products: norm of their error over the norm of the mobility, both over
-     * the roots of own mobilities
-     * @param spacing    the grid's, at most, nm; 0: the fastest
-     * @param box        with edges along the axes
-     * @param wantedXi   for tests and benchmarks: this xi, 1/nm; 0: the fastest
+     * @param tolerance  of products: the norm of their error over the norm of the mobility, both
+     *     scaled by the square roots of own mobilities
+     * @param spacing  of the grid, at most, nm; 0: the fastest
+     * @param box  with edges along the axes
+     * @param wantedXi  for tests and benchmarks: this xi, 1/nm; 0: the fastest
      */
     EwaldSplitting(const std::vector<EwaldKind>& kinds, double tolerance, double spacing,
                    const BoxVectors& box, double wantedXi = 0);
@@ -42,7 +44,7 @@ struct EwaldSplitting {
     double width = 0;       // of the Gaussian that points spread, nm
     double cutoff = 0;      // where it ends, nm
     double gap = 0;         // between surfaces of pairs, up to which they are summed, nm
-    double seconds = 0;     // of a product, as the model of the time says it
+    double seconds = 0;     // of a product, by the model of the time
     double neighbours = 0;  // of a particle, at a uniform density
 };
 

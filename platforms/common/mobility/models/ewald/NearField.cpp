@@ -19,7 +19,7 @@ void numbersOf(const PairFunctions& f, double* to) {
     std::copy_n(all, 6, to);
 }
 
-/** Polynomials for `count` intervals from `first` on, by nodes of Chebyshev's. */
+/** Make polynomials for `count` intervals from `first` on, by Chebyshev nodes. */
 template <int degree, class Function>
 void tabulate(const Function& function, int numbers, double first, double step, int count,
               std::vector<double>& table) {
@@ -55,8 +55,9 @@ NearTables::NearTables(const std::vector<EwaldKind>& kinds, int numbers, double 
             pair.contact = i.radius + j.radius;
             pair.reach = gap + pair.contact;
             largest = std::max(largest, pair.reach);
-            // The part with H has waves up to about 8 xi, the other one is of powers of
-            // contact/distance: in such an interval a polynomial of this degree is right to 1e-11.
+            // The part with H has waves up to about 8 xi, and the other one consists of powers of
+            // contact/distance. In such an interval a polynomial of this degree has an error of
+            // 1e-11.
             const double step = std::min(0.1 / xi, pair.contact / 20);
             pair.inverseStep = 1 / step;
             const NearPair functions(i.radius, j.radius, xi, numbers > 2);
@@ -92,7 +93,8 @@ void NearField::setTables(const NearTables& newTables, const std::vector<int>& k
     kind = kindOfParticle;
     box = newBox;
     anchors.clear();
-    // Cells of half the reach, two on each side: the ball is a third of these.
+    // Cells have half the reach as their edge, and two cells on each side are searched. The ball of
+    // the reach is a third of their volume.
     const double reach = tables->largestReach();
     for (int axis = 0; axis < 3; axis++) {
         cells[axis] = std::max(1, std::min(512, (int)(2 * box.edge[axis] / reach)));
@@ -132,8 +134,10 @@ void NearField::findAnchors(const std::vector<Vec3>& positions, bool keep, doubl
     }
 }
 
-/** Sources cell by cell, z fastest, those of cells beyond a face being copies. In a cell they have
- * the order of particles. */
+/**
+ * Sort the sources cell by cell, z fastest. Sources in cells beyond a face are copies. In a cell
+ * they have the order of particles.
+ */
 void NearField::sortIntoCells() {
     const int n = particles.size();
     std::vector<int> firstOfInner(cells[0] * cells[1] * cells[2] + 1, 0);
@@ -210,7 +214,8 @@ void NearField::findNeighbours(Block& block, int firstTarget, int endTarget) con
                 const size_t firstCell = ((size_t)x * extended[1] + y) * extended[2] + cell[2];
                 const int begin = firstOfCell[firstCell],
                           end = firstOfCell[firstCell + 2 * depth[2] + 1];
-                // Written in any case, and counted if near: that takes no branch.
+                // The source is written in any case and counted only if it is near, which takes no
+                // branch.
                 if ((int)row.size() < end - begin) row.resize(end - begin);
                 int count = 0;
                 for (int s = begin; s < end; s++) {

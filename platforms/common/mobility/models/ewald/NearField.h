@@ -13,14 +13,15 @@ namespace RigidHIPlugin {
 typedef std::function<void(int count, const std::function<void(int, int)>& task)> Ranges;
 
 /**
- * The functions of NearPair for all pairs of kinds: by polynomials in the distance, to 1e-10 of own
- * mobilities, where spheres do not overlap; else themselves, with the part with H by polynomials.
+ * The functions of NearPair for all pairs of kinds of particles. Where spheres do not overlap, the
+ * functions are polynomials in the distance, to 1e-10 of own mobilities. Where spheres overlap,
+ * only the part with H is by polynomials, and the closed form is computed.
  */
 class NearTables {
 public:
     /**
      * @param numbers  how many functions: 2 without torques, 6 with them
-     * @param margin   beyond the reach, nm, where functions are asked for too
+     * @param margin  distance beyond the reach up to which functions are asked for too, nm
      */
     NearTables(const std::vector<EwaldKind>& kinds, int numbers, double xi, double gap,
                double margin);
@@ -28,10 +29,10 @@ public:
     double reach(int kind_i, int kind_j) const { return pairs[kind_i * numKinds + kind_j].reach; }
     double largestReach() const { return largest; }
     /**
-     * In units of 1/(8 pi eta): ttI, ttR of PairFunctions, with torques also tr, rt, rrI, rrR; as
-     * many as there are.
+     * The functions in units of 1/(8 pi eta): ttI and ttR of PairFunctions and, with torques, also
+     * tr, rt, rrI and rrR; `numbers` of them.
      *
-     * @param distance  nm, up to the reach and the margin
+     * @param distance  nm, up to the reach plus the margin
      */
     template <int numbers>
     void at(int kind_i, int kind_j, double distance, double* f) const {
@@ -46,8 +47,10 @@ private:
     static constexpr int degree = 6;
     struct Pair {
         double radius_i, radius_j, contact, reach, inverseStep;
-        /** Of each interval polynomials in -1 ... 1, from the highest power on, of each power all
-         * functions one after the other. */
+        /**
+         * For each interval, the polynomials in -1 ... 1, from the highest power on; for each power
+         * all functions, one after the other.
+         */
         std::vector<double> apart, screened;
     };
     template <int numbers>
@@ -67,38 +70,38 @@ private:
 };
 
 /**
- * The part of the mobility that is summed over pairs: a sparse matrix of pairs within reach, images
- * and own images included, in boxes of any size with edges along the axes.
+ * The part of the mobility that is summed over pairs: a sparse matrix of pairs within reach. Images
+ * and a particle's own images are included. Boxes have any size and edges along the axes.
  *
- * Pairs belong to accepted positions of particles and stay while a finite difference moves these a
- * little; what pairs do to each other is that of their places. Particles are sorted into cells,
- * with copies of those beyond the faces, so that no pair has to look for its image. Results do not
- * depend on the number of threads.
+ * The list of pairs belongs to accepted positions of particles and stays while a finite difference
+ * moves the particles a little. The values of the pairs are those at the present positions.
+ * Particles are sorted into cells, with copies of particles beyond the faces, so that no pair has
+ * to look for its image. Results do not depend on the number of threads.
  *
- * Cost: about 20 ns a pair to be made, 3 ns for each product with one column; 20 bytes a pair, 52
- * with torques.
+ * Cost: about 20 ns to make a pair, and 3 ns a pair for each product with one column. Memory: 20
+ * bytes a pair, 52 with torques.
  */
 class NearField {
 public:
     explicit NearField(const HydrodynamicParticles& particles);
-    /** From now on in this box and with these tables, which must outlive it. */
+    /** Use this box and these tables from now on. The tables must outlive the NearField. */
     void setTables(const NearTables& tables, const std::vector<int>& kindOfParticle,
                    const GridShape& box);
     /** @param keepAnchors  as GridStencils::moveTo(), with a tenth of `spacing` */
     void moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnchors, double spacing,
                 const Ranges& ranges);
-    /** velocities = M forces, in units of 1/(8 pi eta), of one column. */
+    /** Compute velocities = M forces, in units of 1/(8 pi eta), for one column. */
     void multiply(const double* forces, double* velocities, const Ranges& ranges);
-    /** Pairs there are, each counted from both sides. */
+    /** The number of pairs, each counted from both sides. */
     long long getNumPairs() const;
     /** Bytes of a pair. */
     static double memoryOfPair(bool torques) { return torques ? 52 : 20; }
 
 private:
-    /** Particles that are done together, with all that is near them. */
+    /** Particles that are treated together, with all that is near them. */
     struct Block {
-        std::vector<int> first;      // of each particle the first of its neighbours
-        std::vector<int> source;     // of each neighbour its number among sources
+        std::vector<int> first;      // for each particle, the first of its neighbours
+        std::vector<int> source;     // for each neighbour, its number among sources
         std::vector<double> values;  // two numbers a neighbour, or six
     };
     static constexpr int particlesOfBlock = 64;

@@ -8,11 +8,11 @@ namespace RigidHIPlugin {
 
 NearPair::NearPair(double a_i, double a_j, double xi, bool torques)
     : a_i(a_i), a_j(a_j), torques(torques) {
-    // Gaussians are cut where they are exp(-depth^2) = 2e-16.
+    // Gaussians are cut off where they are exp(-depth^2) = 2e-16.
     const double depth = 6, largestWave = 2 * depth * xi;
     reach = depth / xi + a_i + a_j;
-    // What the rule sees of other periods is beyond twice the reach of the functions, at distances
-    // within it.
+    // The trapezoidal rule adds the functions of other periods. These are beyond twice the reach of
+    // the functions, for distances within the reach.
     const double step = M_PI / reach;
     const int numNodes = std::ceil(largestWave / step);
     nodes = Eigen::ArrayXd::LinSpaced(numNodes + 1, 0, numNodes * step);

@@ -14,28 +14,33 @@ inline double hasimoto(double k, double xi) {
 }
 
 /**
- * What two spheres of radii a_i and a_j do to each other in unbounded fluid by the part 1 - H(k) of
- * its modes, with force and torque spread over their surfaces: Rotne-Prager-Yamakawa without the
- * part that is done by waves.
+ * The pair mobility of two spheres of radii a_i and a_j in unbounded fluid by the part 1 - H(k) of
+ * the fluid's modes, with force and torque spread over the surfaces of the spheres. It is the
+ * Rotne-Prager-Yamakawa mobility without the part that waves make.
  *
- * Equation:  the integrals over k of PairFunctions.h with the weight 1 - H: both parts are Gram
- * matrices, so both are positive semidefinite in every box. Method:    the closed form, overlap
- * included, less the integral with H. That is even in k, analytic and cut by a Gaussian, so that
- * the trapezoidal rule is right to rounding with some 30 nodes: no closed form of the difference is
- * needed, whose terms cancel for small radii and distances. Reference: Fiore, Balboa Usabiaga,
- * Donev, Swan, J. Chem. Phys. 146, 124116 (2017); LatticeSum.h.
+ * Equation:  The integrals over k of PairFunctions.h with the weight 1 - H. Both parts are Gram
+ *            matrices, so both are positive semidefinite in every box.
+ * Method:    The closed form, overlap included, less the integral with H. The integrand is even in
+ *            k, analytic and cut off by a Gaussian, so the trapezoidal rule is exact to rounding
+ *            with some 30 nodes. No closed form of the difference is needed, whose terms would
+ *            cancel for small radii and distances.
+ * Reference: Fiore, Balboa Usabiaga, Donev, Swan, J. Chem. Phys. 146, 124116 (2017); LatticeSum.h.
  */
 class NearPair {
 public:
     /** @param xi  1/nm; 0 < xi */
     NearPair(double a_i, double a_j, double xi, bool torques);
-    /** In units of 1/(8 pi eta). @param distance  nm, at most reach() */
+    /**
+     * The functions in units of 1/(8 pi eta).
+     *
+     * @param distance  nm, at most getReach()
+     */
     PairFunctions at(double distance) const;
     /** The part with H, an entire function of the distance squared. */
     PairFunctions screened(double distance) const;
     /** The closed form less `screened`. */
     PairFunctions withoutScreened(double distance, const PairFunctions& screened) const;
-    /** From here on functions are below 1e-15. */
+    /** The distance beyond which the functions are below 1e-15. */
     double getReach() const { return reach; }
     double getContact() const { return a_i + a_j; }
 

@@ -39,16 +39,18 @@ public:
 protected:
     void moveTo(const Placement& placement, bool nearby) override {
         model.checkBox(placement.box);
-        // Nearby is near the placement before, where anchors then must be.
+        // A nearby placement is near the placement before, where the anchors must be.
         if (nearby) prepare();
         next = placement;
         nextIsNearby = nearby;
         isPrepared = false;
-        if (!nearby) parts.reset();  // for others
+        if (!nearby) parts.reset();  // so that others may use them
     }
 
 private:
-    /** Pairs and weights are made for the first product: schemes also go where they ask for none.
+    /**
+     * Pairs and weights are made for the first product, because schemes also move to placements
+     * where they ask for no product.
      */
     void prepare() {
         if (isPrepared) return;
@@ -67,9 +69,9 @@ private:
 };
 
 /**
- * Two independent flows. That of waves is drawn as it is, and looked at anywhere. That of pairs is
- * known at particles alone: the symmetric root of M_near, by Lanczos, times the same random numbers
- * everywhere.
+ * A field of two independent flows. The flow of waves is drawn as a whole and can be evaluated
+ * anywhere. The flow of pairs is known at the particles alone: it is the symmetric root of M_near,
+ * by Lanczos' method, times random numbers that are the same at all placements.
  */
 class Field : public RandomField {
 public:
@@ -77,7 +79,7 @@ public:
         : model(model), particles(model.getParticles()),
           lanczos(partOfTolerance * model.getTolerance(), Lanczos::defaultIterations,
                   model.getTolerance()) {
-        // About the root of a particle's own friction over 6 pi viscosity.
+        // About the square root of a particle's own friction over 6 pi viscosity.
         ownScale.resize(particles.numRows);
         for (int i = 0; i < particles.size(); i++) {
             const double a = particles.radii[i];
@@ -91,14 +93,14 @@ public:
         model.checkBox(newBox);
         box = newBox;
         inBox = model.inBox(box);
-        // Groups of one Context have the same modes, and each its own numbers: those of its first
-        // particle.
+        // Groups of one Context have the same modes, but each group has its own numbers: those of
+        // its first particle.
         ofDraw = noise;
         ofDraw.field = 1 + particles.systemIndex[0];
         purposeOfDraw = purpose;
         model.setBox(parts, inBox);
         parts->draw(ofDraw, purpose, fields);
-        parts.reset();  // products need not make theirs anew
+        parts.reset();  // so that products can reuse these parts
         W.resize(particles.numRows, 1);
         for (int i = 0; i < particles.size(); i++)
             for (int k = 0; k < (particles.hasTorque[i] ? 6 : 3); k += 2) {
@@ -123,8 +125,10 @@ public:
         }
         slips = velocities;
     }
-    /** What waves have, and the mean of what pairs may have with these slips: the flow of the
-     * forces that make them. */
+    /**
+     * Add the flow of waves, and the mean of the flow of pairs at given slips of pairs. This mean
+     * is the flow of the forces that cause these slips.
+     */
     void addFlowAt(const std::vector<Vec3>& points, double factor, Velocities& flow) override {
         const EwaldSplitting& splitting = inBox->splitting;
         const GridFactors factors(
@@ -167,15 +171,20 @@ public:
     }
 
 private:
-    /** The root is known to a part of the tolerance, for it is differenced where drifts are. */
+    /**
+     * The root is computed to a part of the tolerance, because it is differenced to find drifts.
+     */
     static constexpr double partOfTolerance = 0.1;
     /**
-     * So much of the tolerance is added to own mobilities: pairs that are cut off may leave
-     * eigenvalues below 0 by an error below the tolerance.
+     * This part of the tolerance is added to own mobilities. Without it, pairs that are cut off may
+     * leave eigenvalues below 0 by an error below the tolerance.
      */
     static constexpr double partOfOwn = 0.3;
 
-    /** result = f(S) W, S = ownScale M_near ownScale and a little more. */
+    /**
+     * Compute result = f(S) W, with S = ownScale M_near ownScale plus a small multiple of the
+     * identity.
+     */
     void applyRoot(const SpectralFunction& f, MatrixXd& result) {
         const double more = partOfOwn * model.getTolerance() / (6 * M_PI * model.getViscosity());
         lanczos.apply(
@@ -187,7 +196,10 @@ private:
             },
             W, {f}, result);
     }
-    /** Forces with M_near f = slips of pairs where slips were asked for last. */
+    /**
+     * Find the forces f with M_near f = the slips of pairs at the placement where slips were last
+     * asked for.
+     */
     void findForces(MatrixXd& forces) {
         const bool mine = parts != nullptr;
         if (!mine) model.move(parts, at, false);
@@ -199,7 +211,7 @@ private:
                      const std::vector<Vec3>& points, double factor, Velocities& flow) const;
 
     const RotnePragerYamakawaGrid& model;
-    /** Held only while it is needed, and where places are nearby. */
+    /** Held only while the parts are needed, and at nearby placements. */
     std::shared_ptr<SplitParts> parts;
     std::shared_ptr<const SplitBox> inBox;
     const HydrodynamicParticles& particles;
@@ -214,7 +226,7 @@ private:
     bool isThere = false, wasNearby = false;
 };
 
-/** By all images within reach of each point. */
+/** Add the flow of pairs, by all images within reach of each point. */
 void Field::addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces,
                         const std::vector<Vec3>& points, double factor, Velocities& flow) const {
     const Lattice lattice(box);
@@ -287,7 +299,7 @@ void RotnePragerYamakawaGrid::setBox(std::shared_ptr<SplitParts>& parts,
     parts->setBox(box);
 }
 
-/** Parts that nobody else holds: these, or those kept here, or new ones. */
+/** Make `parts` point to parts that nobody else holds: its own, or those kept here, or new ones. */
 void RotnePragerYamakawaGrid::takeUnshared(std::shared_ptr<SplitParts>& parts) const {
     if (parts && parts.use_count() == (parts == kept ? 2 : 1)) return;
     if (kept && kept != parts && kept.use_count() == 1)
@@ -305,7 +317,7 @@ void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Pla
         return;
     }
     const std::shared_ptr<SplitParts> before = std::move(parts);
-    // What somebody has left here has anchors of no meaning.
+    // The anchors of parts that another caller has left here have no meaning.
     const bool keepsAnchors =
         nearby && before && before->getBox() == box && !before->getAnchor().empty();
     if (before && before.use_count() == (before == kept ? 2 : 1))

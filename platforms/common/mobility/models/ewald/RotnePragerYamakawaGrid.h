@@ -13,23 +13,30 @@ namespace RigidHIPlugin {
 class SplitParts;
 
 /**
- * Rotne-Prager-Yamakawa mobility in a periodic box with edges along the axes, without a matrix:
- * pairs and waves, split so that both parts are positive. PeriodicRotnePragerYamakawa is the same
+ * Rotne-Prager-Yamakawa mobility in a periodic box with edges along the axes, without a matrix, by
+ * pairs and waves. The splitting makes both parts positive. PeriodicRotnePragerYamakawa is the same
  * mobility as a matrix, by lattice sums.
  *
- * Equation:  M = M_near + M_waves. M_waves,ij = (1/(eta V)) sum_k D_i^+ H(k) (1 - k k/k^2) k^-2 D_j
- * exp(i k.r_ij), D(F) = sin(ka)/(ka) F, D(T) = (i/2) k x T 3 j_1(ka)/(ka), H(k) = (1 + k^2/4 xi^2)
- * exp(-k^2/4 xi^2); M_near is the rest, with 1 - H. All blocks, unequal radii, overlap, images.
- * Method:    waves on a grid: points spread one Gaussian, and each mode has the factor of the
- * particles' surfaces over that of the Gaussian (GridChannel). Pairs: NearField. Both are symmetric
- * to rounding. The norm of the error of products is below the tolerance times the norm of the
- * mobility, both over the roots of own mobilities. Noise:     that of waves is a random field, of
- * numbers that belong to wave vectors; that of pairs is M_near^(1/2) W by Lanczos, whose matrix is
- * sparse and well conditioned. Cost:      grows as the number of particles at constant density. Six
- * transforms a product for each radius, and six for each radius of spheres with torque. Reference:
- * Fiore, Balboa Usabiaga, Donev, Swan, J. Chem. Phys. 146, 124116 (2017); Lindbo, Tornberg, J.
- * Comput. Phys. 230, 8744 (2011). Limits:    at most `mostRadii` different radii; pairwise; near
- * contact no lubrication.
+ * Equation:  M = M_near + M_waves, with
+ *                M_waves,ij = (1/(eta V)) sum_k D_i^+ H(k) (1 - k k/k^2) k^-2 D_j exp(i k.r_ij),
+ *                D(F) = sin(ka)/(ka) F,   D(T) = (i/2) k x T 3 j_1(ka)/(ka),
+ *                H(k) = (1 + k^2/4 xi^2) exp(-k^2/4 xi^2).
+ *            M_near is the rest, with 1 - H. All blocks, unequal radii, overlap and images are
+ *            included.
+ * Method:    Waves are summed on a grid. Points spread one Gaussian, and each mode has the factor
+ *            of the particles' surfaces over that of the Gaussian (GridChannel). Pairs: NearField.
+ *            Both parts are symmetric to rounding. The norm of the error of products is below the
+ *            tolerance times the norm of the mobility, both scaled by the square roots of own
+ *            mobilities.
+ * Noise:     That of waves is a random field, made of numbers that belong to wave vectors. That of
+ *            pairs is M_near^(1/2) W by Lanczos' method. The matrix M_near is sparse and well
+ *            conditioned.
+ * Cost:      Grows as the number of particles at constant density. A product takes six transforms
+ *            for each radius, and six more for each radius of spheres with torque.
+ * Reference: Fiore, Balboa Usabiaga, Donev, Swan, J. Chem. Phys. 146, 124116 (2017); Lindbo,
+ *            Tornberg, J. Comput. Phys. 230, 8744 (2011).
+ * Limits:    At most `mostRadii` different radii. The mobility is pairwise and has no lubrication
+ *            near contact.
  */
 class RotnePragerYamakawaGrid : public MobilityModel {
 public:
@@ -37,8 +44,8 @@ public:
     static constexpr int mostRadii = 8;
     /**
      * @param tolerance  of products
-     * @param spacing    of nodes, nm, at most; 0: the fastest
-     * @param fluid      what several models may share
+     * @param spacing  of nodes, nm, at most; 0: the fastest
+     * @param fluid  the grid fluid, which several models may share
      */
     RotnePragerYamakawaGrid(const HydrodynamicParticles& particles, double viscosity,
                             double tolerance, double spacing,
@@ -67,10 +74,12 @@ public:
     EwaldSplitting splittingFor(const BoxVectors& box) const;
     /** All that depends on the box alone. */
     std::shared_ptr<const SplitBox> inBox(const BoxVectors& box) const;
-    /** Make these parts be at a placement; null: none so far. Who asks for one at which another is
-     * gets that one's. */
+    /**
+     * Move these parts to a placement; null: there are none so far. If other parts are at that
+     * placement already, the caller gets those parts.
+     */
     void move(std::shared_ptr<SplitParts>& parts, const Placement& placement, bool nearby) const;
-    /** Give parts that are in a box, anywhere, not to be moved. */
+    /** Give parts that are in a box, at any placement. They must not be moved. */
     void setBox(std::shared_ptr<SplitParts>& parts,
                 const std::shared_ptr<const SplitBox>& box) const;
 
@@ -83,8 +92,8 @@ private:
     const double tolerance, spacing;
     const std::vector<EwaldKind> kinds;
     const std::shared_ptr<GridFluid> fluid;
-    // What was made last, for who asks for the same: fields and products have the same places.
-    // Results do not depend on it.
+    // The splitting, the box and the parts that were made last, for callers that ask for the same:
+    // fields and products have the same placements. Results do not depend on what is kept.
     mutable std::mutex mutex;
     mutable std::unique_ptr<EwaldSplitting> lastSplitting;
     mutable BoxVectors lastBox = {};

@@ -18,8 +18,8 @@ int numbersOfPair(const std::vector<EwaldKind>& kinds) {
 
 }  // namespace
 
-// Two particles may be farther apart than their anchors, by a tenth of the spacing along each axis
-// each.
+// Two particles may be farther apart than their anchors are, each by a tenth of the spacing along
+// each axis. Tables therefore have a margin.
 SplitBox::SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting,
                    const BoxVectors& box)
     : box(box), splitting(splitting),
@@ -33,8 +33,8 @@ SplitBox::SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& sp
             if (ofTorques && kind.torques == 0) continue;
             factors.emplace_back(new GridFactors(splitting.shape, [&](double k) {
                 const WaveFactors f = overSurfaces().waveFactors(kind.radius, k);
-                // The Gaussian's factor and the root of H, together: each alone may be too large or
-                // too small for a number.
+                // The Gaussian's factor and the square root of H are multiplied in one exponential,
+                // because each alone may be too large or too small for a number.
                 const double x = 0.25 * k * k / (xi * xi);
                 return (ofTorques ? f.t : f.s) * std::exp(0.5 * (w * w * k * k - x)) *
                        std::sqrt(1 + x) / k;

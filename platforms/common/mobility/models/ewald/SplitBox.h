@@ -9,7 +9,7 @@
 
 namespace RigidHIPlugin {
 
-/** What pairs and waves have of the box alone, for all placements in it. */
+/** The data of pairs and waves that depend on the box alone, for all placements in it. */
 class SplitBox {
 public:
     SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting,
@@ -20,8 +20,10 @@ public:
     const double spacing;
     const NearTables tables;
     const GridResolution resolution;
-    /** Of channels: forces on particles of each kind, and after them their torques, if there are
-     * any. */
+    /**
+     * The factors of channels. For each kind of particles: those of forces and then, if the kind
+     * has torques, those of torques.
+     */
     std::vector<std::unique_ptr<const GridFactors> > factors;
 };
 

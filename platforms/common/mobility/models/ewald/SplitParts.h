@@ -11,32 +11,35 @@
 
 namespace RigidHIPlugin {
 
-/** Pairs and waves at one placement, for products and fields alike. May be asked by several
- * threads. */
+/**
+ * Pairs and waves at one placement, for products and fields alike. Several threads may use them.
+ */
 class SplitParts {
 public:
     typedef Eigen::MatrixXd MatrixXd;
     SplitParts(const HydrodynamicParticles& particles, double viscosity,
                const std::vector<EwaldKind>& kinds, GridFluid& fluid);
     void setBox(const std::shared_ptr<const SplitBox>& newBox);
-    /** @param nearby  a small way from the last placement that was not, whose pairs and nodes are
-     * kept */
+    /**
+     * @param nearby  whether the placement is a small way from the last placement that was not
+     *     nearby, whose pairs and nodes are kept
+     */
     void moveTo(const std::vector<OpenMM::Vec3>& newPositions, bool nearby);
-    /** Whether it is there, with pairs and nodes of its own. */
+    /** Whether the parts are at this placement, with its own pairs and nodes. */
     bool isAt(const std::shared_ptr<const SplitBox>& inBox,
               const std::vector<OpenMM::Vec3>& there) const {
         return inBox == box && isOwnAnchor && there == anchor;
     }
     const std::shared_ptr<const SplitBox>& getBox() const { return box; }
-    /** The last placement that was not nearby. */
+    /** The positions of the last placement that was not nearby. */
     const std::vector<OpenMM::Vec3>& getAnchor() const { return anchor; }
 
-    /** velocities = M forces */
+    /** Compute velocities = M forces. */
     void multiply(const MatrixXd& forces, bool roughly, MatrixXd& velocities);
-    /** Likewise of pairs alone. */
+    /** Likewise with the matrix of pairs alone. */
     void multiplyPairs(const MatrixXd& forces, MatrixXd& velocities);
     void draw(const NoiseStream& noise, uint32_t purpose, std::vector<GridField>& fields);
-    /** velocities += averages of a field that was drawn. */
+    /** Add the averages of a random field to the velocities. */
     void addAverages(const std::vector<GridField>& fields, MatrixXd& velocities);
 
 private:
@@ -53,7 +56,7 @@ private:
     std::vector<int> kindOfParticle;
     std::shared_ptr<const SplitBox> box;
     std::vector<OpenMM::Vec3> anchor;
-    bool isOwnAnchor = false;  // at the anchor
+    bool isOwnAnchor = false;  // whether the parts are at the anchor
 };
 
 }  // namespace RigidHIPlugin

@@ -1,5 +1,5 @@
 // Spreading, transforming, solving and averaging on a grid, compiled once for each instruction set,
-// and the way of slabs through them.
+// and the order in which slabs pass through these steps.
 
 #include "host/SimdTargets.h"  // must precede foreach_target.h
 
@@ -24,25 +24,27 @@
 namespace RigidHIPlugin {
 
 const int slabWidth = GridStencils::slabWidth;
-/** Numbers of a mode of all planes of a slab, real and imaginary parts in turn. */
+/** Numbers for a mode of all planes of a slab, real and imaginary parts alternating. */
 const int modeWidth = 2 * slabWidth;
-/** Modes along z whose columns along y are gathered at once: pieces of rows that are long enough
- * for memory. */
+/**
+ * Modes along z whose columns along y are gathered at once. The pieces of rows are then long enough
+ * for efficient memory access.
+ */
 const int modesAtOnce = 8;
-/** Of averages over a slice: a velocity and an angular one, or a gradient. */
+/** Numbers of the averages over a slice: a velocity and an angular velocity, or a gradient. */
 const int numbersOfPart = 9;
 
 /**
  * How a grid is laid out in memory.
  *
- * A mirrored grid has the rows between the walls, and those outer ones beyond that stencils reach,
- * which are reflections.
+ * A mirrored grid has the rows between the walls, and the outer rows beyond the walls that stencils
+ * reach, which are reflections of inner rows.
  */
 struct GridLayout {
     GridShape shape;
     int numSlabs = 0;   // along x
-    int numRows = 0;    // along y, without outer ones; modes along y of a mirrored grid are as many
-    int reach = 0;      // how many outer rows there are on each side
+    int numRows = 0;    // along y, without outer ones; a mirrored grid has as many modes along y
+    int reach = 0;      // number of outer rows on each side
     int numModes = 0;   // kz from 0 on, without the Nyquist index
     int rowLength = 0;  // nodes of a row, or twice its modes
 
@@ -54,26 +56,30 @@ struct GridLayout {
         // Half of a stencil is on each side of the centre, which is between the walls.
         if (shape.mirrored) reach = std::min(numRows, stencils.largestWidth(1) / 2);
         numModes = (n[2] + 1) / 2;
-        // Stencils that cross the end of a row go on beyond it.
+        // Stencils that cross the end of a row go on beyond the end.
         rowLength = std::max(n[2] + stencils.largestWidth(2), 2 * numModes);
         rowLength += rowLength % 2;  // whole cache lines in both precisions
     }
     size_t rowNumbers() const { return (size_t)rowLength * slabWidth; }
-    /** Rows in memory: those of the grid, the outer ones above, the outer ones below; all of the
-     * period, if stencils are so long that the latter meet. */
+    /**
+     * Rows in memory: those of the grid, the outer ones above, the outer ones below. If stencils
+     * are so long that the outer rows of both sides meet, these are all rows of the period.
+     */
     int storedRows() const { return std::min(shape.size[1], numRows + 2 * reach); }
-    /** Where a row of the period is in memory. */
+    /** The index in memory of a row of the period. */
     int place(int y) const {
         while (y >= shape.size[1]) y -= shape.size[1];
         return y < shape.size[1] - reach ? y : y - (shape.size[1] - storedRows());
     }
-    /** Call visit(row, outer) with the places of outer rows and of those that they are reflections
-     * of. */
+    /**
+     * Call visit(row, outer) with the indices of outer rows and of the rows that they are
+     * reflections of.
+     */
     template <class Visit>
     void forOuterRows(const Visit& visit) const {
         for (int i = 0; i < reach; i++) {
             visit(numRows - 1 - i, place(numRows + i));
-            // Where they meet, what is above was that already.
+            // Where the outer rows meet, the row was already visited as one above.
             if (shape.size[1] - 1 - i >= numRows + reach) visit(i, place(shape.size[1] - 1 - i));
         }
     }
@@ -84,8 +90,10 @@ struct GridLayout {
     size_t modeNumbers() const { return column(numRows, 0); }
 };
 
-/** A slab of nodes: of each component rows along z one after the other, of each node the planes of
- * the slab. */
+/**
+ * A slab of nodes: for each component, rows along z one after the other; for each node, the planes
+ * of the slab.
+ */
 template <typename T>
 struct GridSlab {
     T* values[3];
@@ -97,7 +105,7 @@ struct GridSlab {
     }
 };
 
-/** What one thread works with. */
+/** The memory of one thread. */
 template <typename T>
 struct GridScratch {
     AlignedArrayOf<T> slab, columns, transformed, noise;
@@ -105,13 +113,13 @@ struct GridScratch {
     GridSeconds seconds;
 };
 
-/** Transforms there and back. */
+/** The transforms there and back. */
 template <typename T>
 struct GridPlans {
     FourierPlan<T> there, back;
 };
 
-/** What all threads share while they work on one column of forces or one field. */
+/** The data that all threads share while they work on one column of forces or one field. */
 template <typename T>
 struct GridWork {
     const GridLayout& layout;
@@ -119,7 +127,7 @@ struct GridWork {
     T* modes[3];
     const T *kx, *keepsX;  // wave numbers of each x, and 0 for the Nyquist index and padding, else
                            // 1; each twice
-    const T* halfTurns;    // of a mirrored grid, cos and sin of pi m/(2 rows) for each ky
+    const T* halfTurns;    // for a mirrored grid, cos and sin of pi m/(2 rows) for each ky
     bool streams;          // whether modes are too many for caches
 };
 
@@ -160,7 +168,7 @@ struct PlaneWeights {
     }
 };
 
-/** What a particle adds to one of the slabs that it reaches. */
+/** Add the forces of a particle to one of the slabs that it reaches. */
 template <typename T>
 void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice, const double* F,
                  const GridLayout& layout, const GridSlab<T>& slab) {
@@ -231,7 +239,7 @@ void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
     }
 }
 
-/** The sum over planes of weights times what is summed up for each plane. */
+/** The sum over planes of the weights times the sums of each plane. */
 template <typename T>
 HWY_INLINE double overPlanes(const double* weights, const T* sums) {
     double sum = 0;
@@ -239,7 +247,9 @@ HWY_INLINE double overPlanes(const double* weights, const T* sums) {
     return sum;
 }
 
-/** The transpose: what a slice adds to the velocities of its particle. */
+/**
+ * The transpose of spreadSlice(): the contribution of a slice to the velocities of its particle.
+ */
 template <typename T>
 void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
                   const GridLayout& layout, const GridSlab<T>& slab, double* V) {
@@ -285,7 +295,7 @@ void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice
                  *tz = stencils.weightsOf(p, 2, Weights::Torque),
                  *gz = stencils.weightsOf(p, 2, Weights::TorqueSlope);
     for (int lane = 0; lane < slabWidth; lane += width) {
-        // Sums of v along z less w along y, of u along z and y, and plain ones of v and w.
+        // Sums of: v along z less w along y; u along z and along y; v and w without slopes.
         auto curl = hn::Zero(d), u_z = hn::Zero(d), u_y = hn::Zero(d), v_plain = hn::Zero(d),
              w_plain = hn::Zero(d);
         for (int j = 0; j < s.width[1]; j++) {
@@ -318,7 +328,7 @@ void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice
     V[5] = 0.5 * (overPlanes(tx, sums[2]) - overPlanes(gx, sums[3]));
 }
 
-/** Minus the sums with the slopes of the force envelope: nine numbers. */
+/** Minus the sums with the slopes of the force envelope, which are nine numbers. */
 template <typename T>
 void averageGradientSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
                           const GridLayout& layout, const GridSlab<T>& slab, double* gradients) {
@@ -362,7 +372,7 @@ void averageGradientSlice(const GridStencils& stencils, const GridStencils::Slic
 
 // ---- Rows along z: two neighbouring planes are the real and imaginary parts of one complex row
 
-/** Of the nodes of a row its modes, twice as large. */
+/** Transform the nodes of a row to its modes, which are twice as large as those of the field. */
 template <typename T>
 void rowThere(const GridWork<T>& work, T* row, GridScratch<T>& scratch) {
     const int n = work.layout.shape.size[2];
@@ -381,7 +391,7 @@ void rowThere(const GridWork<T>& work, T* row, GridScratch<T>& scratch) {
     }
 }
 
-/** Of the modes of a row its nodes, with what stencils look at beyond its end. */
+/** Transform the modes of a row to its nodes, with copies beyond its end for stencils. */
 template <typename T>
 void rowBack(const GridWork<T>& work, T* row, GridScratch<T>& scratch) {
     const int n = work.layout.shape.size[2];
@@ -403,7 +413,7 @@ void rowBack(const GridWork<T>& work, T* row, GridScratch<T>& scratch) {
         std::copy_n(row + (size_t)(k - n) * slabWidth, slabWidth, row + (size_t)k * slabWidth);
 }
 
-/** A row of all components. */
+/** Transform a row of all components. */
 template <typename T>
 void rowsThere(const GridWork<T>& work, int y, const GridSlab<T>& slab, GridScratch<T>& scratch) {
     const GridLayout& layout = work.layout;
@@ -423,11 +433,13 @@ void rowsBack(const GridWork<T>& work, int y, const GridSlab<T>& slab, GridScrat
     for (int c = 0; c < 3; c++) rowBack(work, slab.row(work.layout, c, y), scratch);
 }
 
-// ---- Mirrored columns along y: sums of cosines, and of sines for what points across the walls, by
-// transforms of as many numbers as there are rows
+// ---- Mirrored columns along y: sums of cosines, and sums of sines for the component across the
+// walls, by transforms of as many numbers as there are rows
 
-/** Where a row goes in a transform: even ones first, then odd ones from the end on, which are
- * negative where the component is odd about the walls. */
+/**
+ * The index of a row in a transform: even rows first, then odd rows from the end on. Odd rows are
+ * negative where the component is odd about the walls.
+ */
 inline int placeInTransform(int y, int rows) { return y % 2 == 0 ? y / 2 : rows - 1 - y / 2; }
 template <typename T>
 void copyRow(const T* from, T* to, bool negative) {
@@ -438,9 +450,9 @@ void copyRow(const T* from, T* to, bool negative) {
 }
 
 /**
- * Of the transform V of such a column the modes that a transform of the whole period would give: t
- * V_m + s t* V_-m, t = exp(-i pi m/(2 rows)), with s = 1 for even components and -1 for odd ones.
- * Reference: Makhoul, IEEE Trans. Acoust. Speech Signal Process. 28, 27 (1980).
+ * Make from the transform V of such a column the modes that a transform of the whole period would
+ * give: t V_m + s t* V_-m, t = exp(-i pi m/(2 rows)), with s = 1 for even components and -1 for odd
+ * ones. Reference: Makhoul, IEEE Trans. Acoust. Speech Signal Process. 28, 27 (1980).
  */
 template <typename T>
 void mirroredThere(const GridWork<T>& work, T* column, T s) {
@@ -462,8 +474,10 @@ void mirroredThere(const GridWork<T>& work, T* column, T s) {
     }
 }
 
-/** The way back: of modes X the transform t* (X_m - i s X_(rows - m)), with which the period is
- * made; without the mode of the Nyquist index. */
+/**
+ * The way back: make from modes X the transform t* (X_m - i s X_(rows - m)), which gives the
+ * period, without the mode of the Nyquist index.
+ */
 template <typename T>
 void mirroredBack(const GridWork<T>& work, T* column, T s) {
     const int rows = work.layout.numRows;
@@ -484,7 +498,7 @@ void mirroredBack(const GridWork<T>& work, T* column, T s) {
     }
 }
 
-/** Forces on outer rows act on those that they are reflections of, reflected. */
+/** Add the forces on outer rows, reflected, to the rows that the outer rows are reflections of. */
 template <typename T>
 void foldOuterRows(const GridLayout& layout, const GridSlab<T>& slab) {
     for (int c = 0; c < 3; c++)
@@ -495,7 +509,7 @@ void foldOuterRows(const GridLayout& layout, const GridSlab<T>& slab) {
             for (size_t i = 0; i < layout.rowNumbers(); i++) to[i] += sign * from[i];
         });
 }
-/** What is seen of the flow on outer rows. */
+/** Fill the outer rows with the flow. */
 template <typename T>
 void fillOuterRows(const GridLayout& layout, const GridSlab<T>& slab) {
     for (int c = 0; c < 3; c++)
@@ -507,8 +521,8 @@ void fillOuterRows(const GridLayout& layout, const GridSlab<T>& slab) {
         });
 }
 
-// ---- Columns along y, a few at a time, from and to the modes of the grid, where x is the next to
-// be transformed
+// ---- Columns along y, a few at a time, from and to the modes of the grid. The transform along x
+// is the next.
 
 template <typename T>
 void slabThere(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab,
@@ -588,7 +602,7 @@ void slabBack(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab,
 
 // ---- A slab there and back
 
-/** Forces to the modes along y and z of a slab. */
+/** Transform forces to the modes along y and z of a slab. */
 template <typename T>
 void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabNumber,
                 const double* forces, GridScratch<T>& scratch) {
@@ -600,8 +614,8 @@ void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabN
         {
             const TimeOfLife timer(scratch.seconds.spreading);
             // Rows are emptied before the first particle that reaches them, and transformed after
-            // the last one. Rows at the beginning are also reached across the end of the period; of
-            // a mirrored grid those at the end across their wall.
+            // the last one. Rows at the beginning are also reached across the end of the period. On
+            // a mirrored grid, rows at the end are also reached across their wall.
             const int size = layout.numRows, firstRow = std::min(size, stencils.largestWidth(1)),
                       lastRow = std::max(firstRow, size - layout.reach);
             int empty = 0, row = firstRow;
@@ -637,8 +651,10 @@ void spreadSlab(const GridWork<T>& work, const GridStencils& stencils, int slabN
     slabThere(work, slabNumber, slab, scratch);
 }
 
-/** Averages over the slices of a slab of nodes; with `ready(rows)` called before rows up to this
- * one are needed. */
+/**
+ * Compute averages over the slices of a slab of nodes. ready(rows) is called before rows up to this
+ * one are needed.
+ */
 template <typename T, class Ready>
 void averageSlices(const GridLayout& layout, const GridStencils& stencils, int slabNumber,
                    const GridSlab<T>& slab, bool gradients, double* parts, const Ready& ready) {
@@ -656,7 +672,7 @@ void averageSlices(const GridLayout& layout, const GridStencils& stencils, int s
     }
 }
 
-/** From modes along y and z of a slab to averages. */
+/** Compute averages from the modes along y and z of a slab. */
 template <typename T>
 void averageSlab(const GridWork<T>& work, const GridStencils& stencils, int slabNumber,
                  double* parts, GridScratch<T>& scratch) {
@@ -680,7 +696,7 @@ void averageSlab(const GridWork<T>& work, const GridStencils& stencils, int slab
     scratch.seconds.averaging -= scratch.seconds.transforms - before;
 }
 
-/** The whole slab of a field. */
+/** Compute the whole slab of a field. */
 template <typename T>
 void fieldSlab(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab,
                GridScratch<T>& scratch) {
@@ -692,7 +708,7 @@ void fieldSlab(const GridWork<T>& work, int slabNumber, const GridSlab<T>& slab,
 // ---- Columns along x
 
 /**
- * modes <- scale k^(-2 or -1) (1 - k k/k^2) modes of one column; those left out become 0.
+ * modes <- scale k^(-2 or -1) (1 - k k/k^2) modes of one column. Modes that are left out become 0.
  *
  * @param root  whether by the root of the fluid's response: k^-1
  */
@@ -733,7 +749,7 @@ std::array<T*, 3> emptyColumns(const GridWork<T>& work, GridScratch<T>& scratch)
     return {first, first + length, first + 2 * length};
 }
 
-/** Back along x, with zeros in the planes that the last slab lacks. */
+/** Transform back along x, with zeros in the planes that the last slab lacks. */
 template <typename T>
 void columnsBack(const GridWork<T>& work, int y, int z, T* const* modes) {
     for (int c = 0; c < 3; c++) {
@@ -811,7 +827,7 @@ void projectAcross(const GridWork<T>& work, int y, int z, double scale, T* const
     for (size_t i = 0; i < work.layout.columnNumbers(); i += hn::Lanes(d)) {
         const auto kx = hn::Load(d, work.kx + i);
         auto k2 = hn::MulAdd(kx, kx, square);
-        k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // its factor is 0
+        k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // the factor of such a mode is 0
         T *u = modes[0] + i, *v = modes[1] + i, *w = modes[2] + i;
         const auto fu = hn::Load(d, u), fv = hn::Load(d, v), fw = hn::Load(d, w);
         const auto along = hn::Div(hn::MulAdd(kx, fu, hn::MulAdd(ky, fv, hn::Mul(kz, fw))), k2);
@@ -821,7 +837,10 @@ void projectAcross(const GridWork<T>& work, int y, int z, double scale, T* const
     }
 }
 
-/** to <- factors times flow, or half of its curl, and back along x to the modes of a channel. */
+/**
+ * to <- factors times the flow, or times half of its curl, and then back along x to the modes of a
+ * channel.
+ */
 template <typename T>
 void columnsToChannel(const GridWork<T>& work, const ChannelWork<T>& channel, int y, int z,
                       T* const* flow, T* const* to) {
@@ -845,7 +864,10 @@ void columnsToChannel(const GridWork<T>& work, const ChannelWork<T>& channel, in
     }
 }
 
-/** Room for three columns of what channels have, and three of their sum; zeros as padding. */
+/**
+ * Memory for three columns of a channel, and for three of the sum over channels, with zeros as
+ * padding.
+ */
 template <typename T>
 void emptyChannels(const GridWork<T>& work, GridScratch<T>& scratch, T** own, T** sum) {
     const size_t length = work.layout.columnNumbers();
@@ -937,7 +959,7 @@ void fillModes(const NoiseStream& noise, uint32_t purpose, const int* nx, int co
     }
 }
 
-// ---- For the dispatch, which takes no templates
+// ---- Functions for the dispatch, which takes no templates
 
 void spreadSlabExactly(const GridWork<double>& work, const GridStencils& stencils, int slab,
                        const double* forces, GridScratch<double>& scratch) {
@@ -1062,7 +1084,7 @@ private:
     typedef GridScratch<T> Scratch;
     GridWork<T> work() { return workOf(modes); }
     GridWork<T> workOf(AlignedArrayOf<T>* of) {
-        // More than this does not stay in caches from one pass to the next.
+        // A grid with more bytes does not stay in caches from one pass to the next.
         const double cached = 16e6;
         return {layout,
                 plans,
@@ -1072,7 +1094,7 @@ private:
                 halfTurns.data(),
                 bytes() > cached};
     }
-    /** task(i, scratch) for i = 0 ... count - 1, each range of them with its own scratch. */
+    /** Call task(i, scratch) for i = 0 ... count - 1. Each range of them has its own scratch. */
     template <class Task>
     void forEach(int count, const Task& task);
     void sumParts(const GridStencils& stencils, bool gradients, double* results);
@@ -1081,7 +1103,7 @@ private:
     GridSeconds& seconds;
     GridLayout layout;
     GridPlans<T> plans[3];
-    /** Of each channel what it works with; the first has the modes that there are already. */
+    /** Make the GridWork of each channel. The first channel uses the modes that exist already. */
     std::vector<GridWork<T> > worksOf(const std::vector<GridChannel>& channels,
                                       std::vector<ChannelWork<T> >& own);
     AlignedArrayOf<T> modes[3];

@@ -15,20 +15,21 @@ class GridEngine;
 typedef std::function<void(int count, const std::function<void(int, int)>& task)> GridThreads;
 
 /**
- * The same with SIMD and threads, in double precision, and products in single precision for
- * iterations that can do with them.
+ * A GridFluid with SIMD and threads, in double precision. Products are in single precision for
+ * iterations for which it is accurate enough.
  *
- * A slab of planes across x belongs to one thread at a time, with x in the lanes of packs:
- * particles are spread to its rows in one order, a row is transformed along z as soon as no more
- * particles reach it, while it is in the cache, then all along y; columns of modes along x, which
- * lie one after the other, are transformed, solved and transformed back at once; and the way back
- * is the same, with a particle averaged over as soon as its rows are there. So results do not
- * depend on the number of threads. Transforms are FourierPlan's.
+ * A slab of planes across x belongs to one thread at a time, with x in the lanes of packs.
+ * Particles are spread to the rows of a slab in one order. A row is transformed along z as soon as
+ * no more particles reach it, while it is in the cache, and all rows are then transformed along y.
+ * Columns of modes along x, which lie one after the other, are transformed, solved and transformed
+ * back at once. The way back is the same, and a particle is averaged over as soon as its rows are
+ * there. So results do not depend on the number of threads. The transforms are those of
+ * FourierPlan.
  *
- * Cost: three transforms there and three back a product, three back a random field; about n P^3
- * pi/4 nodes each for spreading and averaging, P the stencil's width. Measured:
- * benchmarks/README.md. Memory: three numbers a node, as many for each random field that is kept,
- * and half as many for rough products.
+ * Cost: a product takes three transforms there and three back, and a random field takes three back.
+ * Spreading and averaging take about n P^3 pi/4 nodes each, with P the stencil's width.
+ * Measurements: benchmarks/README.md. Memory: three numbers a node, as many for each random field
+ * that is kept, and half as many for rough products.
  */
 class CpuGridFluid : public GridFluid {
 public:
@@ -63,7 +64,7 @@ private:
     std::unique_ptr<GridEngine<float> > rough;  // made when first asked for
 };
 
-/** CounterModeNoise by packs of modes; the same numbers to a few roundings. */
+/** CounterModeNoise by packs of modes. The numbers are the same to a few roundings. */
 class SimdModeNoise : public CounterModeNoise {
 public:
     using CounterModeNoise::CounterModeNoise;

@@ -41,7 +41,7 @@ public:
 protected:
     void moveTo(const Placement& placement, bool nearby) override {
         model.checkBox(placement.box);
-        // Nearby is near the placement before, where anchors then must be.
+        // A nearby placement is near the placement before, where the anchors must be.
         if (nearby) prepare();
         next = placement;
         nextIsNearby = nearby;
@@ -49,7 +49,10 @@ protected:
     }
 
 private:
-    /** Weights are made for the first product: schemes also go where they ask for none. */
+    /**
+     * Weights are made for the first product, because schemes also move to placements where they
+     * ask for no product.
+     */
     void prepare() {
         if (isPrepared) return;
         stencils.moveTo(model.shapeFor(next.box), next.positions, nextIsNearby);
@@ -98,8 +101,10 @@ public:
     long long getNumRandomNumbers() const override { return GridModeNoise::numbersOf(field.shape); }
 
 private:
-    /** Schemes ask for slips and for their divergence at one placement: nothing is done twice for
-     * it. */
+    /**
+     * Schemes ask for slips and for their divergence at one placement. Nothing is computed twice
+     * there.
+     */
     void moveTo(const Placement& placement, bool nearby) {
         if (isThere && nearby == wasNearby && placement.positions == positions) return;
         stencils.moveTo(field.shape, placement.positions, nearby);
@@ -126,10 +131,11 @@ ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, dou
                                      const std::shared_ptr<GridFluid>& fluid, bool mirrored)
     : MobilityModel(particles, viscosity), mirrored(mirrored),
       resolution(particles, tolerance, spacing), fluid(fluid) {
-    // Coarser still, and whole particles are between the nodes: mobilities of zero, or below.
+    // With a still coarser grid, whole particles are between the nodes, and mobilities are zero or
+    // negative.
     const double coarsest = resolution.getCoarsestSpacing();
     if (spacing > coarsest) {
-        // Rounded down, so that what is named is taken.
+        // The value is rounded down, so that the spacing that the message names is accepted.
         const double unit = std::pow(10.0, std::floor(std::log10(coarsest)) - 2);
         throw OpenMM::OpenMMException(
             "MobilityForce: setGridSpacing(): the spacing is " + text(spacing) +
@@ -176,8 +182,8 @@ void ForceCouplingGrid::checkWave(const BoxVectors& box, int axis, int periods) 
 void ForceCouplingGrid::drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                                   std::unique_ptr<RandomField>& field) const {
     if (!field) field.reset(new Field(*this));
-    // Groups of one Context have the same modes, and each its own numbers: those of its first
-    // particle.
+    // Groups of one Context have the same modes, but each group has its own numbers: those of its
+    // first particle.
     NoiseStream own = noise;
     own.field = 1 + particles.systemIndex[0];
     static_cast<Field&>(*field).draw(own, purpose, box);

@@ -9,28 +9,32 @@
 namespace RigidHIPlugin {
 
 /**
- * Force coupling in a periodic box with edges along the axes, on a grid: products and random fields
- * at a cost that grows as the number of particles at constant density. PeriodicForceCoupling is the
- * same mobility as a matrix, by lattice sums.
+ * Force coupling in a periodic box with edges along the axes, on a grid. Products and random fields
+ * have a cost that grows as the number of particles at constant density. PeriodicForceCoupling is
+ * the same mobility as a matrix, by lattice sums.
  *
- * Equation:  M_ij = (1/(eta V)) sum_k D_i^+ (1 - k k/k^2) k^-2 D_j exp(i k.r_ij), D(F) =
- * exp(-sigma^2 k^2/2) F, D(T) = (i/2) k x T exp(-sigma_D^2 k^2/2), sigma = a/sqrt(pi), sigma_D =
- * a/(6 sqrt(pi))^(1/3) (Westwood 2022, eqs. 2 to 13). Method:    Gaussians on the nodes of a grid,
- * Fourier transforms, averages by the transpose (GridFluid). The matrix is symmetric to rounding
- * and positive semidefinite. The norm of the error of products is below the tolerance times the
- * norm of the mobility, both over the roots of own mobilities (docs/grid_accuracy.md). Cost: three
- * transforms there and three back a product, three back a random field. Reference: Yeo, Maxey, J.
- * Comput. Phys. 229, 2401 (2010); Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022).
+ * Equation:  With envelopes of the widths sigma = a/sqrt(pi) and sigma_D = a/(6 sqrt(pi))^(1/3),
+ *                M_ij = (1/(eta V)) sum_k D_i^+ (1 - k k/k^2) k^-2 D_j exp(i k.r_ij),
+ *                D(F) = exp(-sigma^2 k^2/2) F,   D(T) = (i/2) k x T exp(-sigma_D^2 k^2/2)
+ *            (Westwood 2022, eqs. 2 to 13).
+ * Method:    Gaussians on the nodes of a grid, Fourier transforms, and averages by the transpose
+ *            (GridFluid). The matrix is symmetric to rounding and positive semidefinite. The norm
+ *            of the error of products is below the tolerance times the norm of the mobility, both
+ *            scaled by the square roots of own mobilities (docs/grid_accuracy.md).
+ * Cost:      A product takes three transforms there and three back, and a random field takes three
+ *            back.
+ * Reference: Yeo, Maxey, J. Comput. Phys. 229, 2401 (2010); Westwood, Delmotte, Keaveny, J. Comput.
+ *            Phys. 467, 111437 (2022).
  */
 class ForceCouplingGrid : public MobilityModel {
 public:
     /**
      * @param tolerance  of products
-     * @param spacing    of nodes, nm, at most; 0: as the tolerance wants
-     * @param fluid      what several models may share
-     * @param mirrored   whether the fluid is its own reflection at y = 0, and so in the middle of
-     * the box: a slip channel, whose particles have their centres between the two, in a box of
-     * twice its width
+     * @param spacing  of nodes, nm, at most; 0: the spacing that the tolerance needs
+     * @param fluid  the grid fluid, which several models may share
+     * @param mirrored  whether the fluid is its own reflection at y = 0, and so also in the middle
+     *     of the box. Such a fluid is that of a slip channel, whose particles have their centres
+     *     between these two planes, in a box of twice its width.
      */
     ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance,
                       double spacing, const std::shared_ptr<GridFluid>& fluid,

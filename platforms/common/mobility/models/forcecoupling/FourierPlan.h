@@ -7,17 +7,20 @@ namespace RigidHIPlugin {
 
 /**
  * FFTW's discrete Fourier transform of `count` columns of n complex numbers at once, not
- * normalised: element i of column c is at i count + c, real part before imaginary part, in what is
- * read and in what is written. These lie apart, and begin where a cache line does.
+ * normalised. Element i of column c is at i count + c, real part before imaginary part, both in the
+ * input and in the output. Input and output do not overlap, and each begins where a cache line
+ * does.
  *
- * A plan is made by FFTW_ESTIMATE: FFTW's other plans are found by a clock, and so have other last
- * bits in each run.
+ * A plan is made by FFTW_ESTIMATE. FFTW's other plans are found by a clock, so their results have
+ * other last bits in each run.
  */
 template <typename T>
 class FourierPlan {
 public:
     FourierPlan() {}
-    /** @param back  whether by exp(+2 pi i j k/n) instead of exp(-2 pi i j k/n) */
+    /**
+     * @param back  whether the transform is by exp(+2 pi i j k/n) instead of exp(-2 pi i j k/n)
+     */
     FourierPlan(int n, int count, bool back);
     /** May be called by several threads at once. */
     void operator()(const T* from, T* to) const;

@@ -17,8 +17,10 @@ class GridFactors {
 public:
     /** @param factor  called once for each of the wave vectors that differ by more than signs */
     GridFactors(const GridShape& shape, const std::function<double(double)>& factor);
-    /** Of the modes (x, y, z), x = 0 ... size[0] - 1: each number twice, as of a complex column.
-     * Padded by zeros. */
+    /**
+     * The factors of the modes (x, y, z), x = 0 ... size[0] - 1. Each number is there twice, as a
+     * complex column needs it. The column is padded by zeros.
+     */
     const double* column(int y, int z, double) const { return exact.data() + place(y, z); }
     const float* column(int y, int z, float) const { return rough.data() + place(y, z); }
     const GridShape& getShape() const { return shape; }
@@ -35,16 +37,17 @@ private:
 };
 
 /**
- * Particles whose forces, or torques, share one envelope of any isotropic shape: they are points
- * that spread a Gaussian, and each mode then has a factor. Averages have both likewise.
+ * Particles whose forces, or torques, share one envelope of any isotropic shape. The particles are
+ * points that spread a Gaussian, and each mode then has a factor. Averages use the same Gaussian
+ * and factors.
  *
  * Torques act on the fluid as half of their curl, and the average is half of the curl of the flow.
  */
 struct GridChannel {
     const GridStencils*
-        stencils;  // of particles without torque: three numbers each, forces or torques
-    const GridFactors*
-        factors;  // the envelope over the Gaussian, times the root of what a mode counts, over k
+        stencils;  // for particles without torque: three numbers each, which are forces or torques
+    const GridFactors* factors;  // for each mode: the envelope over the Gaussian, times the square
+                                 // root of the mode's weight, over k
     bool ofTorques;
 };
 

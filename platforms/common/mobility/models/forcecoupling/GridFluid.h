@@ -14,8 +14,10 @@
 
 namespace RigidHIPlugin {
 
-/** Velocities of a fluid on the nodes of a grid, times the root of a node's volume, as
- * GridStencils' weights want it. */
+/**
+ * Velocities of a fluid on the nodes of a grid, times the square root of a node's volume, as the
+ * weights of GridStencils need them.
+ */
 struct GridField {
     GridShape shape;
     int rowLength = 0;  // numbers from one row along z to the next, at least the nodes of a row
@@ -26,50 +28,55 @@ struct GridField {
  * A Stokes fluid on a periodic grid, between the particles of stencils: spreading, Fourier
  * transforms, averaging.
  *
- * Left out are the mode k = 0, so that fluid and particles together do not drift and net forces are
- * balanced by a uniform background, and the Nyquist planes of even sizes, in products and in random
- * fields alike: so the covariance of averaged fields is the matrix of multiply(), to rounding.
+ * Two kinds of modes are left out, in products and in random fields alike. Without the mode k = 0,
+ * fluid and particles together do not drift, and a uniform background balances net forces. The
+ * Nyquist planes of even sizes are left out too. So the covariance of averaged fields is the matrix
+ * of multiply(), to rounding.
  *
- * On a mirrored grid (GridShape) forces act together with their reflections, (Fx, -Fy, Fz) at (x,
- * -y, z) and (-Tx, Ty, -Tz), and particles average what is between the walls and its reflection
- * beyond; centres must be between the walls.
+ * On a mirrored grid (GridShape) forces act together with their reflections, which are (Fx, -Fy,
+ * Fz) at (x, -y, z) and (-Tx, Ty, -Tz). Particles average the flow between the walls and its
+ * reflection beyond the walls. Their centres must be between the walls.
  *
- * Vectors have the rows of HydrodynamicParticles. What it keeps are plans and work space for the
- * size used last; models of several groups share one and use it in turn: every member may be called
- * by several threads at once.
+ * Vectors have the rows of HydrodynamicParticles. A GridFluid keeps plans and work space for the
+ * size used last. Models of several groups share one and use it in turn, and several threads may
+ * call every member at once.
  */
 class GridFluid {
 public:
     virtual ~GridFluid() {}
-    /** velocities = M forces, for columns one after the other. @param viscosity  dalton/(nm ps) */
+    /**
+     * Compute velocities = M forces, column by column.
+     *
+     * @param viscosity  dalton/(nm ps)
+     */
     void multiply(const GridStencils& stencils, double viscosity, const Eigen::MatrixXd& forces,
                   Eigen::MatrixXd& velocities);
     /** Whether multiplyRoughly() takes less time. */
     virtual bool hasRoughProducts() const { return false; }
-    /** Likewise to MobilityAt::roughError, where that takes less time. */
+    /** Likewise with an error of at most MobilityAt::roughError, where that takes less time. */
     void multiplyRoughly(const GridStencils& stencils, double viscosity,
                          const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities);
     /**
-     * The random field whose averages have the covariance M: u(k) = (eta V)^(-1/2) (1 - k k/k^2)
-     * zeta/|k|. It has the law of the field that the fluctuating stress of the paper makes
-     * (Westwood 2022, eqs. 27 to 30), from three numbers a mode instead of six. Averages may be
-     * taken by stencils as wide as these.
+     * Draw the random field whose averages have the covariance M: u(k) = (eta V)^(-1/2) (1 - k
+     * k/k^2) zeta/|k|. It has the same law as the field of the paper's fluctuating stress (Westwood
+     * 2022, eqs. 27 to 30), but needs three numbers a mode instead of six. Averages may be taken
+     * with stencils that are as wide as these.
      */
     void draw(const GridStencils& stencils, double viscosity, const NoiseStream& noise,
               uint32_t purpose, GridField& field);
-    /** Likewise of given numbers. */
+    /** Likewise with given random numbers. */
     void draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
               GridField& field);
-    /** velocities = averages of the field. */
+    /** Set the velocities to averages of the field. */
     void average(const GridField& field, const GridStencils& stencils, Eigen::VectorXd& velocities);
     /** Derivatives of the velocities (not the angular ones) by the particles' positions: dv_a/dx_b
      * at (3 a + b, particle). */
     void averageGradients(const GridField& field, const GridStencils& stencils,
                           Eigen::MatrixXd& gradients);
     /**
-     * velocities = M forces of channels that share one grid, which is not mirrored: M_gh = sum over
-     * modes of phi_g phi_h (1 - k k/k^2)/(eta V), times half of a curl on each side that has
-     * torques. One column, one channel after the other.
+     * Compute velocities = M forces for channels that share one grid, which is not mirrored. M_gh =
+     * sum over modes of phi_g phi_h (1 - k k/k^2)/(eta V), times half of a curl on each side that
+     * has torques. There is one column, with one channel after the other.
      *
      * Cost: six transforms and two passes over particles for each channel.
      *
@@ -77,22 +84,31 @@ public:
      */
     void multiply(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
                   const Eigen::VectorXd& forces, Eigen::VectorXd& velocities);
-    /** The random field, one for each channel, whose averages have the covariance of that M. */
+    /**
+     * Draw the random field, one for each channel, whose averages have the covariance of that M.
+     */
     void draw(const std::vector<GridChannel>& channels, double viscosity, const NoiseStream& noise,
               uint32_t purpose, std::vector<GridField>& fields);
     void draw(const std::vector<GridChannel>& channels, double viscosity, const ModeNoise& noise,
               std::vector<GridField>& fields);
-    /** Calls task(first, end) for ranges that cover 0 ... count - 1, on as many threads as it has
-     * itself. */
+    /**
+     * Call task(first, end) for ranges that cover 0 ... count - 1, on as many threads as the fluid
+     * itself uses.
+     */
     virtual void forRanges(int count, const std::function<void(int, int)>& task) const {
         task(0, count);
     }
-    /** What it has taken so far. Not while another thread uses it. */
+    /**
+     * The time that the fluid has taken so far. It must not be read while another thread uses the
+     * fluid.
+     */
     const GridSeconds& getSeconds() const { return seconds; }
-    /** What it has taken already. */
+    /** Bytes that the fluid holds already. */
     double memoryHeld() const { return held; }
-    /** Bytes for a grid, with one random field beside and modes in single precision; stencils are
-     * the places' own. */
+    /**
+     * Bytes for a grid, with one random field and with modes in single precision. Stencils belong
+     * to the MobilityAt objects and are not included.
+     */
     static double memory(const GridShape& shape) {
         return 8.0 * 3 * 2.7 * shape.size[0] * shape.numRows() * shape.size[2];
     }
@@ -123,7 +139,7 @@ private:
 };
 
 /**
- * One thread, one transform in one piece: to be read beside the paper.
+ * A GridFluid with one thread and each transform in one piece, to be read beside the paper.
  *
  * Reference: Yeo, Maxey, J. Comput. Phys. 229, 2401 (2010); Keaveny, J. Comput. Phys. 269, 61
  * (2014); Westwood 2022, sections 2 to 4.
@@ -174,10 +190,10 @@ public:
     void spread(const GridStencils& stencils, double viscosity, const double* forces);
     /** The random field of GridFluid::draw(). */
     void draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise);
-    /** Likewise with these factors of modes in place of 1/|k|; null: with 1/|k|. */
+    /** Likewise with these factors of modes in place of 1/|k|; null: 1/|k|. */
     void draw(const GridShape& shape, double viscosity, const ModeNoise& noise,
               const GridFactors* factors);
-    /** velocities += factor times it. */
+    /** Add `factor` times the flow to the velocities. */
     void addAt(const std::vector<OpenMM::Vec3>& points, double factor,
                Eigen::Matrix3Xd& velocities);
 

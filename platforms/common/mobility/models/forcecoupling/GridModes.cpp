@@ -10,7 +10,7 @@ void GridModeNoise::fill(const int* nx, int count, int ny, int nz,
     if (!mirrored || nz > 0)
         periodic.fill(nx, count, mirrored ? std::abs(ny) : ny, nz, numbers);
     else {
-        // Those at n and -Pn are conjugates up to P: one of both is drawn.
+        // The numbers at n and -Pn are conjugates up to P: those of one of both are drawn.
         std::vector<int> drawn(nx, nx + count);
         for (int& n : drawn) n = std::abs(n);
         periodic.fill(drawn.data(), count, std::abs(ny), nz, numbers);
@@ -38,7 +38,7 @@ long long GridModeNoise::numbersOf(const GridShape& shape) {
     const auto modes = [&](int axis) -> long long {
         return shape.size[axis] - (shape.size[axis] % 2 == 0);
     };
-    // Three complex ones for each pair of modes +-k that is not left out; of a mirrored grid for
+    // Three complex numbers for each pair of modes +-k that is not left out; on a mirrored grid for
     // each of ny >= 0.
     if (!shape.mirrored) return 3 * (modes(0) * modes(1) * modes(2) - 1);
     return 3 * (modes(0) * modes(2) - 1) * shape.numRows() + 6 * (shape.numRows() - 1);

@@ -10,7 +10,8 @@ namespace RigidHIPlugin {
 
 /**
  * The random numbers of the modes of a field: three complex ones for each integer wave vector, of
- * mean 0 and <|x|^2> = 1, independent but for those at -n, which are the conjugates of those at n.
+ * mean 0 and <|x|^2> = 1. They are independent, except that those at -n are the conjugates of those
+ * at n.
  */
 class ModeNoise {
 public:
@@ -21,15 +22,17 @@ public:
                       std::complex<double>* numbers) const = 0;
 };
 
-/** Those of a NoiseStream. They belong to the wave vector, so that a finer grid has the noise of a
- * coarser one in the modes of both. */
+/**
+ * The numbers of a NoiseStream. They belong to the wave vector, so that a finer grid and a coarser
+ * one have the same noise in the modes of both.
+ */
 class CounterModeNoise : public ModeNoise {
 public:
     CounterModeNoise(const NoiseStream& noise, uint32_t purpose) : noise(noise), purpose(purpose) {}
     void fill(const int* nx, int count, int ny, int nz,
               std::complex<double>* numbers) const override {
         for (int i = 0; i < count; i++) {
-            // Drawn for one of n and -n.
+            // The numbers are drawn for one of n and -n.
             const int sign = isMirrored(nx[i], ny, nz) ? -1 : 1;
             for (int c = 0; c < 3; c++) {
                 double re, im;
@@ -50,13 +53,15 @@ protected:
 };
 
 /**
- * Those of a grid's field, made of a periodic one's: the same, but where the grid is mirrored.
+ * The random numbers of a grid's field, made from those of a periodic field. They are the same
+ * unless the grid is mirrored.
  *
- * There the field is its own reflection, P u(Pr) = u(r), and has the law of (u(r) + P
- * u(Pr))/sqrt(2) of a periodic one. So x(-n) = conj(x(n)), x(Pn) = P x(n): of the four modes n, Pn,
- * -n and -Pn one has numbers of the law above. Where two are the same the law is another: at ny = 0
- * the components along the walls are larger by sqrt(2), at nx = nz = 0 they are real; and there the
- * component across the walls is no part of a flow without sources.
+ * On a mirrored grid the field is its own reflection, P u(Pr) = u(r), and has the law of (u(r) + P
+ * u(Pr))/sqrt(2) of a periodic field u. So x(-n) = conj(x(n)) and x(Pn) = P x(n), and one of the
+ * four modes n, Pn, -n and -Pn has numbers of the law above. Where two of the four are the same
+ * mode, the law is another. At ny = 0 the components along the walls are larger by sqrt(2). At nx =
+ * nz = 0 these components are real, and the component across the walls is 0, because it is no part
+ * of a divergence-free flow.
  */
 class GridModeNoise : public ModeNoise {
 public:
@@ -64,7 +69,7 @@ public:
         : mirrored(shape.mirrored), periodic(periodic) {}
     void fill(const int* nx, int count, int ny, int nz,
               std::complex<double>* numbers) const override;
-    /** How many random numbers a field takes. */
+    /** The number of random numbers that a field takes. */
     static long long numbersOf(const GridShape& shape);
 
 private:

@@ -24,9 +24,9 @@ int nextGridSize(double least) {
 GridResolution::GridResolution(const HydrodynamicParticles& particles, double wanted,
                                double givenSpacing)
     : spacing(givenSpacing), tolerance(wanted) {
-    // What a grid leaves out of a Gaussian of a width is exp(-(pi width/spacing)^2), for every
-    // pair. Curls of the narrower torque envelopes have a factor k more of that. Measured: these
-    // factors keep the error below the tolerance (docs/grid_accuracy.md).
+    // A grid leaves out a part exp(-(pi width/spacing)^2) of a Gaussian of this width, for every
+    // pair. Curls of the narrower torque envelopes have a factor k more of it. Measurements show
+    // that these factors keep the error below the tolerance (docs/grid_accuracy.md).
     double narrowest = std::numeric_limits<double>::infinity();
     bool torques = false;
     for (int i = 0; i < particles.size(); i++) {

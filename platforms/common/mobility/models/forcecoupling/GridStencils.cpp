@@ -26,7 +26,8 @@ void GridStencils::moveTo(const GridShape& newShape, const std::vector<Vec3>& po
 }
 
 bool GridStencils::isNear(const Vec3& offset) const {
-    // Farther away the ball about the anchor would leave out nodes that the tolerance wants.
+    // If the particle is farther away, the ball about the anchor leaves out nodes that the
+    // tolerance needs.
     const double largest = 0.1;
     for (int axis = 0; axis < 3; axis++)
         if (!(std::abs(offset[axis]) <= largest * shape.spacing(axis))) return false;
@@ -44,7 +45,8 @@ void GridStencils::layOut(const GridShape& newShape) {
         s.cutoff = resolution.cutoff(particles.radii[p]);
         s.weights = numWeights;
         for (int axis = 0; axis < 3; axis++) {
-            // Every node closer than the cutoff, wherever the anchor is between two nodes.
+            // The stencil holds every node closer than the cut-off, wherever the anchor is between
+            // two nodes.
             s.width[axis] = 2 * (int)std::ceil(s.cutoff / shape.spacing(axis));
             largest[axis] = std::max(largest[axis], s.width[axis]);
         }
@@ -56,8 +58,8 @@ void GridStencils::layOut(const GridShape& newShape) {
 void GridStencils::anchor(int p, const Vec3& position) {
     Stencil& s = stencils[p];
     anchors[p] = position;
-    // Nodes go as far beyond walls as particles between them reach. A finite difference may lead a
-    // little behind one.
+    // Nodes go as far beyond the walls as particles between them reach. A finite difference may
+    // lead a little behind a wall.
     if (shape.mirrored) anchors[p][1] = std::min(std::max(position[1], 0.0), 0.5 * shape.edge[1]);
     for (int axis = 0; axis < 3; axis++) {
         const double dx = shape.spacing(axis), L = shape.edge[axis];
@@ -95,7 +97,7 @@ void GridStencils::weigh(int p, const Vec3& offset) {
 template <class Visit>
 void GridStencils::forSlabs(int p, const Visit& visit) const {
     const Stencil& s = stencils[p];
-    // Only of a stencil as long as the box a slab has several parts.
+    // A slab has several parts of a stencil only if the stencil is as long as the box.
     const int numSlabs = slabsOf(shape), numPlanes = shape.size[0], end = s.first[0] + s.width[0];
     const auto visitFrom = [&](int firstSlab, int lastSlab) {
         for (int slab = firstSlab; slab <= lastSlab; slab++)
@@ -115,7 +117,10 @@ void GridStencils::forSlabs(int p, const Visit& visit) const {
     visitFrom(std::max(lastOfWrapped + 1, firstOfOthers), numSlabs - 1);
 }
 
-/** By slabs, and in each by tiles of rows and by nodes, so that neighbours follow each other. */
+/**
+ * Sort the slices by slabs, and in each slab by tiles of rows and by nodes, so that neighbours
+ * follow each other.
+ */
 void GridStencils::sortSlices() {
     byRows.resize(stencils.size());
     for (size_t p = 0; p < stencils.size(); p++) byRows[p] = p;
@@ -154,13 +159,14 @@ void GridStencils::sortSlices() {
         for (int at = slabs[slab]; at < slabs[slab + 1]; at++) cutBall(slices[at], planesOf(slab));
 }
 
-/** The rows of the ball in the slice's plane that is nearest to the anchor. */
+/** Find the rows of the ball in the slice's plane that is nearest to the anchor. */
 void GridStencils::cutBall(Slice& slice, int planes) {
     const Stencil& s = stencils[slice.particle];
     const double dx = shape.spacing(0);
     const double begin = std::max(0, slice.offset) * dx - s.anchor[0],
                  end = (std::min(s.width[0], slice.offset + planes) - 1) * dx - s.anchor[0];
-    // Nearest is a plane beside the anchor, if the slice has both sides.
+    // If the slice has planes on both sides of the anchor, the nearest plane is taken to be at the
+    // anchor.
     double x = begin > 0 ? begin : end < 0 ? end : 0;
     slice.rows = ranges.size();
     for (int j = 0; j < s.width[1]; j++) {

@@ -14,8 +14,10 @@ namespace {
 
 typedef GridStencils::Kind Kind;
 
-/** Call visit(node, i, j, k) for all nodes of a stencil, with the places of its weights along the
- * axes. */
+/**
+ * Call visit(node, i, j, k) for all nodes of a stencil. i, j and k are the indices of its weights
+ * along the axes.
+ */
 template <class Visit>
 void forNodes(const GridStencils& stencils, int p, const Visit& visit) {
     const GridStencils::Stencil& s = stencils[p];
@@ -37,8 +39,7 @@ void forNodes(const GridStencils& stencils, int p, const Visit& visit) {
     }
 }
 
-/** An envelope of a particle and its derivatives: slopes by x along the given axis, others plain.
- */
+/** An envelope of a particle and its derivatives: the weights along the axes, and their slopes. */
 struct Envelope {
     const double *w[3], *slope[3];
     Envelope(const GridStencils& stencils, int p, Kind kind, Kind slopeKind) {
@@ -48,7 +49,10 @@ struct Envelope {
         }
     }
     double value(int i, int j, int k) const { return w[0][i] * w[1][j] * w[2][k]; }
-    /** Derivative by the place of the node; minus that by the place of the particle. */
+    /**
+     * The derivative by the position of the node, which is minus that by the position of the
+     * particle.
+     */
     void gradient(int i, int j, int k, double* g) const {
         g[0] = slope[0][i] * w[1][j] * w[2][k];
         g[1] = w[0][i] * slope[1][j] * w[2][k];
@@ -56,8 +60,9 @@ struct Envelope {
     }
 };
 
-/** Calls visit(number, indices, k, k^2) for all modes of a grid; k^2 = 0 for those that are left
- * out. */
+/**
+ * Call visit(number, indices, k, k^2) for all modes of a grid. k^2 = 0 for those that are left out.
+ */
 template <class Visit>
 void forModes(const GridShape& shape, const Visit& visit) {
     size_t at = 0;
@@ -195,7 +200,7 @@ void PlainGridFluid::forward() {
                              (fftw_complex*)modes[c].data());
 }
 
-/** From the forces on nodes to the modes of the flow. */
+/** Compute the modes of the flow from the forces on nodes. */
 void PlainGridFluid::respond(double viscosity) {
     const TimeOfLife timer(seconds.transforms);
     forward();
@@ -223,7 +228,11 @@ void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity,
     backward(field);
 }
 
-/** The modes of the random field. @param factors  null: 1/|k| */
+/**
+ * Draw the modes of the random field.
+ *
+ * @param factors  null: 1/|k|
+ */
 void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise,
                               const GridFactors* factors) {
     const double scale = 1 / std::sqrt(viscosity * shape.numNodes());
@@ -234,7 +243,8 @@ void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const Mo
             noise.fill(&nx, 1, shape.waveIndex(1, index[1]), index[2], zeta);
             project(k, k2, scale * (factors ? factorOf(*factors, index, k2) : 1 / std::sqrt(k2)),
                     zeta);
-            // Numbers are those of modes from y = 0 on, modes here those from the first node on.
+            // The random numbers are those of modes whose origin is y = 0. The modes here have
+            // their origin at the first node.
             for (complex<double>& u : zeta) u *= std::polar(1.0, k[1] * shape.firstNode(1));
         }
         store(at, zeta);
@@ -245,7 +255,7 @@ void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const Mo
 
 namespace {
 
-/** u <- i k x u/2: half of the curl; its own adjoint. */
+/** u <- i k x u/2: half of the curl. It is its own adjoint. */
 void halfCurl(const double* k, complex<double>* u) {
     const complex<double> half(0, 0.5),
         x = k[1] * u[2] - k[2] * u[1], y = k[2] * u[0] - k[0] * u[2], z = k[0] * u[1] - k[1] * u[0];
@@ -272,8 +282,8 @@ void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, 
             std::copy_n(modes[c].data(), modes[c].size(), modesOfChannels[3 * g + c].data());
         }
     }
-    // f(k) = sum over channels of phi f, or phi i k x T/2; u(k) = (1 - k k/k^2) f(k)/eta, and so
-    // back.
+    // f(k) = sum over channels of phi f, or phi i k x T/2. Then u(k) = (1 - k k/k^2) f(k)/eta, and
+    // the way back is the transpose.
     const double scale = 1 / (viscosity * planned.numNodes());
     for (size_t g = 0; g < channels.size(); g++) {
         forModes(planned, [&](size_t at, const int* index, const double* k, double k2) {
@@ -347,7 +357,7 @@ void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor,
                 phases[axis](i, p) = std::polar(
                     1.0, shape.waveNumber(axis, i) * (points[p][axis] - shape.firstNode(axis)));
     }
-    // The other half of the modes are conjugates; those with kz = 0 are all there.
+    // The other half of the modes are conjugates. Of the modes with kz = 0 both halves are stored.
     phases[2].bottomRows(m - 1) *= 2;
     factor /= std::sqrt(shape.volume() / shape.numNodes());
     Eigen::MatrixXcd rows;
@@ -393,7 +403,7 @@ void PlainGridFluid::averageColumn(const GridField& field, const GridStencils& s
         if (!particles.hasTorque[p]) continue;
         double* Omega = V + 3;
         const Envelope torque(stencils, p, Kind::Torque, Kind::TorqueSlope);
-        // The transpose of what spreads torques.
+        // The transpose of the spreading of torques.
         forNodes(stencils, p, [&](size_t node, int i, int j, int k) {
             double g[3];
             torque.gradient(i, j, k, g);

@@ -22,7 +22,10 @@ void sortByLength(Matrix3d& v) {
             if (v.col(k + 1).squaredNorm() < v.col(k).squaredNorm()) v.col(k).swap(v.col(k + 1));
 }
 
-/** Minkowski's reduction: no vector gets shorter by adding whole multiples of the shorter ones. */
+/**
+ * Minkowski's reduction: no vector gets shorter when whole multiples of the shorter vectors are
+ * added.
+ */
 void reduce(Matrix3d& v) {
     const double gain = 1 - 1e-12;  // ties are left as they are
     for (bool shorter = true; shorter;) {
@@ -35,8 +38,8 @@ void reduce(Matrix3d& v) {
             shorter = true;
             continue;
         }
-        // The third vector, less what it has along the plane of the others; of the neighbours the
-        // shortest.
+        // Take from the third vector its part along the plane of the other two, and choose the
+        // shortest of the neighbouring candidates.
         Eigen::Matrix2d gram;
         gram << v.col(0).squaredNorm(), v.col(0).dot(v.col(1)), v.col(0).dot(v.col(1)),
             v.col(1).squaredNorm();
@@ -90,7 +93,7 @@ Vector3d Lattice::wrapped(const OpenMM::Vec3& difference) const {
 }
 
 Vector3d Lattice::nearestImage(const OpenMM::Vec3& difference) const {
-    // Of reduced vectors, the nearest image is among the neighbours of the wrapped one.
+    // With reduced vectors, the nearest image is among the neighbours of the wrapped one.
     const Vector3d r = wrapped(difference);
     Vector3d nearest = r;
     for (int x = -1; x <= 1; x++)

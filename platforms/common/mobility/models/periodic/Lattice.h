@@ -9,28 +9,36 @@
 namespace RigidHIPlugin {
 
 /**
- * The lattice of a periodic box. Its vectors are reduced first: replaced by the shortest that span
- * the same lattice. So boxes with equivalent vectors are one lattice, and sums over spheres of
- * lattice vectors need no more of them than they must.
+ * The lattice of a periodic box. Its vectors are reduced first: they are replaced by the shortest
+ * ones that span the same lattice. So boxes with equivalent vectors are one lattice, and sums over
+ * spheres of lattice vectors need as few vectors as possible.
  */
 class Lattice {
 public:
     Lattice() = default;
-    /** @throws OpenMMException if the vectors span no volume, as where there is no box */
+    /**
+     * @throws OpenMMException if the vectors span no volume, as where there is no box
+     */
     explicit Lattice(const BoxVectors& box);
 
     /** Reduced vectors in columns, nm, and reciprocal ones: reciprocal^T vectors = 2 pi. */
     const Eigen::Matrix3d& getVectors() const { return vectors; }
     const Eigen::Matrix3d& getReciprocal() const { return reciprocal; }
     double getVolume() const { return volume; }
-    /** The length of the shortest vector that is not 0, nm: the smallest distance of something from
-     * its own image. */
+    /**
+     * The length of the shortest vector that is not 0, nm. It is the smallest distance of a
+     * particle from its own image.
+     */
     double getShortest() const { return vectors.col(0).norm(); }
-    /** Coordinates of a place in units of the reduced vectors, each moved by whole numbers into
-     * [-1/2, 1/2]. */
+    /**
+     * The coordinates of a position in units of the reduced vectors, each moved by whole numbers
+     * into [-1/2, 1/2].
+     */
     Eigen::Vector3d fractions(const OpenMM::Vec3& place) const;
-    /** A difference of places less a lattice vector, so that its coordinates are in [-1/2, 1/2].
-     * Small ones keep all their digits. */
+    /**
+     * A difference of positions less a lattice vector, so that its coordinates are in [-1/2, 1/2].
+     * Small differences keep all their digits.
+     */
     Eigen::Vector3d wrapped(const OpenMM::Vec3& difference) const;
     /** The shortest of the vectors that differ from this one by a lattice vector. */
     Eigen::Vector3d nearestImage(const OpenMM::Vec3& difference) const;
@@ -39,7 +47,7 @@ public:
     /** Wave vectors, as whole numbers of reciprocal vectors, of at most this length: one of each
      * pair +-k, 0 not among them. */
     std::vector<Eigen::Vector3i> waves(double length) const;
-    /** The largest length of a place with coordinates in [-1/2, 1/2]. */
+    /** The largest length of a vector with coordinates in [-1/2, 1/2]. */
     double getReach() const { return reach; }
 
 private:

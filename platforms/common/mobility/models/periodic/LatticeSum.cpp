@@ -19,14 +19,16 @@ using std::min;
 
 namespace {
 
-/** Terms are cut where their Gaussians are exp(-q^2) = 2e-16. */
+/** Terms are cut off where their Gaussians are exp(-q^2) = 2e-16. */
 const double depth = 6;
 
-/** Times in ns, measured: a function of the distance at one node for one image; one multiplication
- * in the product of waves. */
+/**
+ * Times in ns, measured: for a function of the distance at one node for one image, and for one
+ * multiplication in the product of waves.
+ */
 const double timeOfNode = 4, timeOfProduct = 0.06;
 
-/** Waves done at once: so many columns stay in a cache. */
+/** Waves that are summed at once. So many columns stay in a cache. */
 const int wavesAtOnce = 128;
 
 /** H(k). @param x  k/(2 xi) */
@@ -108,7 +110,8 @@ void LatticeSum::setBox(const BoxVectors& newBox) {
     for (size_t w = 0; w < waves.size(); w++) {
         const double k = (lattice.getReciprocal() * waves[w].cast<double>()).norm();
         waveLengths[w] = k;
-        // Both k and -k; the root, since a column is multiplied by itself.
+        // The weight counts both k and -k. It is a square root, because a column is multiplied by
+        // itself.
         waveWeights[w] =
             std::sqrt(16 * M_PI / lattice.getVolume() * screening(0.5 * k * inverseSplitting)) / k;
     }
@@ -118,8 +121,8 @@ void LatticeSum::setBox(const BoxVectors& newBox) {
     if (inverseSplitting == 0) return;
     reach = spreading.reach(depth, inverseSplitting, largest);
     images = lattice.within(reach + lattice.getReach());
-    // What the rule sees of other periods is beyond twice the reach of the functions, at distances
-    // within it.
+    // The trapezoidal rule adds the functions of other periods. These are beyond twice the reach of
+    // the functions, for distances within the reach.
     step = M_PI / reach;
     const int numNodes = std::ceil(largestWave / step);
     nodes = ArrayXd::LinSpaced(numNodes + 1, 0, numNodes * step);
@@ -170,8 +173,10 @@ struct Across {
 
 }  // namespace
 
-/** Columns for k, both directions e across it, cosine and sine: of sum over particles D_j exp(-i
- * k.r_j), along e. */
+/**
+ * Fill the columns for k, both directions e across it, cosine and sine, with the sum over particles
+ * D_j exp(-i k.r_j), along e.
+ */
 void LatticeSum::fillColumns(int first, int size) {
     for (int w = first; w < first + size; w++) {
         const Vector3d k = lattice.getReciprocal() * waves[w].cast<double>();
@@ -187,7 +192,7 @@ void LatticeSum::fillColumns(int first, int size) {
             const std::complex<double> phase = waveWeights[w] * phases.of(waves[w], i);
             const double s = ofWaves.s(w, kind[i]), t = ofWaves.t(w, kind[i]);
             const double cosine = s * phase.real(), sine = s * phase.imag();
-            // i times the phase, of torques; -i times it, of stresslets
+            // i times the phase for torques; -i times the phase for stresslets
             const double turnedCosine = -t * phase.imag(), turnedSine = t * phase.real();
             const int row = particles.firstRow[i];
             for (int d = 0; d < 2; d++) {
@@ -257,13 +262,15 @@ void LatticeSum::screenedNear(double distance, PairFunctions& f) const {
     }
 }
 
-/** The same for several images, where k r >= 1 but at k = 0: recurrences from node to node, and
- * upwards in the order. */
+/**
+ * The same integrals for several images, where k r >= 1 except at k = 0. They are made by
+ * recurrences from node to node, and upwards in the order.
+ */
 void LatticeSum::screenedFar(const Lanes& squares, PairFunctions (&f)[numLanes]) const {
     const Lanes r = squares.sqrt(), inverseR = 1 / r, inverse2 = 1 / squares;
     const Lanes cosStep = (step * r).cos(), sinStep = (step * r).sin();
     Lanes cosine = Lanes::Ones(), sine = Lanes::Zero();
-    // k = 0: phi_0 - phi_1 = 2/3, and all others have a power of k
+    // k = 0: phi_0 - phi_1 = 2/3, and all other terms have a power of k
     Lanes ttI = Lanes::Constant(2.0 / 3 * ss[0]), ttR = Lanes::Zero(), tr = ttR, rt = ttR,
           rrI = ttR, rrR = ttR, vs = ttR, vsR = ttR, sv = ttR, svR = ttR, rs = ttR, ssI = ttR,
           ssV = ttR, ssR = ttR;
@@ -323,8 +330,11 @@ PairFunctions difference(PairFunctions a, const PairFunctions& b) {
 
 }  // namespace
 
-/** Calls add(r, |r|, screened) for the images of a pair, of a difference of places, that the range
- * reaches. */
+/**
+ * Call add(r, |r|, screened) for the images of a pair that are within reach.
+ *
+ * @param difference  of the positions of the pair
+ */
 template <class Add>
 void LatticeSum::forImages(const Vector3d& difference, const Add& add) {
     const double recurrenceFrom = 1 / step;
@@ -360,8 +370,8 @@ void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool conta
             pair.setZero();
             forImages(lattice.wrapped(positions[i] - positions[j]),
                       [&](const Vector3d& r, double distance, const PairFunctions& screened) {
-                          // At one place there is no direction; that of contact is along the line
-                          // of centres.
+                          // Two particles at one place have no direction between them. Contact is
+                          // taken along the line of centres.
                           const bool moved = contact && distance < a_i + a_j && distance > 0;
                           if (!moved)
                               pair.add(difference(spreading.free(a_i, a_j, distance, withTorques,
@@ -376,7 +386,7 @@ void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool conta
                           }
                       });
             if (i == j) {
-                // What images on both sides do to it cancels in these.
+                // For a particle itself, these contributions of images on both sides cancel.
                 pair.tr.setZero();
                 pair.rt.setZero();
                 pair.ts.setZero();
@@ -436,7 +446,7 @@ void LatticeSum::addFlowAt(const std::vector<OpenMM::Vec3>& positions, const Flo
     }
 }
 
-/** Into the lower triangle. */
+/** Put the blocks of a pair into the lower triangle. */
 void LatticeSum::place(const PairBlocks& pair, int i, int j, MatrixXd& matrix) const {
     const int row = particles.firstRow[i], column = particles.firstRow[j];
     const bool torque_i = particles.hasTorque[i], torque_j = particles.hasTorque[j];
@@ -445,7 +455,7 @@ void LatticeSum::place(const PairBlocks& pair, int i, int j, MatrixXd& matrix) c
     if (torque_j) matrix.block<3, 3>(row, column + 3) += pair.tr;
     if (torque_i && torque_j) matrix.block<3, 3>(row + 3, column + 3) += pair.rr;
     if (!stresslets) return;
-    // By the reciprocal theorem E_i of F_j is the transpose of V_j of S_i.
+    // By the reciprocal theorem, E_i of F_j is the transpose of V_j of S_i.
     matrix.block<5, 3>(firstStresslet(i), column) += pair.st.transpose();
     matrix.block<5, 3>(firstStresslet(i), column + 3) += pair.sr.transpose();
     matrix.block<5, 5>(firstStresslet(i), firstStresslet(j)) += pair.ss;

@@ -12,9 +12,9 @@
 namespace RigidHIPlugin {
 
 /**
- * How a model spreads force and torque of a particle over the fluid: by s(k) and t(k) of the
- * equation below, which depend on the radius alone, and by what two such particles do to each other
- * in unbounded fluid.
+ * How a model spreads the force and the torque of a particle over the fluid. It does so by s(k) and
+ * t(k) of the equation of LatticeSum, which depend on the radius alone, and by the pair functions
+ * of two such particles in unbounded fluid.
  */
 class Spreading {
 public:
@@ -24,14 +24,19 @@ public:
     virtual double ofTorque(double a, double k) const = 0;
     /** Both. */
     WaveFactors waveFactors(double a, double k) const { return {ofForce(a, k), ofTorque(a, k)}; }
-    /** Two particles in unbounded fluid, at any distance; a_i = 0 is a point of the fluid, outside
-     * or inside the other. @param torques, stresslets  whether these are asked for too */
+    /**
+     * The functions of two particles in unbounded fluid, at any distance. a_i = 0 is a point of the
+     * fluid, outside or inside particle j.
+     *
+     * @param torques, stresslets  whether their functions are asked for too
+     */
     virtual PairFunctions free(double a_i, double a_j, double distance, bool torques,
                                bool stresslets) const = 0;
     /**
-     * In units of the depth q of sums (terms are cut where they are exp(-q^2)): a splitting of
-     * width 1/xi makes functions of the distance, of particles up to radius `largest`, short-ranged
-     * beyond this distance, and waves, of radii from `smallest`, beyond this wave number.
+     * The cut-offs of sums of depth q, whose terms are cut off where they are exp(-q^2). With a
+     * splitting of width 1/xi, functions of the distance, for particles up to the radius `largest`,
+     * are negligible beyond reach(). Waves, for radii from `smallest`, are negligible beyond the
+     * wave number largestWave().
      *
      * @param inverseSplitting  1/xi, nm; 0: no splitting, waves alone
      */
@@ -43,56 +48,60 @@ public:
 };
 
 /**
- * The mobility of particles and all their images in a periodic box, the mean velocity of the fluid
- * (and bodies) being zero.
+ * The mobility of particles and all their images in a periodic box. The mean velocity of the fluid
+ * (and bodies) is zero.
  *
- * Equation:  M_ij = 1/(eta V) sum over k != 0 of D_i^T (1 - kk) k^-2 D_j exp(i k.r_ij), D(F) = s(k)
- * F, D(T) = i/2 t(k) k x T, D(S) = -i t(k) S.k. Method:    Ewald's splitting by Hasimoto's H(k) =
- * (1 + k^2/4 xi^2) exp(-k^2/4 xi^2). With H: waves, as B B^T of real columns, one symmetric product
- * of matrices. Without, pair by pair and image by image: the closed form in unbounded fluid, less
- * the integral over k with H. Of that the integrand is even, analytic and cut by a Gaussian, so the
- * trapezoidal rule converges faster than any power: some 25 nodes, and no cancellation for any
- * radii and distances. Accuracy:  1e-13 of own mobilities. xi and cut-offs follow from the box,
- * radii and that; xi so that both parts cost alike. Cost:      10 us a pair of spheres with torque,
- * 4 us without, 21 us with stresslets (one thread of a machine of 2023), whatever the box.
+ * Equation:  With D(F) = s(k) F, D(T) = i/2 t(k) k x T and D(S) = -i t(k) S.k,
+ *                M_ij = 1/(eta V) sum over k != 0 of D_i^T (1 - kk) k^-2 D_j exp(i k.r_ij).
+ * Method:    Ewald's splitting by Hasimoto's H(k) = (1 + k^2/4 xi^2) exp(-k^2/4 xi^2). The part
+ *            with H is summed over waves, as B B^T of real columns, which is one symmetric product
+ *            of matrices. The part without H is summed pair by pair and image by image: the closed
+ *            form in unbounded fluid, less the integral over k with H. Its integrand is even,
+ *            analytic and cut off by a Gaussian, so the trapezoidal rule converges faster than any
+ *            power. It takes some 25 nodes, and nothing cancels for any radii and distances.
+ * Accuracy:  1e-13 of own mobilities. xi and the cut-offs follow from the box, the radii and this
+ *            accuracy. xi is chosen such that both parts cost alike.
+ * Cost:      10 us a pair of spheres with torque, 4 us without, 21 us with stresslets (one thread
+ *            of a machine of 2023), whatever the box.
  * Reference: Hasimoto, J. Fluid Mech. 5:317 (1959); Beenakker, J. Chem. Phys. 85:1581 (1986);
- * docs/THEORY.md.
+ *            docs/THEORY.md.
  */
 class LatticeSum {
 public:
     /**
-     * @param stresslets  5 rows more for each particle, after all others: stresslets, and rates of
-     * strain
-     * @param forPoints   the sum is asked for the flow at points of the fluid: addFlowAt() instead
-     * of compute()
+     * @param stresslets  whether there are 5 more rows for each particle, after all others:
+     *     stresslets and rates of strain
+     * @param forPoints  whether the sum is asked for the flow at points of the fluid: addFlowAt()
+     *     instead of compute()
      */
     LatticeSum(const HydrodynamicParticles& particles, const Spreading& spreading, bool stresslets,
                bool forPoints = false);
 
-    /** Be in this box from now on. */
+    /** Use this box from now on. */
     void setBox(const BoxVectors& box);
     const Lattice& getLattice() const { return lattice; }
     int getNumRows() const { return particles.numRows + (stresslets ? 5 * particles.size() : 0); }
     /**
-     * The matrix, in units of 1/(8 pi eta); symmetric to the last bit.
+     * The matrix, in units of 1/(8 pi eta). It is symmetric to the last bit.
      *
      * @param contact  whether the functions of overlapping pairs in unbounded fluid are to be those
-     * of contact
+     *     of contact
      */
     void compute(const std::vector<OpenMM::Vec3>& positions, bool contact, Eigen::MatrixXd& matrix);
 
-    /** velocities += factor times the flow of sources at points, in units of 1/(8 pi eta). Cost: 10
-     * us for each particle and point. */
+    /**
+     * Add to the velocities `factor` times the flow of sources at points, in units of 1/(8 pi eta).
+     * Cost: 10 us for each particle and point.
+     */
     void addFlowAt(const std::vector<OpenMM::Vec3>& positions, const FlowSources& sources,
                    const std::vector<OpenMM::Vec3>& points, double factor, Velocities& velocities);
 
-    /** For tests: splits at this xi (1/nm) instead of the cheapest; 0: the cheapest. Before
-     * setBox(). */
+    /** For tests: split at this xi (1/nm); 0: at the cheapest. To be called before setBox(). */
     void setSplitting(double xi) { wantedSplitting = xi; }
     double getSplitting() const { return inverseSplitting > 0 ? 1 / inverseSplitting : 0; }
 
 private:
-    /** s and t at the wave numbers of a list, a row for each of the distinct radii. */
+    /** s and t at the wave numbers of a list, with a column for each of the distinct radii. */
     struct Factors {
         Eigen::ArrayXXd s, t;  // [wave number][kind]
     };
@@ -103,7 +112,7 @@ private:
     double estimateCost(double inverseSplitting) const;
     void chooseSplitting();
     void fillFactors(const Eigen::ArrayXd& waveNumbers, Factors& factors) const;
-    /** exp(-i n theta) of places along each reciprocal vector, for the waves there are. */
+    /** exp(-i n theta) of positions along each reciprocal vector, for the present waves. */
     struct Phases {
         Eigen::Vector3i count;
         std::vector<Eigen::MatrixXcd> along;  // [direction](n + count, place)

@@ -54,8 +54,8 @@ void PairBlocks::add(const PairFunctions& f, const Vector3d& r, bool stresslets)
 void besselQuotients(double x, double (&phi)[5]) {
     const double x2 = x * x, seriesBelow = 2;
     if (x < seriesBelow) {
-        // phi_n = sum over m of (-x^2/2)^m/(m! (2n + 2m + 1)!!); the terms at x = 2 are below 1e-17
-        // after 12.
+        // phi_n = sum over m of (-x^2/2)^m/(m! (2n + 2m + 1)!!). After 12 terms, the terms at x = 2
+        // are below 1e-17.
         const int numTerms = 14;
         double third = 0, fourth = 0;
         for (int m = numTerms; m > 0; m--) {

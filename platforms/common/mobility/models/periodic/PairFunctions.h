@@ -6,8 +6,8 @@
 namespace RigidHIPlugin {
 
 /**
- * What particles i and j do to each other through the fluid, r = r_i - r_j, by functions of the
- * distance, in units of 1/(8 pi eta):
+ * The mutual mobility of particles i and j, with r = r_i - r_j, by functions of the distance, in
+ * units of 1/(8 pi eta):
  *
  *     V_i = ttI F_j + ttR r (r.F_j) + tr T_j x r + ts S_j.r + tsR r (r.S_j.r)
  *     W_i = rt F_j x r + rrI T_j + rrR r (r.T_j) + rs (S_j.r) x r
@@ -19,13 +19,15 @@ struct PairFunctions {
     double ts = 0, tsR = 0, st = 0, stR = 0, rs = 0, ssI = 0, ssV = 0, ssR = 0;
 };
 
-/** What force, torque and stresslet (five numbers, or null) of j do to the velocity V_i above. */
+/** The velocity V_i above that force, torque and stresslet (five numbers, or null) of j cause. */
 Eigen::Vector3d velocityOf(const PairFunctions& f, const Eigen::Vector3d& r,
                            const Eigen::Vector3d& force, const Eigen::Vector3d& torque,
                            const double* stresslet);
 
-/** The blocks of a pair, as a sum over images: rows i, columns j; S in the basis of
- * StressletBasis.h. */
+/**
+ * The blocks of a pair, as a sum over images, with rows of i and columns of j. S is in the basis of
+ * StressletBasis.h.
+ */
 struct PairBlocks {
     Eigen::Matrix3d tt, tr, rt, rr;
     Eigen::Matrix<double, 3, 5> ts, rs;  // of S_j on V_i, W_i
@@ -33,14 +35,16 @@ struct PairBlocks {
     Eigen::Matrix<double, 5, 5> ss;
 
     void setZero();
-    /** @param stresslets  whether there are any: otherwise those blocks are not touched */
+    /**
+     * @param stresslets  whether there are any; otherwise their blocks are not touched
+     */
     void add(const PairFunctions& f, const Eigen::Vector3d& r, bool stresslets);
 };
 
 /**
- * phi_n(x) = j_n(x)/x^n for n = 0 ... 4, of spherical Bessel functions: entire functions of x^2, by
- * series and the recurrence downwards where x is small, by the recurrence upwards elsewhere.
- * Relative error 1e-15.
+ * phi_n(x) = j_n(x)/x^n for n = 0 ... 4, of spherical Bessel functions, which are entire functions
+ * of x^2. Where x is small they are computed by series and the downward recurrence, elsewhere by
+ * the upward recurrence. Relative error 1e-15.
  */
 void besselQuotients(double x, double (&phi)[5]);
 

@@ -56,7 +56,7 @@ std::string PeriodicMobility::coincidence(const Placement& placement,
             const double smaller = std::min(particles.radii[i], particles.radii[j]),
                          bound = CoincidenceCheck::bound * smaller;
             if (std::abs(particles.radii[i] - particles.radii[j]) > bound) continue;
-            // Of small distances the wrapped difference is the nearest.
+            // For small distances the wrapped difference is the nearest image.
             const double distance =
                 lattice.wrapped(placement.positions[i] - placement.positions[j]).norm();
             if (distance > 0.5 * bound) continue;
@@ -109,7 +109,10 @@ void LatticeSumAt::dense(MatrixXd& mobility) { mobility = matrix(); }
 
 namespace {
 
-/** A matrix of so many rows has 1.2 GB, of which a step needs four; it is made in half a minute. */
+/**
+ * A matrix of so many rows has 1.2 GB and is made in half a minute. A step needs four such
+ * matrices.
+ */
 const int largestRows = 12000;
 
 }  // namespace

@@ -9,12 +9,13 @@
 namespace RigidHIPlugin {
 
 /**
- * What models of periodic fluids by lattice sums have in common: particles that feel all images of
- * all particles, themselves included; a matrix that is formed and has no products; a largest number
- * of rows.
+ * The common part of models of periodic fluids by lattice sums. Particles feel all images of all
+ * particles, themselves included. The matrix is formed, there are no products without it, and the
+ * number of rows is limited.
  *
- * Moved or shifted with the lattice they stay what they are, turned they do not. The mean velocity
- * of fluid and bodies is zero: a uniform force density balances the sum of the forces.
+ * The mobility is the same when all particles are shifted, or moved by lattice vectors, but not
+ * when they are turned. The mean velocity of fluid and bodies is zero: a uniform force density
+ * balances the sum of the forces.
  */
 class PeriodicMobility : public MobilityModel {
 public:
@@ -28,13 +29,17 @@ public:
     }
     void checkWave(const BoxVectors& box, int axis, int periods) const override;
     double fluidVolume(const BoxVectors& box) const override { return Lattice(box).getVolume(); }
-    /** Why the particles have no mobility in this box at all: two of one radius whose images
-     * coincide; empty where they have one. */
+    /**
+     * Why the particles have no mobility in this box at all, which is so where images of two
+     * particles of one radius coincide; empty where they have a mobility.
+     */
     std::string coincidence(const Placement& placement, const Lattice& lattice) const;
 };
 
-/** @throws OpenMMException if a wave of so many periods along an axis is not periodic in the box, a
- * triclinic one */
+/**
+ * @throws OpenMMException if a wave of so many periods along an axis is not periodic in the box,
+ *     which is then triclinic
+ */
 void checkPeriodicWave(const BoxVectors& box, int axis, int periods);
 /** @throws OpenMMException for more rows than a dense matrix may have */
 void checkPeriodicRows(int rows, int largestRows);
@@ -62,12 +67,12 @@ private:
 };
 
 /**
- * Rotne-Prager-Yamakawa mobility in a periodic box: all blocks, unequal radii, overlap, any
+ * Rotne-Prager-Yamakawa mobility in a periodic box, with all blocks, unequal radii, overlap and any
  * lattice.
  *
- * Equation:  LatticeSum.h with s(k) = sin(ka)/(ka), t(k) = 3 j_1(ka)/(ka): forces spread evenly
- * over the surfaces of spheres, velocities averaged likewise. Limits:    pairwise; near contact no
- * lubrication.
+ * Equation:  LatticeSum.h with s(k) = sin(ka)/(ka) and t(k) = 3 j_1(ka)/(ka). Forces are spread
+ *            evenly over the surfaces of spheres, and velocities are averaged likewise.
+ * Limits:    The mobility is pairwise and has no lubrication near contact.
  */
 class PeriodicRotnePragerYamakawa : public PeriodicMobility {
 public:
@@ -83,11 +88,12 @@ protected:
 /**
  * Force coupling in a periodic box: as Rotne-Prager-Yamakawa, with Gaussians in place of surfaces.
  *
- * Equation:  LatticeSum.h with s(k) = exp(-sigma^2 k^2/2), sigma = a/sqrt(pi), t(k) =
- * exp(-sigma_D^2 k^2/2), sigma_D = a/(6 sqrt(pi))^(1/3). A sphere by itself has its Stokes drag,
- * translation and rotation. Reference: Maxey and Patel, Int. J. Multiphase Flow 27:1603 (2001);
- * Lomholt and Maxey, J. Comput. Phys. 184:381 (2003). Limits:    pairwise; near contact no
- * lubrication.
+ * Equation:  LatticeSum.h with s(k) = exp(-sigma^2 k^2/2), sigma = a/sqrt(pi), and t(k) =
+ *            exp(-sigma_D^2 k^2/2), sigma_D = a/(6 sqrt(pi))^(1/3). A sphere by itself has its
+ *            Stokes drag in translation and rotation.
+ * Reference: Maxey and Patel, Int. J. Multiphase Flow 27:1603 (2001); Lomholt and Maxey, J. Comput.
+ *            Phys. 184:381 (2003).
+ * Limits:    The mobility is pairwise and has no lubrication near contact.
  */
 class PeriodicForceCoupling : public PeriodicMobility {
 public:
@@ -95,7 +101,7 @@ public:
     const char* name() const override { return "ForceCoupling"; }
     bool isDivergenceFree() const override { return true; }
     const Spreading& spreading() const override;
-    /** By Gaussians too, in unbounded fluid. */
+    /** The matrix in unbounded fluid, also by Gaussians. */
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override;
 
@@ -103,11 +109,11 @@ protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
 };
 
-/** Force coupling of particles alone in unbounded fluid: their matrix. */
+/** The matrix of force coupling for particles alone in unbounded fluid. */
 void freeForceCoupling(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                        double viscosity, Eigen::MatrixXd& mobility);
 
-/** The spreadings of these models. StokesianDynamics has the former, with stresslets. */
+/** The spreadings of these models. PeriodicStokesianDynamics has the former, with stresslets. */
 const Spreading& overSurfaces();
 const Spreading& overGaussians();
 

@@ -19,11 +19,15 @@ using Eigen::Vector3d;
 
 namespace {
 
-/** Rows of M_FTS: as many gigabytes and minutes as the other periodic models may take. */
+/**
+ * Rows of M_FTS. So many take as many gigabytes and minutes as the other periodic models may take.
+ */
 const int largestRows = 11000;
 
-/** In mean radii of a pair: lubrication is whole up to the first distance, and nothing from the
- * second on. */
+/**
+ * In mean radii of a pair: lubrication is whole up to the first distance and zero from the second
+ * on.
+ */
 const double wholeUpTo = 8, nothingFrom = 10;
 
 double weight(double distance) {
@@ -33,8 +37,10 @@ double weight(double distance) {
     return 1 + z * z * z * (-10 + z * (15 - 6 * z));
 }
 
-/** Of the lattice vectors R and -R one: a sphere and its image on one side are the same pair as it
- * and that on the other side. */
+/**
+ * Whether R is the one of R and -R that counts. A sphere and its image on one side are the same
+ * pair as the sphere and its image on the other side.
+ */
 bool isFirstOfTwo(const Vector3d& R) {
     return R[0] > 0 || (R[0] == 0 && (R[1] > 0 || (R[1] == 0 && R[2] > 0)));
 }
@@ -70,7 +76,7 @@ protected:
 private:
     void makeResponse() {
         if (responseIsKnown) return;
-        responseIsWanted = true;  // from now on it is kept whenever its matrices are there
+        responseIsWanted = true;  // the response is kept from now on
         farFieldIsKnown = false;
         makeFarField();
     }
@@ -101,7 +107,10 @@ void Place::moveTo(const Placement& placement, bool) {
     farFieldIsKnown = frictionIsKnown = mobilityIsKnown = responseIsKnown = false;
 }
 
-/** From forces and torques, where the stresslets S = -M_ES^-1 M_EF F keep every sphere rigid. */
+/**
+ * Compute the mobility from forces and torques, where the stresslets S = -M_ES^-1 M_EF F keep every
+ * sphere rigid.
+ */
 void Place::makeFarField() {
     if (farFieldIsKnown) return;
     const int rows = particles.numRows, stresslets = sum.getNumRows() - rows;

@@ -13,12 +13,13 @@ namespace RigidHIPlugin {
  * lubrication, also with images.
  *
  * Equation:  R = M_FTS^-1 + sum over pairs, images of them and of spheres themselves of w(r)
- * (R_exact - R_FTS)(pair), w = 1 up to 8 mean radii of the pair, 1 - 10 z^3 + 15 z^4 - 6 z^5 with z
- * = r/(2 mean radii) - 4 from there to 0 at 10. Accuracy:  M_FTS to 1e-13. What w cuts is 7e-6 of 6
- * pi eta a and less. A pair's term is positive semidefinite, so any w from 0 to 1 keeps R positive
- * definite; it is a smooth function of positions and box. Cost:      as StokesianDynamics, and 20
- * us a pair for the lattice sums. Limits:    as StokesianDynamics. Spheres must not touch their own
- * images.
+ *            (R_exact - R_FTS)(pair). w = 1 up to 8 mean radii of the pair and 0 from 10 on.
+ *            Between these distances w = 1 - 10 z^3 + 15 z^4 - 6 z^5 with z = r/(2 mean radii) - 4.
+ * Accuracy:  M_FTS is accurate to 1e-13. What w cuts off is at most 7e-6 of 6 pi eta a. A pair's
+ *            term is positive semidefinite, so any w from 0 to 1 keeps R positive definite. R is a
+ *            smooth function of positions and box.
+ * Cost:      That of StokesianDynamics, and 20 us a pair for the lattice sums.
+ * Limits:    Those of StokesianDynamics. Spheres must not touch their own images.
  */
 class PeriodicStokesianDynamics : public StokesianDynamics {
 public:

@@ -60,8 +60,10 @@ public:
     bool convergesByWaves() const override { return false; }
 
 private:
-    /** The flow in a sphere over whose surface forces are spread: that of the surface, uniform, a
-     * rotation or a strain. */
+    /**
+     * The flow in a sphere over whose surface forces are spread. It is that of the surface:
+     * uniform, a rotation or a strain.
+     */
     static PairFunctions insideOf(double a, bool stresslets) {
         PairFunctions f;
         f.ttI = 4 / (3 * a);
@@ -116,7 +118,7 @@ private:
         Integrals(double variance, double r) {
             const double width = std::sqrt(variance), farFrom = 4;
             if (r > farFrom * width) {
-                // In closed form, where differences do not cancel.
+                // The closed form, where differences do not cancel.
                 const double E = 2 * std::erf(r / (width * std::sqrt(2.0))), r2 = r * r,
                              r3 = r2 * r;
                 const double g = 2 * std::sqrt(2 / M_PI) / width *

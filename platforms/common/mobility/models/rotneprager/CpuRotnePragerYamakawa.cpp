@@ -1,5 +1,5 @@
-// The Rotne-Prager-Yamakawa mobility with SIMD and threads. What fills the matrix is compiled once
-// for each instruction set.
+// The Rotne-Prager-Yamakawa mobility with SIMD and threads. The code that fills the matrix is
+// compiled once for each instruction set.
 
 #include "host/SimdTargets.h"  // must precede foreach_target.h
 
@@ -22,7 +22,7 @@
 #define RIGIDHI_CPU_ROTNE_PRAGER_YAMAKAWA_ARRAYS_
 namespace RigidHIPlugin {
 
-/** What the loops see of a CpuRotnePragerYamakawaAt. */
+/** The data of a CpuRotnePragerYamakawaAt that the loops use. */
 struct RotnePragerYamakawaArrays {
     static const int blockSize = PairSumArrays::alignment;
     const double *x, *y, *z, *radius, *weight;  // of target slots; z from the wall, if there is one
@@ -49,7 +49,7 @@ namespace HWY_NAMESPACE {
 
 typedef RotnePragerYamakawaArrays Arrays;
 
-/** A pack of targets i with everything about them. */
+/** A pack of targets i with all their data. */
 struct Targets {
     Pack x, y, z, radius, square;  // z from the wall, if there is one
     Targets(const Arrays& arrays, int slot) {
@@ -61,7 +61,10 @@ struct Targets {
     }
 };
 
-/** Pairs some of which overlap. Out of line: rare, and it would take the registers of the loop. */
+/**
+ * Pairs some of which overlap. The function is not inlined, because such pairs are rare and would
+ * take the registers of the loop.
+ */
 HWY_NOINLINE PairMobility<Pack> mixedPairMobility(const Targets& targets, const double* source) {
     const Vector3<Pack> r = {targets.x - Pack(source[0]), targets.y - Pack(source[1]),
                              targets.z - Pack(source[2])};
@@ -87,7 +90,7 @@ struct FreePairs {
     }
 };
 
-/** The same above a wall. */
+/** Pairs of a pack of targets with source j above a wall. */
 struct WallPairs {
     FreePairs free;
     WallMobility<Pack> wall;
@@ -101,7 +104,7 @@ struct WallPairs {
     }
 };
 
-/** Rows of a pack of targets in one column of the matrix. */
+/** Store the rows of a pack of targets in one column of the matrix. */
 template <int count>
 HWY_INLINE void storeColumn(const Arrays& arrays, int slot, int column, const Pack (&rows)[count]) {
     double out[count][Arrays::blockSize];
@@ -114,8 +117,10 @@ HWY_INLINE void storeColumn(const Arrays& arrays, int slot, int column, const Pa
     }
 }
 
-/** Blocks of a pack of targets and source j. They are so formed that the matrix is symmetric to the
- * last bit. */
+/**
+ * Fill the blocks of a pack of targets and source j. They are formed such that the matrix is
+ * symmetric to the last bit.
+ */
 template <class Pairs, bool targetTorque, bool sourceTorque>
 HWY_INLINE void fillPack(const Arrays& arrays, int slot, int j) {
     const Targets targets(arrays, slot);
@@ -156,7 +161,7 @@ HWY_NOINLINE void fillColumns(const Arrays& arrays, int j) {
     }
 }
 
-/** Columns of the matrix that belong to some sources. */
+/** Fill the columns of the matrix that belong to some sources. */
 void fillMatrix(const Arrays& arrays, int firstSource, int endSource) {
     const bool wall = arrays.hasWall;
     for (int j = firstSource; j < endSource; j++) {
@@ -198,8 +203,8 @@ CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& part
             numSphereBlocks = numBlocks;
         }
     }
-    // A few make many chunks wanting for threads, and sums of lanes cost little beside a chunk's
-    // pairs.
+    // Chunks are small enough that there are many of them for threads. They are large enough that
+    // sums of lanes cost little beside their pairs.
     for (bool spheres : {true, false}) {
         const int begin = spheres ? 0 : numSphereBlocks * blockSize;
         const int end = begin + (spheres ? numSpheres : particles.size() - numSpheres);
@@ -209,7 +214,8 @@ CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& part
     radius.assign(rowOfSlot.size(), 1.0);
     for (int j = 0; j < particles.size(); j++)
         radius[slotOfSource[j]] = particles.radii[particleOfSource[j]];
-    // The fifth power of an inverse distance, up to a thousand times these, is a float.
+    // A float can hold the fifth power of the inverse of distances up to a thousand times these
+    // radii.
     const double smallest = 1e-4, largest = 1e4;
     fitsSingle = true;
     for (double a : particles.radii) fitsSingle = fitsSingle && a >= smallest && a <= largest;
@@ -350,7 +356,7 @@ bool CpuRotnePragerYamakawaAt::preparePlacesInSingle() {
     return placesFitSingle;
 }
 
-/** Rows of a range, for all columns: task(row). */
+/** Call task(row) for the rows of a range, for all columns. */
 template <class Task>
 static void forRows(const SlotRange& range, int columns, const Task& task) {
     for (int c = 0; c < columns; c++)
@@ -418,7 +424,7 @@ void CpuRotnePragerYamakawaAt::multiply(const Eigen::MatrixXd& forces, std::vect
                                         Eigen::MatrixXd& velocities) {
     const size_t numSlots = x.size();
     velocities.resize(particles.numRows, forces.cols());
-    buffer.resize(6 * maxColumns * numSlots);  // zeros, and padding stays so
+    buffer.resize(6 * maxColumns * numSlots);  // zeros, and padding stays zero
     sums.resize(6 * maxColumns * numSlots);
     PairSumArrays arrays = {};
     arrays.x = x.data();

@@ -13,20 +13,22 @@
 namespace RigidHIPlugin {
 
 /**
- * Rotne-Prager-Yamakawa mobility in unbounded fluid or above a no-slip wall, with SIMD and threads
- * (formulas, reference, limits: mobility/RotnePragerYamakawa-inl.h,
- * mobility/RotnePragerYamakawaWall-inl.h; at the wall: mobility/NoSlipPlane.h).
+ * Rotne-Prager-Yamakawa mobility in unbounded fluid or above a no-slip wall, with SIMD and threads.
+ * Formulas, references and limits are in mobility/models/rotneprager/RotnePragerYamakawa-inl.h and
+ * mobility/models/wall/RotnePragerYamakawaWall-inl.h; for particles at the wall see
+ * mobility/models/wall/NoSlipPlane.h.
  *
  * Products take each pair once and both ways (PairSums.h), by chunks of 128 particles. Chunks meet
- * in rounds in which each is in one pair (PairTournament.h), so that what pairs give to a particle
- * is always added in the same order: results do not depend on the number of threads, nor on the
- * width of packs where the machine can multiply and add in one rounding (from AVX2 on). They agree
- * with RotnePragerYamakawa and RotnePragerYamakawaWall to rounding.
+ * in rounds in which each is in one pair (PairTournament.h), so that the contributions of pairs to
+ * a particle are always added in the same order. Results therefore do not depend on the number of
+ * threads. They do not depend on the width of packs either where the machine can multiply and add
+ * in one rounding (from AVX2 on). They agree with RotnePragerYamakawa and RotnePragerYamakawaWall
+ * to rounding.
  *
- * Cost: n^2/2 pairs, one square root and one division each (above a wall two), shared by two
- * columns at a time; pairs near contact are done again in a slower way. Measured beside a plain
- * loop over pairs: benchmarks/README.md. Nothing is allocated after the first call of each method
- * of a place if the number of columns stays the same, unless threads are used.
+ * Cost: n^2/2 pairs with one square root and one division each (two above a wall), shared by two
+ * columns at a time. Pairs near contact are computed again in a slower way. Measurements beside a
+ * plain loop over pairs: benchmarks/README.md. Nothing is allocated after the first call of each
+ * method of a MobilityAt if the number of columns stays the same, unless threads are used.
  */
 class CpuRotnePragerYamakawa : public MobilityModel {
 public:
@@ -34,11 +36,11 @@ public:
     typedef std::function<void(int count, const std::function<void(int, int)>& task)> ForRanges;
 
     /**
-     * @param forRanges  called only for work that pays for waking threads; it should divide any
-     * count. Empty: no threads.
-     * @param wall       if there is one
-     * @param fastSums   whether products that need not be exact are done by FastSum where that
-     * takes less time
+     * @param forRanges  called only for work that is worth waking threads for; it should divide any
+     *     count. Empty: no threads.
+     * @param wall  if there is one
+     * @param fastSums  whether products that need not be exact are made by FastSum where that takes
+     *     less time
      */
     CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity,
                            ForRanges forRanges = {}, const std::optional<NoSlipPlane>& wall = {},
@@ -77,8 +79,9 @@ private:
     const ForRanges forRanges;
     const std::optional<NoSlipPlane> wall;
     // Particles with torque come first, so that blocks of targets and ranges of sources are of one
-    // kind. Slots of targets are padded to whole blocks for each kind; sources are not. Sums over
-    // pairs go by chunks of slots of one kind, in a number that follows from the particles alone.
+    // kind. Slots of targets are padded to whole blocks for each kind, and sources are not padded.
+    // Sums over pairs go by chunks of slots of one kind. The number of chunks follows from the
+    // particles alone.
     static constexpr int chunkSize = 128;
     int numSpheres, numSphereBlocks, numBlocks;
     std::vector<SlotRange> chunks;
@@ -93,19 +96,22 @@ private:
     const bool fastSums;
 };
 
-/** It at a placement. */
+/** A CpuRotnePragerYamakawa at a placement. */
 class CpuRotnePragerYamakawaAt : public MobilityAt {
 public:
     explicit CpuRotnePragerYamakawaAt(const CpuRotnePragerYamakawa& model);
     void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     /**
-     * In single precision, but for differences of positions, overlapping pairs, and sums over more
-     * than 64 particles: in about half the time. In double precision if radii are not between 1e-4
-     * and 1e4 nm. Results do not depend on the number of threads, but on the width of packs.
+     * In single precision, in about half the time. Differences of positions, overlapping pairs, and
+     * sums over more than 64 particles are in double precision. All is in double precision if radii
+     * are not between 1e-4 and 1e4 nm. Results do not depend on the number of threads, but they
+     * depend on the width of packs.
      */
     void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
-    /** By a FastSum where there are so many particles that this takes less time: FastSum::choose().
-     * Not for differences of products. */
+    /**
+     * By a FastSum where there are so many particles that it takes less time: FastSum::choose(). It
+     * is not meant for differences of products.
+     */
     void applyWithin(double error, const Eigen::MatrixXd& forces,
                      Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
@@ -128,8 +134,8 @@ private:
 
     const CpuRotnePragerYamakawa& model;
     std::vector<double> x, y, z;  // of slots
-    std::vector<double>
-        weight;  // of slots: what velocities and forces are multiplied by, 1 without a wall
+    std::vector<double> weight;   // of slots: the factors by which velocities and forces are
+                                  // multiplied, 1 without a wall
     std::vector<double> sources;  // x, y, z, radius of each
     // Of slots, as PairSumArrays has them.
     std::vector<double> loads, sums;
@@ -138,7 +144,7 @@ private:
     PairTournament tournament;
     struct Fast {
         std::unique_ptr<FastSum> sum;
-        bool isHere = false;  // whether it knows of this placement
+        bool isHere = false;  // whether it has been moved to this placement
     };
     std::map<int, Fast> fast;  // by orders, made when first needed
 };

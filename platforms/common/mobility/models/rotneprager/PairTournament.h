@@ -8,30 +8,31 @@
 namespace RigidHIPlugin {
 
 /**
- * All pairs (a, b) of chunks, a <= b, shared by any number of threads so that what pairs give to a
- * chunk is always added in the same order.
+ * All pairs (a, b) of chunks, a <= b, shared by any number of threads such that the contributions
+ * of pairs to a chunk are always added in the same order.
  *
- * In round r meet those with a + b = r modulo the number of chunks: each chunk is in one pair a
+ * In round r, chunks with a + b = r modulo the number of chunks meet. Each chunk is in one pair a
  * round (or meets itself), and each pair meets once. Threads take pairs in this order, compute them
- * apart, and add to a chunk when it is that round's turn. Whoever holds the first pair of those not
- * yet done never waits, so that one thread alone, or one after the other, gets through, too.
+ * independently, and add to a chunk when it is that round's turn. The thread that holds the first
+ * of the pairs that are not done never waits. So the work is also done by one thread alone, or by
+ * threads one after the other.
  */
 class PairTournament {
 public:
     explicit PairTournament(int numChunks)
         : numChunks(numChunks), turns(new std::atomic<int>[numChunks]) {}
     int getNumPairs() const { return numChunks * (numChunks + 1) / 2; }
-    /** Before threads come to play(). */
+    /** To be called before threads call play(). */
     void begin() {
         next = 0;
         for (int a = 0; a < numChunks; a++) turns[a].store(0, std::memory_order_relaxed);
     }
     /**
-     * Take pairs until there are none.
+     * Take pairs until there are none left.
      *
      * @param compute  compute(a, b)
-     * @param add      add(a, second): add what compute() found for a, its second chunk or its
-     * first, also its only one
+     * @param add  add(a, second): add what compute() found for chunk a. `second` says whether a is
+     *     the second chunk of the pair, and not the first or only one.
      */
     template <class Compute, class Add>
     void play(const Compute& compute, const Add& add) {
@@ -41,8 +42,8 @@ public:
             const int round = static_cast<int>(place / perRound),
                       k = static_cast<int>(place % perRound);
             if (round >= numChunks) return;
-            // a + b = round, then a + b = round + numChunks; in some rounds there is a place too
-            // many.
+            // First the pairs with a + b = round, then those with a + b = round + numChunks. In
+            // some rounds there is one place too many.
             const int a = k <= round / 2 ? k : k + (round + 1) / 2;
             const int b = k <= round / 2 ? round - a : round + numChunks - a;
             if (a > b) continue;

@@ -1,20 +1,21 @@
-// The Rotne-Prager-Yamakawa mobility of two spheres, in unbounded fluid or above a no-slip wall, as
-// sums want it that take each pair once: what i does because of j, and what j does because of i,
-// from the same few factors.
+// The Rotne-Prager-Yamakawa mobility of two spheres, in unbounded fluid or above a no-slip wall,
+// for sums that take each pair once. The same few factors give the velocities of i because of j,
+// and of j because of i.
 //
-// Equation:  that of mobility/models/rotneprager/RotnePragerYamakawa-inl.h and
-// mobility/models/wall/RotnePragerYamakawaWall-inl.h. Above
-//            a wall the free part and the image are summed block by block. With (x, y, z) = r_i -
-//            r_j and s = x F_x + y F_y symmetry leaves of a block
-//                tt:  V_xy = P F_xy + (x, y) (Q s + U F_z)                         V_z = W s + C
-//                F_z tr:  V_xy = a t + (x, y) c R + b T_z (y, -x)                       V_z = d R
-//                rt:  W_xy = (-a F_y, a F_x) + (y, -x) (c s + d F_z)                W_z = b (y F_x
-//                - x F_y) rr:  W_xy = I T_xy + (x, y) (N S + G T_z) + (y, -x) around R       W_z =
-//                H S + E T_z
-//            with t = (T_y, -T_x), R = y T_x - x T_y, S = x T_x + y T_y. The pair swapped has the
+// Equation:  That of mobility/models/rotneprager/RotnePragerYamakawa-inl.h and
+//            mobility/models/wall/RotnePragerYamakawaWall-inl.h. Above a wall the free part and the
+//            image are summed block by block. With (x, y, z) = r_i - r_j and s = x F_x + y F_y,
+//            symmetry leaves of a block
+//     tt:  V_xy = P F_xy + (x, y) (Q s + U F_z)                         V_z = W s + C F_z
+//     tr:  V_xy = a t + (x, y) c R + b T_z (y, -x)                      V_z = d R
+//     rt:  W_xy = (-a F_y, a F_x) + (y, -x) (c s + d F_z)               W_z = b (y F_x - x F_y)
+//     rr:  W_xy = I T_xy + (x, y) (N S + G T_z) + (y, -x) around R      W_z = H S + E T_z
+//            with t = (T_y, -T_x), R = y T_x - x T_y, S = x T_x + y T_y. The swapped pair has the
 //            transpose: U and W, G and H, and the a, b, c, d of tr and rt change places.
-// Cost:      multiplications a column and direction: 10 of blobs, free or above a wall; of spheres
-// 32 and 43. Limits:    as there; where spheres overlap, free factors are PairMobility's.
+// Cost:      Multiplications for each column and direction: 10 for blobs, free or above a wall; for
+//            spheres 32 and 43.
+// Limits:    Those of the two files. Where spheres overlap, the free factors are those of
+//            PairMobility.
 
 #if defined(RIGIDHI_PAIRS_BOTH_WAYS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_PAIRS_BOTH_WAYS_INL_H_
@@ -37,10 +38,10 @@ struct LinearAndAngular {
 };
 
 /**
- * Spheres that do not overlap.
+ * The mobility of spheres that do not overlap.
  *
  * @param inverse  1/|r|, or 0: then everything is 0
- * @param third    (a_i^2 + a_j^2)/3
+ * @param third  (a_i^2 + a_j^2)/3
  */
 template <class Real>
 HWY_INLINE PairMobility<Real> farPairMobilityOf(const Real& inverse, const Real& third) {
@@ -65,8 +66,10 @@ struct FreeFactors {
         : r{r.x, r.y, r.z}, rt{m.rt * r.x, m.rt * r.y, m.rt * r.z}, tr{m.tr * r.x, m.tr * r.y,
                                                                        m.tr * r.z},
           ttI(m.ttI), ttR(m.ttR), rrI(m.rrI), rrR(m.rrR) {}
-    /** Add what forces and torques on j do to i, times 8 pi eta. Without torque_i sphere i has no
-     * W, without torque_j sphere j no T. */
+    /**
+     * Add the velocities of i because of forces and torques on j, times 8 pi eta. Without torque_i
+     * sphere i has no W, and without torque_j sphere j has no T.
+     */
     template <int columns, bool torque_i, bool torque_j>
     HWY_INLINE void addToFirst(const LinearAndAngular<Real, columns>& load_j,
                                LinearAndAngular<Real, columns>& v_i) const {
@@ -77,7 +80,10 @@ struct FreeFactors {
             addSymmetric<torque_i && torque_j>(F, T, v_i.linear[c], v_i.angular[c]);
         }
     }
-    /** Add what forces and torques on i do to j: the same with -r, tr and rt swapped. */
+    /**
+     * Add the velocities of j because of forces and torques on i: the same with -r, and with tr and
+     * rt swapped.
+     */
     template <int columns, bool torque_i, bool torque_j>
     HWY_INLINE void addToSecond(const LinearAndAngular<Real, columns>& load_i,
                                 LinearAndAngular<Real, columns>& v_j) const {
@@ -102,7 +108,7 @@ private:
     }
 };
 
-/** A pair above a wall, free part and image; letters as above. */
+/** A pair above a wall, free part and image. The letters are those of the equation above. */
 template <class Real>
 struct WallFactors {
     struct Coupling {
@@ -126,8 +132,8 @@ struct WallFactors {
         const Real three(3.0), six(6.0), ten(10.0), thirty(30.0);
         const Real Z = z_i + z_j, third = b_i + b_j;
         const Real p2 = p * p, p3 = p * p2, p5 = p3 * p2, Zp2 = Z * p2, w = Z * Zp2;
-        // Halves of the factors of H, d_z H and d_z^2 H in RotnePragerYamakawaWall-inl.h, but for
-        // the first, which is whole.
+        // These are halves of the factors of H, d_z H and d_z^2 H in RotnePragerYamakawaWall-inl.h,
+        // except for the first, which is the whole factor.
         const Real first = multiplyAdd(z_i + z_i, z_j, third),
                    second = multiplyAdd(z_i, b_j, z_j * b_i);
         const Real fourth = b_i * b_j, secondZ = second * Zp2, fourthP = fourth * p2;

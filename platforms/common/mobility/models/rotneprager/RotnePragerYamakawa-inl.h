@@ -5,17 +5,14 @@
 //     8 pi eta V_i = ttI F_j + ttR r (r.F_j) + tr T_j x r
 //     8 pi eta W_i = rt F_j x r + rrI T_j + rrR r (r.T_j)
 //
-// Method:    surface averages of the Stokeslet over both spheres: far apart, overlapping, one
-// inside the other. The whole
-//            matrix is positive definite for all positions; continuous; symmetric (tr of a pair is
-//            rt of the pair swapped). Its divergence with respect to positions is 0, as the
-//            Stokeslet's: docs/THEORY.md.
+// Method:    Surface averages of the Stokeslet over both spheres, which may be far apart,
+//            overlapping, or one inside the other. The whole matrix is positive definite for all
+//            positions, continuous, and symmetric (tr of a pair is rt of the swapped pair). Its
+//            divergence with respect to positions is 0, as that of the Stokeslet: docs/THEORY.md.
 // Reference: Rotne, Prager, J. Chem. Phys. 50, 4831 (1969); Yamakawa, ibid. 53, 436 (1970);
-// overlapping and unequal:
-//            Zuk et al., J. Fluid Mech. 741, R5 (2014).
-// Limits:    pairwise; spheres nearly in contact have no lubrication. At one place and of one
-// radius, spheres cannot move
-//            apart: the matrix is then singular.
+//            overlapping and unequal: Zuk et al., J. Fluid Mech. 741, R5 (2014).
+// Limits:    The mobility is pairwise, and spheres nearly in contact have no lubrication. Spheres
+//            of one radius at one place cannot move apart: the matrix is then singular.
 
 #if defined(RIGIDHI_ROTNE_PRAGER_YAMAKAWA_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_ROTNE_PRAGER_YAMAKAWA_INL_H_
@@ -29,8 +26,8 @@
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
 
-// The scalar members of the family (besides those in Quaternion-inl.h).
-/** a b + c; packs round once where the machine can. */
+// The scalar versions of these functions (the others are in Quaternion-inl.h).
+/** a b + c; packs round once where the machine can do so. */
 inline double multiplyAdd(double a, double b, double c) { return a * b + c; }
 /** c - a b, likewise. */
 inline double negativeMultiplyAdd(double a, double b, double c) { return c - a * b; }
@@ -48,10 +45,10 @@ struct PairMobility {
 };
 
 /**
- * Spheres that do not overlap.
+ * The mobility of spheres that do not overlap.
  *
  * @param distance2  |r|^2, not 0
- * @param squares    a_i^2 + a_j^2
+ * @param squares  a_i^2 + a_j^2
  */
 template <class Real>
 inline PairMobility<Real> farPairMobility(const Real& distance2, const Real& squares) {
@@ -68,19 +65,19 @@ inline PairMobility<Real> farPairMobility(const Real& distance2, const Real& squ
 }
 
 /**
- * Spheres that overlap, or one inside the other, or the same: r = 0 and a_i = a_j gives the
- * mobility of a sphere itself.
+ * The mobility of spheres that overlap, or are inside one another, or are the same. r = 0 and a_i =
+ * a_j gives the mobility of a sphere itself.
  *
- * The published polynomials over R^3, rewritten in x = ((a_i - a_j)/R)^2 <= 1, which divides
- * nothing small by something small. Once one sphere is inside the other its share stays what it was
- * at R = |a_i - a_j|, with rt growing like r from the large sphere's centre; so this is the same
- * formula with R held at that value.
+ * The published polynomials over R^3 are rewritten in x = ((a_i - a_j)/R)^2 <= 1, so that nothing
+ * small is divided by something small. Once one sphere is inside the other, the functions keep
+ * their values at R = |a_i - a_j|, with rt growing like r from the large sphere's centre. So the
+ * formula is the same with R held at that value.
  */
 template <class Real>
 inline PairMobility<Real> overlappingPairMobility(const Real& distance2, const Real& a_i,
                                                   const Real& a_j) {
-    // Below this distance r is 0 beside any radius; its square and the square's inverse are still
-    // finite.
+    // Below this distance r is 0 beside any radius. Its square and the inverse of the square are
+    // still finite.
     const double tiny = 1e-150;
     const Real s = a_i - a_j, sum = a_i + a_j, product = a_i * a_j;
     const Real R = maximum(maximum(squareRoot(distance2), maximum(s, Real(0.0) - s)), Real(tiny));
@@ -105,7 +102,7 @@ inline PairMobility<Real> overlappingPairMobility(const Real& distance2, const R
     return m;
 }
 
-/** Any pair. Packs compute the overlap only if there is one. */
+/** The mobility of any pair. Packs compute the overlap only if there is one. */
 template <class Real>
 inline PairMobility<Real> pairMobility(const Real& distance2, const Real& a_i, const Real& a_j) {
     const Real sum = a_i + a_j, contact2 = sum * sum;
@@ -139,9 +136,9 @@ inline Real addedDot(const Vector3<Real>& a, const Vector3<Real>& b) {
 }
 
 /**
- * Add what forces and torques on sphere j do to sphere i, times 8 pi eta, for several cases
- * (columns) at once. Without targetTorque sphere i has no W, without sourceTorque sphere j has no
- * T; these are not touched.
+ * Add the velocities of sphere i because of forces and torques on sphere j, times 8 pi eta, for
+ * several cases (columns) at once. Without targetTorque sphere i has no W, and without sourceTorque
+ * sphere j has no T. These arrays are then not touched.
  */
 template <int columns, bool targetTorque, bool sourceTorque, class Real>
 inline void addPairVelocities(const PairMobility<Real>& m, const Vector3<Real>& r,

@@ -25,7 +25,10 @@ void addTo(Eigen::MatrixXd& m, int row, int column, const Vector& v) {
     m(row + 2, column) += v.z;
 }
 
-/** The block identity I + outer r r^T, and its transpose in the mirrored place. */
+/**
+ * Put the block identity I + outer r r^T into the matrix, and its transpose at the mirrored
+ * position.
+ */
 void placeSymmetric(Eigen::MatrixXd& m, int row, int column, double identity, double outer,
                     const Vector& r) {
     const double v[3] = {r.x, r.y, r.z};
@@ -34,7 +37,10 @@ void placeSymmetric(Eigen::MatrixXd& m, int row, int column, double identity, do
             m(row + i, column + j) = m(column + j, row + i) =
                 outer * v[i] * v[j] + (i == j ? identity : 0.0);
 }
-/** The block B with B f = factor f x r, and its transpose in the mirrored place. */
+/**
+ * Put the block B with B f = factor f x r into the matrix, and its transpose at the mirrored
+ * position.
+ */
 void placeCross(Eigen::MatrixXd& m, int row, int column, double factor, const Vector& r) {
     const double x = factor * r.x, y = factor * r.y, z = factor * r.z;
     const double block[3][3] = {{0, z, -y}, {-z, 0, x}, {y, -x, 0}};

@@ -6,13 +6,14 @@
 namespace RigidHIPlugin {
 
 /**
- * Rotne-Prager-Yamakawa mobility in unbounded fluid, pair by pair: plain loops, for few particles
- * and as the reference for faster ones. Formulas, reference and limits: RotnePragerYamakawa-inl.h.
+ * Rotne-Prager-Yamakawa mobility in unbounded fluid, pair by pair, in plain loops. It serves few
+ * particles and is the reference for faster models. Formulas, references and limits:
+ * RotnePragerYamakawa-inl.h.
  *
- * Accepts all positions. Two particles of one radius at the same place make the matrix singular,
- * not indefinite. Cost: one square root and about 60 operations a pair, apply() once per pair and
- * 40 operations more for each column. Nothing is allocated after the first call of each method of a
- * place, if the number of columns stays the same.
+ * The model accepts all positions. Two particles of one radius at the same place make the matrix
+ * singular, not indefinite. Cost: one square root and about 60 operations a pair. apply() takes
+ * them once per pair, and 40 operations more for each column. Nothing is allocated after the first
+ * call of each method of a MobilityAt, if the number of columns stays the same.
  */
 class RotnePragerYamakawa : public MobilityModel {
 public:

@@ -20,8 +20,10 @@ Matrix3d crossProduct(const Vector3d& v) {
     return m;
 }
 
-/** What two spheres do to each other at centre distance r, direction n from j to i; in units of
- * 1/(8 pi viscosity). */
+/**
+ * The mutual mobility of two spheres at the centre distance r, with the direction n from j to i, in
+ * units of 1/(8 pi viscosity).
+ */
 struct PairMobility {
     Matrix3d tt, rt, rr;  // of (F_j, T_j) on (U_i, Omega_i); the coupling of T_j to U_i equals rt
     Eigen::Matrix<double, 3, 5> ts, rs;                  // of S_j on (U_i, Omega_i)
@@ -80,7 +82,7 @@ void computeForceTorqueStressletMobility(const std::vector<double>& radii,
             mobility.block<6, 6>(6 * j, 6 * i) = mobility.block<6, 6>(6 * i, 6 * j).transpose();
             ss.block<5, 5>(5 * i, 5 * j) = pair.ss;
             ss.block<5, 5>(5 * j, 5 * i) = pair.ss.transpose();
-            // by the reciprocal theorem E_j of F_i is the transpose of U_i of S_j
+            // By the reciprocal theorem, E_j of F_i is the transpose of U_i of S_j.
             coupling.block<5, 3>(5 * j, 6 * i) = pair.ts.transpose();
             coupling.block<5, 3>(5 * j, 6 * i + 3) = pair.rs.transpose();
             coupling.block<5, 3>(5 * i, 6 * j) = pair.tsBackward.transpose();

@@ -34,7 +34,9 @@ double distanceBetween(const Vec3& a, const Vec3& b) {
     return std::sqrt(d.dot(d));
 }
 
-/** Cholesky's factor in the lower triangle of a matrix made for these particles, where that was. */
+/**
+ * Write the Cholesky factor into the lower triangle of a matrix made for these particles, in place.
+ */
 void factorize(MatrixXd& matrix) {
     const Eigen::LLT<Eigen::Ref<MatrixXd>> factor(matrix);
     if (factor.info() != Eigen::Success) refuseIndefiniteSpheres(matrix.rows() / 6);
@@ -218,7 +220,7 @@ protected:
     void moveTo(const Placement& placement, bool) override;
 
 private:
-    // Each is made when first asked for.
+    // Each matrix is made when it is first asked for.
     void makeFarField();
     void makeFriction();
     void makeFactor();
@@ -258,7 +260,7 @@ void Place::makeFriction() {
     frictionIsKnown = true;
 }
 
-/** That of the friction. */
+/** Make the Cholesky factor of the friction. */
 void Place::makeFactor() {
     if (factorIsKnown) return;
     makeFriction();

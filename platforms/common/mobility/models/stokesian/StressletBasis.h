@@ -25,13 +25,13 @@ inline Eigen::Matrix<double, 5, 1> inStressletBasis(const Eigen::Matrix3d& E) {
 }
 
 /**
- * What stresslets S of two spheres that do not overlap do, in units of 1/(8 pi viscosity), with n
- * the direction from j to i:
+ * For two spheres that do not overlap, the velocities and strain rates that their stresslets S
+ * cause, in units of 1/(8 pi viscosity). n is the direction from j to i:
  *
  *     V_i = along n (n.S_j.n) + towards S_j.n,   Omega_i = -omega (S_j.n) x n,
  *     S_i:E_i = ssI S_i:S_j + ssV (S_i.n).(S_j.n) + ssS (n.S_i.n) (n.S_j.n)
  *
- * The stresslet's flow is 3 n (n.S.n)/r^2; each Faxén Laplacian adds (12 S.n - 30 n (n.S.n))/r^4
+ * The stresslet's flow is 3 n (n.S.n)/r^2. Each Faxén Laplacian adds (12 S.n - 30 n (n.S.n))/r^4
  * times its coefficient.
  */
 class StressletPair {
@@ -41,7 +41,10 @@ public:
     struct Velocity {
         double along, towards;
     };
-    /** Of a sphere of the first radius, by the stresslet of one of the second. */
+    /**
+     * The velocity of a sphere of the first radius, caused by the stresslet of a sphere of the
+     * second.
+     */
     Velocity velocity(double a, double ofStresslet) const {
         const double laplacian = a * a / 6 + ofStresslet * ofStresslet / 10;
         return {3 / r2 - 30 * laplacian / r4, 12 * laplacian / r4};
@@ -55,7 +58,7 @@ private:
     const double squares, r2, r3, r4, r5;
 };
 
-/** S:E of one sphere by its own stresslet. */
+/** S:E of one sphere caused by its own stresslet. */
 inline double ownStressletFunction(double a) { return 6 / (5 * (a * a * a)); }
 
 }  // namespace RigidHIPlugin

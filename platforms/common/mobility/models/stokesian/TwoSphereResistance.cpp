@@ -21,20 +21,21 @@ namespace {
 /**
  * Two spheres in bispherical coordinates, z = sinh(xi)/h, rho = sin(eta)/h, h = cosh(xi) - x, x =
  * cos(eta), unit focal length and viscosity. Sphere 0 is xi = alpha, sphere 1 is xi = -beta. With k
- * = n + 1/2 and Ferrers' P_n^m without (-1)^m,
+ * = n + 1/2 and Ferrers' P_n^m without (-1)^m, the functions
  *
  *     f_n^{m,+-} = h^{1/2} exp(+-k xi) P_n^m(x) e^{i m phi}
  *
- * are harmonic, and derivatives stay among them without mixing + and -:
+ * are harmonic. Their derivatives are sums of such functions and do not mix + and -:
  *
  *     d_z f_n           = +-[k f_n - (n-m+1)/2 f_{n+1} - (n+m)/2 f_{n-1}]
- *     (d_x + i d_y) f_n = f_n - f_{n+1}/2 - f_{n-1}/2 (order m+1) (d_x - i d_y) f_n = -(n+m)(n-m+1)
- * f_n + (n-m+1)(n-m+2)/2 f_{n+1} + (n+m)(n+m-1)/2 f_{n-1}           (order m-1) r.grad f_n        =
- * -f_n/2 - (n-m+1)/2 f_{n+1} + (n+m)/2 f_{n-1}
+ *     (d_x + i d_y) f_n = f_n - f_{n+1}/2 - f_{n-1}/2   (order m+1)
+ *     (d_x - i d_y) f_n = -(n+m)(n-m+1) f_n + (n-m+1)(n-m+2)/2 f_{n+1}
+ *                         + (n+m)(n+m-1)/2 f_{n-1}      (order m-1)
+ *     r.grad f_n        = -f_n/2 - (n-m+1)/2 f_{n+1} + (n+m)/2 f_{n-1}
  *
- * Unknown are the coefficients of Q and v_z (order m), v_x + i v_y (m+1) and v_x - i v_y (m-1; for
- * m = 0 it mirrors the former). The coefficient of + is stored times exp(k alpha), of - times exp(k
- * beta): its part of the value at the sphere it is singular in.
+ * The unknowns are the coefficients of Q and v_z (order m), v_x + i v_y (m+1) and v_x - i v_y (m-1;
+ * for m = 0 it mirrors the former). The coefficient of + is stored times exp(k alpha), and that of
+ * - times exp(k beta). Each is then its part of the value at the sphere in which it is singular.
  */
 template <class Real, int m>
 class Bispherical {
@@ -44,8 +45,10 @@ public:
 
     Bispherical(Real alpha, Real beta, int maxOrder) : xi{alpha, beta}, maxOrder(maxOrder) {}
 
-    /** Force (m = 1: force along x, torque about y) of each sphere on the fluid for the same
-     * motions, about the spheres' centres. */
+    /**
+     * The force (m = 1: force along x, torque about y) of each sphere on the fluid for the same
+     * motions, about the spheres' centres.
+     */
     Resistance resistance() const {
         // block elimination upwards, substitution downwards
         std::vector<Block> above(maxOrder + 1);
@@ -161,8 +164,10 @@ private:
         return e;
     }
 
-    /** Far away v is F/(8 pi r) + T x r/(8 pi r³), and what is singular in a sphere comes from that
-     * sphere. */
+    /**
+     * Far away v is F/(8 pi r) + T x r/(8 pi r³). Terms that are singular in a sphere come from
+     * that sphere.
+     */
     Resistance farField(const std::vector<Columns>& solution) const {
         Resistance resistance = Resistance::Zero();
         const Real unit = 8 * std::sqrt(Real(2)) * std::acos(Real(-1));
@@ -188,8 +193,10 @@ private:
     const int maxOrder;
 };
 
-/** Torques about the line of centres: u_phi is harmonic of order 1, and its values sin(eta)/h are
- * sums of 2 sqrt 2 exp(-k |xi|) f_n. */
+/**
+ * Torques about the line of centres. u_phi is harmonic of order 1, and its values sin(eta)/h are
+ * sums of 2 sqrt 2 exp(-k |xi|) f_n.
+ */
 template <class Real>
 Eigen::Matrix<Real, 2, 2> spinResistance(Real alpha, Real beta, int maxOrder) {
     Eigen::Matrix<Real, 2, 2> resistance = Eigen::Matrix<Real, 2, 2>::Zero();
@@ -209,8 +216,10 @@ Eigen::Matrix<Real, 2, 2> spinResistance(Real alpha, Real beta, int maxOrder) {
  * double's at 27. */
 constexpr int digitsOrders = 22, longDigitsOrders = 27;
 
-/** Scaled functions from resistances about the line (rows: spheres) and across it (rows: force
- * along x, torque about y of each). */
+/**
+ * Scales that make the functions from resistances about the line (rows: spheres) and across it
+ * (rows: force along x, torque about y of each).
+ */
 template <class Real>
 struct Scales {
     Real A, B, C;
@@ -286,7 +295,8 @@ namespace {
 /**
  * Coefficients of 1/xi, ln xi and xi ln xi near contact for the functions 11 of ratio l (Jeffrey
  * and Onishi 1984; all compared with solveTwoSpheres() in the tests). Those of 22 are the 11 of
- * 1/l, and relative motion alone is singular, so 12 are -11 in true units, except for the Y^C.
+ * 1/l. Only relative motion is singular, so those of 12 are minus those of 11 in true units, except
+ * for Y^C.
  */
 struct LubricationConstants {
     double XA[3], YA[2], YB[2], XC, YC[2], YC12[2];
@@ -308,16 +318,22 @@ struct LubricationConstants {
     }
 };
 
-/** Where the expansion near contact replaces the solution, and is fitted to it: gaps in units of
- * twice the reduced radius. */
+/**
+ * The gaps below which the expansion near contact replaces the solution, and up to which it is
+ * fitted to the solution, in units of twice the reduced radius.
+ */
 constexpr double nearContact = 1e-3, fitTo = 4e-2;
 constexpr int numFitGaps = 20, fitPower = 6;
-/** Beyond this gap what FTS lacks, of order (a/r)^6, is 1e-13 and below the rounding of the
- * difference. */
+/**
+ * Beyond this gap the part that FTS lacks, of order (a/r)^6, is 1e-13 and below the rounding of the
+ * difference.
+ */
 constexpr double farApart = 300;
 
-/** 1, u, then u^k and u^k ln u for k = 2 ... fitPower: what is left of a lubrication expansion
- * beside its singular terms. */
+/**
+ * 1, u, then u^k and u^k ln u for k = 2 ... fitPower: the terms of a lubrication expansion besides
+ * its singular ones.
+ */
 Eigen::Array<double, 2 * fitPower, 1> nearContactTerms(double u, double scale) {
     Eigen::Array<double, 2 * fitPower, 1> terms;
     const double v = u / scale;
@@ -369,7 +385,7 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
     set(YC12, 0, one.YC12[0], one.YC12[1]);
     set(YC22, 0, two.YC[0], two.YC[1]);
 
-    // what is left, exact - FTS - singular, at a gap where it can be solved for
+    // The rest, exact - FTS - singular, at a gap at which the solution can be computed.
     const auto remainder = [&](double u) -> Values {
         const double gap = relativeGap(u);
         if (gap > farApart) return -singularTerms(u);
@@ -389,7 +405,7 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
     const Eigen::Matrix<double, 2 * fitPower, NumTwoSphereFunctions> fit =
         terms.colPivHouseholderQr().solve(values);
 
-    // interpolation at Chebyshev's nodes in 2 u^(1/4) - 1
+    // Interpolation at Chebyshev nodes in 2 u^(1/4) - 1.
     chebyshev.setZero();
     for (int node = 0; node < numCoefficients; node++) {
         const double angle = M_PI * (node + 0.5) / numCoefficients, y = (1 + std::cos(angle)) / 2,
@@ -405,7 +421,7 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
 }
 
 std::shared_ptr<const TwoSphereResistance> TwoSphereResistance::get(double ratio) {
-    // the tables depend on nothing but the ratio, so sharing them cannot be noticed
+    // The tables depend on the ratio alone, so sharing them has no visible effect.
     static std::mutex mutex;
     static std::map<double, std::shared_ptr<const TwoSphereResistance>> tables;
     const std::lock_guard<std::mutex> lock(mutex);

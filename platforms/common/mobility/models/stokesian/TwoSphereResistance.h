@@ -37,16 +37,19 @@ using TwoSphereValues = Eigen::Array<Real, NumTwoSphereFunctions, 1>;
  * The resistance functions of two spheres in unbounded fluid, without a table.
  *
  * Method:    u = x Q/2 + v with Q and v harmonic, expanded in bispherical coordinates. No slip on
- * both spheres and div u = 0 are a block tridiagonal system in the order n of the harmonics, for
- * azimuthal order 0 (6 unknowns an n) and 1 (8); rotation about the line of centres has closed
- * coefficients. Exact but for truncation, which is below rounding. Accuracy:  of double 1e-13 at
- * gap 1e-2, 1e-12 at 1e-3, 2e-11 at 1e-4 (rounding grows as 1/gap); of long double 2000 times
- * better. Cost:      about 25/alpha orders, alpha = sqrt(gap) for equal spheres: 0.15 ms at gap
- * 1e-1, 1.3 ms at 1e-3; ratio 10: 0.4 and 10 ms. Reference: O'Neill, Mathematika 11:67 (1964) and
- * Stimson and Jeffery (1926) for the coordinates; the equations are in the source.
+ *            both spheres and div u = 0 are a block tridiagonal system in the order n of the
+ *            harmonics, for azimuthal order 0 (6 unknowns for each n) and 1 (8). Rotation about the
+ *            line of centres has closed coefficients. The solution is exact except for truncation,
+ *            which is below rounding.
+ * Accuracy:  In double 1e-13 at gap 1e-2, 1e-12 at 1e-3, 2e-11 at 1e-4 (rounding grows as 1/gap);
+ *            in long double 2000 times better.
+ * Cost:      About 25/alpha orders, with alpha = sqrt(gap) for equal spheres: 0.15 ms at gap 1e-1,
+ *            1.3 ms at 1e-3; with ratio 10: 0.4 and 10 ms.
+ * Reference: O'Neill, Mathematika 11:67 (1964) and Stimson and Jeffery (1926) for the coordinates;
+ *            the equations are in the source.
  *
  * @param ratio  a_2/a_1
- * @param gap    between the surfaces, in units of (a_1 + a_2)/2; > 0
+ * @param gap  between the surfaces, in units of (a_1 + a_2)/2; > 0
  */
 template <class Real>
 TwoSphereValues<Real> solveTwoSpheres(Real ratio, Real gap);
@@ -58,32 +61,44 @@ extern template TwoSphereValues<long double> solveTwoSpheres(long double ratio, 
 TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap);
 
 /**
- * The resistance functions of two spheres of one ratio of radii, at any gap, quickly: as what FTS
- * lacks, exact - FTS.
+ * The resistance functions of two spheres of one ratio of radii, at any gap, quickly, as the part
+ * that FTS lacks: exact - FTS.
  *
- * Method:    with u = gap/(centre distance), singular terms G1/u + (G2 + G3 u) ln u of lubrication
- * in closed form, plus one Chebyshev series in u^(1/4), in which what is left, about u² ln u, is
- * smooth enough. One expression for all gaps: no joints, infinitely differentiable. Nodes too close
- * for solveTwoSpheres() take an expansion in u and ln u fitted where it is precise. Accuracy: 2e-10
- * (ratio 10), 2e-11 (equal spheres) near contact, 1e-12 at gaps above 1e-2; absolute, or relative
- * to the function where it exceeds 1. Checked at gaps of 1e-6 to 1e3 in
- * tests/unit/TestTwoSpheres.cpp. Cost:      construction 0.03 s (equal) to 0.15 s (ratio 10),
- * evaluation 0.3 us. Immutable: threads may share one. Reference: Jeffrey and Onishi, J. Fluid
- * Mech. 139:261 (1984), constants of the singular terms. Limits:    ratios from 0.1 to 10.
+ * Method:    With u = gap/(centre distance), the singular terms G1/u + (G2 + G3 u) ln u of
+ *            lubrication are in closed form. The rest, about u² ln u, is one Chebyshev series in
+ *            u^(1/4), in which it is smooth enough. There is one expression for all gaps, without
+ *            joints and infinitely differentiable. Nodes too close for solveTwoSpheres() take an
+ *            expansion in u and ln u, fitted where it is precise.
+ * Accuracy:  2e-10 (ratio 10) and 2e-11 (equal spheres) near contact, 1e-12 at gaps above 1e-2;
+ *            absolute, or relative to the function where it exceeds 1. Checked at gaps of 1e-6 to
+ *            1e3 in tests/unit/TestTwoSpheres.cpp.
+ * Cost:      Construction 0.03 s (equal) to 0.15 s (ratio 10), evaluation 0.3 us. The table is
+ *            immutable, so threads may share one.
+ * Reference: Jeffrey and Onishi, J. Fluid Mech. 139:261 (1984), constants of the singular terms.
+ * Limits:    Ratios from 0.1 to 10.
  */
 class TwoSphereResistance {
 public:
     static constexpr double maximumRatio = 10;
 
-    /** @param ratio  a_2/a_1, from 1/maximumRatio to maximumRatio @throws OpenMMException if it is
-     * not */
+    /**
+     * @param ratio  a_2/a_1, from 1/maximumRatio to maximumRatio
+     * @throws OpenMMException if the ratio is out of this range
+     */
     explicit TwoSphereResistance(double ratio);
     /** One for each ratio, shared by all users in the process. */
     static std::shared_ptr<const TwoSphereResistance> get(double ratio);
 
-    /** exact - FTS. @param gap  in units of the mean radius; > 0 */
+    /**
+     * The difference exact - FTS.
+     *
+     * @param gap  in units of the mean radius; > 0
+     */
     TwoSphereValues<double> correction(double gap) const;
-    /** The functions themselves; slower, since it adds forceTorqueStressletPair(). */
+    /**
+     * The functions themselves. This is slower than correction(), since it adds
+     * forceTorqueStressletPair().
+     */
     TwoSphereValues<double> exact(double gap) const {
         return correction(gap) + forceTorqueStressletPair(ratio, gap);
     }
@@ -96,7 +111,7 @@ private:
 
     double ratio;
     Values inverseGap, logarithm, gapLogarithm;                              // G1, G2, G3
-    Eigen::Array<double, NumTwoSphereFunctions, numCoefficients> chebyshev;  // of what is left
+    Eigen::Array<double, NumTwoSphereFunctions, numCoefficients> chebyshev;  // of the rest
 };
 
 }  // namespace RigidHIPlugin

@@ -13,8 +13,10 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** A body's pose puts its particles at z to some roundings of the larger of z, the wall's height
- * and the body's size. */
+/**
+ * A body's pose determines z of its particles to some roundings of the larger of z, the wall's
+ * height and the body's size.
+ */
 const double touchTolerance = 1e-12;
 
 }  // namespace

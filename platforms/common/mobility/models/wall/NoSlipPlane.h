@@ -13,12 +13,13 @@ namespace RigidHIPlugin {
 /**
  * A no-slip plane z = height with the fluid above it, and where particles may be.
  *
- * Where the surface of a particle reaches through the wall the formulas for its mobility do not
- * hold. Such positions are refused (but for rounding, which counts as touching), or, with crossing
- * allowed, every particle of radius a with its centre at 0 < z < a over the wall counts as touching
- * it, and its velocities and its forces (and what belongs to rotation) are multiplied by z/a: M ->
- * B M B, B = diag(min(1, z/a)), M at max(z, a). That is continuous and keeps the matrix symmetric
- * positive definite. Centres on the wall or behind are refused.
+ * Where the surface of a particle reaches through the wall, the formulas for its mobility do not
+ * hold. Without crossing such positions are refused, except for rounding, which counts as touching.
+ * With crossing allowed, every particle of radius a with its centre at 0 < z < a over the wall
+ * counts as touching it. Its velocities and its forces, and likewise those of rotation, are then
+ * multiplied by z/a: M -> B M B, B = diag(min(1, z/a)), with M at max(z, a). This mobility is
+ * continuous, and the matrix stays symmetric positive definite. Centres on the wall or behind it
+ * are refused.
  */
 class NoSlipPlane {
 public:
@@ -28,10 +29,10 @@ public:
      * @throws OpenMMException if the height is not finite
      */
     NoSlipPlane(double height, bool crossingAllowed);
-    /** Why a particle may not be where it is, naming the first; empty if all may. */
+    /** Why a particle may not be where it is, naming the first such particle; empty if all may. */
     std::string objection(const HydrodynamicParticles& particles,
                           const std::vector<OpenMM::Vec3>& positions) const;
-    /** The height over the wall at which formulas hold, at least the radius. */
+    /** The height over the wall at which the formulas are evaluated, at least the radius. */
     double heightOver(double z, double radius) const;
     /** A particle lifted to contact, if its surface reaches through the wall. */
     OpenMM::Vec3 placeInFormulas(const OpenMM::Vec3& position, double radius) const {
@@ -40,8 +41,10 @@ public:
     /** A particle's entry of B. */
     double weight(double z, double radius) const;
     double getHeight() const { return height; }
-    /** Whether formulas hold a little below contact too, as finite differences from there need it:
-     * not where velocities are damped. */
+    /**
+     * Whether the formulas hold a little below contact too, as finite differences from there need.
+     * They do not where velocities are damped.
+     */
     bool reachesBeyond() const { return !crossingAllowed; }
     bool acceptsNearby(const HydrodynamicParticles& particles,
                        const std::vector<OpenMM::Vec3>& positions) const;
@@ -51,7 +54,7 @@ private:
     const bool crossingAllowed;
 };
 
-/** A particle in a message: index in the System and body. */
+/** The text for a particle in a message: its index in the System and its body. */
 std::string particleAndBody(const HydrodynamicParticles& particles, int i);
 
 }  // namespace RigidHIPlugin

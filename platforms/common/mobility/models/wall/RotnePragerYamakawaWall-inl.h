@@ -1,25 +1,25 @@
-// What a no-slip plane adds to the Rotne-Prager-Yamakawa mobility of two spheres above it (or of
-// one sphere with itself), for a pair (Real = double) or a SIMD pack of pairs.
+// The part that a no-slip plane adds to the Rotne-Prager-Yamakawa mobility of two spheres above it
+// (or of one sphere with itself), for a pair (Real = double) or a SIMD pack of pairs.
 //
-// Equation:  8 pi eta M = (1 + a_i^2/6 lap_i) (1 + a_j^2/6 lap_j) G for forces and velocities, a
-// half curl in the place of an
-//            operator for a torque or an angular velocity, with Blake's image G of a point force.
-//            Let z_i, z_j be heights over the wall, R the vector from the mirror image of j to i
-//            (R_z = z_i + z_j), p = 1/|R|, ' a mirrored vector, e = e_z, H the matrix of second
-//            derivatives of p, d_z the derivative by R_z. Then
-//                G f = - p f + grad p (R.f') + 2 z_i f_z grad p - 2 z_j e (f'.grad p) + 2 z_i z_j H
-//                f'.
-//            As p is harmonic, the operators only add (a_i^2 + a_j^2)/3 H f' and replace z by z +
-//            (a^2/3) d_z: the series ends. Curls of the gradients vanish:
-//                8 pi eta W_i = - grad p x F + 2 e x (z_j + (a_j^2/3) d_z) H F'        (V_i from
-//                T_j: the transpose of the swap) 8 pi eta W_i = - H_zz T - (H T)'/2 - e x H (e x
-//                T).
+// Equation:  8 pi eta M = (1 + a_i^2/6 lap_i) (1 + a_j^2/6 lap_j) G for forces and velocities, with
+//            Blake's image G of a point force. For a torque or an angular velocity, a half curl
+//            takes the place of an operator. Let z_i, z_j be heights over the wall, R the vector
+//            from the mirror image of j to i (R_z = z_i + z_j), p = 1/|R|, ' a mirrored vector, e =
+//            e_z, H the matrix of second derivatives of p, d_z the derivative by R_z. Then
+//               G f = - p f + grad p (R.f') + 2 z_i f_z grad p - 2 z_j e (f'.grad p)
+//                     + 2 z_i z_j H f'.
+//            As p is harmonic, the operators only add (a_i^2 + a_j^2)/3 H f' and replace z by
+//            z + (a^2/3) d_z: the series ends. Curls of the gradients vanish:
+//               8 pi eta W_i = - grad p x F + 2 e x (z_j + (a_j^2/3) d_z) H F'
+//                              (V_i from T_j: the transpose of the swap)
+//               8 pi eta W_i = - H_zz T - (H T)'/2 - e x H (e x T).
 // Reference: Blake, Proc. Camb. Phil. Soc. 70, 303 (1971); Swan, Brady, Phys. Fluids 19, 113306
-// (2007), there for equal radii. Limits:    z_i >= a_i, z_j >= a_j; the spheres may overlap each
-// other (the average of the image over a sphere is the same).
-//            Added to the free mobility the whole matrix is symmetric positive definite. No
-//            lubrication with the wall: at contact a sphere moves towards it with a quarter of the
-//            free mobility, where the true one is 0.
+//            (2007), there for equal radii.
+// Limits:    z_i >= a_i, z_j >= a_j. The spheres may overlap each other, because the average of the
+//            image over a sphere is then the same. Together with the free mobility, the whole
+//            matrix is symmetric positive definite. There is no lubrication with the wall: at
+//            contact a sphere moves towards it with a quarter of the free mobility, where the true
+//            one is 0.
 
 #if defined(RIGIDHI_ROTNE_PRAGER_YAMAKAWA_WALL_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_ROTNE_PRAGER_YAMAKAWA_WALL_INL_H_
@@ -48,7 +48,9 @@ struct WallMobility {
 };
 
 /**
- * @param r    r_i - r_j; (0, 0, 0) for a sphere itself
+ * The factors for a pair of spheres.
+ *
+ * @param r  r_i - r_j; (0, 0, 0) for a sphere itself
  * @param z_i  height of i's centre over the wall
  */
 template <class Real>
@@ -95,8 +97,10 @@ inline WallMobility<Real> wallMobility(const Vector3<Real>& r, const Real& z_i, 
     return m;
 }
 
-/** As addPairVelocities(): add what the wall makes of forces and torques on sphere j at sphere i,
- * times 8 pi eta. */
+/**
+ * As addPairVelocities(): add the velocities of sphere i that the wall causes because of forces and
+ * torques on sphere j, times 8 pi eta.
+ */
 template <int columns, bool targetTorque, bool sourceTorque, class Real>
 inline void addWallVelocities(const WallMobility<Real>& m, const Vector3<Real>* force,
                               const Vector3<Real>* torque, Vector3<Real>* velocity,
@@ -141,12 +145,15 @@ struct PairBlocks {
     Real tt[3][3], rt[3][3], tr[3][3], rr[3][3];
 };
 
-/** Blocks of the free mobility, times `scale`; those of particles without torque are left alone. */
+/**
+ * Fill the blocks of the free mobility, times `scale`. Those of particles without torque are not
+ * touched.
+ */
 template <bool targetTorque, bool sourceTorque, class Real>
 inline void fillPairBlocks(const PairMobility<Real>& m, const Vector3<Real>& r, const Real& scale,
                            PairBlocks<Real>& blocks) {
     const Real zero(0.0), v[3] = {r.x, r.y, r.z};
-    // Products are formed in the same way in mirrored places.
+    // Entries at mirrored positions in the matrix are formed by the same products.
     const auto symmetric = [&](const Real& identity, const Real& outer, Real(&block)[3][3]) {
         for (int a = 0; a < 3; a++) {
             block[a][a] = scale * (identity + outer * (v[a] * v[a]));
@@ -167,9 +174,9 @@ inline void fillPairBlocks(const PairMobility<Real>& m, const Vector3<Real>& r, 
 }
 
 /**
- * Add what the wall makes of them, times `scale`: addWallVelocities() for unit forces and torques.
- * Places that are mirrored in the matrix (of the pair swapped, where x and y change signs) are
- * formed in the same way, so they agree to the last bit.
+ * Add the wall's contribution to the blocks, times `scale`, which is addWallVelocities() for unit
+ * forces and torques. Entries at mirrored positions in the matrix (those of the swapped pair, where
+ * x and y change signs) are formed in the same way, so they agree to the last bit.
  */
 template <bool targetTorque, bool sourceTorque, class Real>
 inline void addWallBlocks(const WallMobility<Real>& m, const Real& scale,

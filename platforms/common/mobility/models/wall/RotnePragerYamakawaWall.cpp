@@ -25,7 +25,7 @@ void addTo(Eigen::MatrixXd& m, int row, int column, const Vector& v) {
     m(row + 2, column) += v.z;
 }
 
-/** Particle i as seen from particle j, in free fluid and by way of the wall. */
+/** Particle i relative to particle j, in free fluid and by way of the wall. */
 struct Pair {
     Vector r;
     PairMobility<double> free;
@@ -34,7 +34,10 @@ struct Pair {
         : r{r_i[0] - r_j[0], r_i[1] - r_j[1], r_i[2] - r_j[2]},
           free(pairMobility(dot(r, r), a_i, a_j)), wall(wallMobility(r, r_i[2], r_j[2], a_i, a_j)) {
     }
-    /** Add what forces and torques on j do to i, for particles with torque or without. */
+    /**
+     * Add the velocities of i because of forces and torques on j, for particles with torque or
+     * without.
+     */
     template <int columns>
     void addVelocities(bool torque_i, bool torque_j, const Vector* force, const Vector* torque,
                        Vector* velocity, Vector* omega) const {
@@ -114,7 +117,7 @@ void Place::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
     }
 }
 
-/** A block, and its transpose in the mirrored place. */
+/** Put a block into the matrix, and its transpose at the mirrored position. */
 void place(Eigen::MatrixXd& m, int row, int column, const double (&block)[3][3]) {
     for (int a = 0; a < 3; a++)
         for (int b = 0; b < 3; b++) m(row + a, column + b) = m(column + b, row + a) = block[a][b];

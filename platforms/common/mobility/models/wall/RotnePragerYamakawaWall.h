@@ -6,14 +6,15 @@
 namespace RigidHIPlugin {
 
 /**
- * Rotne-Prager-Yamakawa mobility above a no-slip plane z = height: the free one and its image in
- * the wall, pair by pair, in plain loops. Formulas, reference and limits:
+ * Rotne-Prager-Yamakawa mobility above a no-slip plane z = height: the free mobility and its image
+ * in the wall, pair by pair, in plain loops. Formulas, references and limits:
  * RotnePragerYamakawaWall-inl.h and RotnePragerYamakawa-inl.h.
  *
- * Particles may overlap each other. Two of one radius at the same place (crossing: above each
- * other, both with centres below their radius) make the matrix singular, not indefinite. Cost: two
- * to three times that of unbounded fluid; dense() about twice. Nothing is allocated after the first
- * call of each method of a place, if the number of columns stays the same.
+ * Particles may overlap each other. Two of one radius at the same place make the matrix singular,
+ * not indefinite. With crossing, so do two particles above each other whose centres are both below
+ * their radius. Cost: two to three times that of unbounded fluid; dense() about twice. Nothing is
+ * allocated after the first call of each method of a MobilityAt, if the number of columns stays the
+ * same.
  */
 class RotnePragerYamakawaWall : public MobilityModel {
 public:
@@ -44,7 +45,7 @@ private:
  * As addFreeFlowAt(), above the wall.
  *
  * @param positions  z from the wall, at least the radius
- * @param weights    of particles: what their forces are multiplied by
+ * @param weights  of particles: the factors by which their forces are multiplied
  */
 void addWallFlowAt(const HydrodynamicParticles& particles,
                    const std::vector<OpenMM::Vec3>& positions, const std::vector<double>& weights,

@@ -16,14 +16,14 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** The sum of the upper half of rows and the reflected lower half, times a factor. */
+/** Compute the sum of the upper half of rows and the reflected lower half, times a factor. */
 void fold(const SlipChannel& model, MatrixXd& both, double factor, MatrixXd& result) {
     const int rows = model.getParticles().numRows;
     model.reflectRows(both.bottomRows(rows));
     result = factor * (both.topRows(rows) + both.bottomRows(rows));
 }
 
-/** In a periodic fluid of the particles and their images. */
+/** The mobility at a placement in a periodic fluid of the particles and their images. */
 class PlaceOfImages : public MobilityAt {
 public:
     explicit PlaceOfImages(const SlipChannel& model) : MobilityAt(model), model(model) {}
@@ -76,7 +76,7 @@ private:
     MatrixXd bothForces, bothVelocities;
 };
 
-/** In a mirrored fluid, which has the images itself. */
+/** The mobility at a placement in a mirrored fluid, which has the images itself. */
 class PlaceInMirrored : public MobilityAt {
 public:
     explicit PlaceInMirrored(const SlipChannel& model) : MobilityAt(model), model(model) {}
@@ -183,8 +183,8 @@ bool SlipChannel::isWithin(const Placement& placement, int i, double distance) c
 }
 
 std::string SlipChannel::objection(const Placement& placement) const {
-    // A pose puts particles at y to some roundings. A centre on a wall is its own image, and the
-    // matrix singular.
+    // A pose determines y of its particles to some roundings. A centre on a wall is its own image,
+    // and the matrix is then singular.
     for (int i = 0; i < particles.size(); i++) {
         const double y = placement.positions[i][1], radius = particles.radii[i],
                      rounding =

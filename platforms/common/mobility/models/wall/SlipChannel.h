@@ -8,8 +8,10 @@
 
 namespace RigidHIPlugin {
 
-/** Two walls y = low and y = high that the fluid slips along without friction; the fluid is between
- * them. */
+/**
+ * Two walls y = low and y = high with the fluid between them. The fluid slips along them without
+ * friction.
+ */
 struct SlipWalls {
     double low, high;  // nm
     /** Whether surfaces of particles may reach through a wall, or only so far as to touch it. */
@@ -20,40 +22,45 @@ struct SlipWalls {
  * A fluid between two slip walls, periodic along them: a periodic fluid of twice the width with the
  * mirror images of all particles in it.
  *
- * Equation:  with P the reflection at the lower wall, (Fx, -Fy, Fz) at (x, -y, z) and (-Tx, Ty,
- * -Tz), a flow with u(Pr) = P u(r) has no normal velocity and no shear at both walls. Forces F
- * therefore act together with P F on the images: M = (1 P) M_2 (1 P)^T/2, M_2 the periodic mobility
- * of particles and images. A random field v_2 of covariance M_2 gives v = (v_2 + P v_2(P
- * r))/sqrt(2) of covariance M (Westwood 2022, section 4.3). Accuracy:  that of the periodic model.
- * M is positive definite wherever centres are between the walls: images need no damping. A mirrored
- * grid (GridShape) has such flows and fields alone, of half of the nodes and modes. Cost:      as a
- * matrix, that of the periodic model of twice as many particles in a box of twice the width; on a
- * grid half of that, as of a periodic box of its own width. Limits:    boxes with edges along the
- * axes, whose y edge is longer than the channel is wide.
+ * Equation:  Let P be the reflection at the lower wall: (Fx, -Fy, Fz) at (x, -y, z) and (-Tx, Ty,
+ *            -Tz). A flow with u(Pr) = P u(r) has no normal velocity and no shear at both walls.
+ *            Forces F therefore act together with P F on the images: M = (1 P) M_2 (1 P)^T/2, with
+ *            M_2 the periodic mobility of particles and images. A random field v_2 of covariance
+ *            M_2 gives v = (v_2 + P v_2(P r))/sqrt(2) of covariance M (Westwood 2022, section 4.3).
+ * Accuracy:  That of the periodic model. M is positive definite wherever centres are between the
+ *            walls, so images need no damping. A mirrored grid (GridShape) has such flows and
+ *            fields only, with half of the nodes and modes.
+ * Cost:      As a matrix, that of the periodic model of twice as many particles in a box of twice
+ *            the width. On a grid half of that, which is the cost of a periodic box of the
+ *            channel's own width.
+ * Limits:    Boxes with edges along the axes, whose y edge is longer than the channel is wide.
  */
 class SlipChannel : public MobilityModel {
 public:
     /**
-     * @param inPeriodicBox  of the particles themselves where it is mirrored
-     * (MobilityModel::isMirrored()), else of those of withImages(); one with a random field of its
-     * own must be mirrored
+     * @param inPeriodicBox  the periodic model: of the particles themselves where it is mirrored
+     *     (MobilityModel::isMirrored()), else of those of withImages(). A model with a random field
+     *     of its own must be mirrored.
      */
     SlipChannel(const HydrodynamicParticles& particles, double viscosity, const SlipWalls& walls,
                 std::unique_ptr<MobilityModel> inPeriodicBox);
     /** The particles, and after them their images in the same order. */
     static HydrodynamicParticles withImages(const HydrodynamicParticles& particles);
-    /** The same in the box of twice the width, where y is from the lower wall on. @throws
-     * OpenMMException as checkBox() */
+    /**
+     * The same placement in the box of twice the width, where y counts from the lower wall.
+     *
+     * @throws OpenMMException as checkBox()
+     */
     void toTwice(const Placement& placement, Placement& inBox) const;
     std::vector<OpenMM::Vec3> inTwice(const std::vector<OpenMM::Vec3>& points) const;
-    /** P on rows of particles: of velocities and forces, of angular velocities and torques. */
+    /** Apply P to rows of particles: velocities and angular velocities, or forces and torques. */
     void reflectRows(Eigen::Ref<Eigen::MatrixXd> rows) const;
     const MobilityModel& inPeriodicBox() const { return *periodic; }
 
     const char* name() const override { return periodic->name(); }
     std::string objection(const Placement& placement) const override;
     bool mayObject() const override { return true; }
-    /** Beyond contact the formulas hold as well; behind the wall a particle would be an image. */
+    /** The formulas hold beyond contact as well. A particle behind the wall would be an image. */
     bool acceptsNearby(const Placement& placement) const override;
     bool hasProducts() const override { return periodic->hasProducts(); }
     bool isMatrixFree() const override { return periodic->isMatrixFree(); }
@@ -90,7 +97,7 @@ protected:
 
 private:
     BoxVectors twice(const BoxVectors& box) const;
-    /** Whether particle i is so far from both walls. */
+    /** Whether particle i is at least this far from both walls. */
     bool isWithin(const Placement& placement, int i, double distance) const;
 
     const SlipWalls walls;

@@ -11,8 +11,8 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * A resistance function of one sphere, start + pole/gap + u^power (sum_k powers_k u^k + ln(1 - u)
- * sum_k logarithms_k (1 - u)^k), with the leading terms of both ends exact; made by
+ * A resistance function of one sphere: start + pole/gap + u^power (sum_k powers_k u^k + ln(1 - u)
+ * sum_k logarithms_k (1 - u)^k), with the leading terms of both ends exact. The numbers are made by
  * tools/sphere_wall_mobility.py. Errors are those between the points of the fit.
  */
 struct ResistanceFit {
@@ -76,8 +76,10 @@ const ResistanceFit approaching = {
 
 typedef array<array<double, 2>, 2> Matrix2;
 
-/** The square root of a symmetric positive definite matrix; by Cayley and Hamilton (A + sqrt(det
- * A))/sqrt(tr A + 2 sqrt(det A)). */
+/**
+ * The square root of a symmetric positive definite matrix, by the theorem of Cayley and Hamilton:
+ * (A + sqrt(det A))/sqrt(tr A + 2 sqrt(det A)).
+ */
 Matrix2 squareRoot(double a, double b, double c) {
     const double s = sqrt(a * c - b * b), t = sqrt(a + c + 2 * s);
     return {{{(a + s) / t, b / t}, {b / t, (c + s) / t}}};
@@ -114,7 +116,7 @@ bool isSingleSphere(const HydrodynamicParticles& particles, int i) {
     return particles.hasTorque[i] || particles.body[i] < 0;
 }
 
-/** B of a particle: V_x and a W_y from F_x and T_y/a, the others as SphereWallMobility says. */
+/** B of a particle: V_x and a W_y from F_x and T_y/a, and the others as in SphereWallMobility. */
 struct Factor {
     double across = 1, turnNormal = 1;
     double along[2][2] = {{1, 0}, {0, 1}};
@@ -198,7 +200,8 @@ void Place::multiply(Rows&& rows, bool transposed) const {
                 continue;
             }
             column[row + 5] *= B.turnNormal;
-            // V with a W, F with T/a: off-diagonal entries have a length.
+            // B couples V with a W, and F with T/a. Its off-diagonal entries therefore have a
+            // length.
             const double up = transposed ? B.along[1][0] / a : B.along[0][1] * a;
             const double down = transposed ? B.along[0][1] * a : B.along[1][0] / a;
             for (int k = 0; k < 2; k++) {
