@@ -47,7 +47,9 @@ class GibbsBoltzmannSampler(Sampler):
         radii that walls stop, nm; particles of radius 0 do not feel walls; None: the radii of the
         MobilityForce
     rejection : str or constant, optional
-        "Overlap": every particle with a radius must have z - wallHeight >= its radius. "Crossing": z - wallHeight > 0. The same holds at both walls of a channel. None: the integrator's wall rejection.
+        Under "Overlap" every particle with a radius must have z - wallHeight >= its radius, under
+        "Crossing" z - wallHeight > 0. The same holds at both walls of a channel. None: the
+        integrator's wall rejection.
     coordinates : sequence of str
         what is sampled: any of "x", "y", "z", "rotation"
     rotationAxis : Vec3 or sequence of shape (3,), optional
@@ -61,7 +63,8 @@ class GibbsBoltzmannSampler(Sampler):
         which free particles move; None: all free particles that have a mass or a radius, without
         virtual sites
     moves : str
-        "single": every trial moves one body or free particle; "all": every trial moves all of them, which suits few or strongly coupled bodies
+        with "single" every trial moves one body or free particle; with "all" every trial moves all
+        of them, which suits few or strongly coupled bodies
     seed : int
         seed of the random numbers; 0: a fresh seed
 
@@ -304,7 +307,7 @@ class GibbsBoltzmannSampler(Sampler):
         return energy
 
     def _handBack(self):
-        """Leave the Context at the last accepted configuration, with poses exact to the last bit."""
+        """Leave the Context at the last accepted configuration, with poses exact to the bit."""
         self._context.setPositions(self._places)
         if self._virtualSites:
             self._context.computeVirtualSites()
