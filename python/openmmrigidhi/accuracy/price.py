@@ -234,8 +234,8 @@ class Prices:
         if best is not None:
             verdict = RECOMMENDED
             text += (
-                f'{self._name(best)}, {duration(best["seconds"])}{clock} ({_between(best)}), the '
-                f'least of those whose bias is below that with '
+                f'{self._name(best)}, {duration(best["seconds"])}{clock} ({_between(best)}). It '
+                f'takes the least time of the settings whose bias is below that with '
                 f'{100*confidence:g} % confidence; '
                 f'{100*best["bias_part"]:.0f} % of the squared error is bias, '
                 f'{100*best["equilibration_part"]:.0f} % of the time equilibration' +
@@ -260,8 +260,8 @@ class Prices:
             if undecided:
                 factor = min(each['factor'] for each in undecided)
                 text += (
-                    f' Settings that may cost less or never get there, for their bias is not known '
-                    f'well enough: '
+                    f' Settings that may cost less or never get there, since their bias is not '
+                    f'known well enough: '
                     f'{self._names(undecided)}; {longer(factor)}.')
             if best['marks']:
                 text += f' Beware: {"; ".join(best["marks"])}.'
@@ -271,15 +271,16 @@ class Prices:
         elif candidates and all(each['verdict'] == 'n/a' for each in candidates):
             verdict = UNDECIDED
             text += (
-                'cannot tell. There is nothing to compare with, or no correlation time: an exact '
+                'cannot tell. There is nothing to compare with, or no correlation time. An exact '
                 'value, a reference or smaller steps are '
                 'needed, and runs with samples.')
         else:
             verdict = NONE
             text += f'{NONE}. ' + (
                 f'The bias of every stable setting exceeds it with {100*confidence:g} % '
-                f'confidence: no time suffices; smaller '
-                'steps may do.' if candidates else 'No setting was stable; smaller steps may be.')
+                f'confidence: no time suffices. Smaller '
+                'steps may suffice.'
+                if candidates else 'No setting was stable; smaller steps may be.')
         return Recommendation(verdict, best, text, candidates, factor, wanted)
 
     # ---- Error after a time ----------------------------------------------------------------------
@@ -474,8 +475,7 @@ def marks(row):
     found = []
     if row['sample_interval'] > row['own_tau']/2:
         found.append(
-            'samples are further apart than half a correlation time, so that closer ones may cost '
-            'less')
+            'samples are further apart than half a correlation time; closer samples may cost less')
     if row['noise_degrees'] < FEWEST_NOISE_DEGREES:
         found.append(
             'the run is too short for its correlation time, which is known to a half at best')

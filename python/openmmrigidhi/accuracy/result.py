@@ -345,7 +345,7 @@ class StudyResult(Result):
                 'smaller steps.')
         else:
             text += f'{NONE}. ' + (
-                f'Every stable setting misses it with {sure}; smaller steps may do.'
+                f'Every stable setting misses it with {sure}; smaller steps may meet it.'
                 if candidates else 'No setting was stable; smaller steps may be.')
         return Recommendation(verdict, best, text, candidates, factor, wanted)
 
