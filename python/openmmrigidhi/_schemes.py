@@ -58,7 +58,8 @@ def page(name, folder='docs/schemes/'):
 
 def facts(traits):
     """What a scheme has, needs and costs, in one sentence that its page has, too."""
-    cold = f', and order {traits.coldOrder} at T = 0' if traits.coldOrder != traits.weakOrder else ''
+    cold = (f', and order {traits.coldOrder} at T = 0'
+            if traits.coldOrder != traits.weakOrder else '')
     forces = f'{traits.forces} force evaluation{"s" if traits.forces > 1 else ""} a step'
     return (f'{"With" if traits.hasMomenta else "Without"} momenta, '
             f'{"in a fluid" if traits.needsFluid else "without a fluid"}; '

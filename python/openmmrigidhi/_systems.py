@@ -38,9 +38,11 @@ def refuseDrivenFlow(system, where, consequence):
         velocity, gradient = (quantity._value for quantity in fluid.getBackgroundFlow())
         f0 = fluid.getSinusoidalForceDensity()[0]._value
         if velocity.any() or gradient.any():
-            flow, setter = f'a background flow of {velocity.tolist()} nm/ps with the gradient {gradient.tolist()} 1/ps', 'setBackgroundFlow()'
+            flow, setter = (f'a background flow of {velocity.tolist()} nm/ps with the gradient '
+                            f'{gradient.tolist()} 1/ps', 'setBackgroundFlow()')
         elif f0:
-            flow, setter = f'a sinusoidal force density of {f0} kJ/(mol nm^4)', 'setSinusoidalForceDensity()'
+            flow, setter = (f'a sinusoidal force density of {f0} kJ/(mol nm^4)',
+                            'setSinusoidalForceDensity()')
         else:
             continue
         raise ValueError(

@@ -339,7 +339,7 @@ class _Cluster:
                 'machine') from error
 
     def _checkWorkers(self):
-        """Wait for a worker, and check that all workers have this package, within the time given."""
+        """Wait for a worker, and check that all workers have this package; both within timeout."""
         try:
             self.client.wait_for_workers(1, timeout=self.timeout)
         except (OSError, self.distributed.TimeoutError) as error:

@@ -207,7 +207,8 @@ def paragraph(text):
 
 def picture(content, text):
     """A PNG within a page; the text describes it for readers who do not see it."""
-    return f'<img alt="{html.escape(text)}" src="data:image/png;base64,{base64.b64encode(content).decode()}">'
+    return (f'<img alt="{html.escape(text)}" '
+            f'src="data:image/png;base64,{base64.b64encode(content).decode()}">')
 
 
 def table(head, rows, notes=False, pale=()):

@@ -115,7 +115,8 @@ def decide(candidates):
     best = next((candidate for candidate in candidates if candidate['verdict'] == 'yes'), None)
     undecided = [candidate for candidate in candidates if candidate['verdict'] == 'undecided']
     meaningless = candidates and all(candidate['verdict'] == 'n/a' for candidate in candidates)
-    return RECOMMENDED if best is not None else UNDECIDED if undecided or meaningless else NONE, best, undecided
+    return (RECOMMENDED if best is not None else UNDECIDED if undecided or meaningless else NONE,
+            best, undecided)
 
 
 def longer(factor):

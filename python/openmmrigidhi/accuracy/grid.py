@@ -249,7 +249,8 @@ class GridStudy:
             row = {
                 'observable': observable, 'kind': kind, 'setting': value, 'status': STABLE,
                 'message': '',
-                **dict.fromkeys(('nodes', 'fineness', 'described', 'error', 'own_error', 'typical', 'seconds_product', 'seconds_median'))
+                **dict.fromkeys(('nodes', 'fineness', 'described', 'error', 'own_error', 'typical',
+                                 'seconds_product', 'seconds_median'))
             }
             rows.append(row)
             try:

@@ -270,7 +270,7 @@ class LadderStudy:
         return f'{rung.name} {self.parameter} {value:g}' if self.isSweep else rung.name
 
     def _secondOpinions(self):
-        """Rungs that are computed, but not offered: the finest multiblob with exact single spheres."""
+        """Rungs that are computed, but not offered: the finest multiblob with exact own tensors."""
         if all(len(scene.bodies) <= 2
                for scene in self.scenes.values()) or all(observable.name in scene.exact
                                                          for observable in self.observables

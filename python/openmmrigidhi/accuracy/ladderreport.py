@@ -272,7 +272,8 @@ def percent(error):
     if error is None:
         return 'n/a'
     error = 100*abs(error)
-    return f'{error:.0f} %' if error >= 10 else f'{error:.2g} %' if error >= 1e-3 or error == 0 else f'{error:.1e} %'
+    return (f'{error:.0f} %' if error >= 10 else
+            f'{error:.2g} %' if error >= 1e-3 or error == 0 else f'{error:.1e} %')
 
 
 def textTable(result):
@@ -290,7 +291,8 @@ def textTable(result):
     ]
     for rung in result.rungs:
         row = next(row for row in result.rows if row['rung'] == rung)
-        line = f'{rung:<18}{duration(row["seconds_step"]) if row["seconds_step"] else "":>10}  {row["platform"] or "":<10}'
+        line = (f'{rung:<18}{duration(row["seconds_step"]) if row["seconds_step"] else "":>10}  '
+                f'{row["platform"] or "":<10}')
         for name in names:
             rows = result.select(name, rung)
             largest = percent(max(

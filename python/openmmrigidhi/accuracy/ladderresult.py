@@ -1,5 +1,6 @@
 """What the hydrodynamic ladder found: errors and times of the models, and recommended models."""
-from ._results import NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted, decide, splitWanted, worst
+from ._results import (NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted, decide,
+                       splitWanted, worst)
 from .ladderreport import LadderReport, duration, percent
 from .measurement import STABLE
 from .rungs import BEST
@@ -165,7 +166,8 @@ class LadderResult(Result):
                     f'most {percent(best["bound"])}. It is the cheapest that meets this.')
             faster = [c['rung'] for c in undecided if c['seconds_step'] < best['seconds_step']]
             if faster:
-                text += f' Faster, but closer to the limit than the reference is known: {", ".join(faster)}.'
+                text += (' Faster, but with errors closer to the limit than the reference is known: '
+                         f'{", ".join(faster)}.')
         elif verdict == UNDECIDED:
             text = f'{aim}: cannot tell. '
             text += (
@@ -274,7 +276,8 @@ class LadderResult(Result):
                 f'to {others}')
             parts.append(f'{self.observables[name]["label"]}: {chosen["rung"]}, {how}')
         where = f' ({self.parameter} {next(iter(self.references)):g})' if self.parameter else ''
-        return f'Compared with the best rung that could be used here, by observable{where}. {"; ".join(parts)}.'
+        return ('Compared with the best rung that could be used here, by observable'
+                f'{where}. {"; ".join(parts)}.')
 
     # ---- Files -----------------------------------------------------------------------------------
 

@@ -290,7 +290,8 @@ def _notHeldByConstraints(scene):
 
 def _noReciprocalSpace(scene):
     if not _withReciprocalSpace(scene.system):
-        return 'there is no NonbondedForce with Ewald, PME or LJPME, so no reciprocal space that could be evaluated less often'
+        return ('there is no NonbondedForce with Ewald, PME or LJPME, so no reciprocal space that '
+                'could be evaluated less often')
     return scene.rigidByConstraints()
 
 

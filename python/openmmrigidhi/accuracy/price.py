@@ -227,7 +227,8 @@ class Prices:
         return self._conclude(candidates, chosen, wanted, confidence)
 
     def _conclude(self, candidates, best, wanted, confidence):
-        text = f'To know {" and ".join(aim(item) for item in wanted)}, bias and standard error together: '
+        text = (f'To know {" and ".join(aim(item) for item in wanted)}, bias and standard error '
+                'together: ')
         clock = ' of processor time' if self.result.provenance.get('clock') == 'cpu' else ''
         undecided = [each for each in candidates if each['verdict'] == OPEN]
         factor = None
@@ -243,7 +244,8 @@ class Prices:
                  if len(wanted) > 1 else '') + '.')
             same = [each for each in candidates if each['verdict'] == SAME]
             if same:
-                text += f' Not distinguishable from it: {self._names(same, lambda each: duration(each["seconds"]))}.'
+                text += (' Not distinguishable from it: '
+                         f'{self._names(same, lambda each: duration(each["seconds"]))}.')
             others = []
             for method in self.result.methods():
                 own = next(
@@ -267,7 +269,8 @@ class Prices:
                 text += f' Beware: {"; ".join(best["marks"])}.'
         elif undecided:
             verdict, factor = UNDECIDED, min(each['factor'] for each in undecided)
-            text += f'cannot tell. The bias is not known well enough for {self._names(undecided)}; {longer(factor)}.'
+            text += ('cannot tell. The bias is not known well enough for '
+                     f'{self._names(undecided)}; {longer(factor)}.')
         elif candidates and all(each['verdict'] == 'n/a' for each in candidates):
             verdict = UNDECIDED
             text += (

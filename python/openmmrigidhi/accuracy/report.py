@@ -87,7 +87,8 @@ class StudyReport(Report):
 
     def _platform(self):
         threads = self.result.provenance.get('threads')
-        return f'{self.result.provenance.get("platform")} platform, {threads} thread{"" if threads == 1 else "s"}'
+        return (f'{self.result.provenance.get("platform")} platform, '
+                f'{threads} thread{"" if threads == 1 else "s"}')
 
     def panels(self, left, right, observable, limits):
         """Draw errors against speed beside the means against the knob.
@@ -249,7 +250,8 @@ class StudyReport(Report):
             speed, step = knob.speed(
                 entry['ns_per_day']), f'{entry["step"]*knob.scale:.3g} {knob.unit}'
             if entry['capped']:
-                text = f'{method}: its error is still below the wanted one at its largest stable step, {step}: at least {speed}'
+                text = (f'{method}: its error is still below the wanted one at its largest stable '
+                        f'step, {step}: at least {speed}')
             else:
                 text = (
                     f'{method}: reaches the wanted error at a step of {step} '
@@ -360,7 +362,8 @@ class StudyReport(Report):
                 'translational', 'trans').replace('rotational', 'rot') for name in names
         ]
         lines.append(
-            f'{"method":<20}{result.knob.label + "/" + result.knob.unit:>10}{result.knob.speedUnit:>10}'
+            f'{"method":<20}{result.knob.label + "/" + result.knob.unit:>10}'
+            f'{result.knob.speedUnit:>10}'
             + ''.join(f'{n:>20}' for n in short))
         for key in dict.fromkeys((row['method'], row['value']) for row in result.rows):
             rows = {
@@ -381,7 +384,8 @@ class StudyReport(Report):
                 else:
                     scale = 100/abs(
                         result.references[name].value) if result.references[name].value else 1
-                    line += f'{row["error"]*scale:>12.3f} ± {row["error_standard_error"]*scale:<5.3f}'
+                    line += (f'{row["error"]*scale:>12.3f} ± '
+                             f'{row["error_standard_error"]*scale:<5.3f}')
             lines.append(line)
         return '\n\n'.join(['\n'.join(lines), *self.priced.textTables()])
 

@@ -164,7 +164,8 @@ class Scene:
         for index, body in enumerate(self.bodies):
             massive = [i for i in body if self.system.getParticleMass(i)._value > 0]
             if len(massive) < 2:
-                return f'body {index} has fewer than two massive particles: no orientation for OpenMM to move'
+                return (f'body {index} has fewer than two massive particles: no orientation for '
+                        'OpenMM to move')
             # A rigid set of n particles has 3n - 6 independent constraints (one for a pair).
             needed = {frozenset((i, j)) for k, i in enumerate(massive) for j in massive[:k]}
             if len(massive) > 4 or not needed <= constrained:

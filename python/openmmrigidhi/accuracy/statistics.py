@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.stats
 
-from ..analysis.series import SeriesStatistics, autocorrelationTime, noise, noiseDegrees, replicaStatistics, seriesStatistics  # noqa: F401
+from ..analysis.series import (  # noqa: F401
+    SeriesStatistics, autocorrelationTime, noise, noiseDegrees, replicaStatistics,
+    seriesStatistics)
 
 #: Errors up to this many times the wanted one are fitted by a polynomial in the step.
 RANGE_IN_TOLERANCES = 2

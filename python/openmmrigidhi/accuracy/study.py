@@ -19,7 +19,8 @@ from . import observables as observablesModule
 from ._results import beginning, provenance
 from .measurement import STABLE, Run, summarise
 from .methods import Method
-from .result import STEP_SIZE, Knob, Reference, StudyResult  # noqa: F401  (a study is where people look for its knob)
+# Users look for Knob in the module of the study.
+from .result import STEP_SIZE, Knob, Reference, StudyResult  # noqa: F401
 from .scenes import platformProperties, water
 from .statistics import Point, extrapolate
 

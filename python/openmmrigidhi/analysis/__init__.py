@@ -7,7 +7,8 @@ of a driven suspension.
 Equation numbers are those of Delong, Balboa Usabiaga, Donev 2015, J. Chem. Phys. 143, 144107.
 """
 from .displacements import MeanSquareDisplacement, planarAngleMSD, rotationalMSD, translationalMSD
-from .diffusion import DiffusionCoefficient, gravitationalHeight, longTimeDiffusion, shortTimeDiffusion
+from .diffusion import (DiffusionCoefficient, gravitationalHeight, longTimeDiffusion,
+                        shortTimeDiffusion)
 from .gibbsboltzmann import GibbsBoltzmannSampler
 from .mobilities import (centerOfHydrodynamicStress, centerOfMobility, mobilityAboutPoint,
                          mobilityInBodyFrame, planarAngleMobility, planarCenterOfHydrodynamicStress)

@@ -300,7 +300,8 @@ def _estimate(context, amplitudes, where):
         found, other = (seriesStatistics(column,
                                          len(column)/(BLOCK_LENGTH_IN_TAU*MOST_BLOCKS))
                         for column in columns)
-        mean, error, degrees, cosine, cosineError = found.mean, found.standardError, found.degrees, other.mean, other.standardError
+        mean, error, degrees, cosine, cosineError = (found.mean, found.standardError, found.degrees,
+                                                     other.mean, other.standardError)
         variance = columns[0].var(ddof=1)
         tau = float(len(amplitudes)*error**2/(2*variance)) if variance > 0 else 0.5
     if not mean > LEAST_SIGNIFICANCE*error:

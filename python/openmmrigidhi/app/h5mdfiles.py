@@ -31,7 +31,8 @@ import re
 import numpy as np
 
 from .. import _loading, _units
-from .trajectories import BodyScene, Hdf5Reporter, Trajectory, addSeries, numFrames, openHdf5, readingFrom
+from .trajectories import (BodyScene, Hdf5Reporter, Trajectory, addSeries, numFrames, openHdf5,
+                           readingFrom)
 
 _VERSION = (1, 1)
 _UNITS_VERSION = (1, 0)
@@ -371,7 +372,7 @@ def _box(group, count, file):
 
 
 def _axis(element, name, count):
-    """Steps or times of an element's frames: stored one by one, or as an increment and an offset."""
+    """Steps or times of an element's frames, stored singly or as an increment and an offset."""
     if name not in element:
         return None
     data = element[name]

@@ -391,7 +391,8 @@ def _turnGradient(rotations, torques):
     torque + (a - sin a)/a^3 w x (w x torque), a = |w|.
     """
     angle = np.linalg.norm(rotations, axis=1)[:, None]
-    small = angle < 1e-2  # below, the series to a^2 is right to 1e-10 and the closed form loses digits
+    # Below this angle the series to a^2 is right to 1e-10, and the closed form loses digits.
+    small = angle < 1e-2
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 0.5 - angle**2/24, (1 - np.cos(safe))/safe**2)
     second = np.where(small, 1/6 - angle**2/120, (safe - np.sin(safe))/safe**3)

@@ -59,7 +59,8 @@ class BodyReporter:
         The report needs unwrapped positions.
         """
         steps = self._reportInterval - simulation.currentStep % self._reportInterval
-        return steps, self._needsPositions, self._needsVelocities, False, False, False if self._needsPositions else None
+        return (steps, self._needsPositions, self._needsVelocities, False, False,
+                False if self._needsPositions else None)
 
     def report(self, simulation, state):
         """Write one frame."""
@@ -258,7 +259,7 @@ class BodyScene(BodyDefinitions):
                                    dtype=int)
 
     def spheres(self, body):
-        """Places (m, 3) in the body frame and radii (m,) of a body's particles with a radius, nm."""
+        """Places (m, 3) in the body frame and radii (m,) of a body's particles with radii, nm."""
         radii = self.radii[self.particles[body]]
         return self.sites[body][radii > 0], radii[radii > 0]
 

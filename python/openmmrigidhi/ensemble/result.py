@@ -52,7 +52,8 @@ class TaskRecord:
     seconds: float = 0.0
 
     def __str__(self):
-        text = f'setting {self.setting} {self.settings}, replica {self.replica}, seed {self.seed}: {self.status}'
+        text = (f'setting {self.setting} {self.settings}, replica {self.replica}, seed '
+                f'{self.seed}: {self.status}')
         return text + (f' ({self.message})' if self.message else f', {self.length:g} ps')
 
 
@@ -76,7 +77,8 @@ class EnsembleResult:
         the study's JSON: machine, versions, sessions, failures
     """
     def __init__(self, definition, observables, tasks, contents, about):
-        self.definition, self.observables, self.tasks, self.about = definition, observables, tasks, about
+        self.definition, self.observables, self.tasks, self.about = (
+            definition, observables, tasks, about)
         self._contents = contents
         self.rows = [
             self._row(setting, name) for setting in range(len(definition['settings']))

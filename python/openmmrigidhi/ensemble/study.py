@@ -143,7 +143,8 @@ class Study:
         self.settings = [dict(each) for each in settings]
         self.replicas, self.length, self.seed = replicas, length, seed
         self.platform, self.threads = platform, threads
-        self.equilibration, self.sampleInterval, self.checkpointInterval = equilibration, sampleInterval, checkpointInterval
+        self.equilibration, self.sampleInterval, self.checkpointInterval = (
+            equilibration, sampleInterval, checkpointInterval)
         self._defaultEquilibration = None
         self._given = list(observables)
         self.observables = [_observable(each) for each in self._given]
@@ -209,7 +210,8 @@ class Study:
             f'{each.__module__}:{each.__qualname__}' if not hasattr(each, 'measure') else each.name
             for each in self._given
         ]
-        first = 0.1*self.length if self._defaultEquilibration is None else self._defaultEquilibration
+        first = (0.1*self.length
+                 if self._defaultEquilibration is None else self._defaultEquilibration)
         # The values are as JSON gives them back: tuples become lists, and so on.
         return json.loads(
             json.dumps({
@@ -567,6 +569,6 @@ def _record(directory, setting, replica, seed, settings, about, length):
         record.status = 'complete' if record.length >= length*(1 - 1e-9) else 'unfinished'
     failure = about['failures'].get(key)
     if failure is not None and record.status != 'complete':
-        record.status, record.message, record.traceback = 'failed', f'{failure["kind"]}: {failure["message"]}', failure[
-            'traceback']
+        record.status, record.message, record.traceback = (
+            'failed', f'{failure["kind"]}: {failure["message"]}', failure['traceback'])
     return record, content
