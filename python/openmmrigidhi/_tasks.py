@@ -590,8 +590,8 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
                     starts[index] += 1
                     if starts[index] > 1:
                         bar.say(f'{names[index]}: its worker died; attempt {starts[index]}')
-                    if fruitless[
-                            index] > retries + 1:  # a scheduler elsewhere may be more patient than we are
+                    # An external scheduler may allow more attempts.
+                    if fruitless[index] > retries + 1:
                         backend.cancel(index)
                         giveUp(index)
                 elif event == PROGRESS:

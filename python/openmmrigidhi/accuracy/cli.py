@@ -84,8 +84,8 @@ def parser():
         f'{", ".join(overdamped.METHODS)}, steps in tau_D (default: all)')
     what.add_argument(
         '--steps', metavar='FS',
-        help='step sizes of all methods in fs (with --overdamped in tau_D), e.g. 1,2,4,6,8 (default: '
-        'the scene\'s)')
+        help='step sizes of all methods in fs (with --overdamped in tau_D), e.g. 1,2,4,6,8 '
+        '(default: the scene\'s)')
     what.add_argument(
         '--observables', nargs='+', default=None, metavar='NAME',
         help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, or module:function of the '
@@ -94,9 +94,8 @@ def parser():
         f'{", ".join(overdamped.OBSERVABLES)} (default: all)')
     what.add_argument(
         '--wanted-error', nargs='+', default=[], metavar='NAME:ERROR',
-        help='e.g. potential_energy:0.5%%, or potential_energy:0.2 in its unit; several in one word, '
-        'with commas, must '
-        'all be met')
+        help='e.g. potential_energy:0.5%%, or potential_energy:0.2 in its unit; several in one '
+        'word, with commas, must all be met')
     what.add_argument(
         '--price', nargs='+', default=[], metavar='NAME:ERROR', help=
         'what it takes to know a number to this error, bias and standard error together: the time '
@@ -104,8 +103,8 @@ def parser():
         'written as for --wanted-error')
     what.add_argument(
         '--spend', nargs='+', default=[], metavar='NAME:TIME',
-        help='the setting that makes a number known best in this time, e.g. potential_energy:2h (s, '
-        'min, h, d)')
+        help='the setting with which a number is known best after this time, e.g. '
+        'potential_energy:2h (s, min, h, d)')
     what.add_argument('--reference', nargs='+', default=[], metavar='NAME=VALUE[+-ERROR]',
                       help='a known average, used instead of the extrapolation to step 0')
     ladder = result.add_argument_group('the hydrodynamic ladder')

@@ -169,8 +169,8 @@ class LadderStudy:
         plain = sorted((rung for rung in own if rung.blobs and not rung.exactAlone),
                        key=lambda rung: rung.blobs)
         converged = remainder([distance(rung, plain[-1]) for rung in plain[:-1]]) if plain else None
-        if best.isBest and self.reference is None and converged is not None and converged < 0.5*distance(
-                best, plain[-1]):
+        if (best.isBest and self.reference is None and converged is not None
+                and converged < 0.5*distance(best, plain[-1])):
             best = plain[-1]
         if plain and best == plain[-1]:
             return {

@@ -325,8 +325,8 @@ class StudyResult(Result):
         verdict, best, undecided = decide(candidates)
         factor = None
         if verdict == RECOMMENDED:
-            text += (f'{self._name(best)}, {self.knob.speed(best["ns_per_day"])}. It is the cheapest '
-                     f'setting that meets this with {sure}.')
+            text += (f'{self._name(best)}, {self.knob.speed(best["ns_per_day"])}. It is the '
+                     f'cheapest setting that meets this with {sure}.')
             faster = [c for c in undecided if c['ns_per_day'] > best['ns_per_day']]
             if faster:
                 factor = min(c['factor'] for c in faster)

@@ -61,9 +61,10 @@ def parser():
     how.add_argument(
         '--cluster', metavar='ADDRESS',
         help='a scheduler of dask.distributed, e.g. tcp://host:8786; local: workers on this '
-        'machine, the default with --jobs above 1 where dask.distributed is installed; processes: plain processes')
+        'machine, the default with --jobs above 1 where dask.distributed is installed; processes: '
+        'plain processes')
     how.add_argument('--retries', type=int, default=3,
-                     help='how often a task whose worker died is tried again (3)')
+                     help='how many times a task whose worker died is tried again (3)')
     how.add_argument('--timeout', type=float, default=60, help='seconds to wait for a cluster (60)')
     how.add_argument('--checkpoint', type=float, default=60, metavar='SECONDS',
                      help='between two savings of a task (60)')
