@@ -217,7 +217,7 @@ def perSite(values, dimension, count, where, name):
 
 
 def frames(values, dimension, columns, where, name):
-    """A trajectory of n bodies: a (T, n, columns) array of finite floats in the dimension's unit."""
+    """A trajectory of n bodies, a (T, n, columns) array of finite floats in the unit."""
     array = _floats(values, dimension, where, name)
     if array.ndim != 3 or array.shape[2] != columns or array.size == 0:
         raise ValueError(

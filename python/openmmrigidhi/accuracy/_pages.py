@@ -170,9 +170,11 @@ def plainTicks(axes):
 # ---- HTML ----------------------------------------------------------------------------------------
 
 _CSS = '''body{font:15px/1.5 sans-serif;max-width:1150px;margin:2em auto;padding:0 1em;color:#222}
-img{max-width:100%}table{border-collapse:collapse;font-size:13px;margin:1em 0}td,th{border:1px solid #ccc;padding:2px 8px;text-align:right}
-th{background:#f0f0f0}td:first-child,th:first-child,td.t{text-align:left}tr.bad td{color:#999}.answer{background:#eef5fb;border-left:5px
-solid #0072B2;padding:.6em 1em;margin:.6em 0}summary{cursor:pointer;font-weight:bold}'''
+img{max-width:100%}table{border-collapse:collapse;font-size:13px;margin:1em 0}
+td,th{border:1px solid #ccc;padding:2px 8px;text-align:right}
+th{background:#f0f0f0}td:first-child,th:first-child,td.t{text-align:left}tr.bad td{color:#999}
+.answer{background:#eef5fb;border-left:5px solid #0072B2;padding:.6em 1em;margin:.6em 0}
+summary{cursor:pointer;font-weight:bold}'''
 
 
 def sentence(text):

@@ -166,7 +166,7 @@ class LadderResult(Result):
                     f'most {percent(best["bound"])}. It is the cheapest that meets this.')
             faster = [c['rung'] for c in undecided if c['seconds_step'] < best['seconds_step']]
             if faster:
-                text += (' Faster, but with errors closer to the limit than the reference is known: '
+                text += (' Faster, but closer to the limit than the reference is known: '
                          f'{", ".join(faster)}.')
         elif verdict == UNDECIDED:
             text = f'{aim}: cannot tell. '
