@@ -361,10 +361,8 @@ class StudyReport(Report):
             name.replace('temperature', 'T').replace('potential_energy', 'U').replace(
                 'translational', 'trans').replace('rotational', 'rot') for name in names
         ]
-        lines.append(
-            f'{"method":<20}{result.knob.label + "/" + result.knob.unit:>10}'
-            f'{result.knob.speedUnit:>10}'
-            + ''.join(f'{n:>20}' for n in short))
+        lines.append(f'{"method":<20}{result.knob.label + "/" + result.knob.unit:>10}'
+                     f'{result.knob.speedUnit:>10}' + ''.join(f'{n:>20}' for n in short))
         for key in dict.fromkeys((row['method'], row['value']) for row in result.rows):
             rows = {
                 row['observable']: row

@@ -9,8 +9,7 @@ import numpy as np
 import scipy.stats
 
 from ..analysis.series import (  # noqa: F401
-    SeriesStatistics, autocorrelationTime, noise, noiseDegrees, replicaStatistics,
-    seriesStatistics)
+    SeriesStatistics, autocorrelationTime, noise, noiseDegrees, replicaStatistics, seriesStatistics)
 
 #: Errors up to this many times the wanted one are fitted by a polynomial in the step.
 RANGE_IN_TOLERANCES = 2

@@ -143,8 +143,8 @@ class GibbsBoltzmannSampler(Sampler):
     def _takeBodies(self, trackingPoints, where):
         """Members, sites and owners of all bodies, body after body."""
         bodies = BodyDefinitions(self._integrator)
-        self._firstSite, self._members, self._sites, self._owners = (
-            bodies.first, bodies.members, bodies.places, bodies.owners)
+        self._firstSite, self._members, self._sites, self._owners = (bodies.first, bodies.members,
+                                                                     bodies.places, bodies.owners)
         self._points = np.zeros((len(bodies), 3)) if trackingPoints is None else \
             _units.rows(trackingPoints, _units.LENGTH, 3, where, 'trackingPoints', len(bodies))
 

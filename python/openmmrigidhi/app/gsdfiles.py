@@ -103,8 +103,8 @@ class GsdReporter(BodyReporter):
             R = np.concatenate([R, state.getPositions(asNumpy=True)._value[self._scene.blobs]])
         frame = (getattr(hoomd, 'Frame', None) or hoomd.Snapshot)()
         frame.configuration.step = simulation.currentStep
-        box = (_periodicBox(state.getPeriodicBoxVectors(asNumpy=True)._value)
-               if self._scene.periodic else _enclosingBox(R, self._reach))
+        box = (_periodicBox(state.getPeriodicBoxVectors(
+            asNumpy=True)._value) if self._scene.periodic else _enclosingBox(R, self._reach))
         frame.configuration.box = box
         particles = frame.particles
         particles.N = len(R)

@@ -77,8 +77,8 @@ class EnsembleResult:
         the study's JSON: machine, versions, sessions, failures
     """
     def __init__(self, definition, observables, tasks, contents, about):
-        self.definition, self.observables, self.tasks, self.about = (
-            definition, observables, tasks, about)
+        self.definition, self.observables, self.tasks, self.about = (definition, observables, tasks,
+                                                                     about)
         self._contents = contents
         self.rows = [
             self._row(setting, name) for setting in range(len(definition['settings']))

@@ -143,8 +143,9 @@ class Study:
         self.settings = [dict(each) for each in settings]
         self.replicas, self.length, self.seed = replicas, length, seed
         self.platform, self.threads = platform, threads
-        self.equilibration, self.sampleInterval, self.checkpointInterval = (
-            equilibration, sampleInterval, checkpointInterval)
+        self.equilibration, self.sampleInterval, self.checkpointInterval = (equilibration,
+                                                                            sampleInterval,
+                                                                            checkpointInterval)
         self._defaultEquilibration = None
         self._given = list(observables)
         self.observables = [_observable(each) for each in self._given]
@@ -210,8 +211,8 @@ class Study:
             f'{each.__module__}:{each.__qualname__}' if not hasattr(each, 'measure') else each.name
             for each in self._given
         ]
-        first = (0.1*self.length
-                 if self._defaultEquilibration is None else self._defaultEquilibration)
+        first = (0.1*
+                 self.length if self._defaultEquilibration is None else self._defaultEquilibration)
         # The values are as JSON gives them back: tuples become lists, and so on.
         return json.loads(
             json.dumps({
