@@ -1,5 +1,6 @@
-// The border between C++ and Python, kept thin: numbers, strings, dictionaries, and arrays as raw buffers of doubles or
-// 32-bit integers. Units, shapes, defaults and documentation are in openmmrigidhi/integrator.py.
+// The interface between C++ and Python. It is kept thin: it passes numbers, strings, dictionaries,
+// and arrays as raw buffers of doubles or 32-bit integers. Units, shapes, defaults and documentation
+// are in openmmrigidhi/integrator.py.
 %module(package="openmmrigidhi") _bindings
 
 %begin %{
@@ -219,8 +220,8 @@ std::string libraryPath() { return RigidHIPlugin::getLibraryPath(); }
 
 %include "openmmrigidhi/internal/SchemeList.h"
 %inline %{
-/* The table of schemes: name, number, momenta, needs a fluid, overdamped, weak order, order at T = 0, forces a step, what is differenced,
- * drift, description. */
+/* The table of schemes: name, number, momenta, needs a fluid, overdamped, weak order, order at T = 0,
+ * forces a step, what is differenced, drift, description. */
 PyObject* schemeTable() {
     static const char* const differenced[] = {"", "products", "solves", "square roots"};
     PyObject* table = PyList_New(0);
@@ -335,7 +336,7 @@ public:
     void step(int steps);
 
     %extend {
-        /** The same object as what it is, or None if it is something else. Does not touch ownership. */
+        /** The same object as this class, or None if it is of another class. Ownership stays. */
         static RigidHIPlugin::CustomRigidHIIntegrator* _fromGeneric(OpenMM::Integrator* integrator) {
             return dynamic_cast<CustomRigidHIIntegrator*>(integrator);
         }
@@ -415,7 +416,7 @@ public:
     bool usesPeriodicBoundaryConditions() const;
 
     %extend {
-        /** The same object as what it is, or None if it is something else. Does not touch ownership. */
+        /** The same object as this class, or None if it is of another class. Ownership stays. */
         static RigidHIPlugin::MobilityForce* _fromGeneric(OpenMM::Force* force) {
             return dynamic_cast<MobilityForce*>(force);
         }
@@ -452,7 +453,7 @@ public:
     bool usesPeriodicBoundaryConditions() const;
 
     %extend {
-        /** The same object as what it is, or None if it is something else. Does not touch ownership. */
+        /** The same object as this class, or None if it is of another class. Ownership stays. */
         static RigidHIPlugin::CustomBodyForce* _fromGeneric(OpenMM::Force* force) {
             return dynamic_cast<CustomBodyForce*>(force);
         }

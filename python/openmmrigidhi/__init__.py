@@ -1,12 +1,16 @@
 """Rigid bodies with quaternion state in OpenMM.
 
-    import openmm, openmmrigidhi integrator = openmmrigidhi.CustomRigidHIIntegrator(300*unit.kelvin,
-    4*unit.femtosecond) openmmrigidhi.app.addRigidWater(integrator, topology) simulation =
-    openmm.app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName('CPU'))
+A simulation of rigid water begins with::
 
-Importing this package loads the plugin's libraries into OpenMM, from its own directory lib/plugins;
-no environment variable is needed. A library that does not load is an ImportError that says which,
-from where, and why.
+    import openmm, openmmrigidhi
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(300*unit.kelvin, 4*unit.femtosecond)
+    openmmrigidhi.app.addRigidWater(integrator, topology)
+    simulation = openmm.app.Simulation(topology, system, integrator,
+                                       openmm.Platform.getPlatformByName('CPU'))
+
+Importing this package loads the plugin's libraries into OpenMM, from its own directory lib/plugins.
+No environment variable is needed. If a library does not load, the import raises ImportError, which
+says which library, from where, and why.
 """
 import importlib
 import importlib.util
@@ -31,7 +35,10 @@ _SUBMODULES = ('app', 'analysis', 'accuracy', 'ensemble')
 
 
 def __getattr__(name):
-    """Submodules are attributes, imported when first used: they need more packages than the integrator does."""
+    """Submodules are attributes, imported when first used.
+
+    They need more packages than the integrator does.
+    """
     if name in _SUBMODULES and importlib.util.find_spec('.' + name, __name__) is not None:
         return importlib.import_module('.' + name, __name__)
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

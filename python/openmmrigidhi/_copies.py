@@ -1,4 +1,7 @@
-"""What SWIG's classes need to be copied, pickled, and recognised when OpenMM returns them as something more general."""
+"""Copying, pickling and recognising SWIG's classes.
+
+OpenMM returns their objects as objects of more general classes.
+"""
 import copy
 
 import openmm

@@ -1,4 +1,4 @@
-"""What is installed and loaded, in the words of a bug report."""
+"""What is installed and loaded, in the form of a bug report."""
 import ctypes
 import os
 import platform
@@ -13,13 +13,13 @@ _CPU_LIBRARY = 'libOpenMMRigidHICPU.so'
 
 
 def describe():
-    """Versions, platforms, instruction sets and libraries: what to paste into a bug report.
+    """Describe versions, platforms, instruction sets and libraries, for a bug report.
 
     Returns
     -------
     str
-        several lines. It has no names of people, machines or files but the place of the plugin's
-        own library.
+        several lines; they name no people, machines or files except the path of the plugin's own
+        library
     """
     bindings = _loading._load_bindings()
     served = _loading._served()

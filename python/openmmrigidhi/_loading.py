@@ -1,4 +1,4 @@
-"""Loads the plugin's libraries, which lie beside this file, and explains what is wrong if that fails."""
+"""Loads the plugin's libraries, which lie beside this file, and explains failures."""
 import os
 
 import openmm
@@ -6,14 +6,17 @@ import openmm
 _DIRECTORY = os.path.dirname(os.path.abspath(__file__))
 _PLUGIN_DIRECTORY = os.path.join(_DIRECTORY, 'lib', 'plugins')
 _KERNEL = 'IntegrateRigidBodies'
-#: Serves every platform that is there when it is loaded, or loaded again.
+#: The library that serves every platform that is there when it is loaded, or loaded again.
 _FOR_ANY_PLATFORM = 'libOpenMMRigidHIAny.so'
 
 version = None
 
 
 def load():
-    """Load the binding module, then every platform library; ImportError names library, place and cause."""
+    """Load the binding module, then every platform library.
+
+    An ImportError names library, place and cause.
+    """
     global version
     bindings = _load_bindings()
     version = bindings.version
@@ -40,7 +43,7 @@ def _load_bindings():
 
 
 def _check_versions(bindings):
-    """ImportError if OpenMM, libOpenMMRigidHI.so and the bindings are not of the versions that belong together."""
+    """ImportError if the versions of OpenMM, libOpenMMRigidHI.so and the bindings do not match."""
     conflict = bindings.versionConflictOfBindings()
     if conflict:
         raise ImportError(conflict)
@@ -71,13 +74,15 @@ def _plugin_libraries():
 
 
 def _served():
-    """Names of the platforms that have our kernels."""
+    """Names of the platforms that have kernels of this plugin."""
     present = [openmm.Platform.getPlatform(i) for i in range(openmm.Platform.getNumPlatforms())]
     return [platform.getName() for platform in present if platform.supportsKernels([_KERNEL])]
 
 
 def findPlatformLibrary(name):
-    """The path of one of our platform libraries: beside this package, or in OpenMM's plugin directory; None if it is in neither.
+    """The path of a platform library of this plugin; None if it is in no directory.
+
+    The directories are those of this package and OpenMM's plugin directories.
 
     Parameters
     ----------
@@ -95,10 +100,10 @@ def findPlatformLibrary(name):
 def checkPlatform(platform):
     """Check that a platform can run this plugin's integrator, and say why if it cannot.
 
-    A platform that was loaded after this package gets our kernels now.
+    A platform that was loaded after this package gets the plugin's kernels now.
 
-    OpenMM's own message when a Context is created on a platform without our kernels ("Specified a
-    Platform for a Context which does not support all required kernels") gives no cause.
+    When a Context is created on a platform without these kernels, OpenMM's own message ("Specified
+    a Platform for a Context which does not support all required kernels") gives no cause.
 
     Parameters
     ----------

@@ -3,7 +3,11 @@ import numpy as np
 
 
 def rotationMatrices(q):
-    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4): body to lab frame for the orientations of bodies."""
+    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4).
+
+    For the orientations of bodies they turn vectors of the body frame into vectors of the lab
+    frame.
+    """
     w, x, y, z = np.moveaxis(q, -1, 0)
     return np.stack([
         np.stack([1 - 2*(y*y + z*z), 2*(x*y - w*z), 2*(x*z + w*y)], axis=-1),
@@ -13,7 +17,7 @@ def rotationMatrices(q):
 
 
 def cross(u, v):
-    """Cross products; numpy's own takes five times as long for a few vectors."""
+    """Cross products; numpy's own function takes five times as long for a few vectors."""
     a, b, c = u[..., 0], u[..., 1], u[..., 2]
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     first = b*z - c*y

@@ -1,4 +1,7 @@
-"""The table of schemes, as the library has it: the enumeration, docstrings and the tables of the pages are made from it."""
+"""The table of schemes, as the library has it.
+
+The enumeration, its docstrings and the tables of the pages are made from the table.
+"""
 import enum
 import textwrap
 from typing import NamedTuple
@@ -17,8 +20,8 @@ class SchemeTraits(NamedTuple):
     weakOrder: int  # of averages at a temperature
     coldOrder: int  # of trajectories at temperature 0
     forces: int  # force evaluations a step
-    differenced: str  # what it takes finite differences of where div N is not known
-    drift: str  # how it makes the stochastic drift; empty: it has none to make, or omits it
+    differenced: str  # what the scheme takes finite differences of where div N is not known
+    drift: str  # how it makes the stochastic drift; empty: it has no drift to make, or omits it
     description: str
 
 
@@ -28,20 +31,23 @@ TABLE = [SchemeTraits(*row) for row in _bindings.schemeTable()]
 class _TableEnum(enum.IntEnum):
     @property
     def traits(self):
-        """What the table of schemes says of this one, a SchemeTraits."""
+        """What the table of schemes says of this scheme, a SchemeTraits."""
         return TABLE[self]
 
 
 Scheme = _TableEnum('Scheme', {traits.name: traits.number
                                for traits in TABLE}, module='openmmrigidhi.integrator')
-Scheme.__doc__ = """The time-stepping schemes, which setScheme() takes; also class attributes of CustomRigidHIIntegrator.
+Scheme.__doc__ = """The time-stepping schemes that setScheme() takes.
 
-LangevinA, LangevinB and LangevinC (the default) are thermostats of bodies with momenta; LangevinHI is LangevinC in a fluid that a MobilityForce
-describes; GradientThermostat has neither momenta nor a fluid. All others are Brownian dynamics in a fluid, without momenta: they differ in how they
-make the stochastic drift, in cost and in their error at finite steps.
+They are also class attributes of CustomRigidHIIntegrator. LangevinA, LangevinB and LangevinC (the
+default) are thermostats of bodies with momenta. LangevinHI is LangevinC in a fluid that a
+MobilityForce describes. GradientThermostat has neither momenta nor a fluid. All other schemes are
+Brownian dynamics in a fluid, without momenta. They differ in how they make the stochastic drift, in
+their cost, and in their error at finite steps.
 
-Each has its ``traits`` (orders, force evaluations and so on) and its docstring, and a page with equations, cost and limits:
-docs/schemes/README.md says which to take for which scene.
+Each scheme has its ``traits`` (orders, force evaluations and so on) and its own docstring. Each
+also has a page with its equations, cost and limits. docs/schemes/README.md says which scheme to
+take for which scene.
 """
 
 
@@ -51,16 +57,17 @@ def page(name, folder='docs/schemes/'):
 
 
 def facts(traits):
-    """What a scheme has, needs and costs, in one sentence; the pages have it, too."""
-    cold = f', and order {traits.coldOrder} at T = 0' if traits.coldOrder != traits.weakOrder else ''
+    """What a scheme has, needs and costs, in one sentence that its page has, too."""
+    cold = (f', and order {traits.coldOrder} at T = 0'
+            if traits.coldOrder != traits.weakOrder else '')
     forces = f'{traits.forces} force evaluation{"s" if traits.forces > 1 else ""} a step'
     return (f'{"With" if traits.hasMomenta else "Without"} momenta, '
             f'{"in a fluid" if traits.needsFluid else "without a fluid"}; '
             f'weak order {traits.weakOrder}{cold}; {forces}.')
 
 
-#: What is integrated, by whether there are momenta and a fluid. Angular momentum l and torque tau
-#: in the body frame, L and T in the lab's.
+#: The equations that are integrated, by whether there are momenta and a fluid. Angular momentum l
+#: and torque tau are in the body frame, L and T in the lab frame.
 EQUATIONS = {
     (True, False): """dR = p/m dt,   dp = f dt - gamma p dt + sqrt(2 m gamma kT) dw,
 dl_k = (l x omega)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(M Gamma kT/2) dW_k,
@@ -68,7 +75,8 @@ Gamma_k = Gamma M/(4 I_k),   M = 4/sum_k 1/I_k over axes k with a moment""",
     (False, False): """dR = upsilon/m f dt + sqrt(2 upsilon kT/m) dw,
 dq = Upsilon/M F dt + sqrt(2 Upsilon kT/M) sum_k S_k q o dW_k (Stratonovich),
 F = 2 q (0, tau),   M = 4/sum_k 1/I_k over axes k with a moment""",
-    (True, True): """dR = p/m dt,   dp = f dt - (xi U)_V dt + noise,   dL = T dt - (xi U)_W dt + noise,
+    (True, True): """dR = p/m dt,   dp = f dt - (xi U)_V dt + noise,
+dL = T dt - (xi U)_W dt + noise,
 noise of covariance 2 kT xi dt, with velocities U of all bodies and their friction matrix xi""",
     (False, True): """dQ = N F dt + kT div N dt + sqrt(2 kT) N^(1/2) dW (Ito)
 for poses Q, the mobility N(Q) of the MobilityForce and wrenches F""",
@@ -89,7 +97,7 @@ for _scheme in Scheme:
 
 
 def summary(indent=4):
-    """The schemes of a docstring, an item for each kind."""
+    """The list of schemes in a docstring, with an item for each kind."""
     kinds = (('with momenta, without a fluid', True, False), ('without momenta, without a fluid',
                                                               False, False),
              ('with momenta, in a fluid', True, True), ('without momenta, in a fluid', False, True))
@@ -102,7 +110,10 @@ def summary(indent=4):
 
 
 def markdown(folder='schemes/'):
-    """The table of schemes, of the user guide and of the schemes' own pages, which lie in this folder as seen from there."""
+    """The table of schemes of the user guide and of the schemes' own pages.
+
+    The pages lie in this folder, as seen from the file with the table.
+    """
     rows = [
         '| scheme | momenta | fluid | weak order | order at T = 0 | forces a step | |',
         '|---|---|---|---|---|---|---|'

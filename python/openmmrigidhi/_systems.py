@@ -6,7 +6,7 @@ from .mobility import MobilityForce
 
 
 def forcesOf(system, kind):
-    """The System's forces of one of our classes."""
+    """The System's forces of one of this package's classes."""
     found = []
     for force in system.getForces():
         try:
@@ -17,7 +17,10 @@ def forcesOf(system, kind):
 
 
 def hydrodynamicRadii(system, radii, where):
-    """Radius of each particle of the System, nm: those given, or else the MobilityForce's, or else 0."""
+    """Radius of each particle of the System, nm.
+
+    The radii are those given, or else those of the MobilityForce, or else 0.
+    """
     count = system.getNumParticles()
     if radii is not None:
         return np.array(_units.perSite(radii, _units.LENGTH, count, where, 'radii'))
@@ -27,14 +30,19 @@ def hydrodynamicRadii(system, radii, where):
 
 
 def refuseDrivenFlow(system, where, consequence):
-    """Refuse a System whose fluid is driven, where equilibrium is taken for granted; consequence: what is wrong then, and what serves instead."""
+    """Refuse a System whose fluid is driven, where equilibrium is assumed.
+
+    The text consequence says what is wrong then, and what to do instead.
+    """
     for fluid in forcesOf(system, MobilityForce):
         velocity, gradient = (quantity._value for quantity in fluid.getBackgroundFlow())
         f0 = fluid.getSinusoidalForceDensity()[0]._value
         if velocity.any() or gradient.any():
-            flow, setter = f'a background flow of {velocity.tolist()} nm/ps with the gradient {gradient.tolist()} 1/ps', 'setBackgroundFlow()'
+            flow, setter = (f'a background flow of {velocity.tolist()} nm/ps with the gradient '
+                            f'{gradient.tolist()} 1/ps', 'setBackgroundFlow()')
         elif f0:
-            flow, setter = f'a sinusoidal force density of {f0} kJ/(mol nm^4)', 'setSinusoidalForceDensity()'
+            flow, setter = (f'a sinusoidal force density of {f0} kJ/(mol nm^4)',
+                            'setSinusoidalForceDensity()')
         else:
             continue
         raise ValueError(
@@ -44,12 +52,12 @@ def refuseDrivenFlow(system, where, consequence):
 
 
 class BodyDefinitions:
-    """What the bodies of an integrator are, whose geometry is known.
+    """The definitions of an integrator's bodies, whose geometry is known.
 
     Attributes
     ----------
     particles : list of list of int
-        of each body
+        particles of each body
     masses : array of shape (n,)
         dalton
     moments : array of shape (n, 3)
@@ -57,9 +65,9 @@ class BodyDefinitions:
     sites : list of array of shape (particles of the body, 3)
         nm, body frame
     members, places, owners : array of shape (m,), (m, 3) and (m,)
-        particles and sites of all bodies, body after body, and which body each belongs to
+        particles and sites of all bodies, body after body, and the body that each belongs to
     first : array of shape (n + 1,)
-        where each body begins in these
+        where each body begins in these arrays
     """
     def __init__(self, integrator):
         definitions = [

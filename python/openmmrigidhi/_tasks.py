@@ -1,7 +1,7 @@
-"""A function of many arguments: here, in processes, or on a cluster of dask.distributed. What users see of it is ensemble.tasks.
+"""A function of many arguments: here, in processes, or on a cluster of dask.distributed.
 
-Workers come and go: a task whose worker dies is given to another one, so often and no oftener. What
-a task has to remember then it keeps in files.
+Users see it as ensemble.tasks. Workers come and go. A task whose worker dies is given to another
+worker, up to a fixed number of times. A task keeps what it has to remember in files.
 """
 import asyncio
 import collections
@@ -27,15 +27,15 @@ from . import _loading
 
 #: Seconds between two reports of a task, and between two looks at a cluster.
 BETWEEN_REPORTS, BETWEEN_LOOKS = 0.5, 0.5
-#: Seconds between two requests for workers of our own that are missing.
+#: Seconds between two requests for missing workers of this process.
 BETWEEN_REPAIRS = 5.0
-#: Seconds that a worker gets to end by itself, after an interruption.
+#: Seconds that a worker has to end by itself, after an interruption.
 PATIENCE = 5.0
 STARTED, PROGRESS, DONE, DIED = 'started', 'progress', 'done', 'died'
 
 
 class TaskError(RuntimeError):
-    """A task has failed; the text has its name and the traceback of its process."""
+    """A task has failed; the message has its name and the traceback of its process."""
 
 
 @dataclass
@@ -47,9 +47,9 @@ class Failure:
     kind : str
         name of the exception's class, or WorkerDied
     message : str
-        what the exception says
+        text of the exception
     traceback : str
-        of the process that computed; empty if that died
+        traceback of the process that computed; empty if the process died
     """
 
     kind: str
@@ -59,18 +59,18 @@ class Failure:
 
 @dataclass
 class Outcome:
-    """What became of a task.
+    """The outcome of a task.
 
     Attributes
     ----------
     index : int
-        of its argument
+        index of its argument
     name : str
     value : object
         what the function returned; None after a failure
     failure : Failure or None
     attempts : int
-        how often it was started: one more than its workers died
+        number of times that it was started: one more than its workers died
     seconds : float
         wall time of the attempt that ended
     """
@@ -83,7 +83,7 @@ class Outcome:
     seconds: float = 0.0
 
     def get(self):
-        """The value; TaskError if there is none."""
+        """The value; raises TaskError if there is none."""
         if self.failure is not None:
             raise TaskError(f'task {self.name}: it failed with {self.failure.kind}: '
                             f'{self.failure.message}\n{self.failure.traceback}'.rstrip())
@@ -92,14 +92,15 @@ class Outcome:
 
 @dataclass
 class Job:
-    """What a function is told of its task beside its argument.
+    """What a function knows of its task beside its argument.
 
     Attributes
     ----------
     index : int
     name : str
     directory : str or None
-        of this task alone, and there: for what another worker needs to go on if this one dies
+        an existing directory of this task alone, for what another worker needs to go on if this one
+        dies
     """
 
     index: int
@@ -109,12 +110,12 @@ class Job:
     _last: float = field(default=-1e300, repr=False)
 
     def report(self, done):
-        """Say how much is done, for the progress bar; costs nothing if called often.
+        """Say how much is done, for the progress bar; frequent calls cost nothing.
 
         Parameters
         ----------
         done : float
-            in the unit of the amounts that run() was given, since the task's beginning
+            amount since the task's beginning, in the unit of the amounts that run() was given
         """
         now = time.monotonic()
         if self._tell is not None and now - self._last > BETWEEN_REPORTS:
@@ -163,7 +164,7 @@ class _Here:
 
 
 class _Worker:
-    """A process, and our end of the pipe to it."""
+    """A process, and this end of the pipe to it."""
     def __init__(self, context):
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
@@ -193,7 +194,10 @@ def _serve(connection):
 
 
 class _Processes:
-    """Processes of our own. The executors of the standard library do not say whose process has died."""
+    """Processes of this process.
+
+    The executors of the standard library do not say whose process has died.
+    """
     def __init__(self, function, jobs):
         self.function = function
         # Not forked: OpenMM's thread pools do not survive a fork.
@@ -239,7 +243,7 @@ class _Processes:
             worker.connection.close()
         deadline = time.monotonic() + PATIENCE
         for worker in self.workers:
-            # Those that still compute end where they are: what they need to go on is in their
+            # Workers that still compute end where they are: what they need to go on is in their
             # files.
             worker.process.join(
                 max(0.0, deadline - time.monotonic()) if worker.index is None else 0.0)
@@ -249,7 +253,10 @@ class _Processes:
 
 
 def _performPickled(payload, topic):
-    """One task on a worker of dask. All is in one piece of bytes, in which dask looks for no tasks of its own."""
+    """One task on a worker of dask.
+
+    Everything is in one piece of bytes, in which dask looks for no tasks of its own.
+    """
     import distributed
     worker = distributed.get_worker()
     payload, index, name = payload
@@ -264,7 +271,10 @@ def _performPickled(payload, topic):
 
 
 class _Cluster:
-    """Workers of dask.distributed: those of a scheduler, or as many of our own as there are jobs."""
+    """Workers of dask.distributed.
+
+    They belong to a scheduler, or there are as many local ones as there are jobs.
+    """
     def __init__(self, function, jobs, address, retries, timeout):
         import dask
         import distributed
@@ -305,8 +315,8 @@ class _Cluster:
 
         class Client(self.distributed.Client):
             async def _start(self, **kwargs):
-                # Newer versions of distributed wait for the answer of who has taken the connection
-                # as long as it takes.
+                # Newer versions of distributed wait without limit for the answer of a server that
+                # has accepted the connection.
                 try:
                     return await asyncio.wait_for(super()._start(**kwargs), limit)
                 except asyncio.TimeoutError as error:
@@ -314,7 +324,7 @@ class _Cluster:
                     raise OSError('silence') from error
 
             def __del__(self):
-                # One that never came to be complains when it goes.
+                # A client that never connected complains when it is deleted.
                 with contextlib.suppress(Exception):
                     super().__del__()
 
@@ -329,7 +339,7 @@ class _Cluster:
                 'machine') from error
 
     def _checkWorkers(self):
-        """Wait for a worker, and see that all have this package. Both within the time given."""
+        """Wait for a worker, and check that all workers have this package; both within timeout."""
         try:
             self.client.wait_for_workers(1, timeout=self.timeout)
         except (OSError, self.distributed.TimeoutError) as error:
@@ -337,7 +347,7 @@ class _Cluster:
                 f'cluster {self.address}: no worker came within {self.timeout:g} s; at least 1 is '
                 f'needed: start some there '
                 '(dask-worker)') from error
-        # Neither eval nor the text needs anything of ours on the worker.
+        # Neither eval nor the text needs anything of this package on the worker.
         found = self.client.run(eval, "__import__('openmmrigidhi').__version__", on_error='return')
         for worker, version in found.items():
             if isinstance(version, BaseException):
@@ -361,8 +371,8 @@ class _Cluster:
             raise self._lost() from error
         if self.local is not None and slots < self.jobs and time.monotonic(
         ) - self.mended > BETWEEN_REPAIRS:
-            # Dask replaces a worker that dies, but not one that dies while it starts; this asks for
-            # all again.
+            # Dask replaces a worker that dies, but not a worker that dies while it starts. This
+            # asks for all workers again.
             self.mended = time.monotonic()
             self.local.scale(self.jobs)
         if slots:
@@ -374,8 +384,8 @@ class _Cluster:
                 f'cluster {self.address}: it has had no worker for {self.timeout:g} s; at least 1 '
                 f'is needed: start some '
                 'there, then go on where this ended')
-        # Not more than can be done at once: a worker that dies takes nobody else's attempts with
-        # it.
+        # No more tasks than can be done at once: a worker that dies then uses up no attempts of
+        # other tasks.
         return slots - len(self.futures)
 
     def _lost(self):
@@ -389,7 +399,7 @@ class _Cluster:
             (self.function, argument, job)), job.index, job.name
         with warnings.catch_warnings():
             warnings.filterwarnings('ignore', 'Large object', UserWarning)
-            # A task that is submitted again is another one to the scheduler.
+            # To the scheduler, a task that is submitted again is another task.
             self.submitted += 1
             self.futures[job.index] = self.client.submit(_performPickled, payload, self.topic,
                                                          pure=False,
@@ -416,7 +426,7 @@ class _Cluster:
                 raise self._lost()
 
     def cancel(self, index):
-        """Take back a task that has been started too often."""
+        """Take back a task that has been started too many times."""
         self.futures.pop(index).cancel()
 
     def close(self):
@@ -453,61 +463,64 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
         unit='task', title='', retries=3, timeout=60.0, finished=None, quiet=False):
     """Call a function for each of many arguments, several at a time.
 
-    Outcomes depend on who computes what, in which order, only if the function does. Arguments are
-    begun in their order: put the longest first.
+    Outcomes do not depend on who computes what, in which order, unless the function does. Arguments
+    are begun in their order, so put the longest first.
 
     Parameters
     ----------
     function : callable
-        (argument, Job) -> value. It and what it takes and returns must be what pickle takes. An
+        (argument, Job) -> value. pickle must accept the function, its arguments and its values. An
         exception ends its own task only.
     arguments : sequence
     jobs : int
-        how many at a time: 1 is one after the other in this process
+        number of tasks at a time; with 1 they are done one after the other in this process
     cluster : str, distributed.Client or None
         the address of a scheduler of dask.distributed, e.g. tcp://host:8786, whose workers then
-        decide how many at a time; None or 'local': workers on this machine, by dask.distributed
-        where it is installed and else by plain processes; 'processes': plain processes
+        decide how many tasks are done at a time; None or 'local': workers on this machine, by
+        dask.distributed where it is installed and else by plain processes; 'processes': plain
+        processes
     names : sequence of str, optional
-        of the tasks; default: their numbers
+        names of the tasks; default: their numbers
     directory : str, optional
-        where each task gets a directory of its own, by its name, for its checkpoints; workers
-        elsewhere must see it under this path
+        where each task gets its own directory, by its name, for its checkpoints; workers on other
+        machines must see it under this path
     amounts : sequence of float, optional
-        of work: what each task's Job.report() ends with; the progress bar counts tasks otherwise
+        amounts of work: the values with which each task's Job.report() ends; without them the
+        progress bar counts tasks
     unit : str
-        of the amounts, for the progress bar
+        unit of the amounts, for the progress bar
     title : str
-        of the progress bar
+        title of the progress bar
     retries : int
-        how often a task is given to another worker after one has died with it, since any came
-        further than those before (Job.report()). A scheduler elsewhere has its own bound beside
-        (distributed.scheduler.allowed-failures, 3 unless told otherwise).
+        how many times a task is given to another worker after a worker has died with it. The count
+        begins anew when a worker comes further than all workers before (Job.report()). An external
+        scheduler also has its own bound (distributed.scheduler.allowed-failures, 3 by default).
     timeout : float
         seconds to wait for a cluster's answer, and for a worker where there is none
     finished : callable, optional
-        called here with each Outcome, as they come
+        called in this process with each Outcome, as they come
     quiet : bool
-        no progress bar
+        show no progress bar
 
     Returns
     -------
     list of Outcome
-        in the order of the arguments. Those of tasks that failed have a `failure`.
+        in the order of the arguments; outcomes of tasks that failed have a `failure`
 
     Raises
     ------
     ConnectionError
         if a cluster does not answer, has no workers, or was lost
     ImportError
-        if a worker has no openmmrigidhi or another version, or there is no dask.distributed for a
-        cluster
+        if a worker has no openmmrigidhi or another version, or if there is no dask.distributed for
+        a cluster
     ValueError
-        for numbers that make no sense
+        for numbers that are not valid
 
     Notes
     -----
-    With jobs above 1 put the call under ``if __name__ == '__main__':``, as for everything that starts processes. Ctrl-C ends all tasks where they are.
+    With jobs above 1 put the call under ``if __name__ == '__main__':``, as for everything that
+    starts processes. Ctrl-C ends all tasks where they are.
 
     Examples
     --------
@@ -535,8 +548,8 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     if not arguments:
         return []
     outcomes, waiting = {}, collections.deque(range(len(arguments)))
-    # Of each task: how often it was started, how often since a worker came further with it than any
-    # before, how far that was, how far this one is.
+    # For each task: the number of starts; the number of starts since a worker came further than any
+    # before; how far this was; how far the present attempt is.
     starts, fruitless, furthest, now = ([0]*len(arguments) for _ in range(4))
     backend = _backend(function, jobs, cluster, retries, timeout)
     bar = _Bar(amounts, len(arguments), unit, title, quiet)
@@ -577,8 +590,8 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
                     starts[index] += 1
                     if starts[index] > 1:
                         bar.say(f'{names[index]}: its worker died; attempt {starts[index]}')
-                    if fruitless[
-                            index] > retries + 1:  # a scheduler elsewhere may be more patient than we are
+                    # An external scheduler may allow more attempts.
+                    if fruitless[index] > retries + 1:
                         backend.cancel(index)
                         giveUp(index)
                 elif event == PROGRESS:
@@ -586,7 +599,7 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
                     bar.show(index, what)
                 elif event == DONE:
                     end(what)
-                # A scheduler has its own retries, which take no notice of progress.
+                # A scheduler has its own retries, which ignore progress.
                 elif cameFurther(index) or (what is not None and fruitless[index] <= retries):
                     waiting.appendleft(index)
                 else:
@@ -595,7 +608,7 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
 
 
 class _Bar:
-    """Progress of all tasks together."""
+    """The progress of all tasks together."""
     def __init__(self, amounts, count, unit, title, quiet):
         self.amounts = [1]*count if amounts is None else list(amounts)
         self.done = [0]*count

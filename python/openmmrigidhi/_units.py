@@ -1,7 +1,8 @@
-"""What Python users pass (numbers, quantities, Vec3, tuples, lists, arrays) made into plain numbers in OpenMM's units.
+"""Conversion of what Python users pass into plain numbers in OpenMM's units.
 
-A quantity's dimension is checked: 5 nm is no temperature. OpenMM's own bindings drop units they do
-not expect. All errors name the method, the argument, what it got, what it must be and the remedy.
+Users pass numbers, quantities, Vec3, tuples, lists and arrays. A quantity's dimension is checked: 5
+nm is no temperature. OpenMM's own bindings drop units that they do not expect. All errors name the
+method, the argument, the value, what it must be and the remedy.
 """
 import enum
 import numbers
@@ -13,14 +14,14 @@ from openmm import unit
 
 
 class Dimension:
-    """A unit in which the C++ library expects an argument, and other units that mean the same to us."""
+    """A unit in which the C++ library expects an argument, and equivalent units."""
     def __init__(self, label, base, *synonyms):
         self.label = label
         self.base = base
         self._accepted = (base,) + synonyms
 
     def strip(self, quantity, where, name):
-        """The value of a quantity in this unit, whatever its type; TypeError if the dimension is another."""
+        """The value of a quantity in this unit; TypeError if the dimension is another."""
         for accepted in self._accepted:
             if quantity.unit.is_compatible(accepted):
                 return quantity.value_in_unit(accepted)
@@ -64,12 +65,16 @@ def number(value, dimension, where, name):
 
 
 def plain(value):
-    """The numbers of a Quantity in OpenMM's units, whatever its dimension; anything else as it is."""
+    """The numbers of a Quantity in OpenMM's units; anything else is returned as it is."""
     return value.value_in_unit_system(unit.md_unit_system) if unit.is_quantity(value) else value
 
 
 def viscosity(value, where, name):
-    """A float in dalton/(nm ps) from a number in that unit, or a quantity in any unit of viscosity, also a molar one."""
+    """A viscosity as a float in dalton/(nm ps).
+
+    It is given as a number in this unit, or as a quantity in any unit of viscosity, also a molar
+    unit.
+    """
     pascal_second = unit.pascal*unit.second
     if unit.is_quantity(value) and not value.unit.is_compatible(
             VISCOSITY.base) and value.unit.is_compatible(pascal_second):
@@ -78,7 +83,7 @@ def viscosity(value, where, name):
 
 
 def integer(value, where, name):
-    """An int that fits into C++'s int. Accepts numpy's integers, refuses floats."""
+    """An int that fits into C++'s int; numpy's integers are accepted, floats are refused."""
     try:
         result = operator.index(value)
     except TypeError:
@@ -91,7 +96,10 @@ def integer(value, where, name):
 
 
 def constant(value, kind, where, name):
-    """An int from a constant of this enumeration or a plain integer; another enumeration's constant is a mistake."""
+    """An int from a constant of this enumeration or a plain integer.
+
+    Another enumeration's constant is an error.
+    """
     if isinstance(value, enum.Enum) and not isinstance(value, kind):
         raise TypeError(f'{where}: {name}: got {value!r}; it must be a {kind.__name__}: '
                         f"use one of {', '.join(member.name for member in kind)}")
@@ -99,7 +107,7 @@ def constant(value, kind, where, name):
 
 
 def boolean(value, where, name):
-    """A bool; numbers are more likely misplaced arguments."""
+    """A bool; numbers are refused, since they are more likely misplaced arguments."""
     if not isinstance(value, (bool, np.bool_)):
         raise TypeError(
             f'{where}: {name}: got {value!r}; it must be True or False: give one of them')
@@ -107,7 +115,7 @@ def boolean(value, where, name):
 
 
 def context(value, where):
-    """An openmm.Context, or TypeError: SWIG's own messages speak of null references."""
+    """An openmm.Context, or TypeError, since SWIG's own messages speak of null references."""
     if not isinstance(value, openmm.Context):
         raise TypeError(
             f'{where}: context: got {type(value).__name__}; it must be an openmm.Context: '
@@ -122,7 +130,7 @@ def array(buffer, columns=None):
 
 
 def matrix(values, shape, where, name, stack=False):
-    """A matrix of mixed dimension: plain numbers of a fixed shape; with `stack` also n of them."""
+    """A matrix of mixed dimension: plain numbers of a fixed shape; with `stack` also n matrices."""
     result = _floats(values, NONE, where, name)
     if result.shape != shape and not (stack and result.shape[1:] == shape):
         either = f'{shape} or {("n", *shape)}'.replace("'", '') if stack else f'{shape}'
@@ -133,7 +141,7 @@ def matrix(values, shape, where, name, stack=False):
 
 
 def indices(values, where, name):
-    """A list of integers from any iterable of them, as an int32 array."""
+    """An int32 array from any iterable of integers."""
     try:
         values = list(values)
     except TypeError:
@@ -166,7 +174,10 @@ def vector(value, dimension, where, name):
 
 
 def oneOrEach(values, dimension, columns, items, where, name):
-    """An array (columns,) for all of a stack of items, or (n, columns) for each of them; items is None if there is only one, for any n."""
+    """An array (columns,) for all items of a stack, or (n, columns) for each item.
+
+    items is None if there is only one item; then n may be any number.
+    """
     array = _floats(values, dimension, where, name)
     count = 'n' if items is None else items
     if array.shape != (columns,) and not (array.ndim == 2 and array.shape[1] == columns
@@ -189,7 +200,7 @@ def sequence(values, dimension, where, name):
 
 
 def perSite(values, dimension, count, where, name):
-    """A list of one number for each site, finite and not negative; a single one is for all."""
+    """A list of one number for each site, finite and not negative; a single number is for all."""
     try:
         numbers_ = np.full(count, number(values, dimension, where, name))
     except TypeError:
@@ -206,7 +217,7 @@ def perSite(values, dimension, count, where, name):
 
 
 def frames(values, dimension, columns, where, name):
-    """A (T, n, columns) array of finite floats in the dimension's unit: a trajectory of n bodies."""
+    """A trajectory of n bodies, a (T, n, columns) array of finite floats in the unit."""
     array = _floats(values, dimension, where, name)
     if array.ndim != 3 or array.shape[2] != columns or array.size == 0:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""CustomBodyForce: the Python face of the C++ class, with checked types and documentation."""
+"""CustomBodyForce: the Python side of the C++ class, with checked types and documentation."""
 import numpy as np
 import openmm
 from openmm import unit
@@ -19,17 +19,23 @@ def _text(value, method, name):
 
 
 def _plain(quantity):
-    """The value of a quantity of any dimension in OpenMM's units; those per particle (1 N, 1 g) become those per mole."""
+    """The value of a quantity of any dimension in OpenMM's units.
+
+    Quantities per particle (1 N, 1 g) become quantities per mole.
+    """
     powers = {dimension.name: power for dimension, power in quantity.unit.iter_base_dimensions()}
     if powers.get('mass'):
-        # OpenMM's unit of mass is g/mol, so that a mass without a mole is Avogadro's number of
-        # times as much.
+        # OpenMM's unit of mass is g/mol, so a mass without a mole becomes larger by Avogadro's
+        # number.
         quantity = quantity*unit.AVOGADRO_CONSTANT_NA**(powers['mass'] + powers.get('amount', 0))
     return quantity.value_in_unit_system(unit.md_unit_system)
 
 
 def _value(value, method, name):
-    """A parameter as a float in OpenMM's units. Expressions give it its meaning, so it may have any dimension."""
+    """A parameter as a float in OpenMM's units.
+
+    Expressions give the parameter its meaning, so it may have any dimension.
+    """
     return _units.number(
         _plain(value) if unit.is_quantity(value) else value, _units.NONE, _where(method), name)
 
@@ -37,33 +43,34 @@ def _value(value, method, name):
 class CustomBodyForce(_copies.Copies, _Base):
     """A force and a torque on rigid bodies of a CustomRigidHIIntegrator, as expressions.
 
-    Add it to the System with ``system.addForce``, and bodies to it with :meth:`addBody`. Six
-    expressions give the components of the force and of the torque about the body's origin, all in
-    the lab frame. They are written in the language of OpenMM's Custom forces (``'-k*(x-x0);
-    k=2*stiffness'``) and may use
+    Add the force to the System with ``system.addForce``, and bodies to the force with
+    :meth:`addBody`. Six expressions give the components of the force and of the torque about the
+    body's origin, all in the lab frame. Expressions are written in the language of OpenMM's Custom
+    forces (``'-k*(x-x0); k=2*stiffness'``). They may use
 
     - ``x y z``: the position of the body's origin, nm, unwrapped;
-    - ``q0 q1 q2 q3``: its orientation, the unit quaternion (w, x, y, z) that turns body-frame
-      vectors into lab-frame vectors. q and -q are the same orientation and either may occur, so
-      only expressions that are even in q make sense;
+    - ``q0 q1 q2 q3``: the body's orientation, the unit quaternion (w, x, y, z) that turns
+      body-frame vectors into lab-frame vectors. q and -q are the same orientation and either may
+      occur, so only expressions that are even in q make sense;
     - ``vx vy vz``: the velocity of the origin, nm/ps (Langevin schemes only);
     - ``t``: the time, ps;
     - per-body parameters, which have a value for each body that was added;
     - global parameters, which are parameters of the Context (``context.setParameter``).
 
-    They are evaluated whenever the integrator evaluates OpenMM's forces, at the same positions and
-    time, if the force group is one of the integrator's. They appear in ``getBodyForces`` and
-    ``getBodyTorques`` of the integrator. They have no energy: minimisers and barostats do not feel
-    them. Torques about an axis without inertia have no effect.
+    The expressions are evaluated whenever the integrator evaluates OpenMM's forces, at the same
+    positions and time, if the force group is one of the integrator's. The forces and torques are
+    part of ``getBodyForces`` and ``getBodyTorques`` of the integrator. They have no energy:
+    minimisers and barostats do not see them. Torques about an axis without inertia have no effect.
 
-    With velocities, the first half kick of a step uses those at its beginning, the second those
-    that it leads to (predicted once): weak order 2 with LangevinC and LangevinHI, 1 with LangevinA
-    and LangevinB (2 without friction). Strong friction belongs into the integrator: a step of an
-    expression like ``-g*vx`` is stable for h*g/m below 1 or so.
+    If an expression uses velocities, the first half kick of a step takes the velocities at its
+    beginning. The second half kick takes the velocities that it leads to (predicted once). The weak
+    order is 2 with LangevinC and LangevinHI, and 1 with LangevinA and LangevinB (2 without
+    friction). Set strong friction in the integrator: a step of an expression like ``-g*vx`` is
+    stable for h*g/m below 1 or so.
 
-    Wrong types are a TypeError, wrong shapes a ValueError, everything else that is refused an
-    openmm.OpenMMException; each names the object, the value, the bound and the remedy. Expressions
-    are checked when a Context is created.
+    A wrong type raises TypeError, and a wrong shape ValueError. Everything else that is refused
+    raises openmm.OpenMMException. Each message names the object, the value, the bound and the
+    remedy. Expressions are checked when a Context is created.
 
     Parameters
     ----------
@@ -98,13 +105,15 @@ class CustomBodyForce(_copies.Copies, _Base):
 
     @staticmethod
     def cast(obj):
-        """Get a CustomBodyForce as what it is: ``system.getForce`` and deserialisation return a generic openmm.Force.
+        """Get a CustomBodyForce from a generic openmm.Force.
+
+        ``system.getForce`` and deserialisation return the generic class.
 
         Parameters
         ----------
         obj : openmm.Force
-            the object; if it owned the C++ object, the result does from now on, and obj remains
-            usable
+            the object; if it owned the C++ object, the result owns the C++ object from now on, and
+            obj remains usable
 
         Returns
         -------
@@ -131,7 +140,9 @@ class CustomBodyForce(_copies.Copies, _Base):
         return super().getExpression(_text(component, 'getExpression', 'component'))
 
     def setExpression(self, component, expression):
-        """Set one of the six expressions. Takes effect at the next Context creation or reinitialize().
+        """Set one of the six expressions.
+
+        The expression takes effect at the next Context creation or reinitialize().
 
         Parameters
         ----------
@@ -155,8 +166,8 @@ class CustomBodyForce(_copies.Copies, _Base):
         Parameters
         ----------
         name : str
-            its name: no spaces or operators, not a digit first, no variable's and no other
-            parameter's name
+            its name, without spaces or operators and without a digit first; it must differ from the
+            names of variables and other parameters
         """
         return super().addPerBodyParameter(_text(name, 'addPerBodyParameter', 'name'))
 
@@ -165,7 +176,10 @@ class CustomBodyForce(_copies.Copies, _Base):
         return super().getPerBodyParameterName(self._index(index, 'getPerBodyParameterName'))
 
     def setPerBodyParameterName(self, index, name):
-        """Set the name of a per-body parameter by its index. Parameters and errors as in :meth:`addPerBodyParameter`."""
+        """Set the name of a per-body parameter by its index.
+
+        Parameters and errors as in :meth:`addPerBodyParameter`.
+        """
         super().setPerBodyParameterName(self._index(index, 'setPerBodyParameterName'),
                                         _text(name, 'setPerBodyParameterName', 'name'))
 
@@ -179,8 +193,8 @@ class CustomBodyForce(_copies.Copies, _Base):
         Parameters
         ----------
         name : str
-            its name: no spaces or operators, not a digit first, no variable's and no other
-            parameter's name
+            its name, without spaces or operators and without a digit first; it must differ from the
+            names of variables and other parameters
         defaultValue : float or Quantity
             its value in a new Context, in OpenMM's units; finite
         """
@@ -193,12 +207,15 @@ class CustomBodyForce(_copies.Copies, _Base):
         return super().getGlobalParameterName(self._index(index, 'getGlobalParameterName'))
 
     def setGlobalParameterName(self, index, name):
-        """Set the name of a global parameter by its index. Parameters and errors as in :meth:`addGlobalParameter`."""
+        """Set the name of a global parameter by its index.
+
+        Parameters and errors as in :meth:`addGlobalParameter`.
+        """
         super().setGlobalParameterName(self._index(index, 'setGlobalParameterName'),
                                        _text(name, 'setGlobalParameterName', 'name'))
 
     def getGlobalParameterDefaultValue(self, index):
-        """Get the value of a global parameter in a new Context, a number in OpenMM's units, by its index."""
+        """Get the value of a global parameter in a new Context by its index, in OpenMM's units."""
         return super().getGlobalParameterDefaultValue(
             self._index(index, 'getGlobalParameterDefaultValue'))
 
@@ -219,11 +236,11 @@ class CustomBodyForce(_copies.Copies, _Base):
     # ---- Bodies ----------------------------------------------------------------------------------
 
     def getNumBodies(self):
-        """Get the number of entries: bodies on which this force acts."""
+        """Get the number of entries; an entry lets this force act on a body."""
         return super().getNumBodies()
 
     def addBody(self, bodyIndex, parameters=()):
-        """Let the force act on a body. A body that is added twice feels it twice.
+        """Let the force act on a body; it acts twice on a body that is added twice.
 
         Parameters
         ----------
@@ -261,7 +278,8 @@ class CustomBodyForce(_copies.Copies, _Base):
     def setBodyParameters(self, index, bodyIndex, parameters=()):
         """Set the body and the parameters of an entry.
 
-        Takes effect at the next Context creation, or with :meth:`updateParametersInContext`.
+        The change takes effect at the next Context creation, or with
+        :meth:`updateParametersInContext`.
 
         Parameters
         ----------
@@ -280,7 +298,7 @@ class CustomBodyForce(_copies.Copies, _Base):
     def updateParametersInContext(self, context):
         """Copy the per-body parameters of all entries to a Context.
 
-        Expressions, names, and which bodies there are stay as they were when it was created.
+        Expressions, names and the set of bodies stay as they were when the Context was created.
 
         Parameters
         ----------
@@ -297,7 +315,10 @@ class CustomBodyForce(_copies.Copies, _Base):
             _units.context(context, _where('updateParametersInContext')))
 
     def usesPeriodicBoundaryConditions(self):
-        """Get whether this force uses periodic boundary conditions: it does not, positions are unwrapped."""
+        """Get whether this force uses periodic boundary conditions.
+
+        It does not: positions are unwrapped.
+        """
         return super().usesPeriodicBoundaryConditions()
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""CustomRigidHIIntegrator: the Python face of the C++ class, with units, checked shapes and documentation."""
+"""CustomRigidHIIntegrator: the Python side of the C++ class, with units and checked shapes."""
 import numpy as np
 import openmm
 
@@ -9,10 +9,15 @@ _Base = _bindings.CustomRigidHIIntegrator
 
 
 class NoiseLaw(_enums.Documented):
-    """The laws of the random numbers, all of mean 0 and variance 1; also class attributes of CustomRigidHIIntegrator."""
+    """The laws of the random numbers, all of mean 0 and variance 1.
+
+    They are also class attributes of CustomRigidHIIntegrator.
+    """
 
     Gaussian = _Base.Gaussian, 'Normal numbers (default).'
-    ThreePoint = _Base.ThreePoint, '0 with probability 2/3, +-sqrt(3) with 1/6 each: enough for weak order 2 (Davidchack 2015, eq. 21).'
+    ThreePoint = _Base.ThreePoint, (
+        '0 with probability 2/3, +-sqrt(3) with probability 1/6 each: enough for weak order 2 '
+        '(Davidchack 2015, eq. 21).')
     TwoPoint = _Base.TwoPoint, (
         '+-1 with probability 1/2 each: enough for weak order 1, so for GradientThermostat and the '
         'schemes without momenta in a fluid '
@@ -20,19 +25,29 @@ class NoiseLaw(_enums.Documented):
 
 
 class WallRejection(_enums.Documented):
-    """Which steps through a wall are redone with new noise; also class attributes of CustomRigidHIIntegrator."""
+    """The steps through a wall that are redone with new noise.
 
-    Overlap = _Base.Overlap, 'Those after which a hydrodynamic particle is nearer to the wall than its radius (default).'
+    They are also class attributes of CustomRigidHIIntegrator.
+    """
+
+    Overlap = _Base.Overlap, (
+        'Steps after which a hydrodynamic particle is nearer to the wall than its radius '
+        '(default).')
     Crossing = _Base.Crossing, (
-        'Those after which the centre of a hydrodynamic particle is on the wall or behind it; '
+        'Steps after which the centre of a hydrodynamic particle is on the wall or behind it; '
         'particles that reach through a NoSlipWall '
         'have damped mobilities.')
 
 
 class DriftCorrectorScaling(_enums.Documented):
-    """What the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies; also class attributes of CustomRigidHIIntegrator."""
+    """What the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies.
 
-    SlipOnly = _Base.SlipOnly, 'The slips alone (default): of the same weak order, without noise on what forces do.'
+    The constants are also class attributes of CustomRigidHIIntegrator.
+    """
+
+    SlipOnly = _Base.SlipOnly, (
+        'The slips (random surface velocities) alone (default): the same weak order, without noise '
+        'on what forces do.')
     Whole = _Base.Whole, 'The whole step, as in Westwood 2022, eq. 44.'
 
 
@@ -41,23 +56,26 @@ def _where(method):
 
 
 class CustomRigidHIIntegrator(_copies.Copies, _Base):
-    """Integrates rigid bodies, whose orientation is a unit quaternion, under the forces of an ordinary Context.
+    """Integrates rigid bodies, whose orientations are unit quaternions, under a Context's forces.
 
-    Particles of the System are grouped into bodies with :meth:`addRigidBody`; all other particles
-    ("free particles") are integrated beside them with the same scheme, as point particles. The
-    state of a body is the position R of its origin (its centre of mass; nm), the unit quaternion q
-    = (w, x, y, z) that turns body-frame vectors into lab-frame vectors, the momentum p (lab frame)
-    and the angular momentum l (body frame).
+    Particles of the System are grouped into bodies with :meth:`addRigidBody`. The integrator moves
+    all other particles ("free particles") as point particles, with the same scheme. The state of a
+    body has four parts:
 
-    Arguments are numbers in OpenMM's units (nm, ps, dalton, K, kJ/mol) or quantities, whose
-    dimension is checked; rows are Vec3, tuples, lists or rows of an array. Getters return a
-    Quantity of a numpy array. A wrong type or dimension is a TypeError, a wrong shape a ValueError,
-    everything else that is refused an openmm.OpenMMException; each names the object, the value, the
-    bound and the remedy.
+    - the position R of its origin (its centre of mass), nm;
+    - the unit quaternion q = (w, x, y, z) that turns body-frame vectors into lab-frame vectors;
+    - the momentum p, lab frame;
+    - the angular momentum l, body frame.
 
-    :meth:`setScheme` chooses how bodies move. ``help(CustomRigidHIIntegrator.Scheme)`` has a
-    paragraph on each scheme, docs/schemes/README.md says which to take for which scene, and each
-    has a page there with its equations, cost and limits:
+    Arguments are numbers in OpenMM's units (nm, ps, dalton, K, kJ/mol), or quantities, whose
+    dimension is checked. Rows are Vec3, tuples, lists or rows of an array. Getters of dimensional
+    arrays return a Quantity of a numpy array. A wrong type or dimension raises TypeError, and a
+    wrong shape ValueError. Everything else that is refused raises openmm.OpenMMException. Each
+    message names the object, the value, the bound and the remedy.
+
+    :meth:`setScheme` chooses how bodies move. ``help(CustomRigidHIIntegrator.Scheme)`` describes
+    each scheme. docs/schemes/README.md says which scheme to take for which scene. Each scheme has a
+    page there with its equations, cost and limits:
 
     @schemes@
 
@@ -109,15 +127,15 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     @staticmethod
     def cast(obj):
-        """Get a CustomRigidHIIntegrator as what it is.
+        """Get a CustomRigidHIIntegrator from a generic openmm.Integrator.
 
-        OpenMM's deserialisation and copies return a generic openmm.Integrator.
+        OpenMM's deserialisation and copies return the generic class.
 
         Parameters
         ----------
         obj : openmm.Integrator
-            the object; if it owned the C++ object, the result does from now on, and obj remains
-            usable
+            the object; if it owned the C++ object, the result owns the C++ object from now on, and
+            obj remains usable
 
         Returns
         -------
@@ -139,17 +157,19 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def addRigidBody(self, particles, mass=None, principalMoments=None, sitePositions=None):
         """Add a rigid body.
 
-        With particles alone, shape, mass and inertia come from the System. The shape comes from the
-        constraints among the massive members if these fix it (two members: one constraint; three: a
-        triangle; more: all pairs, with the handedness from the first positions), and virtual sites
-        from their definitions; otherwise from the first positions given to the Context, and is kept
-        until :meth:`resetBodyGeometry`. Mass and inertia come from the System's masses. The System
-        wins: constraints and masses that were changed take effect at reinitialize(), also over
-        those of a saved state, whose positions and velocities go on. The body frame has its origin
+        With particles alone, shape, mass and inertia come from the System. Mass and inertia come
+        from the masses of its particles. If the constraints among the massive members fix the
+        shape, the shape comes from these constraints. Two members need one constraint, three a
+        triangle, and more need all pairs; the handedness is that of the first positions. Virtual
+        sites come from their definitions. Otherwise the shape comes from the first positions given
+        to the Context, and is kept until :meth:`resetBodyGeometry`. The body frame has its origin
         at the centre of mass and its axes along the principal axes, the smallest moment first.
 
-        With mass, principalMoments and sitePositions, these override the System's masses, which
-        then serve OpenMM only.
+        The System has precedence over a saved state: changed constraints and masses take effect at
+        reinitialize(), and the positions and velocities of the state go on.
+
+        If mass, principalMoments and sitePositions are given, they override the System's masses.
+        OpenMM alone then uses the System's masses.
 
         Parameters
         ----------
@@ -159,12 +179,12 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             mass, dalton; positive for schemes with momenta and for GradientThermostat
         principalMoments : Vec3, sequence or Quantity of shape (3,), optional
             principal moments of inertia about the body axes x, y, z, dalton nm^2, in any order. A
-            moment below 1e-13 of the largest counts as zero: no rotation, noise or energy about
-            that axis.
+            moment below 1e-13 of the largest counts as zero: about its axis there is no rotation,
+            noise or energy.
         sitePositions : array-like or Quantity of shape (n, 3), optional
-            position of each particle in the body frame, nm; its origin is the centre of mass and
-            its axes are the principal axes. Schemes without momenta in a fluid take any origin (the
-            tracking point) and axes, and 0 for mass and moments
+            position of each particle in the body frame, nm. The origin of the frame is the centre
+            of mass and its axes are the principal axes. Schemes without momenta in a fluid take any
+            origin (the tracking point), any axes, and 0 for mass and moments.
 
         Returns
         -------
@@ -206,9 +226,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return super().getNumRigidBodies()
 
     def getNumRigidBodiesOfContext(self):
-        """Get the number of rigid bodies of the bound Context: those that there were when it was created.
+        """Get the number of rigid bodies of the bound Context.
 
-        Bodies that are added later wait for the next Context or `reinitialize()`. Needs a Context.
+        It is the number of bodies at the creation of the Context. Bodies that are added later wait
+        for the next Context or `reinitialize()`. A Context is needed.
         """
         return super().getNumRigidBodiesOfContext()
 
@@ -246,7 +267,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                 _units.LENGTH.attach(_units.array(sites, 3)))
 
     def getRigidBodyParticles(self, index):
-        """Get the indices of a body's particles, a list of int. Needs no Context.
+        """Get the indices of a body's particles, a list of int; no Context is needed.
 
         Parameters
         ----------
@@ -268,8 +289,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setRigidBodyParameters(self, index, particles, mass, principalMoments, sitePositions):
         """Replace the definition of a body by an explicit one.
 
-        Takes effect at the next Context creation or reinitialize(); a state that was saved with
-        another mass, other moments or sites is refused, also by
+        The definition takes effect at the next Context creation or reinitialize(). A state that was
+        saved with another mass, other moments or other sites is refused, also by
         ``reinitialize(preserveState=True)``. Parameters and errors as in :meth:`addRigidBody`.
         """
         where = _where('setRigidBodyParameters')
@@ -281,7 +302,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def resetBodyGeometry(self):
         """Forget the geometry of all bodies that were added without an explicit one.
 
-        The Context's present (or next) positions define it anew.
+        The present positions of the Context, or the next ones, define the geometry anew.
         """
         super().resetBodyGeometry()
 
@@ -296,7 +317,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return Scheme(super().getScheme())
 
     def setScheme(self, scheme):
-        """Set the scheme (default LangevinC). May be changed between steps.
+        """Set the scheme (default LangevinC); it may be changed between steps.
 
         Parameters
         ----------
@@ -307,7 +328,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setScheme(_units.constant(scheme, Scheme, _where('setScheme'), 'scheme'))
 
     def getNoiseLaw(self):
-        """Get the law of the random numbers, one of the class attributes Gaussian, ThreePoint, TwoPoint."""
+        """Get the law of the random numbers: Gaussian, ThreePoint or TwoPoint."""
         return NoiseLaw(super().getNoiseLaw())
 
     def setNoiseLaw(self, law):
@@ -316,9 +337,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Parameters
         ----------
         law : constant
-            Gaussian (default); ThreePoint: 0 with probability 2/3, +-sqrt(3) with 1/6 each (eq.
-            21), enough for weak order 2; TwoPoint: +-1 with probability 1/2 each (eq. 31), enough
-            for weak order 1: GradientThermostat and the schemes without momenta in a fluid
+            Gaussian (default). ThreePoint: 0 with probability 2/3, +-sqrt(3) with probability 1/6
+            each (Davidchack 2015, eq. 21); enough for weak order 2. TwoPoint: +-1 with probability
+            1/2 each (Davidchack 2015, eq. 31); enough for weak order 1, so for GradientThermostat
+            and the schemes without momenta in a fluid.
         """
         super().setNoiseLaw(_units.constant(law, NoiseLaw, _where('setNoiseLaw'), 'law'))
 
@@ -327,7 +349,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.TEMPERATURE.attach(super().getTemperature())
 
     def setTemperature(self, temperature):
-        """Set the temperature of the heat bath, K; 0: no noise, no random numbers. Not negative, finite."""
+        """Set the temperature of the heat bath, K; not negative, finite.
+
+        At 0 there is no noise, and no random numbers are drawn.
+        """
         super().setTemperature(
             self._number(temperature, _units.TEMPERATURE, 'setTemperature', 'temperature'))
 
@@ -336,7 +361,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.RATE.attach(super().getFriction())
 
     def setFriction(self, gamma):
-        """Set gamma, the rate at which momenta of bodies and of free particles relax (eq. 8), 1/ps; default 1."""
+        """Set gamma, the rate at which momenta relax (eq. 8), 1/ps; default 1.
+
+        It is for the momenta of bodies and of free particles.
+        """
         super().setFriction(self._number(gamma, _units.RATE, 'setFriction', 'gamma'))
 
     def getRotationalFriction(self):
@@ -344,7 +372,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.RATE.attach(super().getRotationalFriction())
 
     def setRotationalFriction(self, Gamma):
-        """Set Gamma (eqs. 9, 10), 1/ps; default 1. Body axis k relaxes at the rate Gamma / (I_k sum_j 1/I_j)."""
+        """Set Gamma (eqs. 9, 10), 1/ps; default 1.
+
+        Body axis k relaxes at the rate Gamma / (I_k sum_j 1/I_j).
+        """
         super().setRotationalFriction(
             self._number(Gamma, _units.RATE, 'setRotationalFriction', 'Gamma'))
 
@@ -353,26 +384,29 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return super().getInertiaScale()
 
     def setInertiaScale(self, factor):
-        """Set the factor by which schemes with momenta multiply the principal moments of all bodies in their dynamics; default 1.
+        """Set the factor of the principal moments in the dynamics; default 1.
 
-        Averages over configurations do not depend on it, since momenta are Gaussian and independent
-        of them. Motion does, and is not the real one; :meth:`describeEffects` says so. With a
-        factor of 4 to 16 the rotation of light bodies (water) becomes slower than what limits the
-        step otherwise, and steps grow: the user guide has measurements.
+        Schemes with momenta multiply the principal moments of all bodies by the factor.
+
+        Averages over configurations do not depend on the factor, since momenta are Gaussian and
+        independent of configurations. Motion depends on the factor and is not the real motion;
+        :meth:`describeEffects` says so. With a factor of 4 to 16, the rotation of light bodies
+        (water) becomes slower than the other motion that limits the step. Time steps can then be
+        longer: the user guide has measurements.
 
         Angular momenta, kinetic energies and temperatures are those of the scaled moments, so that
         equipartition holds about every axis. Angular velocities are real ones:
-        :meth:`setBodyAngularVelocities`, and the velocities of particles, mean rotation as it is
-        seen. The rates of :meth:`setRotationalFriction` do not change. The friction of a fluid
-        (LangevinHI) does not either, so that angular momenta relax more slowly there by the factor,
-        and diffusion over long times is the real one. :meth:`getRigidBodyParameters` and files have
-        the real moments. Masses and free particles are as they are. Schemes without momenta take no
-        notice.
+        :meth:`setBodyAngularVelocities` and the velocities of particles mean the rotation that is
+        seen. The factor does not change the rates of :meth:`setRotationalFriction`. It does not
+        change the friction of a fluid (LangevinHI) either. There angular momenta relax more slowly
+        by the factor, and diffusion over long times is the real one. :meth:`getRigidBodyParameters`
+        and files have the real moments. The factor does not change masses and free particles.
+        Schemes without momenta ignore it.
 
-        May be changed between steps; takes effect at once. Positions and all velocities go on, so
-        that rotational kinetic energies change by the ratio of the factors; thermal equilibrium
-        comes back by friction, or at once by the Context's ``setVelocitiesToTemperature()``. A
-        checkpoint or State that was saved under another factor goes on likewise.
+        The factor may be changed between steps, and takes effect at once. Positions and all
+        velocities go on, so rotational kinetic energies change by the ratio of the factors.
+        Friction brings thermal equilibrium back. The Context's ``setVelocitiesToTemperature()``
+        does so at once. A checkpoint or State that was saved under another factor goes on likewise.
 
         Parameters
         ----------
@@ -382,7 +416,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setInertiaScale(self._number(factor, _units.NONE, 'setInertiaScale', 'factor'))
 
     def setBodyFriction(self, index, gamma, Gamma):
-        """Give one body frictions of its own.
+        """Give one body its own frictions.
 
         Parameters
         ----------
@@ -396,12 +430,15 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                                 self._number(Gamma, _units.RATE, 'setBodyFriction', 'Gamma'))
 
     def getBodyFriction(self, index):
-        """Get the pair (gamma, Gamma) of one body, Quantities in 1/ps: its own, or else those of the integrator."""
+        """Get the pair (gamma, Gamma) of one body, Quantities in 1/ps.
+
+        They are the body's own frictions, or else those of the integrator.
+        """
         gamma, Gamma = super().getBodyFriction(self._index(index, 'getBodyFriction'))
         return _units.RATE.attach(gamma), _units.RATE.attach(Gamma)
 
     def getBodyHasOwnFriction(self, index):
-        """Get whether a body has frictions of its own."""
+        """Get whether a body has its own frictions."""
         return super().getBodyHasOwnFriction(self._index(index, 'getBodyHasOwnFriction'))
 
     def clearBodyFriction(self, index):
@@ -413,7 +450,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.TIME.attach(super().getGradientRelaxationTime())
 
     def setGradientRelaxationTime(self, upsilon):
-        """Set upsilon of GradientThermostat (eq. 15), ps; default 0.004. Positive, finite."""
+        """Set upsilon of GradientThermostat (eq. 15), ps; default 0.004; positive, finite."""
         super().setGradientRelaxationTime(
             self._number(upsilon, _units.TIME, 'setGradientRelaxationTime', 'upsilon'))
 
@@ -422,23 +459,23 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.TIME.attach(super().getGradientRotationalRelaxationTime())
 
     def setGradientRotationalRelaxationTime(self, Upsilon):
-        """Set Upsilon of GradientThermostat (eq. 16), ps; default 0.001. Positive, finite."""
+        """Set Upsilon of GradientThermostat (eq. 16), ps; default 0.001; positive, finite."""
         method = 'setGradientRotationalRelaxationTime'
         super().setGradientRotationalRelaxationTime(
             self._number(Upsilon, _units.TIME, method, 'Upsilon'))
 
     def getRandomNumberSeed(self):
-        """Get the seed as it was set (0: fresh for each Context)."""
+        """Get the seed as it was set (0: each Context draws a fresh seed)."""
         return super().getRandomNumberSeed()
 
     def setRandomNumberSeed(self, seed):
         """Set the seed, an int.
 
-        0 (default): each Context draws a fresh one. The seed in use is saved with checkpoints and
-        States, and goes on where one is loaded, and so after ``reinitialize(preserveState=True)``.
-        A change takes effect at the next Context creation, or a ``reinitialize()`` that preserves
-        nothing; then ``setState`` of a State without integrator parameters brings the positions
-        back.
+        With 0 (default) each Context draws a fresh seed. Checkpoints and States save the seed in
+        use, and it goes on where one of them is loaded, and after
+        ``reinitialize(preserveState=True)``. A change takes effect at the next Context creation, or
+        at a ``reinitialize()`` that preserves nothing. After such a ``reinitialize()``,
+        ``setState`` of a State without integrator parameters brings the positions back.
         """
         super().setRandomNumberSeed(_units.integer(seed, _where('setRandomNumberSeed'), 'seed'))
 
@@ -447,10 +484,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.LENGTH.attach(super().getPoseTolerance())
 
     def setPoseTolerance(self, tolerance):
-        """Set how far a particle may lie from its place in the body when positions are given to the Context, nm.
+        """Set how far a particle may lie from its place in the body, nm; default 1e-3.
 
-        Default 1e-3. Below it, members are put back when the next step starts; above it is an error
-        that names body, particle and distance.
+        The tolerance applies when positions are given to the Context. Particles within the
+        tolerance are put back when the next step starts. A particle beyond it is an error that
+        names body, particle and distance.
         """
         super().setPoseTolerance(
             self._number(tolerance, _units.LENGTH, 'setPoseTolerance', 'tolerance'))
@@ -460,14 +498,17 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return super().getFiniteDifferenceStep()
 
     def setFiniteDifferenceStep(self, relative):
-        """Set the step delta of the finite differences of the schemes without momenta, relative; from 0 to 0.1.
+        """Set the relative step delta of the finite differences; from 0 to 0.1.
 
-        Bodies are displaced by delta times their length (the longest distance of points on their
-        particles) and turned by delta radians. 0 (default): 1e-5, but where results of matrix-free
-        iterations are differenced (RandomFiniteDifference with multiblobs, DriftCorrectorFD and
-        DriftCorrectorRFD) tolerance**(1/3) between 1e-5 and 1e-2, with iterations to a tenth of the
-        tolerance. On a grid (ForceCoupling) it has no effect on the drift-correctors, which take
-        the derivative of the random field.
+        The schemes without momenta in a fluid take these differences. Bodies are displaced by delta
+        times their length (the longest distance of points on their particles) and turned by delta
+        radians.
+
+        The default is 0, which means 1e-5, except where results of matrix-free iterations are
+        differenced: in RandomFiniteDifference with multiblobs, DriftCorrectorFD and
+        DriftCorrectorRFD. There 0 means tolerance**(1/3), between 1e-5 and 1e-2, with iterations to
+        a tenth of the tolerance. On a grid (ForceCoupling) the step has no effect on the drift
+        correctors, which take the derivative of the random field.
         """
         super().setFiniteDifferenceStep(
             self._number(relative, _units.NONE, 'setFiniteDifferenceStep', 'relative'))
@@ -477,88 +518,96 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return super().getNumHostThreads()
 
     def setNumHostThreads(self, number):
-        """Set with how many threads bodies, fluid and noise are computed on platforms other than Reference and CPU: 0 to 1024.
+        """Set the number of threads for bodies, fluid and noise on a device's host; 0 to 1024.
 
-        There forces are computed on a device, and all else on the host. 0 (default): as OpenMM's
-        CPU platform does by default, ``OPENMM_CPU_THREADS`` or as many as there are processors. A
+        The number is for platforms other than Reference and CPU. On these platforms forces are
+        computed on a device, and everything else on the host. With 0 (default) the number is that
+        of OpenMM's CPU platform: ``OPENMM_CPU_THREADS``, or as many as there are processors. A
         change takes effect at the next Context creation or ``reinitialize()``. Reference has one
-        thread, and on the CPU platform its own property "Threads" holds, whatever is set here.
-        Results do not depend on the number.
+        thread. On the CPU platform its own property "Threads" holds, whatever is set here. Results
+        do not depend on the number.
         """
         super().setNumHostThreads(_units.integer(number, _where('setNumHostThreads'), 'number'))
 
     def getWallRejection(self):
-        """Get which steps through a wall are redone, one of the class attributes Overlap, Crossing."""
+        """Get which steps through a wall are redone: Overlap or Crossing."""
         return WallRejection(super().getWallRejection())
 
     def setWallRejection(self, rejection):
-        """Set which steps are redone with new noise where a MobilityForce has the boundary NoSlipWall or SlipChannel.
+        """Set which steps through a wall are redone with new noise.
 
-        A start that would be redone is an error. May be changed between steps; takes effect at
-        once.
+        The setting is for a MobilityForce with the boundary NoSlipWall or SlipChannel. It may be
+        changed between steps, and takes effect at once. A start that would be redone is an error.
 
         Parameters
         ----------
         rejection : constant
-            Overlap (default): those after which a hydrodynamic particle is nearer to the wall than
-            its radius a, which repulsions that diverge at contact need; Crossing: those after which
-            its centre is behind the wall. Under Crossing, particles with their centre at 0 < z < a
-            above the wall have the mobility of contact, times z/a for their velocities and once
-            more for the forces on them: continuous, positive definite; between slip walls nothing
-            is damped
+            Overlap (default): steps after which a hydrodynamic particle is nearer to the wall than
+            its radius a. Repulsions that diverge at contact need Overlap. Crossing: steps after
+            which the centre of a hydrodynamic particle is on the wall or behind it.
+
+        Notes
+        -----
+        Under Crossing, particles with their centre at 0 < z < a above a NoSlipWall have the
+        mobility of contact. It is multiplied by z/a for their velocities, and once more for the
+        forces on them. The mobility is so continuous and positive definite. Between slip walls no
+        mobility is damped.
         """
         super().setWallRejection(
             _units.constant(rejection, WallRejection, _where('setWallRejection'), 'rejection'))
 
     def getDriftCorrectorScaling(self):
-        """Get what the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies, one of the class attributes SlipOnly, Whole."""
+        """Get what the drift factor of the drift correctors multiplies: SlipOnly or Whole."""
         return DriftCorrectorScaling(super().getDriftCorrectorScaling())
 
     def setDriftCorrectorScaling(self, scaling):
-        """Set what the drift factor nu = 1 + (h/2) div V of DriftCorrectorFD and DriftCorrectorRFD multiplies.
+        """Set what the drift factor nu of DriftCorrectorFD and DriftCorrectorRFD multiplies.
 
-        It is one number for all bodies of a group. It fluctuates about 1 by the step times the
-        divergence of the random velocities, more the more bodies there are; where it does so by
-        more than 0.3 a warning says so. May be changed between steps.
+        nu = 1 + (h/2) div V is one number for all bodies of a group. It fluctuates about 1 by the
+        step times the divergence of the random velocities. The fluctuation grows with the number of
+        bodies. Where it is larger than 0.3, a warning says so. The setting may be changed between
+        steps.
 
         Parameters
         ----------
         scaling : constant
-            SlipOnly (default): the slips in the mobility problem, U = N (F + nu K^T M^-1 v), of the
-            same weak order, without noise on what forces do; Whole: the whole step, as in Westwood
-            2022, eq. 44
+            SlipOnly (default): nu multiplies the slips (random surface velocities) in the mobility
+            problem, U = N (F + nu K^T M^-1 v). The weak order is the same, and what forces do has
+            no noise from nu. Whole: nu multiplies the whole step, as in Westwood 2022, eq. 44.
         """
         super().setDriftCorrectorScaling(
             _units.constant(scaling, DriftCorrectorScaling, _where('setDriftCorrectorScaling'),
                             'scaling'))
 
     def getMaximumRejections(self):
-        """Get how often in a row a step may be redone."""
+        """Get how many times in a row a step may be redone."""
         return super().getMaximumRejections()
 
     def setMaximumRejections(self, number):
-        """Set how often in a row a step may be redone with new noise: 0 to 65535, default 100; more is an error.
+        """Set how many times in a row a step may be redone with new noise; default 100.
 
-        Steps are redone when spheres overlap under MobilityForce.StokesianDynamics, or particles
-        come too near to a wall (:meth:`setWallRejection`). Without momenta each group of
-        :meth:`MobilityForce.setGroups` may be redone so often.
+        The number is from 0 to 65535. More redone steps in a row are an error. Steps are redone
+        when spheres overlap under MobilityForce.StokesianDynamics, or when particles come too near
+        to a wall (:meth:`setWallRejection`). In schemes without momenta the number is for each
+        group of :meth:`MobilityForce.setGroups`.
         """
         super().setMaximumRejections(
             _units.integer(number, _where('setMaximumRejections'), 'number'))
 
     def getNumRejectedSteps(self):
-        """Get how many steps were redone since the Context was created, at most 2**31 - 1. Needs a Context.
+        """Get how many steps were redone since the Context was created, at most 2**31 - 1.
 
-        Without momenta every group of :meth:`MobilityForce.setGroups` counts its own.
+        In schemes without momenta every group of :meth:`MobilityForce.setGroups` counts its own
+        steps. A Context is needed.
         """
         return super().getNumRejectedSteps()
 
     def setStepSize(self, size):
-        """Set the step size, ps. Positive, finite."""
+        """Set the step size, ps; positive, finite."""
         super().setStepSize(self._number(size, _units.TIME, 'setStepSize', 'size'))
 
     def setConstraintTolerance(self, tolerance):
-        """Set the relative tolerance of the constraints of free particles. Positive, finite."""
+        """Set the relative tolerance of the constraints of free particles; positive, finite."""
         super().setConstraintTolerance(
             self._number(tolerance, _units.NONE, 'setConstraintTolerance', 'tolerance'))
 
@@ -569,21 +618,28 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     # ---- State of the bodies of the bound Context ------------------------------------------------
 
     def getBodyPositions(self):
-        """Get the positions of the bodies' origins: Quantity of shape (n, 3), nm, lab frame, unwrapped.
+        """Get the positions of the bodies' origins, a Quantity of shape (n, 3).
 
-        The origin is the centre of mass; under schemes without momenta in a fluid any point, the
-        tracking point.
+        The positions are in nm, in the lab frame, unwrapped. The origin is the centre of mass.
+        Under schemes without momenta in a fluid it may be any point, the tracking point.
 
-        Needs a Context whose positions are set, as do all methods of this section.
+        All methods of this section need a Context whose positions are set.
         """
         return _units.LENGTH.attach(_units.array(super().getBodyPositions(), 3))
 
     def getBodyOrientations(self):
-        """Get the orientations of the bodies: array of shape (n, 4), unit quaternions (w, x, y, z), body to lab frame."""
+        """Get the orientations of the bodies, an array of shape (n, 4).
+
+        Rows are unit quaternions (w, x, y, z), from the body frame to the lab frame.
+        """
         return _units.array(super().getBodyOrientations(), 4)
 
     def getBodyVelocities(self):
-        """Get the velocities of the bodies' origins: Quantity of shape (n, 3), nm/ps, lab frame; as set, for schemes without momenta."""
+        """Get the velocities of the bodies' origins, a Quantity of shape (n, 3).
+
+        The velocities are in nm/ps, in the lab frame. Under schemes without momenta they are the
+        velocities that were set.
+        """
         return _units.VELOCITY.attach(_units.array(super().getBodyVelocities(), 3))
 
     def getBodyAngularVelocities(self):
@@ -625,7 +681,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             self._rows(velocities, _units.VELOCITY, 3, 'setBodyVelocities', 'velocities'))
 
     def setBodyAngularVelocities(self, angularVelocities):
-        """Set the angular velocities of the bodies. Components about axes without inertia are dropped.
+        """Set the angular velocities of the bodies.
+
+        Components about axes without inertia are dropped.
 
         Parameters
         ----------
@@ -665,7 +723,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.FORCE.attach(_units.array(super().getBodyForces(), 3))
 
     def getBodyTorques(self):
-        """Get the total torques about the bodies' origins at the last force evaluation of the last step.
+        """Get the total torques on the bodies at the last force evaluation of the last step.
+
+        The torques are about the bodies' origins.
 
         Returns
         -------
@@ -675,13 +735,19 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.ENERGY.attach(_units.array(super().getBodyTorques(), 3))
 
     def getPoseResidual(self):
-        """Get the largest distance of a particle from its place at the last fit of poses to positions, Quantity in nm."""
+        """Get the largest distance of a particle from its place in its body, a Quantity in nm.
+
+        The distance is that of the last fit of poses to positions.
+        """
         return _units.LENGTH.attach(super().getPoseResidual())
 
     # ---- Energies and temperature ----------------------------------------------------------------
 
     def computeTranslationalKineticEnergy(self):
-        """Get the translational kinetic energy of all bodies, Quantity in kJ/mol; 0 for schemes without momenta."""
+        """Get the translational kinetic energy of all bodies, a Quantity in kJ/mol.
+
+        It is 0 for schemes without momenta.
+        """
         return _units.ENERGY.attach(super().computeTranslationalKineticEnergy())
 
     def computeRotationalKineticEnergies(self):
@@ -696,7 +762,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.ENERGY.attach(_units.array(super().computeRotationalKineticEnergies()))
 
     def computeFreeParticleKineticEnergy(self):
-        """Get the kinetic energy of the free particles, Quantity in kJ/mol; 0 for schemes without momenta."""
+        """Get the kinetic energy of the free particles, a Quantity in kJ/mol.
+
+        It is 0 for schemes without momenta.
+        """
         return _units.ENERGY.attach(super().computeFreeParticleKineticEnergy())
 
     def getDegreesOfFreedom(self):
@@ -705,19 +774,23 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Returns
         -------
         dict
-            "translational"; "rotational1", "rotational2", "rotational3": bodies that can rotate
-            about the axis of their smallest, middle, largest moment; "free": of free particles less
-            their constraints; "removed": 3 with a CMMotionRemover, under which the momentum of
-            bodies and free particles is removed, whether or not the bodies' masses are the
-            System's; "total". All 0 for schemes without momenta.
+            The keys are "translational"; "rotational1", "rotational2", "rotational3": the numbers
+            of bodies that can rotate about the axis of their smallest, middle, largest moment;
+            "free": those of free particles less their constraints; "removed": 3 with a
+            CMMotionRemover; "total". All are 0 for schemes without momenta.
+
+        Notes
+        -----
+        A CMMotionRemover removes the momentum of bodies and free particles, whether or not the
+        bodies' masses are those of the System.
         """
         return super().getDegreesOfFreedom()
 
     def computeSystemTemperature(self):
-        """Get the instantaneous temperature of bodies and free particles, with the right degrees of freedom.
+        """Get the instantaneous temperature of bodies and free particles.
 
-        2 E_kin / (k_B n) with n of :meth:`getDegreesOfFreedom`. OpenMM's StateDataReporter calls it
-        from OpenMM 8 on.
+        It is 2 E_kin / (k_B n) with the number n of degrees of freedom of
+        :meth:`getDegreesOfFreedom`. OpenMM's StateDataReporter calls this method from OpenMM 8 on.
 
         Returns
         -------
@@ -734,11 +807,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     # ---- What the scene costs --------------------------------------------------------------------
 
     def describeEffects(self):
-        """Get which effects are on, and why, as text. Needs a Context."""
+        """Get which effects are on, and why, as text; a Context is needed."""
         return super().describeEffects()
 
     def getEffects(self):
-        """Get which effects are on, and why. Needs a Context.
+        """Get which effects are on, and why; a Context is needed.
 
         Returns
         -------
@@ -751,17 +824,17 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return super().getEffects()
 
     def getStepStatistics(self):
-        """Get counters and times since the Context was created. Needs a Context.
+        """Get counters and times since the Context was created; a Context is needed.
 
         Returns
         -------
         dict
             steps, forceEvaluations, mobilityProducts, solverIterations, randomNumbers, squareRoots
-            (int), and seconds_forces, seconds_mobility, seconds_scheme (float, seconds), and for a
-            fluid on a grid, of all threads together: seconds_spreading (forces to nodes),
+            (int); seconds_forces, seconds_mobility, seconds_scheme (float, seconds); and for a
+            fluid on a grid, of all threads together, seconds_spreading (forces to nodes),
             seconds_fft (Fourier transforms, with the fluid's response), seconds_averaging
-            (velocities over nodes), seconds_solver (iterations beside products); 0 without a grid
-            (float, seconds)
+            (velocities over nodes), seconds_solver (iterations beside products) (float, seconds; 0
+            without a grid)
         """
         return {
             name: value if name.startswith('seconds') else int(value)
@@ -771,8 +844,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def step(self, steps):
         """Advance the simulation.
 
-        Cost: one evaluation of the Context's forces a step; two with FixmanMidpoint and
-        TrapezoidalSlip. Other Python threads run meanwhile, and Ctrl-C stops it between steps.
+        A step costs one evaluation of the Context's forces, or two with FixmanMidpoint and
+        TrapezoidalSlip. Other Python threads run meanwhile. Ctrl-C stops the simulation between
+        steps.
 
         Parameters
         ----------
@@ -782,8 +856,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Raises
         ------
         openmm.OpenMMException
-            if the positions do not fit the bodies; or if forces or positions become non-finite: it
-            names the step and the body, and the Context keeps the last good state
+            if the positions do not fit the bodies, or if forces or positions become non-finite; the
+            message then names the step and the body, and the Context keeps the last good state
         """
         steps = _units.integer(steps, _where('step'), 'steps')
         # Python looks for signals only when C++ returns.

@@ -9,55 +9,87 @@ _TENSOR = (6, 6)
 
 
 class Model(_enums.Documented):
-    """The hydrodynamic models, which setModel() takes; also class attributes of MobilityForce.
+    """The hydrodynamic models that setModel() takes; also class attributes of MobilityForce.
 
-    Each has its docstring, and a page with equations, boundaries, accuracy and cost:
-    docs/models/README.md says which to take for which scene.
+    Each model has its own docstring. Each also has a page with its equations, boundaries, accuracy
+    and cost. docs/models/README.md says which model to take for which scene.
     """
 
-    FreeDraining = _Base.FreeDraining, """No interaction between bodies: a sphere has its Stokes drag, a multiblob its own constant tensor.
+    FreeDraining = _Base.FreeDraining, """Bodies do not interact through the fluid.
 
-        Spheres, multiblobs, free particles, own tensors; Unbounded. Cost: linear in bodies. docs/models/FreeDraining.md has the rest."""
-    RotnePragerYamakawa = _Base.RotnePragerYamakawa, """Pairs of spheres or blobs by surface averages of a point force, with rotation (default).
+        A sphere has its Stokes drag, and a multiblob has its own constant tensor.
 
-        Unequal radii and overlap allowed; multiblobs, free particles, own tensors; always positive definite. Relative error O((a/r)^4), no lubrication
-        (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Unbounded, NoSlipWall, Periodic. Cost: quadratic in particles for each product,
-        less where there are many and setFastSummation() has it;
-        Periodic and MatrixFree as the box, by pairs and waves on a grid (Fiore et al., J. Chem. Phys. 146, 124116, 2017).
-        docs/models/RotnePragerYamakawa.md has the rest."""
-    StokesianDynamics = _Base.StokesianDynamics, """Spheres with force, torque and stresslet of all together, and exact lubrication of each pair.
+        It takes spheres, multiblobs, free particles and own tensors. Boundary: Unbounded. Cost:
+        linear in bodies. docs/models/FreeDraining.md has the rest."""
+    RotnePragerYamakawa = _Base.RotnePragerYamakawa, """Pairs of particles interact (default).
 
-        Exact for two spheres at every gap (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984). Spheres only, without overlap, ratios of radii 0.1 to 10.
-        Unbounded, Periodic. Cost: cubic in bodies. docs/models/StokesianDynamics.md has the rest."""
-    ForceCoupling = _Base.ForceCoupling, """Like RotnePragerYamakawa, with Gaussians in place of surfaces, on a grid where there are many particles.
+        A particle is a sphere or a blob. The mobility of a pair follows from surface averages of a
+        point force, with rotation.
 
-        Unequal radii and overlap allowed; multiblobs, free particles, own tensors; always positive semidefinite (Maxey and Patel, Int. J. Multiphase Flow
-        27, 1603, 2001; Lomholt and Maxey, J. Comput. Phys. 184, 381, 2003; grids: Yeo and Maxey, J. Comput. Phys. 229, 2401, 2010). Periodic,
-        SlipChannel. Cost: as the box on a grid, from 300 rows on or with MatrixFree; else dense. docs/models/ForceCoupling.md has the rest."""
+        It takes spheres, multiblobs, free particles and own tensors. Radii may be unequal and
+        particles may overlap. The mobility is always positive definite. The relative error is
+        O((a/r)^4), without lubrication (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Boundaries:
+        Unbounded, NoSlipWall, Periodic.
+
+        Each product costs a time quadratic in particles. Products of many particles take less time
+        where setFastSummation() has them. With Periodic and MatrixFree the cost grows as the box
+        does: products are done by pairs, and by waves on a grid (Fiore et al., J. Chem. Phys. 146,
+        124116, 2017). docs/models/RotnePragerYamakawa.md has the rest."""
+    StokesianDynamics = _Base.StokesianDynamics, """Spheres interact, with lubrication of pairs.
+
+        Forces, torques and stresslets of all spheres interact together. The lubrication of each
+        pair is exact.
+
+        It is exact for two spheres at every gap (Jeffrey and Onishi, J. Fluid Mech. 139, 261,
+        1984). It takes spheres only, without overlap, at ratios of radii from 0.1 to 10.
+        Boundaries: Unbounded, Periodic. Cost: cubic in bodies. docs/models/StokesianDynamics.md has
+        the rest."""
+    ForceCoupling = _Base.ForceCoupling, """Particles interact by Gaussian force densities.
+
+        It is like RotnePragerYamakawa, with Gaussians in place of surfaces. Many particles are
+        coupled on a grid. It takes spheres, multiblobs, free particles and own tensors. Radii may
+        be unequal and particles may overlap. The mobility is always positive semidefinite (Maxey
+        and Patel, Int. J. Multiphase Flow 27, 1603, 2001; Lomholt and Maxey, J. Comput. Phys. 184,
+        381, 2003; grids: Yeo and Maxey, J. Comput. Phys. 229, 2401, 2010). Boundaries: Periodic,
+        SlipChannel.
+
+        On a grid the cost grows as the box does. A grid is used from 300 rows on, or with
+        MatrixFree; smaller scenes are dense. docs/models/ForceCoupling.md has the rest."""
 
 
 class Boundary(_enums.Documented):
     """What bounds the fluid; also class attributes of MobilityForce."""
 
-    Unbounded = _Base.Unbounded, 'Nothing: fluid at rest at infinity (default).'
-    NoSlipWall = _Base.NoSlipWall, 'A plane z = setWallHeight() on which the fluid is at rest, the fluid above it; RotnePragerYamakawa only.'
-    Periodic = _Base.Periodic, 'The periodic box of the Context, as it is at each step; all models but FreeDraining.'
-    SlipChannel = _Base.SlipChannel, 'Two walls y = const, setChannelWalls(), along which the fluid slips, periodic in x and z; ForceCoupling only.'
+    Unbounded = _Base.Unbounded, 'Nothing bounds the fluid, which is at rest at infinity (default).'
+    NoSlipWall = _Base.NoSlipWall, (
+        'The plane z = setWallHeight() bounds the fluid, which is above it and at rest on it; '
+        'for RotnePragerYamakawa only.')
+    Periodic = _Base.Periodic, (
+        'The fluid fills the periodic box of the Context, as the box is at each step; for all '
+        'models but FreeDraining.')
+    SlipChannel = _Base.SlipChannel, (
+        'Two walls y = const (setChannelWalls()) bound the fluid, which slips along them and is '
+        'periodic in x and z; for ForceCoupling only.')
 
 
 class SphereWallMobility(_enums.Documented):
-    """What a single sphere above a wall moves like; also class attributes of MobilityForce."""
+    """The mobility of a single sphere above a wall; also class attributes of MobilityForce."""
 
-    FromModel = _Base.FromModel, 'As the model says, which has no lubrication (default).'
-    BestKnown = _Base.BestKnown, 'Like a rigid sphere alone above the wall, at every gap, to 3e-8.'
+    FromModel = _Base.FromModel, (
+        'The sphere moves as the model says, which has no lubrication (default).')
+    BestKnown = _Base.BestKnown, (
+        'The sphere moves like a rigid sphere alone above the wall, at every gap, to 3e-8.')
 
 
 class Solver(_enums.Documented):
     """How the linear algebra is done; also class attributes of MobilityForce."""
 
-    Auto = _Base.Auto, 'Dense or matrix-free, by the numbers of rows of the matrices, never by a clock (default).'
+    Auto = _Base.Auto, (
+        'Dense or matrix-free, by the numbers of rows of the matrices, never by measured times '
+        '(default).')
     Dense = _Base.Dense, 'Matrices are formed and decomposed.'
-    MatrixFree = _Base.MatrixFree, 'Krylov methods, or a grid, to the solver tolerance.'
+    MatrixFree = _Base.MatrixFree, (
+        'Krylov methods, or a grid, compute products and solutions to the solver tolerance.')
 
 
 def _where(method):
@@ -65,28 +97,30 @@ def _where(method):
 
 
 class MobilityForce(_copies.Copies, _Base):
-    """How the fluid couples the bodies of a CustomRigidHIIntegrator: viscosity, hydrodynamic radii, model.
+    """The fluid that couples the bodies of a CustomRigidHIIntegrator.
 
-    It adds no forces and no energy; the schemes with hydrodynamic interactions read it. Add one to
-    the System with ``system.addForce``, and give every particle of the System a hydrodynamic
-    radius, in order, by :meth:`addParticle`.
+    It has the viscosity, the hydrodynamic radii of the particles and the hydrodynamic model. It
+    adds no forces and no energy; the schemes with hydrodynamic interactions read it. Add one
+    MobilityForce to the System with ``system.addForce``. Give every particle of the System a
+    hydrodynamic radius, in order, by :meth:`addParticle`.
 
     A body with one hydrodynamic particle is a sphere, which takes force and torque. A body with
-    several is a rigid multiblob: its blobs carry forces only, and make its mobility N = (K^T M^-1
-    K)^-1, with the mobility M of the blobs and the velocities K of the blobs from those of the
-    body. Where all blobs of a body lie on a line, the fluid does not drive its rotation about that
-    line, and a torque about it beyond rounding is an error. A particle in no body with a radius
-    takes a force only.
+    several is a rigid multiblob, whose blobs carry forces only. Its mobility is N = (K^T M^-1
+    K)^-1. M is the mobility of the blobs, and K gives the velocities of the blobs from those of the
+    body. If all blobs of a body lie on a line, the fluid does not drive the rotation about this
+    line. A torque about the line beyond rounding is then an error. A particle in no body that has a
+    radius takes a force only.
 
-    :meth:`setModel` chooses how the fluid couples particles, least accurate first FreeDraining,
-    RotnePragerYamakawa (default), ForceCoupling, StokesianDynamics; :meth:`setBoundary` what bounds
-    the fluid: Unbounded (default), NoSlipWall, Periodic, SlipChannel. ``help(MobilityForce.Model)``
-    and ``help(MobilityForce.Boundary)`` have a paragraph on each, docs/models/README.md says which
-    to take for which scene, and each model has a page there with its equations, accuracy and cost,
-    and with what each boundary wants and does.
+    :meth:`setModel` chooses how the fluid couples particles. The models are, the least accurate
+    first, FreeDraining, RotnePragerYamakawa (default), ForceCoupling and StokesianDynamics.
+    :meth:`setBoundary` chooses what bounds the fluid: Unbounded (default), NoSlipWall, Periodic or
+    SlipChannel. ``help(MobilityForce.Model)`` and ``help(MobilityForce.Boundary)`` describe each of
+    them. docs/models/README.md says which model to take for which scene. Each model has a page
+    there with its equations, its accuracy, its cost, and what each boundary needs and does.
 
-    Wrong types are a TypeError, wrong shapes a ValueError, everything else that is refused an
-    openmm.OpenMMException; each names the object, the value, the bound and the remedy.
+    A wrong type raises TypeError, and a wrong shape ValueError. Everything else that is refused
+    raises openmm.OpenMMException. Each message names the object, the value, the bound and the
+    remedy.
 
     Examples
     --------
@@ -126,13 +160,15 @@ class MobilityForce(_copies.Copies, _Base):
 
     @staticmethod
     def cast(obj):
-        """Get a MobilityForce as what it is: ``system.getForce`` and deserialisation return a generic openmm.Force.
+        """Get a MobilityForce from a generic openmm.Force.
+
+        ``system.getForce`` and deserialisation return the generic class.
 
         Parameters
         ----------
         obj : openmm.Force
-            the object; if it owned the C++ object, the result does from now on, and obj remains
-            usable
+            the object; if it owned the C++ object, the result owns the C++ object from now on, and
+            obj remains usable
 
         Returns
         -------
@@ -158,7 +194,7 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         radius : float or Quantity
-            hydrodynamic radius, nm; 0: the fluid does not see the particle; not negative, finite
+            hydrodynamic radius, nm; not negative, finite; the fluid does not see a particle with 0
 
         Returns
         -------
@@ -173,7 +209,9 @@ class MobilityForce(_copies.Copies, _Base):
             self._index(index, 'getParticleRadius', 'index')))
 
     def setParticleRadius(self, index, radius):
-        """Set the hydrodynamic radius of a particle; :meth:`updateParametersInContext` hands it to a Context.
+        """Set the hydrodynamic radius of a particle.
+
+        :meth:`updateParametersInContext` hands it to a Context.
 
         Parameters
         ----------
@@ -202,28 +240,32 @@ class MobilityForce(_copies.Copies, _Base):
         super().setViscosity(_units.viscosity(eta, _where('setViscosity'), 'eta'))
 
     def getModel(self):
-        """Get the model, one of the class attributes FreeDraining, RotnePragerYamakawa, StokesianDynamics, ForceCoupling."""
+        """Get the model: FreeDraining, RotnePragerYamakawa, StokesianDynamics or ForceCoupling."""
         return Model(super().getModel())
 
     def setModel(self, model):
-        """Set the model (default RotnePragerYamakawa), one of the class attributes. Takes effect at Context creation."""
+        """Set the model (default RotnePragerYamakawa), one of the class attributes.
+
+        The model takes effect at Context creation.
+        """
         super().setModel(_units.constant(model, Model, _where('setModel'), 'model'))
 
     def getBoundary(self):
-        """Get what bounds the fluid, one of the class attributes Unbounded, NoSlipWall, Periodic, SlipChannel."""
+        """Get what bounds the fluid: Unbounded, NoSlipWall, Periodic or SlipChannel."""
         return Boundary(super().getBoundary())
 
     def setBoundary(self, boundary):
         """Set what bounds the fluid.
 
+        The boundary takes effect at Context creation.
+
         Parameters
         ----------
         boundary : constant
-            Unbounded (default), or NoSlipWall: fluid above the plane z = :meth:`setWallHeight`,
-            with the model RotnePragerYamakawa; or Periodic: the Context's periodic box, with all
-            models but FreeDraining (ForceCoupling has no boundaries but this and SlipChannel); or
-            SlipChannel: between two walls (:meth:`setChannelWalls`) that the fluid slips along,
-            with ForceCoupling. Takes effect at Context creation
+            Unbounded (default). NoSlipWall: fluid above the plane z = :meth:`setWallHeight`, with
+            the model RotnePragerYamakawa. Periodic: the Context's periodic box, with all models but
+            FreeDraining. SlipChannel: fluid between two walls (:meth:`setChannelWalls`) that it
+            slips along, with ForceCoupling. ForceCoupling takes only Periodic and SlipChannel.
         """
         super().setBoundary(_units.constant(boundary, Boundary, _where('setBoundary'), 'boundary'))
 
@@ -232,7 +274,9 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.LENGTH.attach(super().getWallHeight())
 
     def setWallHeight(self, height):
-        """Set the z of the NoSlipWall; other boundaries ignore it. Takes effect at Context creation.
+        """Set the z of the NoSlipWall; other boundaries ignore it.
+
+        The height takes effect at Context creation.
 
         Parameters
         ----------
@@ -247,34 +291,42 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.LENGTH.attach(low), _units.LENGTH.attach(high)
 
     def setChannelWalls(self, yLow, yHigh):
-        """Set the y of both walls of the SlipChannel; other boundaries ignore them. Takes effect at Context creation.
+        """Set the y of both walls of the SlipChannel; other boundaries ignore them.
+
+        The walls take effect at Context creation.
 
         Parameters
         ----------
         yLow, yHigh : float or Quantity
-            nm; finite, the first below the second; default 0 and 0, no channel: a Context with this
-            boundary is refused
+            nm; finite, the first below the second. The default, 0 and 0, is no channel: a Context
+            with the boundary SlipChannel is then refused.
         """
         super().setChannelWalls(self._number(yLow, _units.LENGTH, 'setChannelWalls', 'yLow'),
                                 self._number(yHigh, _units.LENGTH, 'setChannelWalls', 'yHigh'))
 
     def getSphereWallMobility(self):
-        """Get what a single sphere above a NoSlipWall moves like, one of the class attributes FromModel, BestKnown."""
+        """Get how a single sphere above a NoSlipWall moves: FromModel or BestKnown."""
         return SphereWallMobility(super().getSphereWallMobility())
 
     def setSphereWallMobility(self, mobility):
-        """Set what a single sphere above a NoSlipWall moves like. Takes effect at Context creation.
+        """Set how a single sphere above a NoSlipWall moves.
+
+        The setting takes effect at Context creation.
 
         Parameters
         ----------
         mobility : constant
-            FromModel (default): without lubrication, so that at contact a quarter of the free
-            mobility towards the wall is left; BestKnown: like a rigid sphere alone above the wall,
-            at every gap, to 3e-8 (exact solutions: along the wall Dean, O'Neill, 1963, and O'Neill,
-            1964, towards it Brenner, 1961, about the normal Jeffery, 1915; eqs. 94 to 97 of Delong
-            et al., J. Chem. Phys. 143, 144107, 2015, approximate them), other spheres by
-            congruence: for bodies of one sphere and free particles. It needs a wall and the wall
-            rejection Overlap: without them no Context is created
+            FromModel (default): the mobility of the model, without lubrication. A quarter of the
+            free mobility towards the wall is left at contact. BestKnown: the mobility of a rigid
+            sphere alone above the wall, at every gap, to 3e-8.
+
+        Notes
+        -----
+        BestKnown takes the exact solutions: along the wall Dean, O'Neill, 1963, and O'Neill, 1964,
+        towards it Brenner, 1961, about the normal Jeffery, 1915. Eqs. 94 to 97 of Delong et al., J.
+        Chem. Phys. 143, 144107, 2015, approximate them. Other spheres come in by congruence.
+        BestKnown is for bodies of one sphere and free particles. It needs a wall and the wall
+        rejection Overlap: without them no Context is created.
         """
         super().setSphereWallMobility(
             _units.constant(mobility, SphereWallMobility, _where('setSphereWallMobility'),
@@ -285,7 +337,10 @@ class MobilityForce(_copies.Copies, _Base):
         return super().getLubrication()
 
     def setLubrication(self, enabled):
-        """Set whether StokesianDynamics includes lubrication (default True). Other models have none."""
+        """Set whether StokesianDynamics includes lubrication (default True).
+
+        Other models have no lubrication.
+        """
         super().setLubrication(_units.boolean(enabled, _where('setLubrication'), 'enabled'))
 
     def getMinimumGap(self):
@@ -293,16 +348,16 @@ class MobilityForce(_copies.Copies, _Base):
         return super().getMinimumGap()
 
     def setMinimumGap(self, gap):
-        """Set the smallest gap between spheres for StokesianDynamics, relative to the mean of their radii; default 0.
+        """Set the smallest gap between spheres for StokesianDynamics; default 0.
 
-        Smaller gaps, and overlaps, are treated as this one. With 0, a start with overlapping
-        spheres is refused, and a step after which spheres overlap is redone with new noise. Not
-        negative, finite.
+        The gap is relative to the mean radius of the two spheres. It is finite and not negative.
+        Smaller gaps, and overlaps, are treated as this gap. With 0, a start with overlapping
+        spheres is refused, and a step after which spheres overlap is redone with new noise.
         """
         super().setMinimumGap(self._number(gap, _units.NONE, 'setMinimumGap', 'gap'))
 
     def getSolver(self):
-        """Get how the linear algebra is done, one of the class attributes Auto, Dense, MatrixFree."""
+        """Get how the linear algebra is done: Auto, Dense or MatrixFree."""
         return Solver(super().getSolver())
 
     def setSolver(self, solver):
@@ -311,16 +366,21 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         solver : constant
-            Auto (default): by the numbers of rows of the matrices; Dense: matrices are formed and
-            decomposed, memory quadratic and time cubic in bodies; MatrixFree: Krylov methods to the
-            solver tolerance, memory linear, time quadratic in particles
+            Auto (default): Dense or MatrixFree, by the numbers of rows of the matrices. Dense:
+            matrices are formed and decomposed; memory is quadratic and time cubic in bodies.
+            MatrixFree: Krylov methods to the solver tolerance; memory is linear and time quadratic
+            in particles.
 
         Notes
         -----
-        With LangevinHI the same seed gives the same step either way, to the tolerance. In schemes without momenta Dense and MatrixFree
-        take different square roots of other random numbers: noise of the same law, but for the same seed other trajectories. So Auto, which
-        goes by the number of rows, has other noise for a larger scene. :meth:`applyMobilityInContext` goes the same way, whatever
-        masses there are; ``CustomRigidHIIntegrator.getEffects`` says which.
+        With LangevinHI the same seed gives the same step with Dense and with MatrixFree, to the
+        tolerance. In schemes without momenta Dense and MatrixFree take different square roots of
+        the mobility, and different random numbers. The law of the noise is the same, but the same
+        seed gives other trajectories. Auto goes by the number of rows, so a larger scene may have
+        other noise.
+
+        :meth:`applyMobilityInContext` goes the same way, whatever masses there are.
+        ``CustomRigidHIIntegrator.getEffects`` says which way this is.
         """
         super().setSolver(_units.constant(solver, Solver, _where('setSolver'), 'solver'))
 
@@ -331,73 +391,82 @@ class MobilityForce(_copies.Copies, _Base):
     def setSolverTolerance(self, tolerance):
         """Set the relative tolerance of MatrixFree (default 1e-6), from 1e-14 to 0.1.
 
-        LangevinHI: in the norm of mass-weighted momenta one step differs from the Dense one by at
-        most five times this. Schemes without momenta: velocities that belong to forces have at most
-        this error in the norm of the friction, random ones at most five times this in the norm of
-        velocities over the roots of the particles' (multiblobs: bodies') own mobilities. Or an
-        exception says what was reached.
+        With LangevinHI, one step differs from the Dense one by at most five times the tolerance, in
+        the norm of mass-weighted momenta. In schemes without momenta, the velocities from forces
+        have at most the tolerance as their error, in the norm of the friction. The random
+        velocities have at most five times the tolerance as their error. Their norm is that of
+        velocities divided by the square roots of the own mobilities of the particles (of
+        multiblobs: of the bodies). If the tolerance is not reached, an exception says what was
+        reached.
         """
         super().setSolverTolerance(
             self._number(tolerance, _units.NONE, 'setSolverTolerance', 'tolerance'))
 
     def getGridSpacing(self):
-        """Get the largest spacing of the nodes of a grid, in nm; 0: as the solver tolerance wants."""
+        """Get the largest spacing of the nodes of a grid, in nm; 0: the tolerance sets it."""
         return _units.LENGTH.attach(super().getGridSpacing())
 
     def setGridSpacing(self, spacing):
-        """Set the largest spacing of the nodes where a fluid is on a grid: with the boundary Periodic or SlipChannel, MatrixFree.
+        """Set the largest spacing of the nodes of a grid.
 
-        The grid has the next number of nodes without prime factors above 7.
+        A fluid is on a grid with the boundary Periodic or SlipChannel and MatrixFree. The grid has
+        the next number of nodes without prime factors above 7.
 
         Parameters
         ----------
         spacing : float or Quantity
-            nm; 0 (default): so that products have the solver tolerance. Another spacing means, for
-            ForceCoupling, another tolerance of products, which
-            ``CustomRigidHIIntegrator.describeEffects`` says; for RotnePragerYamakawa, more pairs or
-            fewer at the same tolerance
+            nm; 0 (default): the spacing at which products have the solver tolerance. With
+            ForceCoupling another spacing means another tolerance of products, which
+            ``CustomRigidHIIntegrator.describeEffects`` says. With RotnePragerYamakawa it means more
+            or fewer pairs at the same tolerance.
         """
         super().setGridSpacing(self._number(spacing, _units.LENGTH, 'setGridSpacing', 'spacing'))
 
     def getFastSummation(self):
-        """Get whether products with the mobility of many particles may be done by multipoles."""
+        """Get whether products of many particles with the mobility may be done by multipoles."""
         return super().getFastSummation()
 
     def setFastSummation(self, enabled):
-        """Set whether products with the mobility of many particles may be done by multipoles (default True).
+        """Set whether products of many particles with the mobility may be done by multipoles.
 
-        For RotnePragerYamakawa, Unbounded or NoSlipWall, MatrixFree, on all platforms but
-        Reference.
+        Multipoles (default True) are for RotnePragerYamakawa with the boundary Unbounded or
+        NoSlipWall and MatrixFree, on all platforms but Reference.
 
         Parameters
         ----------
         enabled : bool
-            True: products that a tolerance is good enough for take a time that grows little faster
-            than the number of particles: answers of :meth:`applyMobilityInContext` for spheres, to
-            the solver tolerance from 1e-6 on, and products of iterations whose tolerance is 5e-5 or
-            more, to 1e-6. From how many particles on follows from the tolerance alone, and
+            True: products for which a tolerance is good enough take a time that grows little faster
+            than the number of particles. These products are the answers of
+            :meth:`applyMobilityInContext` for spheres, to the solver tolerance from 1e-6 on, and
+            the products of iterations whose tolerance is 5e-5 or more, to 1e-6. The number of
+            particles from which on multipoles are used follows from the tolerance alone;
             ``CustomRigidHIIntegrator.getEffects`` says it. False: all products are sums over all
-            pairs
+            pairs.
         """
         super().setFastSummation(_units.boolean(enabled, _where('setFastSummation'), 'enabled'))
 
     # ---- Driven flows ----------------------------------------------------------------------------
 
     def getBackgroundFlow(self):
-        """Get the flow that :meth:`setBackgroundFlow` has set: (velocity, gradient), Quantities of shape (3,) in nm/ps and (3, 3) in 1/ps."""
+        """Get the flow that :meth:`setBackgroundFlow` has set, as (velocity, gradient).
+
+        Both are Quantities: velocity has the shape (3,) in nm/ps, gradient (3, 3) in 1/ps.
+        """
         velocity, gradient = super().getBackgroundFlow()
         return _units.VELOCITY.attach(_units.array(velocity)), _units.RATE.attach(
             _units.array(gradient, 3))
 
     def setBackgroundFlow(self, velocity, gradient):
-        """Set a flow that is there without bodies, v(x) = velocity + gradient x, x from the origin of coordinates.
+        """Set a flow that is there without bodies, v(x) = velocity + gradient x.
 
-        Bodies are carried and turned by it: blobs have the slip v(x), spheres v(x) and half the
-        curl of v. Multiblobs resist its strain by their blobs, spheres of StokesianDynamics by
-        their stresslets (lubrication of the strain is left out); spheres of other models, and
-        tensors of :meth:`setBodyMobility`, do not. For schemes without momenta, and LangevinHI,
-        whose friction is that of velocities relative to those with which bodies free of forces go
-        with the flow.
+        x counts from the origin of coordinates. The flow carries and turns bodies. Blobs have the
+        slip v(x), spheres v(x) and half the curl of v. Multiblobs resist the strain of the flow by
+        their blobs. Spheres of StokesianDynamics resist it by their stresslets, without lubrication
+        of the strain. Spheres of other models, and tensors of :meth:`setBodyMobility`, do not
+        resist it.
+
+        The flow is for schemes without momenta and for LangevinHI. The friction of LangevinHI is
+        that of the velocities relative to the velocities that force-free bodies have in the flow.
 
         Parameters
         ----------
@@ -408,7 +477,8 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        With the boundary Unbounded, and with NoSlipWall if it is 0 at the wall; with others a Context is refused. Zeros (default): no flow.
+        The boundary must be Unbounded, or NoSlipWall if the flow is 0 at the wall. With other
+        boundaries no Context is created. The default is zeros: no flow.
         """
         where = _where('setBackgroundFlow')
         rows = _units.rows(gradient, _units.RATE, 3, where, 'gradient', 3)
@@ -416,18 +486,22 @@ class MobilityForce(_copies.Copies, _Base):
                                   rows.reshape(-1))
 
     def getSinusoidalForceDensity(self):
-        """Get what :meth:`setSinusoidalForceDensity` has set: (f0, forceAxis, waveAxis, waveVectorIndex), f0 a Quantity in kJ/(mol nm^4)."""
+        """Get what :meth:`setSinusoidalForceDensity` has set.
+
+        It is the tuple (f0, forceAxis, waveAxis, waveVectorIndex), with f0 a Quantity in
+        kJ/(mol nm^4).
+        """
         f0, forceAxis, waveAxis, waveVectorIndex = super().getSinusoidalForceDensity()
         return _units.FORCE_DENSITY.attach(f0), forceAxis, waveAxis, waveVectorIndex
 
     def setSinusoidalForceDensity(self, f0, forceAxis, waveAxis, waveVectorIndex):
-        """Drive the fluid by a force density f0 sin(k x_waveAxis) along forceAxis, k = 2 pi waveVectorIndex/L.
+        """Drive the fluid by a force density f0 sin(k x_waveAxis) along forceAxis.
 
-        L is the edge of the Context's box along waveAxis. Without bodies the fluid flows with the
-        velocity f0/(eta k^2) sin(k x_waveAxis); blobs have the slip of its average over their
-        surface or Gaussian, spheres with torque that of its average curl too, and spheres of
-        StokesianDynamics resist its strain by their stresslets. :meth:`getFlowModeInContext` gives
-        what is left of it among bodies.
+        k is 2 pi waveVectorIndex/L with the edge L of the Context's box along waveAxis. Without
+        bodies the fluid flows with the velocity f0/(eta k^2) sin(k x_waveAxis). Blobs have the slip
+        of the average of this flow over their surface or Gaussian. Spheres with torque also have
+        the slip of its average curl. Spheres of StokesianDynamics resist its strain by their
+        stresslets. :meth:`getFlowModeInContext` gives what is left of the flow among bodies.
 
         Parameters
         ----------
@@ -440,8 +514,9 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        With the boundary Periodic, and with SlipChannel if both axes are along the walls; with others a Context is refused, and so are waves that are
-        not periodic in a triclinic box, or too short for the grid.
+        The boundary must be Periodic, or SlipChannel with both axes along the walls. With other
+        boundaries no Context is created. Waves that are not periodic in a triclinic box, or too
+        short for the grid, are refused as well.
         """
         where = _where('setSinusoidalForceDensity')
         super().setSinusoidalForceDensity(_units.number(f0, _units.FORCE_DENSITY, where, 'f0'),
@@ -450,12 +525,12 @@ class MobilityForce(_copies.Copies, _Base):
     # ---- Bodies ----------------------------------------------------------------------------------
 
     def setBodyMobility(self, body, mobility):
-        """Give a body a mobility tensor of its own, that of the body alone in unbounded fluid.
+        """Give a body its own mobility tensor, that of the body alone in unbounded fluid.
 
-        FreeDraining takes it as it is; with RotnePragerYamakawa it is combined with the
-        interactions by congruence, N = B N_RPY B^T, B = N_own^(1/2) N_RPY,alone^(-1/2): exact for
-        the body alone, positive definite always. Interactions are scaled by B on both sides: give
-        the particles radii whose own tensor is near the one given.
+        FreeDraining takes the tensor as it is. RotnePragerYamakawa combines it with the
+        interactions by congruence: N = B N_RPY B^T with B = N_own^(1/2) N_RPY,alone^(-1/2). The
+        result is exact for the body alone, and always positive definite. B scales the interactions
+        on both sides, so give the particles radii whose own tensor is near the tensor given.
 
         Parameters
         ----------
@@ -470,7 +545,10 @@ class MobilityForce(_copies.Copies, _Base):
                                 _units.matrix(mobility, _TENSOR, where, 'mobility'))
 
     def setBodyFriction(self, body, friction):
-        """Give a body a tensor of its own by its inverse, the friction tensor of shape (6, 6); see setBodyMobility."""
+        """Give a body its own tensor by the inverse, the friction tensor of shape (6, 6).
+
+        :meth:`setBodyMobility` says how body and tensor are used; friction is in the same frame.
+        """
         where = _where('setBodyFriction')
         super().setBodyFriction(_units.integer(body, where, 'body'),
                                 _units.matrix(friction, _TENSOR, where, 'friction'))
@@ -480,16 +558,16 @@ class MobilityForce(_copies.Copies, _Base):
         return super().getBodyHasOwnTensor(self._index(body, 'getBodyHasOwnTensor', 'body'))
 
     def getBodyTensorIsFriction(self, body):
-        """Get whether a body's own tensor was given as friction. It is an error if it has none."""
+        """Get whether a body's own tensor was given as friction; an error if the body has none."""
         return super().getBodyTensorIsFriction(self._index(body, 'getBodyTensorIsFriction', 'body'))
 
     def getBodyMobility(self, body):
-        """Get a body's own mobility tensor, an array of shape (6, 6). It is an error if it has none."""
+        """Get a body's own mobility tensor of shape (6, 6); an error if the body has none."""
         return _units.array(super().getBodyMobility(self._index(body, 'getBodyMobility', 'body')),
                             6)
 
     def getBodyFriction(self, body):
-        """Get a body's own friction tensor, an array of shape (6, 6). It is an error if it has none."""
+        """Get a body's own friction tensor of shape (6, 6); an error if the body has none."""
         return _units.array(super().getBodyFriction(self._index(body, 'getBodyFriction', 'body')),
                             6)
 
@@ -498,28 +576,29 @@ class MobilityForce(_copies.Copies, _Base):
         super().clearBodyTensor(self._index(body, 'clearBodyTensor', 'body'))
 
     def getBodiesWithOwnTensors(self):
-        """Get the indices of the bodies with tensors of their own, an array of int."""
+        """Get the indices of the bodies with own tensors, an array of int."""
         return np.frombuffer(super().getBodiesWithOwnTensors(), dtype=np.intc)
 
     def getGroups(self):
-        """Get the group of each body, an array of int; empty: all are in one."""
+        """Get the group of each body, an array of int; empty: all bodies are in one group."""
         return np.frombuffer(super().getGroups(), dtype=np.intc)
 
     def setGroups(self, groups):
-        """Set which bodies feel each other through the fluid: only those of one group.
+        """Set groups of bodies; bodies feel each other through the fluid only within a group.
 
-        So replicas of a scene run in one Context, at a cost linear in their number. Hydrodynamic
-        particles that are in no body belong to group 0.
+        Replicas of a scene can so run in one Context, at a cost linear in their number.
+        Hydrodynamic particles that are in no body belong to group 0.
 
-        Groups are meant to be independent: without momenta, a step that one must redo (at a wall,
-        for overlap) is redone for it alone, and what the others do is the same bit for bit. OpenMM
-        forces between groups break that: in schemes with forces in between, these may have felt
-        poses that were rejected. LangevinHI redoes a step for all groups.
+        Groups are meant to be independent. In schemes without momenta, a step that a group must
+        redo (at a wall, or for overlap) is redone for this group alone. The trajectories of the
+        other groups stay the same bit for bit. OpenMM forces between groups break this
+        independence. In schemes that evaluate forces at intermediate positions, such forces may
+        have been evaluated at poses that were rejected. LangevinHI redoes a step for all groups.
 
         Parameters
         ----------
         groups : sequence of int
-            a number from 0 up for each body, or empty: all feel each other
+            a number from 0 up for each body; empty: all bodies feel each other
         """
         super().setGroups(_units.indices(groups, _where('setGroups'), 'groups'))
 
@@ -528,9 +607,9 @@ class MobilityForce(_copies.Copies, _Base):
     def updateParametersInContext(self, context):
         """Hand changed parameters to a Context.
 
-        These are viscosity, radii, own tensors, lubrication, minimum gap, solver, tolerance and
-        flow. A radius may not change between 0 and not 0; model, boundary, wall height, sphere-wall
-        mobility and groups need ``reinitialize``.
+        The parameters are viscosity, radii, own tensors, lubrication, minimum gap, solver,
+        tolerance and flow. A radius may not change between 0 and not 0. Changes of model, boundary,
+        wall height, sphere-wall mobility and groups need ``reinitialize``.
         """
         super().updateParametersInContext(
             _units.context(context, _where('updateParametersInContext')))
@@ -538,9 +617,10 @@ class MobilityForce(_copies.Copies, _Base):
     def getMobilityInContext(self, context):
         """Get the mobility matrix of the bodies at their present poses.
 
-        By dense matrices; MatrixFree iterates column by column, to its tolerance, where that takes
-        less time: bodies of 850 blobs and more on the CPU platform, 3500 on Reference.
-        ``CustomRigidHIIntegrator.getEffects`` says which way it goes ("mobilities asked for").
+        The matrix is computed with dense matrices. MatrixFree iterates column by column, to its
+        tolerance, where this takes less time: for bodies of 850 blobs and more on the CPU platform,
+        and of 3500 on Reference. ``CustomRigidHIIntegrator.getEffects`` says which way is taken
+        ("mobilities asked for").
 
         Returns
         -------
@@ -553,9 +633,10 @@ class MobilityForce(_copies.Copies, _Base):
         return numbers.reshape(2*(int(np.sqrt(numbers.size)),))
 
     def getFrictionInContext(self, context):
-        """Get the friction matrix of the bodies, the inverse of the mobility matrix, an array of shape (6n, 6n).
+        """Get the friction matrix of the bodies, an array of shape (6n, 6n).
 
-        It is the pseudo-inverse for bodies whose blobs lie on a line. Always by dense matrices.
+        It is the inverse of the mobility matrix. For bodies whose blobs lie on a line it is the
+        pseudo-inverse. It is always computed with dense matrices.
         """
         numbers = _units.array(super().getFrictionInContext(
             _units.context(context, _where('getFrictionInContext'))))
@@ -564,8 +645,9 @@ class MobilityForce(_copies.Copies, _Base):
     def applyMobilityInContext(self, context, wrenches):
         """Get the velocities that forces and torques on the bodies would give without inertia.
 
-        Dense or matrix-free as :meth:`setSolver` says; of spheres always a product, without a
-        matrix: to rounding, or where :meth:`setFastSummation` has it to the solver tolerance.
+        The computation is dense or matrix-free, as :meth:`setSolver` says. For spheres it is always
+        a product, without a matrix. The product is exact to rounding, or to the solver tolerance
+        where :meth:`setFastSummation` has it.
 
         Parameters
         ----------
@@ -584,23 +666,24 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.array(super().applyMobilityInContext(context, rows.reshape(-1)), 6)
 
     def applyBlobMobilityInContext(self, context, forces):
-        """Get the velocities that forces on the hydrodynamic particles would give if each of them were free.
+        """Get the velocities that forces on hydrodynamic particles would give if each were free.
 
-        This is the mobility of blobs, without the rigidity of bodies: blobs, spheres and free
-        particles where they are at present. Spheres (one particle in a body) feel no torque, and
-        their angular velocities are not given. Particles feel each other as bodies do: those of one
-        group of :meth:`setGroups`, or under FreeDraining those of one body. Tensors of
-        :meth:`setBodyMobility` and :meth:`setBodyFriction` belong to bodies and have no effect.
-        Nothing is solved for: the cost is that of one product with the model's matrix for each
-        group, whatever the solver (StokesianDynamics makes its matrix).
+        The result is the product of the forces with the mobility of the blobs, without the rigidity
+        of bodies. Blobs, spheres and free particles are where they are at present. Spheres (one
+        particle in a body) feel no torque, and their angular velocities are not given. Particles
+        feel each other as bodies do: within a group of :meth:`setGroups`, or, under FreeDraining,
+        within a body. Tensors of :meth:`setBodyMobility` and :meth:`setBodyFriction` belong to
+        bodies and have no effect. No linear system is solved. The cost is that of one product with
+        the model's matrix for each group, whatever the solver is. StokesianDynamics forms its
+        matrix.
 
         Parameters
         ----------
         context : openmm.Context
             a Context whose System has this Force
         forces : array-like or Quantity of shape (particles, 3)
-            one finite row for each particle of the System, kJ/(mol nm), lab frame; those on
-            particles that the fluid does not see count not
+            one finite row for each particle of the System, kJ/(mol nm), lab frame; forces on
+            particles that the fluid does not see are ignored
 
         Returns
         -------
@@ -613,17 +696,23 @@ class MobilityForce(_copies.Copies, _Base):
             _units.array(super().applyBlobMobilityInContext(context, rows.reshape(-1)), 3))
 
     def getFlowInContext(self, context, points):
-        """Get the velocities of the fluid at points: the driven flow and what the bodies make of it.
+        """Get the velocities of the fluid at points.
 
-        In schemes without momenta it is the flow of the last step, at the poses where that had its
-        forces (for DriftCorrectorFD, DriftCorrectorRFD and FixmanMidpoint the mid-point): driven
-        flow, nu times the random flow, and the flow of the forces that kept the bodies rigid. Its
-        mean has the Brownian stress, which a mean of the forces alone has not. A fluid on a grid
-        has all modes of its random field in it; where the model has no random field, the random
-        flow is the mean of those that fit the particles' random velocities. Before a step, or after
-        poses or parameters were changed, it is the flow without noise at the present poses under
-        the present forces. With LangevinHI it is that of the friction forces at the present poses
-        and velocities. Within a particle it is the flow of the particle's spread forces.
+        The flow of the fluid is the driven flow and the flow that the bodies cause. Within a
+        particle it is the flow of the particle's spread forces.
+
+        In schemes without momenta the flow is that of the last step, at the poses where the step
+        evaluated its forces. For DriftCorrectorFD, DriftCorrectorRFD and FixmanMidpoint these poses
+        are the mid-point. The flow is the sum of the driven flow, nu times the random flow (nu is
+        the drift factor of :meth:`CustomRigidHIIntegrator.setDriftCorrectorScaling`), and the flow
+        of the forces that kept the bodies rigid. The mean of this flow has the Brownian stress; a
+        mean of the forces alone does not have it. A fluid on a grid has all modes of its random
+        field in the flow. Where the model has no random field, the random flow is the mean of all
+        random flows that fit the particles' random velocities.
+
+        Before a step, or after poses or parameters were changed, the flow has no noise: it is that
+        of the present forces at the present poses. With LangevinHI it is the flow of the friction
+        forces at the present poses and velocities.
 
         Parameters
         ----------
@@ -639,8 +728,10 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        Checkpoints and States hold what it needs of the last step. The cost is that of a step, and the work of each particle at each point, on a grid
-        that of each node at each point. Several groups of :meth:`setGroups`, and FreeDraining, have no common fluid: they are refused.
+        Checkpoints and States hold what the flow needs of the last step. The cost is that of a
+        step, and the work of each particle at each point; on a grid, of each node at each point.
+        With several groups of :meth:`setGroups`, and with FreeDraining, there is no common fluid,
+        and the call is refused.
         """
         where = _where('getFlowInContext')
         rows = _units.rows(points, _units.LENGTH, 3, where, 'points')
@@ -648,10 +739,12 @@ class MobilityForce(_copies.Copies, _Base):
             _units.array(super().getFlowInContext(_units.context(context, where), rows), 3))
 
     def getFlowModeInContext(self, context, forceAxis, waveAxis, waveVectorIndex):
-        """Get the amplitudes of sin(k x_waveAxis) and cos(k x_waveAxis) in the component forceAxis of the flow of :meth:`getFlowInContext`.
+        """Get the amplitudes of a wave in the flow of :meth:`getFlowInContext`.
 
-        k = 2 pi waveVectorIndex/L, with L the edge of the box along waveAxis. They are exact,
-        without a grid: 2/(eta k^2 V) times the power of the particles' forces on such a flow.
+        They are the amplitudes of sin(k x_waveAxis) and of cos(k x_waveAxis) in the component
+        forceAxis of the flow. k is 2 pi waveVectorIndex/L, with the edge L of the box along
+        waveAxis. The amplitudes are exact, without a grid: they are 2/(eta k^2 V) times the power
+        of the particles' forces on such a flow.
 
         Parameters
         ----------
@@ -675,16 +768,17 @@ class MobilityForce(_copies.Copies, _Base):
                 *self._wave(where, forceAxis, waveAxis, waveVectorIndex))))
 
     def getRandomFlowModeInContext(self, context, forceAxis, waveAxis, waveVectorIndex):
-        """Get the same amplitudes of the random field of the last step alone, without nu: a control variate.
+        """Get the amplitudes of a wave in the random field of the last step, without nu.
 
-        That is the part of the noise that the model draws itself, on a grid; 0 where there is none.
-        Its mean is 0, so a multiple of it may be subtracted from :meth:`getFlowModeInContext` to
-        make the error of a mean smaller.
+        The random field is the part of the noise that the model draws itself, on a grid; the
+        amplitudes are 0 where there is none. Their mean is 0, so they serve as a control variate. A
+        multiple of them may be subtracted from :meth:`getFlowModeInContext` to make the error of a
+        mean smaller.
 
         Parameters
         ----------
         context, forceAxis, waveAxis, waveVectorIndex
-            as there
+            as in :meth:`getFlowModeInContext`
 
         Returns
         -------

@@ -2,9 +2,12 @@
 
 From the shell, ``python3 -m openmmrigidhi.accuracy --help``; from Python::
 
-    from openmmrigidhi import accuracy scene = accuracy.scenes.water(216) result =
-    accuracy.StepSizeStudy(scene, ['LangevinC', 'LangevinMiddle'], [0.002, 0.004, 0.006,
-    0.008]).run(budget=1200) print(result.recommend('potential_energy:0.5%'))
+    from openmmrigidhi import accuracy
+    scene = accuracy.scenes.water(216)
+    study = accuracy.StepSizeStudy(scene, ['LangevinC', 'LangevinMiddle'],
+                                   [0.002, 0.004, 0.006, 0.008])
+    result = study.run(budget=1200)
+    print(result.recommend('potential_energy:0.5%'))
     result.write('accuracy', wanted=['potential_energy:0.5%'])
 
 The same for models of the fluid::

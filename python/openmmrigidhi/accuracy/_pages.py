@@ -1,4 +1,4 @@
-"""How the reports of all studies are made: pictures, and one HTML page that needs nothing else."""
+"""How the reports of all studies are made: pictures, and one self-contained HTML page."""
 import base64
 import html
 import io
@@ -9,36 +9,39 @@ import numpy as np
 
 
 class Report:
-    """What is to be said and shown about a result, for some wanted errors, and its files.
+    """The report about a result, for some wanted errors, and its files.
 
-    A kind of report has the texts and panels of its study: textTable(), paragraphs(), panels(),
-    body(), how().
+    A subclass has the texts and panels of its study: textTable(), paragraphs(), panels(), body(),
+    how().
 
     Parameters
     ----------
     result : Result
     wanted : str, or sequence of str
-        wanted errors, each answered on its own
+        wanted errors; the report answers each of them
     """
 
-    #: Names of the CSV, the JSON and the page; how the names of pictures begin.
+    #: Names of the CSV, the JSON and the page; beginning of the names of pictures.
     FILES, PICTURE = (), ''
-    #: Of the page, before the scene's name; what is chosen for a wanted error, and an example of
-    #: one.
+    #: Title of the page, before the scene's name; what is chosen for a wanted error; an example of
+    #: a wanted error.
     TITLE, CHOICE, EXAMPLE = '', '', ''
-    #: What the JSON keeps of an answer.
+    #: The parts of an answer that the JSON keeps.
     ANSWER = ('verdict', 'setting', 'text', 'candidates')
 
     def __init__(self, result, wanted=()):
         self.result = result
         self.wanted = [wanted] if isinstance(wanted, str) else list(wanted)
         self.answers = [result.recommend(item) for item in self.wanted]
-        #: Several observables in one wish share an answer; here they are one by one.
+        #: Several observables with commas share an answer; here they are one by one.
         self.single = list(
             dict.fromkeys(part.strip() for item in self.wanted for part in item.split(',')))
 
     def write(self, directory):
-        """Write all files into a directory, which is made if it does not exist; returns their paths."""
+        """Write all files into a directory, and return their paths.
+
+        The directory is made if it does not exist.
+        """
         os.makedirs(directory, exist_ok=True)
         paths = [os.path.join(directory, name) for name in self.FILES]
         self.result.writeCsv(paths[0])
@@ -61,15 +64,15 @@ class Report:
         return paths
 
     def otherPictures(self):
-        """Pictures that are not of an observable's error: file name -> PNG."""
+        """Pictures in addition to those of observables' errors: file name -> PNG."""
         return {}
 
     def answerTexts(self):
-        """The answers in words, which paragraphs() begins with."""
+        """The answers as text, with which paragraphs() begins."""
         return [answer.text for answer in self.answers]
 
     def extras(self):
-        """What the JSON has besides the result."""
+        """What the JSON has in addition to the result."""
         return {
             'recommendations': [{
                 'wanted': [vars(each) for each in answer.wanted],
@@ -94,11 +97,14 @@ class Report:
         return png(figure, f'Error of {observable}')
 
     def widths(self, observable):
-        """Of the panels of a picture, relative to each other."""
+        """The relative widths of the panels of a picture."""
         return 1.35, 1
 
     def page(self, pictures):
-        """One HTML page with everything in it; nothing is loaded from elsewhere. pictures: observable -> PNG."""
+        """One HTML page with everything in it; nothing is loaded from elsewhere.
+
+        pictures: observable -> PNG.
+        """
         title, texts = f'{self.TITLE}: {self.result.scene["name"]}', self.paragraphs()
         parts = [
             f'<h1>{html.escape(title)}</h1>',
@@ -164,13 +170,15 @@ def plainTicks(axes):
 # ---- HTML ----------------------------------------------------------------------------------------
 
 _CSS = '''body{font:15px/1.5 sans-serif;max-width:1150px;margin:2em auto;padding:0 1em;color:#222}
-img{max-width:100%}table{border-collapse:collapse;font-size:13px;margin:1em 0}td,th{border:1px solid #ccc;padding:2px 8px;text-align:right}
-th{background:#f0f0f0}td:first-child,th:first-child,td.t{text-align:left}tr.bad td{color:#999}.answer{background:#eef5fb;border-left:5px
-solid #0072B2;padding:.6em 1em;margin:.6em 0}summary{cursor:pointer;font-weight:bold}'''
+img{max-width:100%}table{border-collapse:collapse;font-size:13px;margin:1em 0}
+td,th{border:1px solid #ccc;padding:2px 8px;text-align:right}
+th{background:#f0f0f0}td:first-child,th:first-child,td.t{text-align:left}tr.bad td{color:#999}
+.answer{background:#eef5fb;border-left:5px solid #0072B2;padding:.6em 1em;margin:.6em 0}
+summary{cursor:pointer;font-weight:bold}'''
 
 
 def sentence(text):
-    """With a capital at the start, and nothing else changed."""
+    """The text with a capital at the start."""
     return text[:1].upper() + text[1:]
 
 
@@ -180,7 +188,7 @@ def number(value, form):
 
 
 def duration(seconds):
-    """Seconds for people: three digits, in a unit that suits.
+    """Seconds as text: three digits, in a suitable unit.
 
     Parameters
     ----------
@@ -200,8 +208,9 @@ def paragraph(text):
 
 
 def picture(content, text):
-    """A PNG within a page; the text says what it shows, for those who do not see it."""
-    return f'<img alt="{html.escape(text)}" src="data:image/png;base64,{base64.b64encode(content).decode()}">'
+    """A PNG within a page; the text describes it for readers who do not see it."""
+    return (f'<img alt="{html.escape(text)}" '
+            f'src="data:image/png;base64,{base64.b64encode(content).decode()}">')
 
 
 def table(head, rows, notes=False, pale=()):
@@ -212,7 +221,7 @@ def table(head, rows, notes=False, pale=()):
     head : sequence of str, or None
     rows : iterable of sequence of str
     notes : bool
-        the last column is for words
+        the last column is for texts
     pale : collection of int
         rows that are grey
     """

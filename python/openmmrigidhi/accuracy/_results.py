@@ -1,4 +1,4 @@
-"""What the results of all studies share: wanted errors and the answers to them, the machine they are from, CSV and JSON."""
+"""What the results of all studies share: wanted errors and answers, the machine, CSV and JSON."""
 import csv
 import json
 import math
@@ -16,7 +16,7 @@ import scipy
 from .. import _loading
 
 RECOMMENDED, NONE, UNDECIDED = 'recommended', 'none of these', 'cannot tell'
-#: Above this, "run N times longer" is no advice.
+#: Above this factor, "run N times longer" is not given as advice.
 LARGEST_FACTOR = 1000
 
 # ---- Wanted errors and answers -------------------------------------------------------------------
@@ -42,13 +42,13 @@ class Recommendation:
     setting : dict or None
         the candidate that is recommended
     text : str
-        one paragraph in plain words
+        one paragraph
     candidates : list of dict
         every setting that can be used, fastest first, with its verdict ('yes', 'no', 'undecided',
-        'n/a') and what recommend() says
+        'n/a') and what recommend() adds
     factor : float or None
-        how many times longer a run would settle an undecided answer, or find out about a faster
-        setting
+        how many times longer a run would have to be to settle an undecided answer, or to decide
+        about a faster setting
     """
 
     verdict: str
@@ -68,11 +68,11 @@ def splitWanted(wanted, names, example):
     Parameters
     ----------
     wanted : str, or sequence of str
-        "observable:0.5%" or "observable:0.2"; several with commas
+        text such as "observable:0.5%" or "observable:0.2"; several are separated by commas
     names : collection of str
-        the observables there are
+        the observables of the result
     example : str
-        for error messages
+        an example for error messages
 
     Returns
     -------
@@ -100,20 +100,27 @@ def splitWanted(wanted, names, example):
 
 
 def worst(verdicts):
-    """The verdict about a setting from those about what is wanted of it: 'no' before 'n/a' before 'undecided' before 'yes'."""
+    """The verdict about a setting from the verdicts about each wanted error.
+
+    'no' comes before 'n/a' before 'undecided' before 'yes'.
+    """
     return next((verdict for verdict in ('no', 'n/a', 'undecided') if verdict in verdicts), 'yes')
 
 
 def decide(candidates):
-    """The verdict, the cheapest candidate that will do or None, and those that may; candidates are by ascending cost."""
+    """The verdict, the cheapest candidate that qualifies or None, and those that may qualify.
+
+    Candidates are by ascending cost.
+    """
     best = next((candidate for candidate in candidates if candidate['verdict'] == 'yes'), None)
     undecided = [candidate for candidate in candidates if candidate['verdict'] == 'undecided']
     meaningless = candidates and all(candidate['verdict'] == 'n/a' for candidate in candidates)
-    return RECOMMENDED if best is not None else UNDECIDED if undecided or meaningless else NONE, best, undecided
+    return (RECOMMENDED if best is not None else UNDECIDED if undecided or meaningless else NONE,
+            best, undecided)
 
 
 def longer(factor):
-    """What to do about a question that takes a run so many times longer, in words."""
+    """Text about what to do for a question that takes a run so many times longer."""
     if not math.isfinite(factor) or factor > LARGEST_FACTOR:
         return 'their errors are so close to the limit that longer runs will hardly decide it'
     return f'run longer: about {max(1.1, factor):.2g} times'
@@ -123,12 +130,14 @@ def longer(factor):
 
 
 class Result:
-    """Rows of a table, and how it was measured. A kind of result has an asDict() and a fromDict(), recommend() and a REPORT.
+    """Rows of a table, and how they were measured.
+
+    A subclass has asDict(), fromDict(), recommend() and a REPORT.
 
     Attributes
     ----------
     rows : list of dict
-        one per setting and observable
+        one row for each setting and observable
     observables : dict
         name -> dict with label
     scene : dict
@@ -137,33 +146,35 @@ class Result:
         what provenance() returned, and the settings of the study
     """
 
-    #: What its JSON is called there; the columns of its CSV; the class of its report.
+    #: The name of the format in the JSON; the columns of the CSV; the class of the report.
     FORMAT, COLUMNS, REPORT = '', (), None
 
     def report(self, wanted=()):
-        """What is to be said and shown: the files of :meth:`write`, textTable() and paragraphs().
+        """The report: the files of :meth:`write`, textTable() and paragraphs().
 
         Parameters
         ----------
         wanted : sequence of str
-            wanted errors, each answered on its own
+            wanted errors; the report answers each of them
 
         Returns
         -------
         Report
-            of the kind that belongs to this result
+            a report of the class that belongs to this result
         """
         return self.REPORT(self, wanted)
 
     def write(self, directory, wanted=()):
-        """Write the rows as CSV, everything as JSON, pictures, and an HTML page into a directory.
+        """Write CSV, JSON, pictures and an HTML page into a directory.
+
+        The CSV has the rows, and the JSON has everything.
 
         Parameters
         ----------
         directory : str
-            made if it does not exist
+            it is made if it does not exist
         wanted : sequence of str
-            wanted errors, each answered on its own
+            wanted errors; the report answers each of them
 
         Returns
         -------
@@ -187,7 +198,7 @@ class Result:
 
     @classmethod
     def isOne(cls, path):
-        """Whether a file is what writeJson() wrote (and not another result of openmmrigidhi.accuracy).
+        """Whether writeJson() of this class wrote a file.
 
         Parameters
         ----------
@@ -206,7 +217,7 @@ class Result:
         Raises
         ------
         ValueError
-            if that did not write it
+            if writeJson() of this class did not write the file
         """
         data = _read(path)
         if data.get('format') != cls.FORMAT:
@@ -216,7 +227,7 @@ class Result:
         return cls.fromDict(data)
 
     def writeCsv(self, path):
-        """Write the table as CSV, one line per row; empty cells where there is no number.
+        """Write the table as CSV, one line for each row; a cell without a number is empty.
 
         Parameters
         ----------
@@ -252,7 +263,7 @@ def provenance(began):
     Parameters
     ----------
     began : float
-        time.perf_counter() at its start
+        time.perf_counter() at the start of the measurement
 
     Returns
     -------

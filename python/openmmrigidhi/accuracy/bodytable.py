@@ -1,13 +1,13 @@
-"""The rigid bodies of a scene as integrators see them that know particles only."""
+"""The rigid bodies of a scene, for integrators that know particles only."""
 import numpy as np
 import openmm
 
 
 class BodyTable:
-    """Bodies as OpenMM's own integrators see them: particles with masses. Vectorised over bodies of equal size.
+    """Bodies as OpenMM's own integrators see them: particles with masses.
 
-    A moment below 1e-9 of the largest counts as zero here: positions that constraints hold are not
-    exactly on a line.
+    Computations are vectorised over bodies of equal size. A moment below 1e-9 of the largest counts
+    as zero here, since positions that constraints hold are not exactly on a line.
     """
 
     smallestMoment = 1e-9

@@ -14,25 +14,36 @@ from .price import parseSpending
 from .result import StudyResult
 from .study import StepSizeStudy
 
-DESCRIPTION = '''Measure, on this machine, what accuracy costs: the error of observables against ns/day, for step sizes and schemes, beside
-OpenMM's LangevinMiddleIntegrator with constraints. Writes results.csv, results.json, error_*.png and report.html, and names the
-cheapest setting for a wanted error, or says that there is none. With --ladder the same for models of the fluid: the error of
-the mobility against time per step, from free draining to lubrication (docs/hydrodynamic_ladder.md). With --overdamped the schemes
-without momenta and LangevinHI at high friction, for bodies above a wall (docs/overdamped_accuracy.md). With --grid the grid of a
-periodic fluid: errors of products against their time, by tolerance (docs/grid_accuracy.md).'''
+DESCRIPTION = '''Measure, on this machine, what accuracy costs: the error of observables against
+ns/day, for step sizes and schemes, beside OpenMM's LangevinMiddleIntegrator with constraints. The
+command writes results.csv, results.json, error_*.png and report.html. It names the cheapest setting
+for a wanted error, or says that there is none.
+
+With --ladder it does the same for models of the fluid: the error of the mobility against time per
+step, from free draining to lubrication (docs/hydrodynamic_ladder.md). With --overdamped it compares
+the schemes without momenta, and LangevinHI at high friction, for bodies above a wall
+(docs/overdamped_accuracy.md). With --grid it studies the grid of a periodic fluid: errors of
+products against their time, by tolerance (docs/grid_accuracy.md).'''
 
 EPILOG = '''examples:
-  python3 -m openmmrigidhi.accuracy --scene water --budget 1800 --wanted-error potential_energy:0.5%
-  python3 -m openmmrigidhi.accuracy --scene trap --platform Reference --length 20 --methods LangevinB LangevinC
-  python3 -m openmmrigidhi.accuracy --system system.xml --state state.xml --integrator integrator.xml --steps 2,4,6
-  python3 -m openmmrigidhi.accuracy --scene mymodule:makeScene --observables potential_energy mymodule:endToEnd
+  python3 -m openmmrigidhi.accuracy --scene water --budget 1800 \\
+      --wanted-error potential_energy:0.5%
+  python3 -m openmmrigidhi.accuracy --scene trap --platform Reference --length 20 \\
+      --methods LangevinB LangevinC
+  python3 -m openmmrigidhi.accuracy --system system.xml --state state.xml \\
+      --integrator integrator.xml --steps 2,4,6
+  python3 -m openmmrigidhi.accuracy --scene mymodule:makeScene \\
+      --observables potential_energy mymodule:endToEnd
   python3 -m openmmrigidhi.accuracy --ladder --wanted-error mobility:1%
-  python3 -m openmmrigidhi.accuracy --ladder --scene mymodule:makeScene --wanted-error sedimentation:1%,mobility:5%
+  python3 -m openmmrigidhi.accuracy --ladder --scene mymodule:makeScene \\
+      --wanted-error sedimentation:1%,mobility:5%
   python3 -m openmmrigidhi.accuracy --ladder --scene arrays --wanted-error drag:10%
   python3 -m openmmrigidhi.accuracy --overdamped --wanted-error height:1%,repulsion:5%
   python3 -m openmmrigidhi.accuracy --grid --bodies 200 --wanted-error forces:1e-4
-  python3 -m openmmrigidhi.accuracy --from accuracy/results.json --wanted-error potential_energy:0.2%
-  python3 -m openmmrigidhi.accuracy --from accuracy/results.json --price potential_energy:0.2% --spend potential_energy:2h'''
+  python3 -m openmmrigidhi.accuracy --from accuracy/results.json \\
+      --wanted-error potential_energy:0.2%
+  python3 -m openmmrigidhi.accuracy --from accuracy/results.json \\
+      --price potential_energy:0.2% --spend potential_energy:2h'''
 
 
 def parser():
@@ -73,8 +84,8 @@ def parser():
         f'{", ".join(overdamped.METHODS)}, steps in tau_D (default: all)')
     what.add_argument(
         '--steps', metavar='FS',
-        help='step sizes of all methods in fs (with --overdamped in tau_D), e.g. 1,2,4,6,8 (default: '
-        'the scene\'s)')
+        help='step sizes of all methods in fs (with --overdamped in tau_D), e.g. 1,2,4,6,8 '
+        '(default: the scene\'s)')
     what.add_argument(
         '--observables', nargs='+', default=None, metavar='NAME',
         help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, or module:function of the '
@@ -83,9 +94,8 @@ def parser():
         f'{", ".join(overdamped.OBSERVABLES)} (default: all)')
     what.add_argument(
         '--wanted-error', nargs='+', default=[], metavar='NAME:ERROR',
-        help='e.g. potential_energy:0.5%%, or potential_energy:0.2 in its unit; several in one word, '
-        'with commas, must '
-        'all be met')
+        help='e.g. potential_energy:0.5%%, or potential_energy:0.2 in its unit; several in one '
+        'word, with commas, must all be met')
     what.add_argument(
         '--price', nargs='+', default=[], metavar='NAME:ERROR', help=
         'what it takes to know a number to this error, bias and standard error together: the time '
@@ -93,8 +103,8 @@ def parser():
         'written as for --wanted-error')
     what.add_argument(
         '--spend', nargs='+', default=[], metavar='NAME:TIME',
-        help='the setting that makes a number known best in this time, e.g. potential_energy:2h (s, '
-        'min, h, d)')
+        help='the setting with which a number is known best after this time, e.g. '
+        'potential_energy:2h (s, min, h, d)')
     what.add_argument('--reference', nargs='+', default=[], metavar='NAME=VALUE[+-ERROR]',
                       help='a known average, used instead of the extrapolation to step 0')
     ladder = result.add_argument_group('the hydrodynamic ladder')
@@ -283,11 +293,11 @@ def _grid(options):
         return study.run(options.rounds, progress=bar.study)
 
 
-# ---- What the arguments mean ---------------------------------------------------------------------
+# ---- Meaning of the arguments --------------------------------------------------------------------
 
 
 def _checkWanted(options, names, example):
-    """Wrong wishes are found before anything is measured."""
+    """Find wrong wanted errors before anything is measured."""
     for item in options.wanted_error + options.price:
         splitWanted(item, names, example)
     for item in options.spend:
@@ -295,7 +305,11 @@ def _checkWanted(options, names, example):
 
 
 def _methods(texts, byName, common, unit):
-    """Methods, and the step sizes of those that have some of their own, or of all if there are common ones; in that unit."""
+    """Methods, and the step sizes that they have, in this unit.
+
+    Some methods may have step sizes of their own. If there are common step sizes, all methods have
+    them.
+    """
     found, steps = [], {}
     for text in texts:
         name, _, own = text.partition(':')
@@ -311,7 +325,7 @@ def _methods(texts, byName, common, unit):
 
 
 def _positives(text):
-    """Positive numbers with commas between, or an empty list if that is not what they are."""
+    """Positive numbers with commas between, or an empty list if the text is something else."""
     try:
         values = [float(part) for part in text.split(',')]
     except ValueError:

@@ -1,4 +1,7 @@
-"""What grids cost: the error of products with force coupling's mobility on a grid against the time they take."""
+"""What grids cost: the error of products on a grid against the time that they take.
+
+The products are those with the mobility of force coupling.
+"""
 import re
 import time
 
@@ -15,12 +18,12 @@ from .measurement import NOT_APPLICABLE, STABLE
 from .rungs import Spheres
 from .scenes import platformProperties
 
-#: Tolerances that are compared unless others are given.
+#: The tolerances that are compared by default.
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 #: Finenesses sigma/dx between which all grids are looked at.
 FINENESSES = (0.65, 1.7)
-#: Widths of envelopes, radii (THEORY.md, in a periodic box): of forces; of torques, whose narrower
-#: ones decide where there are torques.
+#: Widths of envelopes, radii (THEORY.md, in a periodic box): of forces, and of torques. The
+#: narrower envelopes of torques decide where there are torques.
 WIDTHS = {'forces': np.pi**-0.5, 'wrenches': (6*np.pi**0.5)**(-1/3)}
 #: What is compared: name -> label, description.
 OBSERVABLES = {
@@ -64,7 +67,9 @@ def gridSizes(least, most):
 
 
 def describedGrid(integrator):
-    """What an integrator says of the grid of its Context's fluid: (nodes along the edges, tolerance of products).
+    """What an integrator says of the grid of its Context's fluid.
+
+    It is the pair (nodes along the edges, tolerance of products).
 
     Parameters
     ----------
@@ -86,37 +91,38 @@ def describedGrid(integrator):
 
 
 class GridStudy:
-    """Error of products with the mobility on a grid, against time a product and against the fineness of the grid.
+    """Error of products with the mobility on a grid, against time and against the fineness.
 
-    With D the own mobilities, d = D^(-1/2) (M_grid - M) D^(-1/2) and m = D^(-1/2) M D^(-1/2) have
-    no units. The error is the norm of d over that of m: the largest error of velocities over the
-    largest velocities, for forces of one size. The norm of d alone is the error over own
-    mobilities, and that of velocities from random forces is taken relative to these velocities. M
-    is the matrix of lattice sums (``setSolver(Dense)``).
+    D has the own mobilities of the particles. The matrices d = D^(-1/2) (M_grid - M) D^(-1/2) and m
+    = D^(-1/2) M D^(-1/2) have no units. The error is the norm of d over that of m: the largest
+    error of velocities over the largest velocities, for forces of one size. The norm of d alone is
+    the error over own mobilities. The error of velocities from random forces is taken relative to
+    these velocities. M is the matrix of lattice sums (``setSolver(Dense)``).
 
     Parameters
     ----------
     scene : Scene, optional
-        spheres in a periodic fluid, in a box with edges along the axes; a flow that drives it is
-        left out; default: 500 at random at a volume fraction of 0.1
+        spheres in a periodic fluid, in a box with edges along the axes; default: 500 spheres at
+        random at a volume fraction of 0.1. A flow that drives the fluid is left out.
     tolerances : sequence of float
-        of setSolverTolerance
+        tolerances of setSolverTolerance
     finenesses : (float, float) or None
-        all grids of the box with sigma/dx between these are looked at too, by setGridSpacing; None:
-        none
+        all grids of the box with sigma/dx between these values are studied too, by setGridSpacing;
+        None: no such grids
     observables : sequence of str
         forces, wrenches
     platform : str
     threads : int
-        of the CPU platform; with one, time is the process's CPU time where other programs make the
-        clock show more
+        threads of the CPU platform; with one thread, time is the process's CPU time where other
+        programs make the clock show more
     seed : int
-        of random forces
+        seed of random forces
 
     Examples
     --------
     >>> from openmmrigidhi import accuracy
-    >>> study = accuracy.GridStudy(accuracy.scenes.periodicSuspension(3), [1e-2, 1e-4], None, ['forces'])
+    >>> scene = accuracy.scenes.periodicSuspension(3)
+    >>> study = accuracy.GridStudy(scene, [1e-2, 1e-4], None, ['forces'])
     >>> print(study.run(rounds=1).recommend('forces:0.1%').setting['tolerance'])
     0.0001
     """
@@ -160,10 +166,10 @@ class GridStudy:
         observable : str
             'forces': free particles, which take no torques; 'wrenches': bodies
         solver : constant
-            of MobilityForce
+            constant of MobilityForce
         tolerance : float
         spacing : float
-            nm; 0: as the tolerance wants
+            nm; 0: the spacing that the tolerance needs
 
         Returns
         -------
@@ -202,7 +208,8 @@ class GridStudy:
         Parameters
         ----------
         rounds : int
-            in which the tolerances take turns with a product each, of which the fastest counts
+            number of rounds in which the tolerances take turns with a product each; the fastest
+            product counts
         progress : callable, optional
             called with (done, total, text)
 
@@ -242,7 +249,8 @@ class GridStudy:
             row = {
                 'observable': observable, 'kind': kind, 'setting': value, 'status': STABLE,
                 'message': '',
-                **dict.fromkeys(('nodes', 'fineness', 'described', 'error', 'own_error', 'typical', 'seconds_product', 'seconds_median'))
+                **dict.fromkeys(('nodes', 'fineness', 'described', 'error', 'own_error', 'typical',
+                                 'seconds_product', 'seconds_median'))
             }
             rows.append(row)
             try:
@@ -286,20 +294,23 @@ class GridStudy:
             })
 
     def _settings(self, observable):
-        """(kind, value, spacing): value is a tolerance, or sigma/dx."""
+        """(kind, value, spacing), where value is a tolerance, or sigma/dx."""
         settings = [('tolerance', tolerance, 0.0) for tolerance in self.tolerances]
         if self.finenesses is not None:
             width = WIDTHS[observable]*self.spheres.radii.min()
             edge = max(self.edges)
-            # A little more than the edge over the nodes, so that rounding does not make it one node
-            # more.
+            # The spacing is a little more than the edge over the nodes, so that rounding does not
+            # add a node.
             settings += [('spacing', width*nodes/edge, edge/nodes*(1 + 1e-9))
                          for nodes in gridSizes(*(fineness*edge/width
                                                   for fineness in self.finenesses))]
         return settings
 
     def _errors(self, observable, fluid, context, exact):
-        """The norm of the error over own mobilities, and the root of the mean square of relative errors of velocities for random forces."""
+        """The norm of the error over own mobilities, and the error for random forces.
+
+        The latter is the root of the mean square of relative errors of velocities.
+        """
         root = np.sqrt(np.diag(exact))
 
         def difference(vector):
@@ -314,7 +325,7 @@ class GridStudy:
         return self._norm(difference, len(exact)), float(np.sqrt(np.mean(squares)))
 
     def _norm(self, apply, rows):
-        """Of a symmetric operator."""
+        """The norm of a symmetric operator."""
         start = np.random.default_rng(self.seed).normal(size=rows)
         return float(
             abs(
@@ -322,7 +333,11 @@ class GridStudy:
                       tol=NORM_TOLERANCE, v0=start, return_eigenvectors=False)[0]))
 
     def _seconds(self, observable, fluid, context, vector):
-        """Of one product: by the clock, or the process's CPU time if that is less, as other programs disturb it."""
+        """Seconds of one product.
+
+        They are by the clock, or the process's CPU time if it is less because other programs
+        disturb.
+        """
         began, cpu = time.perf_counter(), time.process_time()
         self._product(observable, fluid, context, vector)
         cpu, wall = time.process_time() - cpu, time.perf_counter() - began

@@ -1,16 +1,23 @@
-"""What a GridResult says: errors of products on a grid against its fineness and against time, in words, pictures, tables and one HTML page."""
+"""The report of a GridResult: errors of products on a grid against its fineness and against time.
+
+It has texts, pictures, tables and one HTML page.
+"""
 import html
 
 import numpy as np
 
 from ._pages import Report, paragraph, picture, plainTicks, sentence, table
 
-#: Errors for which the fineness is named, beside what the sampling of a Gaussian alone asks for.
+#: Errors for which the fineness is given, beside the fineness that the sampling of a Gaussian
+#: needs.
 NAMED = (1e-4, 1e-6, 1e-8)
 
 
 def gaussianFineness(error):
-    """sigma/dx at which a grid leaves exp(-(pi sigma/dx)^2) of a Gaussian of width sigma out, as large as the error: 0.97, 1.18, 1.37 for 1e-4, 1e-6, 1e-8.
+    """The fineness sigma/dx at which a grid leaves out this part of a Gaussian.
+
+    A grid leaves exp(-(pi sigma/dx)^2) of a Gaussian of width sigma out. The fineness is 0.97,
+    1.18, 1.37 for errors of 1e-4, 1e-6, 1e-8.
 
     Parameters
     ----------
@@ -20,7 +27,7 @@ def gaussianFineness(error):
 
 
 def milliseconds(seconds):
-    """For people.
+    """Seconds as text in milliseconds.
 
     Parameters
     ----------
@@ -36,7 +43,7 @@ class GridReport(Report):
     ----------
     result : GridResult
     wanted : str, or sequence of str
-        wanted errors, each answered on its own
+        wanted errors; the report answers each of them
     """
 
     FILES, PICTURE = ('grid.csv', 'grid.json', 'grid.html'), 'grid'
@@ -64,7 +71,7 @@ class GridReport(Report):
         }
 
     def paragraphs(self):
-        """Everything that is to be said in plain words, the answers first."""
+        """The report as paragraphs, the answers first."""
         result = self.result
         lines = [answer.text for answer in self.answers]
         for observable, about in result.observables.items():
@@ -112,14 +119,14 @@ class GridReport(Report):
         return lines
 
     def panels(self, left, right, observable, limits):
-        """Errors against sigma/dx beside errors against time a product.
+        """Draw errors against sigma/dx beside errors against the time of a product.
 
         Parameters
         ----------
         left, right : matplotlib.axes.Axes
         observable : str
         limits : list of Wanted
-            drawn as lines
+            errors that are drawn as lines
         """
         result = self.result
         spaced, chosen = result.select(observable,
@@ -173,7 +180,7 @@ class GridReport(Report):
             axes.legend(fontsize=8.5)
 
     def body(self, pictures):
-        """What the page has besides words: HTML.
+        """What the page has in addition to the paragraphs, as HTML.
 
         Parameters
         ----------
@@ -205,17 +212,17 @@ class GridReport(Report):
         return parts
 
     def how(self):
-        """How it was measured, paragraphs."""
+        """Paragraphs about how the study was measured."""
         about = self.result.provenance
         return [
-            'Velocities are taken over the roots of own mobilities, forces over those of own '
+            'Velocities are divided by the square roots of own mobilities, forces by those of own '
             'frictions. The error is the norm of the difference to the matrix of '
-            'lattice sums, over the norm of that matrix; "over own" is the norm of the difference '
+            'lattice sums, over the norm of that matrix. "Over own" is the norm of the difference '
             'alone, over own mobilities. Norms are eigenvalues, found by iterations. "Random" '
             'is the error of velocities from random forces, relative to these velocities, over '
             'four draws.',
             f'Times are the fastest of {about.get("rounds")} rounds in which the tolerances took '
             f'turns, on {about.get("platform")} with {about.get("threads")} thread(s) '
-            '(with one thread CPU time, if less than by the clock); a product from Python, with '
-            'the weights of all particles made anew.'
+            '(with one thread CPU time, if less than by the clock). A product is called from '
+            'Python, and computes the weights of all particles anew.'
         ]

@@ -1,4 +1,4 @@
-"""What a GridStudy found: errors, grids and times of products by tolerance, and the cheapest tolerance for a wanted error."""
+"""What a GridStudy found: errors, grids and times of products, and recommended tolerances."""
 import numpy as np
 
 from ._results import NONE, RECOMMENDED, Recommendation, Result, Wanted, decide, splitWanted
@@ -11,13 +11,13 @@ class GridResult(Result):
     Attributes
     ----------
     rows : list of dict
-        one per observable and setting. Keys: observable ('forces' or 'wrenches'), kind
+        one row for each observable and setting. Keys: observable ('forces' or 'wrenches'), kind
         ('tolerance': the grid is the library's choice; 'spacing': it was given), setting (the
         tolerance, or sigma/dx), status ('stable' or 'not applicable'), message, nodes (text),
         fineness (sigma/dx of the grid, sigma that of the narrowest envelope), described (tolerance
         that describeEffects() says), error (its norm over that of the mobility, see GridStudy),
-        own_error (the same over own mobilities), typical (of velocities from random forces),
-        seconds_product (the fastest round; of tolerances only), seconds_median
+        own_error (the same over own mobilities), typical (error of velocities from random forces),
+        seconds_product (the fastest round; for tolerances only), seconds_median.
     observables : dict
         name -> dict with label, description, width (of the narrowest envelope, radii), norm (of the
         mobility over own mobilities)
@@ -61,7 +61,8 @@ class GridResult(Result):
         Parameters
         ----------
         wanted : str, or sequence of str
-            "forces:0.1%" or "wrenches:1e-4", relative both; several with commas
+            text such as "forces:0.1%" or "wrenches:1e-4", both relative; several are separated by
+            commas
 
         Returns
         -------
@@ -84,9 +85,9 @@ class GridResult(Result):
         Returns
         -------
         Recommendation
-            its setting and candidates have tolerance, seconds_product (the sum over what is
-            wanted), error (the largest), nodes and verdict; what counts is the larger of error and
-            typical
+            its setting and candidates have tolerance, seconds_product (the sum over the wanted
+            observables), error (the largest), nodes and verdict. The larger of error and typical is
+            compared with the wanted error.
         """
         wanted = self.parseWanted(wanted)
         found = [{
@@ -126,7 +127,7 @@ class GridResult(Result):
         return Recommendation(verdict, best, text, candidates, None, wanted)
 
     def finenessFor(self, observable, error):
-        """The fineness sigma/dx at which the error is this, between the spacings that were measured.
+        """The fineness sigma/dx at which the error is this, between the measured spacings.
 
         Parameters
         ----------
@@ -141,7 +142,7 @@ class GridResult(Result):
         rows = self.select(observable, 'spacing')
         for coarse, fine in zip(rows[:-1], rows[1:]):
             if coarse['error'] > error >= fine['error']:
-                # What a grid leaves out of a Gaussian is exp(-(pi sigma/dx)^2).
+                # A grid leaves exp(-(pi sigma/dx)^2) of a Gaussian out.
                 part = np.log(coarse['error']/error)/np.log(coarse['error']/fine['error'])
                 return float(
                     np.sqrt(coarse['fineness']**2 + part*
@@ -149,7 +150,7 @@ class GridResult(Result):
         return None
 
     def asDict(self):
-        """Everything, for JSON."""
+        """Everything, as a dict for JSON."""
         return {
             'format': self.FORMAT, 'scene': self.scene, 'observables': self.observables,
             'provenance': self.provenance, 'rows': self.rows
@@ -157,7 +158,7 @@ class GridResult(Result):
 
     @classmethod
     def fromDict(cls, data):
-        """From what asDict() returned.
+        """The result from what asDict() returned.
 
         Parameters
         ----------

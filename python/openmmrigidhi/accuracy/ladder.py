@@ -1,4 +1,7 @@
-"""The hydrodynamic ladder: how wrong each model of the fluid is for a scene of spheres, and what a step with it costs."""
+"""The hydrodynamic ladder: the errors of models of the fluid, and what a step with each costs.
+
+The scenes have spheres.
+"""
 import time
 
 import numpy as np
@@ -13,8 +16,8 @@ from .measurement import NOT_APPLICABLE, STABLE
 from .rungs import BEST, Spheres
 from .scenes import Scene, platformProperties
 
-#: What StokesianDynamics with lubrication is off by for at most two spheres: the tests of the
-#: pair's resistance functions allow that much, and none was found to be further off.
+#: The error of StokesianDynamics with lubrication for at most two spheres. The tests of the pair's
+#: resistance functions allow this error, and no larger error was found.
 PAIR_ERROR = 1e-9
 #: What exact numbers of a scene are off by: they have six digits and more.
 DIGITS_ERROR = 2e-6
@@ -28,19 +31,20 @@ def remainder(distances):
     """How far the finest multiblob is believed to be from the limit of many blobs.
 
     The number of blobs grows fourfold from rung to rung. If the last difference is q times the one
-    before, those to come sum up to q/(1 - q) times the last. q is taken as at least 1/2, which an
-    error proportional to the spacing of the blobs gives; and the last as at least a quarter of the
-    one before, which an error proportional to its square gives: less may be chance.
+    before, the differences to come sum up to q/(1 - q) times the last. q is taken as at least 1/2,
+    as for an error proportional to the spacing of the blobs. The last difference is taken as at
+    least a quarter of the one before, as for an error proportional to the square of the spacing.
+    Smaller values may be chance.
 
     Parameters
     ----------
     distances : list of float
-        of the coarser multiblobs to the finest, coarsest first
+        distances of the coarser multiblobs to the finest, coarsest first
 
     Returns
     -------
     float or None
-        relative; None if there are fewer than two, or differences do not shrink
+        relative; None if there are fewer than two distances, or if differences do not shrink
     """
     if len(distances) < 2 or None in distances:
         return None
@@ -53,40 +57,43 @@ def remainder(distances):
 
 
 class LadderStudy:
-    """Error of the mobility, and of what follows from it, against time per step, for models of the fluid.
+    """Error of the mobility against time per step, for models of the fluid.
 
-    The mobility of the scene's spheres at its start is computed with every rung and compared with
-    the best of them (see :meth:`chooseReference`), and steps of LangevinHI are timed.
+    The mobility of the scene's spheres at its start is computed with every rung. It is compared,
+    with what follows from it, with the best rung (see :meth:`chooseReference`). Steps of LangevinHI
+    are timed.
 
     Parameters
     ----------
     scene : Scene, or dict from float to Scene
-        of spheres; a flow that drives their fluid is left out, for mobilities do not depend on it.
-        One scene, or several along a parameter, such as :func:`openmmrigidhi.accuracy.scenes.pairs`
-        over gaps or :func:`openmmrigidhi.accuracy.scenes.arrays` over volume fractions
+        one scene of spheres, or several along a parameter, such as
+        :func:`openmmrigidhi.accuracy.scenes.pairs` over gaps or
+        :func:`openmmrigidhi.accuracy.scenes.arrays` over volume fractions. A flow that drives the
+        fluid is left out, since mobilities do not depend on it.
     rungs : sequence of str or Rung, optional
         among FreeDraining, RPY, ForceCoupling (periodic fluids), FTS, multiblob12, multiblob42,
         multiblob162, multiblob642, FTS+lubrication, and multiblobs with +self, whose single spheres
         have Stokes' tensor; default: all but multiblob642 and those with +self
     observables : sequence of str, MobilityObservable or callable, optional
-        see :func:`openmmrigidhi.accuracy.mobilities.byName`; default: what the scenes have exact
-        numbers for, or else the general ones
+        see :func:`openmmrigidhi.accuracy.mobilities.byName`; default: those for which the scenes
+        have exact numbers, or else the general ones
     reference : str, optional
-        the rung that the others are compared with; default: the best
+        the rung that the other rungs are compared with; default: the best
     platforms : sequence of str
-        each rung is timed on all of them, and the faster counts
+        each rung is timed on all of them, and the faster platform counts
     threads : int
-        of the CPU platform; with one, time is the process's CPU time where other programs make the
-        clock show more
+        threads of the CPU platform; with one thread, time is the process's CPU time where other
+        programs make the clock show more
     parameter : str, optional
-        what the keys of a dict of scenes are; default: what a Sweep says, or gap
+        meaning of the keys of a dict of scenes; default: the parameter of a Sweep, or gap
     seed : int
-        of the noise in the steps that are timed
+        seed of the noise in the steps that are timed
 
     Examples
     --------
     >>> from openmmrigidhi import accuracy
-    >>> study = accuracy.LadderStudy(accuracy.scenes.pairs([0.1, 1.0]), ['RPY', 'FTS', 'FTS+lubrication'], ['sedimentation'])
+    >>> pairs = accuracy.scenes.pairs([0.1, 1.0])
+    >>> study = accuracy.LadderStudy(pairs, ['RPY', 'FTS', 'FTS+lubrication'], ['sedimentation'])
     >>> print(study.run(rounds=1).recommend('sedimentation:0.5%').setting['rung'])
     FTS+lubrication
     """
@@ -120,27 +127,28 @@ class LadderStudy:
         self.seed = seed
 
     def chooseReference(self, observable, values):
-        """What the rungs are compared with for one observable that has no exact number, and how wrong that is believed to be.
+        """What the rungs are compared with for an observable that has no exact number.
 
-        For at most two spheres in unbounded fluid, StokesianDynamics with lubrication, which is
-        exact. For more, it lacks many-body terms, and multiblobs lack resolution where spheres
-        nearly touch. So the multiblob with the most blobs is the reference where multiblobs have
-        converged (see :func:`remainder`) to less than half of its distance to StokesianDynamics;
-        elsewhere that is, and is believed to be off by no more than its distance to the finest
-        multiblobs (as they are, and with Stokes' tensor for each sphere alone), since that has both
-        errors in it.
+        The result also says how wrong this reference is believed to be. For at most two spheres in
+        unbounded fluid the reference is StokesianDynamics with lubrication, which is exact. For
+        more spheres it lacks many-body terms, and multiblobs lack resolution where spheres nearly
+        touch. The multiblob with the most blobs is the reference where multiblobs have converged
+        (see :func:`remainder`) to less than half of its distance to StokesianDynamics. Elsewhere
+        StokesianDynamics is the reference. It is believed to be off by no more than its distance to
+        the finest multiblobs (as they are, and with Stokes' tensor for each sphere alone), since
+        this distance has both errors in it.
 
         Parameters
         ----------
         observable : MobilityObservable
         values : dict
-            rung name -> value, of those that could be computed
+            rung name -> value, for the rungs that could be computed
 
         Returns
         -------
         dict
-            rung (name), believed (relative error, or None if nothing tells), seconds (names of the
-            rungs that tell)
+            rung (name), believed (relative error, or None if nothing tells it), seconds (names of
+            the rungs that tell it)
         """
         known = [rungsModule.byName(name) for name in values]
         own = [rung for rung in self.rungs if rung.name in values]
@@ -161,8 +169,8 @@ class LadderStudy:
         plain = sorted((rung for rung in own if rung.blobs and not rung.exactAlone),
                        key=lambda rung: rung.blobs)
         converged = remainder([distance(rung, plain[-1]) for rung in plain[:-1]]) if plain else None
-        if best.isBest and self.reference is None and converged is not None and converged < 0.5*distance(
-                best, plain[-1]):
+        if (best.isBest and self.reference is None and converged is not None
+                and converged < 0.5*distance(best, plain[-1])):
             best = plain[-1]
         if plain and best == plain[-1]:
             return {
@@ -179,27 +187,29 @@ class LadderStudy:
         }
 
     def run(self, rounds=5, seconds=0.05, progress=None, jobs=1, cluster=None):
-        """Compute and time everything. Times are measured here, one after the other, when all else is done.
+        """Compute and time everything.
+
+        Times are measured here, one after the other, when everything else is done.
 
         Parameters
         ----------
         rounds : int
-            in which the rungs take turns
+            number of rounds in which the rungs take turns
         seconds : float
-            for each rung in a round
+            time for each rung in a round
         progress : callable, optional
             called with (done, total, text)
         jobs : int
             how many mobilities are computed at a time
         cluster : str, optional
-            by whom: see :func:`openmmrigidhi.ensemble.tasks.run`
+            who computes them: see :func:`openmmrigidhi.ensemble.tasks.run`
 
         Returns
         -------
         LadderResult
         """
         began = time.perf_counter()
-        # Second opinions on the best rung are computed even if nobody asked for them as rungs.
+        # Other estimates of the best rung are computed even if nobody asked for them as rungs.
         extra = self._secondOpinions()
         total, done = len(self.scenes)*(len(self.rungs) + len(extra)) + 2*len(self.rungs), 0
         rows, references, messages = [], {}, {}
@@ -260,7 +270,7 @@ class LadderStudy:
         return f'{rung.name} {self.parameter} {value:g}' if self.isSweep else rung.name
 
     def _secondOpinions(self):
-        """Rungs that are computed, but not offered: the finest multiblob with exact single spheres."""
+        """Rungs that are computed, but not offered: the finest multiblob with exact own tensors."""
         if all(len(scene.bodies) <= 2
                for scene in self.scenes.values()) or all(observable.name in scene.exact
                                                          for observable in self.observables
@@ -277,7 +287,7 @@ class LadderStudy:
         ]
 
     def _compare(self, value, scene, spheres, samples, messages, rows):
-        """Add the rows of one scene; returns what is known about its reference."""
+        """Add the rows of one scene; return what is known about its reference."""
         exact = self.reference is None and BEST in samples and len(
             spheres.radii) <= 2 and not spheres.isPeriodic
         reference = {'exact': exact, 'observables': {}}
@@ -307,14 +317,17 @@ class LadderStudy:
         return reference
 
     def _time(self, spheres, rounds, seconds, count):
-        """Seconds a step of each rung on its faster platform, medians over rounds in which all take turns; and what went wrong."""
+        """Seconds a step of each rung on its faster platform, and what went wrong.
+
+        The seconds are medians over rounds in which all rungs take turns.
+        """
         runs, problems, forces = [], {}, {
             p: spheres.secondsOfForces(p, platformProperties(p, self.threads))
             for p in self.platforms
         }
         for rung in self.rungs:
             one = 0.0
-            # Reference gains by less overhead; with long steps it cannot win.
+            # Reference is faster only by its smaller overhead; with long steps it cannot win.
             for platform in sorted(self.platforms):
                 if platform == 'Reference' and one > LONG_STEP:
                     continue
@@ -334,7 +347,7 @@ class LadderStudy:
         for turn in range(rounds):
             for i in rng.permutation(len(runs)):
                 rung, platform, integrator, _, steps, times = runs[i]
-                # Two rounds are enough for what takes long, and the trial for what takes seconds.
+                # Two rounds are enough for long steps, and the trial for steps of seconds.
                 if i in broken or (turn >= 2 and times[-1]*steps > 20*seconds) or (
                         times and times[0] > VERY_LONG_STEP):
                     continue
@@ -363,7 +376,11 @@ class LadderStudy:
         return costs, problems
 
     def _ownSeconds(self, integrator, steps):
-        """Seconds a step but for the forces: by the clock, or the process's CPU time if that is less, as other programs disturb it."""
+        """Seconds a step without the forces.
+
+        They are by the clock, or the process's CPU time if it is less because other programs
+        disturb.
+        """
         before, cpu = integrator.getStepStatistics(), time.process_time()
         integrator.step(steps)
         cpu, after = time.process_time() - cpu, integrator.getStepStatistics()
@@ -372,7 +389,7 @@ class LadderStudy:
 
 
 def _mobility(argument, job):
-    """The MobilitySample of a scene by a rung and None, or None and why there is none."""
+    """The MobilitySample of a scene by a rung and None, or None and the reason for its absence."""
     scene, rung, platform, threads = argument
     spheres = Spheres(scene)
     try:

@@ -1,4 +1,7 @@
-"""What a LadderResult says: errors of the models against time per step, in words, pictures, tables and one HTML page."""
+"""The report of a LadderResult: errors of the models against time per step.
+
+It has texts, pictures, tables and one HTML page.
+"""
 import html
 
 import numpy as np
@@ -16,12 +19,12 @@ MARKERS = {
     'FreeDraining': 'x', 'RPY': 's', 'ForceCoupling': '<', 'FTS': '^', 'multiblob12': 'v',
     'multiblob42': 'D', 'multiblob162': 'o', 'multiblob642': 'P', 'FTS+lubrication': '*'
 }
-#: Where names are that would be on others: points from the marker, alignment. Force coupling is
-#: near RPY, and both kinds of FTS may be near each other.
+#: Places of names that would otherwise overlap: points from the marker, alignment. Force coupling
+#: is near RPY, and both kinds of FTS may be near each other.
 LABELS = {'ForceCoupling': ((-8, -3), 'right'), BEST: ((8, -8), 'left')}
-#: Smaller errors are drawn here, where no reference is known less well.
+#: Smaller errors are drawn here, unless a reference is known less well.
 FLOOR = 1e-9
-#: An error up to which a model still follows exact numbers.
+#: A model follows exact numbers up to this error.
 FOLLOWS = 0.1
 
 
@@ -32,32 +35,37 @@ class LadderReport(Report):
     ----------
     result : LadderResult
     wanted : str, or sequence of str
-        wanted errors, each answered on its own
+        wanted errors; the report answers each of them
     """
 
     FILES, PICTURE = ('ladder.csv', 'ladder.json', 'ladder.html'), 'ladder'
     TITLE, CHOICE, EXAMPLE = 'What hydrodynamic accuracy costs', 'model', 'mobility:1%'
 
     def textTable(self):
-        """As the function."""
+        """As the function textTable()."""
         return textTable(self.result)
 
     def paragraphs(self):
-        """Everything that is to be said in plain words, the answers first."""
+        """The report as paragraphs, the answers first."""
         return summary(self.result, self.answers, self.wanted)
 
     def widths(self, observable):
-        """As the base class; a third panel has the numbers themselves where exact ones are known."""
+        """As the base class; a third panel has the numbers where exact numbers are known."""
         return (1,
                 *super().widths(observable)) if self.result.parameter and self.result.exactNumbers(
                     observable) else super().widths(observable)
 
     def panels(self, *panels):
-        """Errors against the parameter, for a single scene as bars; beside errors against time per step, and the numbers where exact ones are known.
+        """Draw errors against the parameter beside errors against time per step.
+
+        For a single scene the former are bars. A further panel has the numbers where exact numbers
+        are known.
 
         Parameters
         ----------
-        panels : two or three matplotlib.axes.Axes, the observable (str), and a list of Wanted, which are drawn as lines
+        panels : tuple
+            two or three matplotlib.axes.Axes, the observable (str), and a list of Wanted, which are
+            drawn as lines
         """
         *numbers, left, right, observable, limits = panels
         for axes in numbers:
@@ -69,7 +77,7 @@ class LadderReport(Report):
                 axes.axhline(item.tolerance, color='black', ls='--', lw=1)
 
     def body(self, pictures):
-        """What the page has besides words: HTML.
+        """What the page has in addition to the paragraphs, as HTML.
 
         Parameters
         ----------
@@ -90,20 +98,21 @@ class LadderReport(Report):
         return parts
 
     def how(self):
-        """How it was measured, paragraphs."""
+        """Paragraphs about how the study was measured."""
         scene, provenance = self.result.scene, self.result.provenance
         text = (
-            'Errors are relative: (value - reference)/|reference|; for matrices and several '
-            'velocities the norm of the difference over '
+            'Errors are relative: (value - reference)/|reference|. For matrices and several '
+            'velocities they are the norm of the difference over '
             f'that of the reference. Times are for a step of LangevinHI with noise at '
-            f'{scene["temperature"]:g} K, medians over '
-            f'{provenance.get("rounds")} rounds in which the models took turns; on the faster of '
+            f'{scene["temperature"]:g} K. They are medians over '
+            f'{provenance.get("rounds")} rounds in which the models took turns, on the faster of '
             f'{provenance.get("platforms")} '
             f'({provenance.get("threads")} thread(s); with one thread CPU time, if less than by '
-            f'the clock); the spheres were moved by '
-            'noise alone, and what the scene\'s own forces take in a step was added.')
+            f'the clock). Noise alone moved the spheres, and the time of the scene\'s own forces '
+            'in a step was added.')
         if scene.get('timed_at') is not None:
-            text += f' They were taken at {self.result.parameter} {scene["timed_at"]:g}: they hardly depend on it.'
+            text += (f' They were taken at {self.result.parameter} {scene["timed_at"]:g}, on which '
+                     'they hardly depend.')
         return [text]
 
 
@@ -119,7 +128,7 @@ def _style(rung):
 
 
 def _floor(result, observable):
-    """Smaller errors are drawn here: where exact numbers end, too."""
+    """Smaller errors are drawn here, also where exact numbers end."""
     return max(
         (entry['observables'][observable]['believed'] for entry in result.references.values()),
         default=FLOOR) if result.exactNumbers(observable) else FLOOR
@@ -137,7 +146,7 @@ def _setParameterAxis(axes, result):
 
 
 def _drawNumbers(axes, result, observable):
-    """What the models make of numbers that are known."""
+    """Draw the numbers of the models where exact numbers are known."""
     exact = result.exactNumbers(observable)
     axes.plot(list(exact), list(exact.values()), color='black', lw=2.2, marker='.', ms=8,
               label='exact', zorder=5)
@@ -250,11 +259,11 @@ def _drawCost(axes, result, observable):
     axes.grid(True, which='major', alpha=0.35)
 
 
-# ---- Words and tables ----------------------------------------------------------------------------
+# ---- Texts and tables ----------------------------------------------------------------------------
 
 
 def percent(error):
-    """A relative error for people.
+    """A relative error as text.
 
     Parameters
     ----------
@@ -263,7 +272,8 @@ def percent(error):
     if error is None:
         return 'n/a'
     error = 100*abs(error)
-    return f'{error:.0f} %' if error >= 10 else f'{error:.2g} %' if error >= 1e-3 or error == 0 else f'{error:.1e} %'
+    return (f'{error:.0f} %' if error >= 10 else
+            f'{error:.2g} %' if error >= 1e-3 or error == 0 else f'{error:.1e} %')
 
 
 def textTable(result):
@@ -281,7 +291,8 @@ def textTable(result):
     ]
     for rung in result.rungs:
         row = next(row for row in result.rows if row['rung'] == rung)
-        line = f'{rung:<18}{duration(row["seconds_step"]) if row["seconds_step"] else "":>10}  {row["platform"] or "":<10}'
+        line = (f'{rung:<18}{duration(row["seconds_step"]) if row["seconds_step"] else "":>10}  '
+                f'{row["platform"] or "":<10}')
         for name in names:
             rows = result.select(name, rung)
             largest = percent(max(
@@ -293,14 +304,14 @@ def textTable(result):
 
 
 def summary(result, answers, wanted):
-    """Everything that is to be said in plain words.
+    """The report as paragraphs.
 
     Parameters
     ----------
     result : LadderResult
     answers : list of Recommendation
     wanted : sequence of str
-        what the answers are to
+        the questions to the answers
 
     Returns
     -------
@@ -339,7 +350,7 @@ def summary(result, answers, wanted):
 
 
 def _whereGood(result, wanted):
-    """From or up to which parameter each rung meets a wanted error, in words."""
+    """From which parameter, or up to which, each rung meets a wanted error, as text."""
     good, word = (result.goodUpTo(wanted),
                   'up to') if result.isHarderUpwards else (result.goodDownTo(wanted), 'from')
     return '; '.join(f'{rung}: ' + ('nowhere' if value is None else f'{word} {value:g}')

@@ -1,31 +1,33 @@
-"""What the hydrodynamic ladder found: errors and times of the models, and the cheapest one for a wanted error."""
-from ._results import NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted, decide, splitWanted, worst
+"""What the hydrodynamic ladder found: errors and times of the models, and recommended models."""
+from ._results import (NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted, decide,
+                       splitWanted, worst)
 from .ladderreport import LadderReport, duration, percent
 from .measurement import STABLE
 from .rungs import BEST
 
-#: In the place of a rung's name: numbers that the scenes have.
+#: This name takes the place of a rung's name for exact numbers of the scenes.
 EXACT = 'exact numbers'
 
 
 class LadderResult(Result):
-    """Rows of rungs and observables, the references, and how it was measured.
+    """Rows of rungs and observables, the references, and how they were measured.
 
     Attributes
     ----------
     rows : list of dict
-        one per scene, rung and observable. Keys: parameter (0 for a single scene), rung,
+        one row for each scene, rung and observable. Keys: parameter (0 for a single scene), rung,
         observable, status ('stable' or 'not applicable'), message, value (arrays: their norm),
         error (relative to the reference rung), believed (error of the reference rung itself, or
-        None if nothing tells), is_reference, seconds_step (of LangevinHI, the scene's forces
-        included; median over rounds), seconds_low and _high (16 and 84 %), seconds_forces (what of
-        it the scene's forces take), platform (the faster one), solver
+        None if nothing tells it), is_reference, seconds_step (of LangevinHI, the scene's forces
+        included; median over rounds), seconds_low and _high (16 and 84 %), seconds_forces (the part
+        of seconds_step that the scene's forces take), platform (the faster one), solver.
     references : dict
-        parameter -> dict with exact (whether it is that of a pair, exact but for rounding) and
-        observables: name -> dict with rung (or 'exact numbers'), believed (relative error of the
-        reference itself, or None), seconds (the rungs that tell) and, of exact numbers, value
+        parameter -> dict with exact (whether the reference is that of a pair, exact but for
+        rounding) and observables: name -> dict with rung (or 'exact numbers'), believed (relative
+        error of the reference itself, or None), seconds (the rungs that tell it) and, for exact
+        numbers, value
     parameter : str or None
-        what distinguishes the scenes; None for a single one
+        what distinguishes the scenes; None for a single scene
     """
 
     FORMAT = 'openmmrigidhi.accuracy.ladder 1'
@@ -52,7 +54,7 @@ class LadderResult(Result):
         ----------
         observable : str
         rung : str, optional
-            only of this rung
+            only rows of this rung
 
         Returns
         -------
@@ -76,7 +78,8 @@ class LadderResult(Result):
         Parameters
         ----------
         wanted : str, or sequence of str
-            "mobility:1%" or "mobility:0.01", relative both; several with commas
+            text such as "mobility:1%" or "mobility:0.01", both relative; several are separated by
+            commas
 
         Returns
         -------
@@ -92,8 +95,7 @@ class LadderResult(Result):
     def judge(row, tolerance):
         """Whether an error meets a tolerance: 'yes', 'no', 'undecided' or 'n/a'.
 
-        The reference is itself off by what is believed of it, so that the error is known to that
-        only.
+        The reference itself has an error, and the error of a rung is known only up to it.
 
         Parameters
         ----------
@@ -121,9 +123,9 @@ class LadderResult(Result):
         Returns
         -------
         Recommendation
-            its setting and candidates have rung, seconds_step, platform, error (the largest of the
-            first observable), bound (the largest error with what is believed of the reference's),
-            isWhole (whether it could be used on all scenes) and verdict
+            its setting and candidates have rung, seconds_step, platform, error (the largest error
+            of the first observable), bound (the largest error with the believed error of the
+            reference), isWhole (whether the rung could be used on all scenes) and verdict
         """
         wanted = self.parseWanted(wanted)
         candidates = []
@@ -164,7 +166,8 @@ class LadderResult(Result):
                     f'most {percent(best["bound"])}. It is the cheapest that meets this.')
             faster = [c['rung'] for c in undecided if c['seconds_step'] < best['seconds_step']]
             if faster:
-                text += f' Faster, but closer to the limit than the reference is known: {", ".join(faster)}.'
+                text += (' Faster, but closer to the limit than the reference is known: '
+                         f'{", ".join(faster)}.')
         elif verdict == UNDECIDED:
             text = f'{aim}: cannot tell. '
             text += (
@@ -180,7 +183,7 @@ class LadderResult(Result):
         return Recommendation(verdict, best, text, candidates, None, wanted)
 
     def goodDownTo(self, wanted):
-        """For several scenes: from which parameter upward each rung meets a wanted error.
+        """For several scenes: the parameter from which upward each rung meets a wanted error.
 
         Parameters
         ----------
@@ -190,12 +193,12 @@ class LadderResult(Result):
         -------
         dict
             rung -> the smallest parameter from which on all scenes meet it, or None if not even the
-            last does
+            last scene does
         """
         return self._goodTo(wanted, sorted(self.references, reverse=True))
 
     def goodUpTo(self, wanted):
-        """For several scenes: up to which parameter each rung meets a wanted error.
+        """For several scenes: the parameter up to which each rung meets a wanted error.
 
         Parameters
         ----------
@@ -205,7 +208,7 @@ class LadderResult(Result):
         -------
         dict
             rung -> the largest parameter up to which all scenes meet it, or None if not even the
-            first does
+            first scene does
         """
         return self._goodTo(wanted, sorted(self.references))
 
@@ -215,7 +218,9 @@ class LadderResult(Result):
         return self.scene.get('harder') == 'larger'
 
     def exactNumbers(self, observable):
-        """Exact numbers of the scenes: parameter -> number, or an empty dict if there are none for one of them.
+        """Exact numbers of the scenes: parameter -> number.
+
+        The dict is empty if there is no exact number for one of the scenes.
 
         Parameters
         ----------
@@ -248,7 +253,7 @@ class LadderResult(Result):
         return result
 
     def referenceText(self):
-        """What the errors are compared with, and how good that is, in words."""
+        """What the errors are compared with, and how good it is, as text."""
         if all(entry['exact'] for entry in self.references.values()):
             return f'Compared with {BEST}, which is exact for a pair of spheres, to 1e-9.'
         if all(self.exactNumbers(name) for name in self.observables):
@@ -271,12 +276,13 @@ class LadderResult(Result):
                 f'to {others}')
             parts.append(f'{self.observables[name]["label"]}: {chosen["rung"]}, {how}')
         where = f' ({self.parameter} {next(iter(self.references)):g})' if self.parameter else ''
-        return f'Compared with the best rung that could be used here, by observable{where}. {"; ".join(parts)}.'
+        return ('Compared with the best rung that could be used here, by observable'
+                f'{where}. {"; ".join(parts)}.')
 
     # ---- Files -----------------------------------------------------------------------------------
 
     def asDict(self):
-        """Everything, for JSON."""
+        """Everything, as a dict for JSON."""
         return {
             'format': self.FORMAT, 'scene': self.scene, 'parameter': self.parameter,
             'observables': self.observables, 'rungs': self.rungs, 'provenance': self.provenance,
@@ -286,7 +292,7 @@ class LadderResult(Result):
 
     @classmethod
     def fromDict(cls, data):
-        """From what asDict() returned.
+        """The result from what asDict() returned.
 
         Parameters
         ----------

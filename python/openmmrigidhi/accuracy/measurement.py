@@ -1,4 +1,7 @@
-"""One run of one setting: samples, times, what to do when it blows up; and the rows of a table that runs make."""
+"""One run of one setting, and the rows of a table that runs make.
+
+A run has samples and times, and ends when it blows up.
+"""
 import math
 import time
 from dataclasses import dataclass, field
@@ -11,9 +14,9 @@ from .scenes import GAS_CONSTANT
 from .statistics import autocorrelationTime, noise, replicaStatistics, seriesStatistics
 
 STABLE, UNSTABLE, NOT_APPLICABLE = 'stable', 'unstable', 'not applicable'
-#: A run has exploded when its potential energy is above that of the start by this many times the
-#: thermal kinetic energy dof/2 kT; to which comes this many kT, for scenes of few bodies
-#: (probability at equilibrium below exp(-40)).
+#: A run has exploded when its potential energy exceeds that of the start by this many times the
+#: thermal kinetic energy dof/2 kT, plus this many kT for scenes of few bodies (probability at
+#: equilibrium below exp(-40)).
 EXPLOSION_FACTOR, EXPLOSION_MARGIN = 10, 40
 SECONDS_PER_DAY = 86400
 #: Halves of a run whose means differ by more than this many standard errors are called drifting.
@@ -33,13 +36,13 @@ class Record:
     status : str
         'stable', 'unstable' or 'not applicable'
     message : str
-        why, where it is not stable
+        why it is not stable
     samplesAt : float
-        ps between samples
+        time between samples, ps
     length : float
-        ps that were sampled
+        time that was sampled, ps
     equilibration : float
-        ps that were left out before
+        time that was left out before, ps
     """
 
     samplesAt: float
@@ -52,7 +55,7 @@ class Record:
 
 
 class Explosion(Exception):
-    """The run has left everything that is physical."""
+    """The run has left the physical range."""
 
 
 class Run:
@@ -63,13 +66,13 @@ class Run:
     scene : Scene
     observables : list of Observable
     makeContext : callable
-        () -> openmm.Context. An exception in it makes the run "not applicable".
+        () -> openmm.Context; an exception in it makes the run "not applicable"
     stepSize : float
         ps
     sampleInterval : float
-        ps between samples; rounded to whole steps
+        time between samples, ps; rounded to whole steps
     platform, properties
-        of the Context, for observables that need one of their own
+        platform and properties of the Context, for observables that need their own Context
     """
     def __init__(self, scene, observables, makeContext, stepSize, sampleInterval, platform,
                  properties):
@@ -101,7 +104,7 @@ class Run:
 
     @property
     def isAlive(self):
-        """Whether it can be advanced."""
+        """Whether the run can be advanced."""
         return self.record.status == STABLE
 
     def _end(self, status, message):
@@ -110,13 +113,13 @@ class Run:
         self.context = None
 
     def advance(self, samples, record=True, progress=None):
-        """Advance by a number of sample intervals; one entry in the timings.
+        """Advance by a number of sample intervals, which make one entry in the timings.
 
         Parameters
         ----------
         samples : int
         record : bool
-            False: warm-up, nothing is kept (but the energy is watched)
+            False: a warm-up, of which nothing is kept (but the energy is watched)
         progress : callable, optional
             called with the number of steps that were made
         """
@@ -130,7 +133,7 @@ class Run:
                 steps += self.stepsPerSample
                 self.time += self.stepsPerSample*self.stepSize
                 self._sample(record)
-            # OpenMM raises OpenMMException; user's functions may stumble over numbers that are not
+            # OpenMM raises OpenMMException; users' functions may fail on numbers that are not
             # finite.
             except (openmm.OpenMMException, Explosion, ArithmeticError, ValueError) as error:
                 self._end(UNSTABLE, f'after {self.time:.3g} ps: {error}')
@@ -163,18 +166,18 @@ class Run:
             self.record.series[observable.name].append(value)
 
     def secondsPerStep(self, seconds=0.3, leastSamples=2):
-        """Wall seconds per step, sampling included, from a short warm-up. None if it did not survive.
+        """Wall seconds per step, sampling included, from a short warm-up; None if the run ended.
 
         Parameters
         ----------
         seconds : float
-            how long to measure at least
+            least time of the measurement
         leastSamples : int
-            how many sample intervals to measure at least
+            least number of sample intervals
         """
         samples, began = 0, time.perf_counter()
         while self.isAlive and (samples < leastSamples or time.perf_counter() - began < seconds):
-            # The first piece contains what is done once: neighbour lists, plans.
+            # The first piece contains what is done once, such as neighbour lists and plans.
             if samples == 1:
                 began = time.perf_counter()
             self.advance(1, record=False)
@@ -192,8 +195,8 @@ def summarise(knob, runs, observables, clock):
     """The rows of all settings.
 
     Block lengths are 20 autocorrelation times, of the run itself or the median over the runs of its
-    method, whichever is longer: a run that happens to look less correlated than its neighbours
-    would otherwise get too small an error.
+    method, whichever is longer. Otherwise a run that by chance looks less correlated than its
+    neighbours would get too small an error.
 
     Parameters
     ----------
@@ -227,7 +230,7 @@ def summarise(knob, runs, observables, clock):
 def _series(record, observable):
     """The samples as an array, or None where there is no average to take."""
     series = np.array(record.series.get(observable.name, []), dtype=float)
-    # What compares with samples before has nothing to compare the first with.
+    # An observable that compares with earlier samples has nothing to compare the first sample with.
     present = np.flatnonzero([not np.isnan(sample).all() for sample in series])
     series = series[present[0]:] if len(present) else series
     return series if record.status == STABLE and len(series) >= 2 and np.isfinite(
@@ -288,7 +291,7 @@ def _drift(series, summary):
     half = len(series) // 2
     if half < 2 or summary.standardError == 0:
         return None
-    # Each half has half the samples: the difference has twice the standard error of the whole.
+    # Each half has half the samples, so the difference has twice the standard error of the whole.
     return float((series[half:].mean() - series[:half].mean())/(2*summary.standardError))
 
 

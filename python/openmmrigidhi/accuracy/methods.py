@@ -1,9 +1,9 @@
-"""What is compared: one method is one curve in the picture. A study adds the knob that is turned along the curve.
+"""Methods that are compared: one method is one curve in the picture.
 
-A method's name is that of a way to integrate, followed by what is other than in the scene:
-LangevinC-I8-g2-G4 is LangevinC with moments times 8 and frictions of 2/ps and 4/ps;
-LangevinMiddle-H3 has hydrogens of 3 dalton. :data:`OPTIONS` lists the letters, :func:`byName` reads
-such names.
+A study adds the quantity that changes along the curve. The name of a method is that of a way to
+integrate, followed by what differs from the scene. LangevinC-I8-g2-G4 is LangevinC with moments
+times 8 and frictions of 2/ps and 4/ps. LangevinMiddle-H3 has hydrogens of 3 dalton. :data:`OPTIONS`
+lists the letters, and :func:`byName` reads such names.
 """
 import copy
 import functools
@@ -25,18 +25,18 @@ class Method:
     Parameters
     ----------
     name : str
-        its name in tables and pictures
+        name in tables and pictures
     makeIntegrator : callable
-        (scene, stepSize in ps, seed) -> openmm.Integrator. A module-level function, so that it can
-        be sent to another process.
+        (scene, stepSize in ps, seed) -> openmm.Integrator; a module-level function, so that it can
+        be sent to another process
     order : int
         weak order of the error in the step size
     whyNot : callable, optional
-        scene -> None, or the reason why the method cannot be used there
+        scene -> None, or the reason why the method cannot be used for this scene
     description : str
     prepare : callable, optional
-        scene -> Scene: the scene that it runs in, if the System has to be another. Canonical
-        averages over configurations must be the scene's own.
+        scene -> Scene: the scene in which the method runs, if the System must be another; canonical
+        averages over configurations must be those of the original scene
     """
 
     name: str
@@ -47,7 +47,7 @@ class Method:
     prepare: Optional[Callable] = None
 
     def sceneOf(self, scene):
-        """The scene that it runs in: what `prepare` makes of this one.
+        """The scene in which the method runs: what `prepare` makes of this scene.
 
         Parameters
         ----------
@@ -68,10 +68,10 @@ class RigidScheme:
     scheme : int
         a constant of CustomRigidHIIntegrator
     inertiaScale : float, optional
-        instead of the scene's
+        factor used instead of the scene's
     friction, rotationalFriction : float, optional
-        1/ps, instead of the scene's; bodies with frictions of their own (setBodyFriction) keep
-        these
+        1/ps, used instead of the scene's; bodies with their own frictions (setBodyFriction) keep
+        them
     """
     def __init__(self, scheme, inertiaScale=None, friction=None, rotationalFriction=None):
         self.scheme = scheme
@@ -94,17 +94,18 @@ class RigidScheme:
 
 
 class LangevinMiddle:
-    """Makes OpenMM's LangevinMiddleIntegrator; or the same with reciprocal space in every few steps only, for a scene that :func:`reciprocalSpaceApart` has made.
+    """Makes OpenMM's LangevinMiddleIntegrator, or a multiple-time-step version of it.
 
-    The second is an impulse multiple-time-step method: in every `every`-th step the force of
-    reciprocal space kicks `every` times as long, in the others not at all. It is a CustomIntegrator
-    whose step is the short one, and so places virtual sites before each evaluation of forces, which
-    OpenMM's MTSLangevinIntegrator does not.
+    The second version evaluates reciprocal space in every few steps only, for a scene that
+    :func:`reciprocalSpaceApart` has made. It is an impulse method. In each `every`-th step the
+    force of reciprocal space kicks `every` times as long, and in the other steps not at all. It is
+    a CustomIntegrator whose step is the short step. It therefore places virtual sites before each
+    evaluation of forces, which OpenMM's MTSLangevinIntegrator does not.
 
     Parameters
     ----------
     friction : float, optional
-        1/ps, instead of the scene's
+        1/ps, used instead of the scene's
     every : int
         1: all forces in every step
     """
@@ -149,18 +150,19 @@ class LangevinMiddle:
 
 
 class MTSLangevin:
-    """Makes OpenMM's MTSLangevinIntegrator for a scene that :func:`reciprocalSpaceApart` has made: reciprocal space once a step, the rest several times.
+    """Makes OpenMM's MTSLangevinIntegrator: reciprocal space once a step, the rest several times.
 
-    Its step size is the outer one. Before OpenMM 8.0 that class damped in each of the inner steps
-    with its friction times the *outer* step. So the factors of an inner step are set here: with
-    every version what acts is the friction asked for.
+    The scene must be one that :func:`reciprocalSpaceApart` has made. The step size is the outer
+    one. Before OpenMM 8.0 the class of OpenMM damped in each of the inner steps with its friction
+    times the *outer* step. The factors of an inner step are therefore set here. With every version
+    the friction is the one asked for.
 
     Parameters
     ----------
     friction : float, optional
-        1/ps, instead of the scene's
+        1/ps, used instead of the scene's
     inner : int
-        steps of the faster forces in each step
+        number of steps of the faster forces in each step
     """
     def __init__(self, friction=None, inner=2):
         self.friction = friction
@@ -181,23 +183,24 @@ class MTSLangevin:
 # ---- Other Systems -------------------------------------------------------------------------------
 
 GAS_CONSTANT = _units.GAS_CONSTANT
-#: A particle no heavier than this is a hydrogen, dalton.
+#: A particle that is not heavier than this, dalton, is a hydrogen.
 HEAVIEST_HYDROGEN = 1.2
 
 
 def heavyHydrogens(scene, mass):
-    """The scene with heavier hydrogens, whose mass is taken from the heaviest particle of their body (hydrogen mass repartitioning).
+    """The scene with heavier hydrogens (hydrogen mass repartitioning).
 
-    The masses of bodies and the constraints stay, and so do canonical averages over configurations:
-    bodies are rigid, so that masses enter kinetic energies alone. Velocities of the start are drawn
-    anew. Method: K. A. Feenstra, B. Hess, H. J. C. Berendsen, J. Comput. Chem. 20, 786 (1999).
+    The mass is taken from the heaviest particle of the hydrogen's body. The masses of bodies and
+    the constraints stay. Canonical averages over configurations stay, too: bodies are rigid, so
+    masses enter kinetic energies alone. Velocities of the start are drawn anew. The method is that
+    of K. A. Feenstra, B. Hess, H. J. C. Berendsen, J. Comput. Chem. 20, 786 (1999).
 
     Parameters
     ----------
     scene : Scene
-        whose bodies have hydrogens: particles with a mass up to HEAVIEST_HYDROGEN
+        a scene whose bodies have hydrogens, particles with a mass up to HEAVIEST_HYDROGEN
     mass : float
-        of each hydrogen, dalton
+        mass of each hydrogen, dalton
 
     Returns
     -------
@@ -206,8 +209,8 @@ def heavyHydrogens(scene, mass):
     Raises
     ------
     ValueError
-        if there are no hydrogens in bodies, or one would be heavier than the particle that its mass
-        is taken from
+        if there are no hydrogens in bodies, or if a hydrogen would be heavier than the particle
+        that its mass is taken from
     """
     system = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(scene.system))
     masses = [system.getParticleMass(i)._value for i in range(system.getNumParticles())]
@@ -242,9 +245,10 @@ def _velocitiesAnew(scene):
 
 
 def reciprocalSpaceApart(scene):
-    """The scene with the reciprocal space of its NonbondedForce in a force group of its own, the first that nothing else is in.
+    """The scene with the reciprocal space of its NonbondedForce in its own force group.
 
-    The energy of that force's own group (energy_group_N) is then that of direct space.
+    This group is the first that has nothing else in it. The energy of the NonbondedForce's original
+    group (energy_group_N) is then that of direct space.
 
     Parameters
     ----------
@@ -271,7 +275,7 @@ def _withReciprocalSpace(system):
 
 
 def _forceGroups(system):
-    """Groups of reciprocal spaces, and all others that forces are in."""
+    """Force groups of reciprocal spaces, and all other groups with forces."""
     reciprocal = {force.getReciprocalSpaceForceGroup()
                   for force in _withReciprocalSpace(system)} - {-1}
     return sorted(reciprocal), sorted({force.getForceGroup() for force in system.getForces()})
@@ -286,7 +290,8 @@ def _notHeldByConstraints(scene):
 
 def _noReciprocalSpace(scene):
     if not _withReciprocalSpace(scene.system):
-        return 'there is no NonbondedForce with Ewald, PME or LJPME, so no reciprocal space that could be evaluated less often'
+        return ('there is no NonbondedForce with Ewald, PME or LJPME, so no reciprocal space that '
+                'could be evaluated less often')
     return scene.rigidByConstraints()
 
 
@@ -324,7 +329,7 @@ BUILT_IN = {
 
 @dataclass(frozen=True)
 class Option:
-    """What may follow a method's name: a dash, a letter, a number.
+    """An option behind a method's name: a dash, a letter, a number.
 
     Parameters
     ----------
@@ -333,7 +338,7 @@ class Option:
     isGood : callable
         number -> bool
     values : str
-        which numbers are good
+        the numbers that are good
     """
 
     meaning: str
@@ -345,7 +350,7 @@ def _isPositive(value):
     return 0 < value < math.inf
 
 
-#: By letter; which methods have them: see byName().
+#: Options by letter; byName() says which methods have them.
 OPTIONS = {
     'I': Option('moments times {}', _isPositive,
                 'above 0'), 'g': Option('gamma = {}/ps', _isPositive,
@@ -357,27 +362,28 @@ OPTIONS = {
     'N': Option('reciprocal space in one of {} steps', lambda count: count in range(2, 101),
                 'a whole number from 2 to 100'),
 }
-#: How a number in a name looks.
+#: The form of a number in a name.
 _NUMBER = r'[0-9]+(?:\.[0-9]+)?(?:e-?[0-9]+)?'
 
 
 def byName(name):
-    """The method of this name: that of a built-in one, and options behind it.
+    """The method of this name: a built-in method, with options behind its name.
 
-    ==========  ============================================  ======================================
-    option      for                                           meaning ==========
-    ============================================  ====================================== -I8
-    LangevinA, LangevinB, LangevinC               setInertiaScale(8) -g2         these,
-    LangevinMiddle, MTSLangevin            gamma, the friction (of translation, for the plugin's
-    schemes), 1/ps -G4         LangevinA, LangevinB, LangevinC               Gamma, the rotational
-    friction, 1/ps -H3         LangevinMiddle, MTSLangevin                   hydrogens of 3 dalton
-    (:func:`heavyHydrogens`) -N3         LangevinMiddle, MTSLangevin                   reciprocal
-    space in one of 3 steps: of LangevinMiddle's own steps; of the inner steps
-                                                              of MTSLangevin, whose step is the
-                                                              outer one (without -N3, 2)
-    ==========  ============================================  ======================================
+    ==========  ===================================  ==============================================
+    option      for                                  meaning
+    ==========  ===================================  ==============================================
+    -I8         LangevinA, LangevinB, LangevinC      setInertiaScale(8)
+    -g2         LangevinA, LangevinB, LangevinC,     gamma, the friction (of translation, for the
+                LangevinMiddle, MTSLangevin          plugin's schemes), 1/ps
+    -G4         LangevinA, LangevinB, LangevinC      Gamma, the rotational friction, 1/ps
+    -H3         LangevinMiddle, MTSLangevin          hydrogens of 3 dalton (:func:`heavyHydrogens`)
+    -N3         LangevinMiddle, MTSLangevin          reciprocal space in one of 3 steps: of
+                                                     LangevinMiddle's own steps; of the inner steps
+                                                     of MTSLangevin, whose step is the outer one
+                                                     (without -N3, 2)
+    ==========  ===================================  ==============================================
 
-    What has no option is as in the scene. Options may follow each other in any order, each once.
+    Without an option a setting is that of the scene. Options may be in any order, each once.
 
     Parameters
     ----------
@@ -391,7 +397,7 @@ def byName(name):
     Raises
     ------
     ValueError
-        for any other name; if the method has no such option, or the number is not good
+        for any other name, if the method has no such option, or if the number is not good
     """
     name = str(name)
     base = BUILT_IN.get(re.split('-', name)[0])
@@ -438,8 +444,8 @@ def _withOptions(name, base, values):
     gamma = values.get('g')
     if isinstance(make, RigidScheme):
         made = RigidScheme(make.scheme, values.get('I'), gamma, values.get('G'))
-        # The scene's velocities belong to its own moments: with 8 times these they would be 8 times
-        # too hot.
+        # The scene's velocities belong to its own moments. With moments 8 times as large they would
+        # be 8 times too hot.
         prepare = _velocitiesAnew if 'I' in values else None
     elif isinstance(make, MTSLangevin):
         made = MTSLangevin(gamma, int(values.get('N', make.inner)))

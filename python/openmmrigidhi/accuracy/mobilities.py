@@ -1,4 +1,7 @@
-"""What the hydrodynamic ladder compares: the mobility matrix, and numbers that follow from it for given forces."""
+"""What the hydrodynamic ladder compares: the mobility matrix, and numbers that follow from it.
+
+The numbers are those for given forces.
+"""
 import numpy as np
 
 from .. import _units
@@ -13,13 +16,13 @@ class MobilitySample:
     mobility : array of shape (6n, 6n)
         rows per body Vx Vy Vz Wx Wy Wz about the spheres' centres, lab frame, OpenMM's units
     centres : array of shape (n, 3)
-        of the spheres, nm
+        centres of the spheres, nm
     radii : array of shape (n,)
         nm
     viscosity : float
         dalton/(nm ps)
     forces, torques : arrays of shape (n, 3)
-        of the scene on its bodies at the start, about the spheres' centres
+        forces and torques of the scene on its bodies at the start, about the spheres' centres
     """
     def __init__(self, mobility, centres, radii, viscosity, forces, torques):
         self.mobility = mobility
@@ -35,7 +38,9 @@ class MobilitySample:
         return np.linalg.inv(self.mobility)
 
     def twists(self, forces, torques=0.0):
-        """Velocities and angular velocities that forces and torques on the bodies give, two arrays of shape (n, 3).
+        """Velocities and angular velocities from forces and torques on the bodies.
+
+        The result is two arrays of shape (n, 3).
 
         Parameters
         ----------
@@ -53,11 +58,11 @@ class MobilityObservable:
     Parameters
     ----------
     name : str
-        in tables, on the command line, in file names
+        name in tables, on the command line, in file names
     label : str
-        in pictures
+        name in pictures
     measure : callable
-        MobilitySample -> float or array, or None where it has no meaning
+        MobilitySample -> float or array, or None where the observable has no meaning
     compare : callable, optional
         (value, value of the reference) -> relative error; default: ``(x - r)/|r|``, and for arrays
         norm(x - r)/norm(r)
@@ -72,7 +77,7 @@ class MobilityObservable:
 
 
 def _relative(value, reference):
-    """None where there is nothing to divide by."""
+    """The relative error; None where there is nothing to divide by."""
     if value is None or reference is None:
         return None
     difference, size = np.asarray(value) - np.asarray(reference), np.linalg.norm(reference)
@@ -82,19 +87,22 @@ def _relative(value, reference):
 
 
 def _drag(sample):
-    """Forces along z that move all spheres alike along z without rotation, over Stokes'."""
+    """Forces along z, over Stokes', that move all spheres alike along z without rotation."""
     forces = sample.friction[2::6, 2::6].sum(axis=1)
     return float((forces/(6*np.pi*sample.viscosity*sample.radii)).mean())
 
 
 def _rotationalDrag(sample):
-    """Torques about z that rotate all spheres alike about z without moving them, over Stokes'."""
+    """Torques about z, over Stokes', that rotate all spheres alike about z without moving them."""
     torques = sample.friction[5::6, 5::6].sum(axis=1)
     return float((torques/(8*np.pi*sample.viscosity*sample.radii**3)).mean())
 
 
 def _scaled(sample):
-    """Divided by the roots of Stokes' mobilities of the spheres alone: no units, 1 on the diagonal for distant spheres."""
+    """The mobility divided by the square roots of Stokes' mobilities of the spheres alone.
+
+    It has no units, and 1 on the diagonal for distant spheres.
+    """
     eta, a = sample.viscosity, sample.radii
     alone = np.stack([1/(6*np.pi*eta*a)]*3 + [1/(8*np.pi*eta*a**3)]*3, axis=1).ravel()
     return sample.mobility/np.sqrt(np.outer(alone, alone))
@@ -187,7 +195,7 @@ BUILT_IN = {
          'of them'),
      )
 }
-#: What is compared if nothing is asked for.
+#: The observables that are compared by default.
 DEFAULT = ('mobility', 'sedimentation', 'relative_mobility', 'rotation_translation', 'own_forces')
 
 

@@ -1,4 +1,7 @@
-"""What is measured in a run: energies, temperatures, pressure, the dipole moment, diffusion, or the user's own function of the Context."""
+"""What is measured in a run: energies, temperatures, pressure, dipole moment, diffusion.
+
+A user's own function of the Context can be measured, too.
+"""
 from collections import deque
 from functools import cached_property
 
@@ -11,7 +14,7 @@ from .scenes import GAS_CONSTANT, findObservable
 
 
 class Sample:
-    """The present moment of a run. Everything is computed when first asked for, and once."""
+    """The present moment of a run; everything is computed once, when it is first asked for."""
     def __init__(self, scene, context):
         self.scene = scene
         self.context = context
@@ -27,22 +30,26 @@ class Sample:
 
     @cached_property
     def energies(self):
-        """State with the energies."""
+        """The State with the energies."""
         return self.context.getState(getEnergy=True)
 
     @cached_property
     def potentialEnergy(self):
-        """kJ/mol."""
+        """The potential energy, kJ/mol."""
         return self.energies.getPotentialEnergy()._value
 
     @cached_property
     def positions(self):
-        """Of all particles, nm, array of shape (particles, 3); not wrapped into the box."""
+        """Positions of all particles, nm, array of shape (particles, 3), unwrapped."""
         return self.context.getState(getPositions=True).getPositions(asNumpy=True)._value
 
     @cached_property
     def kineticEnergies(self):
-        """(translation, rotation about the axis of the smallest, middle, largest moment): kJ/mol, summed over bodies."""
+        """Kinetic energies summed over bodies, kJ/mol.
+
+        They are those of translation, and of rotation about the axis of the smallest, middle and
+        largest moment.
+        """
         if self.rigid is not None:
             rotation = self.rigid.computeRotationalKineticEnergies()._value
             return np.array([self.rigid.computeTranslationalKineticEnergy()._value, *rotation])
@@ -65,16 +72,17 @@ class Observable:
     Parameters
     ----------
     name : str
-        in tables, on the command line, in file names
+        name in tables, on the command line, in file names
     label : str
-        in pictures
+        name in pictures
     unit : str
     measure : callable
-        Sample -> float; NaN where it has no meaning (temperatures of schemes without momenta)
+        Sample -> float; NaN where the observable has no meaning (temperatures of schemes without
+        momenta)
     exact : callable, optional
-        Scene -> exact canonical average or None; without, the scene's own table is asked
+        Scene -> exact canonical average or None; without it the scene's own table is asked
     setup : callable, optional
-        (scene, platform, properties) -> an object for the whole run, then measure is called with
+        (scene, platform, properties) -> an object for the whole run; measure is then called with
         (sample, object)
     """
     def __init__(self, name, label, unit, measure, exact=None, setup=None):
@@ -136,13 +144,13 @@ class _BathTemperature:
 
 
 class _PressureProbe:
-    """A second Context, whose box is stretched: the run itself is not touched."""
+    """A second Context, whose box is stretched, so that the run itself is not touched."""
     def __init__(self, scene, platform, properties):
         if not scene.system.usesPeriodicBoundaryConditions():
             raise ValueError(
                 'observable pressure: the System is not periodic; it has no volume: leave this '
                 'observable out')
-        # Barostats would be asked for their energy too; they add nothing but cost nothing either.
+        # Barostats are asked for their energy, too; it is 0 and costs nothing.
         self.context = openmm.Context(scene.system, openmm.VerletIntegrator(0.001), platform,
                                       properties)
         self.molecules = [np.array(molecule) for molecule in self.context.getMolecules()]
@@ -158,7 +166,7 @@ class _PressureProbe:
 
 
 class _Pressure:
-    #: Relative change of length in the finite difference: its own error is of order strain^2,
+    #: Relative change of length in the finite difference. Its own error is of order strain^2,
     #: rounding of order 1/strain.
     strain = 1e-3
 
@@ -190,12 +198,12 @@ class _Pressure:
         return (2*kinetic/(3*volume) - (energies[1] - energies[0])/dV)*1.66053907
 
 
-#: A body whose charges add up to more than this is charged, e.
+#: A body whose charges add up to more than this, e, is charged.
 LARGEST_NET_CHARGE = 1e-6
 
 
 class _Charges:
-    """The charges of a scene whose bodies are neutral, and whatever is charged in a body."""
+    """The charges of a scene whose bodies are neutral, and the charged particles in bodies."""
     def __init__(self, scene, platform, properties):
         forces = [
             force for force in scene.system.getForces() if isinstance(force, openmm.NonbondedForce)
@@ -231,14 +239,14 @@ class _Charges:
 def dipoleMoment(sample, charges):
     """Total dipole moment of the bodies, e nm, array of shape (3,).
 
-    Bodies are whole in a Context's positions, on whichever side of a periodic boundary they are,
-    and neutral: so the sum of charge times position needs no origin and no box.
+    Bodies are whole in a Context's positions, on whichever side of a periodic boundary they are.
+    They are also neutral. The sum of charge times position therefore needs no origin and no box.
 
     Parameters
     ----------
     sample : Sample
     charges : _Charges
-        what the observable dipole_squared has set up
+        what the observable dipole_squared has prepared
     """
     return charges.charges @ sample.positions
 
@@ -287,7 +295,7 @@ class _Centres:
 
 
 class _DiffusionCoefficient:
-    """Of bodies: (msd(2 w) - msd(w))/(6 w), with the window w."""
+    """The diffusion coefficient of bodies: (msd(2 w) - msd(w))/(6 w), with the window w."""
     def __init__(self, window):
         self.window = window
 
@@ -335,7 +343,7 @@ BUILT_IN = {
                 'nm^2/ps', _DiffusionCoefficient(WINDOW), setup=_Centres),
      )
 }
-#: What is measured if nothing is asked for.
+#: The observables that are measured by default.
 DEFAULT = ('potential_energy', 'translational_temperature', 'rotational_temperature_1',
            'rotational_temperature_2', 'rotational_temperature_3')
 
@@ -344,15 +352,15 @@ def diffusionCoefficient(window):
     """The observable diffusion_coefficient over another window.
 
     A body's centre of mass is followed without wrapping it into the box. Its mean square
-    displacement over time t is 6 D t plus a constant, once what it remembers of its velocity and of
-    its neighbours' cage is gone: D = (msd(2 window) - msd(window))/(6 window), averaged over bodies
-    and over all moments of the run that have that much past. It is a number of the method's own
+    displacement over time t is 6 D t plus a constant, once the memory of its velocity and of its
+    neighbours' cage is gone. Therefore D = (msd(2 window) - msd(window))/(6 window), averaged over
+    bodies and over all moments of the run with a long enough past. D belongs to the method's own
     dynamics: friction, inertia scale and masses change it.
 
     Parameters
     ----------
     window : float
-        ps; taken as whole sample intervals, one at least. For water 2 ps
+        ps; it is taken as whole sample intervals, one at least; for water 2 ps
 
     Returns
     -------
@@ -374,10 +382,10 @@ def byName(name):
     ----------
     name : str or Observable or callable
         a built-in name; "energy_group_N" for the energy of force group N per body;
-        "module:function" or a function of the Context that returns a number (its attributes
-        ``unit`` and ``exact``, if it has them, are used). dipole_squared is <M^2>/N of the box's
-        total dipole moment M, e^2 nm^2, for N neutral bodies; diffusion_coefficient is that of
-        :func:`diffusionCoefficient` over 2 ps
+        "module:function", or a function of the Context that returns a number (its attributes
+        ``unit`` and ``exact``, if there, are used). dipole_squared is <M^2>/N of the box's total
+        dipole moment M, e^2 nm^2, for N neutral bodies. diffusion_coefficient is that of
+        :func:`diffusionCoefficient` over 2 ps.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""Which road to the overdamped limit is cheapest: equilibrium of bodies above a wall by the schemes without momenta, and by LangevinHI.
+"""The cheapest way to the overdamped limit: equilibrium of bodies above a wall.
 
-All numbers are in units of the blob radius a and of the time tau_D = 6 pi eta a^3/kT, in which a
-blob diffuses about its radius.
+The schemes without momenta are compared with LangevinHI. All numbers are in units of the blob
+radius a and of the time tau_D = 6 pi eta a^3/kT, in which a blob diffuses about its radius.
 """
 import math
 
@@ -64,14 +64,14 @@ class WallScene(Scene):
     ----------
     timeUnit : float
         tau_D, ps
-    replicas : int
-        independent scenes in one: their times add up
+        number of independent scenes in one; their times add up
     sites : ndarray of shape (blobs, 3)
-        of a body, about its centre of mass along its principal axes, nm
+        sites of a body, about its centre of mass along its principal axes, nm
     cross : int
-        which blob is at the cross point
+        index of the blob at the cross point
     frictions : (float, ndarray of shape (3,))
-        of a body in unbounded fluid: mean of translation, dalton/ps; about its axes, dalton nm^2/ps
+        frictions of a body in unbounded fluid: mean of translation, dalton/ps; about its axes,
+        dalton nm^2/ps
     """
     def __init__(self, system, positions, integrator, sites, replicas, **kwargs):
         self.timeUnit = picoseconds(1)
@@ -81,7 +81,7 @@ class WallScene(Scene):
         super().__init__(system, positions, integrator, sampleInterval=self.timeUnit, **kwargs)
 
     def makeContext(self, integrator, platform, properties, seed, system=None):
-        """As Scene.makeContext(); bodies without mass have no velocities.
+        """As Scene.makeContext(), but bodies without mass get no velocities.
 
         Parameters
         ----------
@@ -97,7 +97,10 @@ class WallScene(Scene):
 
 
 def _bodySites(blobsPerArm):
-    """Sites about the centre of mass along principal axes, x along the bisector and z normal to the plane."""
+    """Sites about the centre of mass along principal axes.
+
+    x is along the bisector and z normal to the plane.
+    """
     sites = app.boomerang(SPACING*RADIUS, blobsPerArm)._value
     sites -= sites.mean(axis=0)
     return sites @ np.array([(1, 1, 0), (-1, 1, 0), (0, 0, math.sqrt(2))]).T/math.sqrt(2)
@@ -116,7 +119,10 @@ def _bulkMobility(sites):
 
 
 def _system(sites, bodies, weight):
-    """(System, MobilityForce, integrator): massless bodies with weight and repulsion by the wall (force group 1)."""
+    """(System, MobilityForce, integrator) of massless bodies with weight.
+
+    The wall repels them (force group 1).
+    """
     kT = GAS_CONSTANT*TEMPERATURE
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
         TEMPERATURE, 1)
@@ -137,12 +143,15 @@ def _system(sites, bodies, weight):
 
 
 def quadrature(sites, weight, orientations=32):
-    """Exact averages of one body above the wall, by quadrature over its height and the direction of the vertical in its frame.
+    """Exact averages of one body above the wall, by quadrature.
+
+    The quadrature is over the body's height and the direction of the vertical in its frame.
 
     Parameters
     ----------
     sites : array-like of shape (blobs, 3)
-        about the centre of mass, in blob radii; the middle one is the cross point, z the normal
+        sites about the centre of mass, in blob radii; the middle site is the cross point, z the
+        normal
     weight : float
         kT per blob radius
     orientations : int
@@ -179,7 +188,9 @@ def quadrature(sites, weight, orientations=32):
 
 
 def boomerang(replicas=32, weight=10*WEIGHT, blobsPerArm=7, seed=1):
-    """Independent boomerangs above a wall, in equilibrium (Delong, Balboa Usabiaga, Donev 2015, Figs 8 and 9), by setGroups.
+    """Independent boomerangs above a wall, in equilibrium, by setGroups.
+
+    The scene is that of Delong, Balboa Usabiaga, Donev 2015, Figs 8 and 9.
 
     Parameters
     ----------
@@ -188,9 +199,9 @@ def boomerang(replicas=32, weight=10*WEIGHT, blobsPerArm=7, seed=1):
         kT per blob radius; the default is the paper's g = 10, for which heights relax some 30 times
         faster than for g = 1
     blobsPerArm : int
-        besides the one at the cross point; 7 in the paper
+        number of blobs of an arm without the blob at the cross point; 7 in the paper
     seed : int
-        of the start, which is a sample of the equilibrium
+        seed of the start, which is a sample of the equilibrium
 
     Returns
     -------
@@ -222,7 +233,10 @@ def boomerang(replicas=32, weight=10*WEIGHT, blobsPerArm=7, seed=1):
 
 
 class _Pen:
-    """Monte Carlo of many independent systems of interacting boomerangs at a time, in NumPy: lengths in a, energies in kT."""
+    """Monte Carlo of many independent systems of interacting boomerangs at a time, in NumPy.
+
+    Lengths are in a, energies in kT.
+    """
     def __init__(self, sites, bodies, weight, radius, systems, seed):
         self.sites, self.weight, self.radius = sites/RADIUS, weight, radius
         self.random = np.random.default_rng(seed)
@@ -240,7 +254,10 @@ class _Pen:
             rotationMatrices(q.reshape(-1, 4)).reshape(q.shape[:-1] + (3, 3)), self.sites)
 
     def _energy(self, blobs, others):
-        """Of one body in each system (systems, blobs, 3), beside the blobs of the others (systems, m, 3)."""
+        """Energy of one body in each system (systems, blobs, 3).
+
+        others are the blobs of the other bodies (systems, m, 3).
+        """
         gaps = blobs[..., 2] - 1
         inside = gaps.min(axis=1) > 0
         gaps = np.where(inside[:, None], gaps, 1)
@@ -253,7 +270,7 @@ class _Pen:
         return np.where(inside, energy, np.inf)
 
     def totalEnergy(self):
-        """Of each system, kT."""
+        """Energy of each system, kT."""
         systems, bodies, blobs = self.blobs.shape[:3]
         total = np.zeros(systems)
         for k in range(bodies):
@@ -262,7 +279,7 @@ class _Pen:
         return total
 
     def sweep(self):
-        """One trial for each body of each system; returns the part that was accepted."""
+        """Make one trial for each body of each system; return the part that was accepted."""
         systems, bodies = self.R.shape[:2]
         accepted = 0
         for k in range(bodies):
@@ -287,23 +304,25 @@ class _Pen:
 
 def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=500, systems=60,
                seed=1):
-    """Interacting boomerangs above a wall, held together by a round pen: fluid and soft repulsion couple them.
+    """Interacting boomerangs above a wall, held together by a round pen.
+
+    The fluid and a soft repulsion couple them.
 
     Parameters
     ----------
     bodies : int
     weight : float
-        of each, kT per blob radius
+        weight of each body, kT per blob radius
     blobsPerArm : int
-        besides the one at the cross point
+        number of blobs of an arm without the blob at the cross point
     radius : float
-        of the pen, blob radii: beyond it blobs feel 2.5 kT (distance/a)^2
+        radius of the pen, blob radii; beyond it blobs feel 2.5 kT (distance/a)^2
     sweeps : int
-        of Monte Carlo, for the reference, after half as many to equilibrate
+        Monte Carlo sweeps for the reference, after half as many for equilibration
     systems : int
-        that are sampled side by side
+        number of systems that are sampled side by side
     seed : int
-        of the Monte Carlo run
+        seed of the Monte Carlo run
 
     Returns
     -------
@@ -340,7 +359,7 @@ def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=50
         f'weight {weight:.4g} '
         f'kT/a, which repel each other softly; averages by Monte Carlo ({systems} systems, '
         f'{sweeps} sweeps)', stepSizes=[picoseconds(h) for h in (0.02, 0.05, 0.1)])
-    # Systems are independent: their spread is the error.
+    # Systems are independent, so their spread gives the error.
     scene.sampled = {
         name: (float(values.mean()), float(values.std(ddof=1)/math.sqrt(systems)))
         for name, values in sums.items()
@@ -393,13 +412,13 @@ class _Average:
 
 
 class _Last:
-    """What a run remembers of its sample before."""
+    """The previous sample of a run."""
     def __init__(self, scene, platform, properties):
         self.heights = None
 
 
 class _Displacement:
-    """Mean square of what heights change by from sample to sample; not a number at first."""
+    """Mean square change of heights from sample to sample; not a number at first."""
     def __call__(self, sample, last):
         R, q = sample.rigid.getBodyPositions()._value, sample.rigid.getBodyOrientations()
         before, last.heights = last.heights, measure(R, q, sample.scene.sites)['height']
@@ -415,12 +434,15 @@ OBSERVABLES = {
      Observable('repulsion', 'repulsion by the wall', 'kT per body', _Average('repulsion')),
      Observable('msd', 'mean square change of height in τ_D', 'a^2', _Displacement(), setup=_Last))
 }
-#: Those that sample the right distribution as the step vanishes, without momenta.
+#: The schemes without momenta that sample the right distribution as the step vanishes.
 CONSISTENT = SCHEMES[1:]
 
 
 class _Inertial:
-    """LangevinHI with the masses and moments that relax at a given rate times the step, in unbounded fluid."""
+    """LangevinHI with masses and moments that relax at a given rate times the step.
+
+    The rate is that in unbounded fluid.
+    """
     def __init__(self, rateTimesStep):
         self.rateTimesStep = rateTimesStep
 
@@ -435,7 +457,7 @@ class _Inertial:
         return integrator
 
 
-#: All methods by name. At a fixed rate times step the masses shrink with the step, and the error is
+#: All methods by name. At a fixed rate times step the masses shrink with the step, so the error is
 #: of first order.
 METHODS = {
     **{
@@ -473,7 +495,9 @@ SCENES = {'boomerang': boomerang, 'suspension': suspension}
 
 
 class OverdampedStudy(StepSizeStudy):
-    """Bias of equilibrium averages against time per diffusion time, for the schemes without momenta and for LangevinHI.
+    """Bias of equilibrium averages against time per diffusion time.
+
+    The study compares the schemes without momenta and LangevinHI.
 
     Parameters
     ----------
@@ -484,15 +508,16 @@ class OverdampedStudy(StepSizeStudy):
     stepSizes : sequence of float, or dict from method name to sequence of float, optional
         in units of tau_D; default: the scene's. A whole number of steps must make 1.
     observables : sequence of str
-        among height, cos2, repulsion and msd, which is of the motion: its reference is the common
-        limit of the consistent schemes without momenta
+        among height, cos2, repulsion and msd. msd belongs to the motion: its reference is the
+        common limit of the consistent schemes without momenta.
     **kwargs
         platform, threads, seed, clock: see Study
 
     Examples
     --------
     >>> from openmmrigidhi.accuracy import overdamped
-    >>> study = overdamped.OverdampedStudy(overdamped.boomerang(4, blobsPerArm=1), ['RandomFiniteDifference'], [0.1, 0.4])
+    >>> scene = overdamped.boomerang(4, blobsPerArm=1)
+    >>> study = overdamped.OverdampedStudy(scene, ['RandomFiniteDifference'], [0.1, 0.4])
     >>> study.run(length=40*study.scene.timeUnit).recommend('height:50%').verdict
     'recommended'
     """
@@ -524,12 +549,12 @@ class OverdampedStudy(StepSizeStudy):
         self.knob = Knob('step_size', 'step', 'τ_D', 1/scene.timeUnit, 'τ_D/s', perDay)
 
     def reference(self, observable, rows):
-        """Exact, sampled, or the common limit of the consistent schemes without momenta.
+        """The exact or sampled average, or the common limit of consistent schemes without momenta.
 
         Parameters
         ----------
         observable : Observable
         rows : list of dict
-            its rows of stable settings
+            the observable's rows of stable settings
         """
         return super().reference(observable, [row for row in rows if row['method'] in CONSISTENT])

@@ -1,7 +1,8 @@
-"""What it takes to know a number: bias and noise of every setting together, the time to a wanted error and the error that a time buys.
+"""What it takes to know a number: bias and noise of every setting together.
 
-The arithmetic is in accuracy/statistics.py; here settings are compared, with the uncertainty of
-everything that was measured.
+The module gives the time to a wanted error, and the error that a time buys. The arithmetic is in
+accuracy/statistics.py. Here settings are compared, with the uncertainty of everything that was
+measured.
 """
 import math
 import re
@@ -19,24 +20,25 @@ CHEAPEST, SAME, DEARER, OPEN = 'cheapest', 'not distinguishable', 'dearer', 'und
 BEST, WORSE = 'best', 'worse'
 #: Intervals need some resamplings in their tails.
 FEWEST_RESAMPLINGS = 100
-#: No more settings than these are named in a sentence.
+#: The largest number of settings that are named in a sentence.
 MOST_NAMES = 6
-#: Below these degrees of freedom the relative standard error of a noise is above one half.
+#: With fewer degrees of freedom the relative standard error of a noise is above one half.
 FEWEST_NOISE_DEGREES = 8
 
 
 def completeNoise(row, clock=None):
-    """Give a row what prices are made of, as far as it has it: noise, times of its own, independent samples a second.
+    """Give a row what prices are made of, as far as the row has it.
 
-    Results that were written before noise was measured have the standard error of block averages:
-    its square times the length is the noise, known with the degrees of freedom of the blocks.
+    A price is made of noise, the row's own times, and independent samples a second. Results that
+    were written before noise was measured have the standard error of block averages. Its square
+    times the length is the noise, known with the degrees of freedom of the blocks.
 
     Parameters
     ----------
     row : dict
-        changed; see StudyResult.rows
+        the row, which is changed; see StudyResult.rows
     clock : str, optional
-        what ns_per_day is from, 'wall' or 'cpu'
+        the clock that ns_per_day is from, 'wall' or 'cpu'
     """
     row.setdefault('ns_per_wall_day', row['ns_per_day'] if clock == 'wall' else None)
     for key in ('sample_interval', 'variance', 'own_tau', 'own_tau_error', 'noise',
@@ -58,16 +60,16 @@ def completeNoise(row, clock=None):
 
 @dataclass
 class _Known:
-    """What is known of one observable at all settings; not a number where there is nothing.
+    """What is known of one observable at all settings; not a number where nothing is known.
 
     Attributes
     ----------
     rows : list of dict
     bias, noise, equilibration : ndarray of shape (settings,)
     biases, noises : ndarray of shape (resamplings, settings)
-        as they might be
+        resampled biases and noises
     leastBiases : ndarray of shape (resamplings, settings)
-        the same, but 0 where the bias cannot be told from 0
+        resampled biases, but 0 where the bias cannot be told from 0
     """
 
     rows: list
@@ -80,7 +82,7 @@ class _Known:
 
 
 class Prices:
-    """The settings of a result as sources of a number: what bias, noise and speed may be, resampled together.
+    """The settings of a result as sources of a number: bias, noise and speed resampled together.
 
     Parameters
     ----------
@@ -104,7 +106,7 @@ class Prices:
         self.speed = np.array([np.median(row['speeds']) for row in self.rows])*1000/SECONDS_PER_DAY
         rng = np.random.default_rng(54321)
         shared = min((len(row['speeds']) for row in self.rows), default=1)
-        # The same rounds for all settings: what slowed one down slowed the others.
+        # The rounds are the same for all settings, since what slowed one down slowed the others.
         picks = rng.integers(0, shared, size=(self.resamplings, shared))
         self.speeds = np.stack(
             [np.median(np.array(row['speeds'][:shared])[picks], axis=1)
@@ -125,7 +127,8 @@ class Prices:
         """
         if observable in self._known:
             return self._known[observable]
-        # Of an observable's own, so that no answer depends on what was asked before.
+        # Each observable has its own random numbers, so that no answer depends on earlier
+        # questions.
         rng = np.random.default_rng([list(self.result.observables).index(observable), 54321])
         found = {(row['method'], row['value']): row
                  for row in self.result.rows if row['observable'] == observable}
@@ -142,7 +145,7 @@ class Prices:
         biases, noises = (np.full((self.resamplings, len(rows)), np.nan) for _ in range(2))
         if mine:
             degrees = np.array([row['degrees'] for row in mine], dtype=float)
-            # A normal law with a standard error that is itself uncertain: Student's t.
+            # A normal law with a standard error that is itself uncertain is Student's t.
             spread = np.sqrt(degrees/rng.chisquare(degrees, size=(self.resamplings, len(mine))))
             biases[:,
                    there] = bias[there] + self.result.deviations(mine, rng, self.resamplings)*spread
@@ -224,15 +227,16 @@ class Prices:
         return self._conclude(candidates, chosen, wanted, confidence)
 
     def _conclude(self, candidates, best, wanted, confidence):
-        text = f'To know {" and ".join(aim(item) for item in wanted)}, bias and standard error together: '
+        text = (f'To know {" and ".join(aim(item) for item in wanted)}, bias and standard error '
+                'together: ')
         clock = ' of processor time' if self.result.provenance.get('clock') == 'cpu' else ''
         undecided = [each for each in candidates if each['verdict'] == OPEN]
         factor = None
         if best is not None:
             verdict = RECOMMENDED
             text += (
-                f'{self._name(best)}, {duration(best["seconds"])}{clock} ({_between(best)}), the '
-                f'least of those whose bias is below that with '
+                f'{self._name(best)}, {duration(best["seconds"])}{clock} ({_between(best)}). It '
+                f'takes the least time of the settings whose bias is below that with '
                 f'{100*confidence:g} % confidence; '
                 f'{100*best["bias_part"]:.0f} % of the squared error is bias, '
                 f'{100*best["equilibration_part"]:.0f} % of the time equilibration' +
@@ -240,7 +244,8 @@ class Prices:
                  if len(wanted) > 1 else '') + '.')
             same = [each for each in candidates if each['verdict'] == SAME]
             if same:
-                text += f' Not distinguishable from it: {self._names(same, lambda each: duration(each["seconds"]))}.'
+                text += (' Not distinguishable from it: '
+                         f'{self._names(same, lambda each: duration(each["seconds"]))}.')
             others = []
             for method in self.result.methods():
                 own = next(
@@ -257,26 +262,28 @@ class Prices:
             if undecided:
                 factor = min(each['factor'] for each in undecided)
                 text += (
-                    f' Settings that may cost less or never get there, for their bias is not known '
-                    f'well enough: '
+                    f' Settings that may cost less or never get there, since their bias is not '
+                    f'known well enough: '
                     f'{self._names(undecided)}; {longer(factor)}.')
             if best['marks']:
                 text += f' Beware: {"; ".join(best["marks"])}.'
         elif undecided:
             verdict, factor = UNDECIDED, min(each['factor'] for each in undecided)
-            text += f'cannot tell. The bias is not known well enough for {self._names(undecided)}; {longer(factor)}.'
+            text += ('cannot tell. The bias is not known well enough for '
+                     f'{self._names(undecided)}; {longer(factor)}.')
         elif candidates and all(each['verdict'] == 'n/a' for each in candidates):
             verdict = UNDECIDED
             text += (
-                'cannot tell. There is nothing to compare with, or no correlation time: an exact '
+                'cannot tell. There is nothing to compare with, or no correlation time. An exact '
                 'value, a reference or smaller steps are '
                 'needed, and runs with samples.')
         else:
             verdict = NONE
             text += f'{NONE}. ' + (
                 f'The bias of every stable setting exceeds it with {100*confidence:g} % '
-                f'confidence: no time suffices; smaller '
-                'steps may do.' if candidates else 'No setting was stable; smaller steps may be.')
+                f'confidence: no time suffices. Smaller '
+                'steps may suffice.'
+                if candidates else 'No setting was stable; smaller steps may be.')
         return Recommendation(verdict, best, text, candidates, factor, wanted)
 
     # ---- Error after a time ----------------------------------------------------------------------
@@ -301,7 +308,7 @@ class Prices:
         cloud, least = (errorAfter(seconds, biases, known.noises, self.speeds, known.equilibration)
                         for biases in (known.biases, known.leastBiases))
         low, high = self._interval(least, cloud, confidence)
-        # What has no error, and what is not yet equilibrated.
+        # Settings without a finite error, or not yet equilibrated, are left out.
         out = ~np.isfinite(errors)
         candidates = []
         for k, row in enumerate(self.rows):
@@ -386,7 +393,10 @@ class Prices:
 
     @staticmethod
     def _interval(least, cloud, confidence):
-        """The ends of intervals; infinite numbers are values as others, so that nothing is interpolated."""
+        """The ends of intervals.
+
+        Infinite numbers are values like others, so nothing is interpolated.
+        """
         tail = (1 - confidence)/2
         return (np.quantile(np.nan_to_num(each, nan=np.inf, posinf=np.inf), q, axis=0,
                             method='nearest') for each, q in ((least, tail), (cloud, 1 - tail)))
@@ -399,8 +409,8 @@ class Prices:
                 continue
             with np.errstate(invalid='ignore'):
                 ratios = cloud[:, k]/cloud[:, best]
-            # Two that both never get there, or nothing known: no difference; and nothing that there
-            # is of the best counts against it.
+            # Where both never get there, or nothing is known, there is no difference: the ratio is
+            # 1.
             ratios = np.where(np.isnan(ratios), 1.0, ratios)
             tail = (1 - confidence)/2
             low, high = np.quantile(ratios, [tail, 1 - tail], method='nearest')
@@ -411,7 +421,7 @@ class Prices:
         return {key: row[key] for key in ('method', 'value', 'step_size', 'ns_per_day')}
 
     def _names(self, candidates, about=None):
-        """Names of settings with commas between, and what is to be said about each; of many the first."""
+        """Names of settings with commas between, and a text about each; only the first of many."""
         names = [
             self._name(each) + (f' ({about(each)})' if about else '')
             for each in candidates[:MOST_NAMES]
@@ -423,7 +433,7 @@ class Prices:
         return f'{candidate["method"]} at {self.result.knob.format(candidate["value"])}'
 
 
-#: What times may be given in.
+#: The units of times.
 UNITS = {'': 1, 's': 1, 'min': 60, 'h': 3600, 'd': 86400}
 
 
@@ -436,7 +446,7 @@ def parseSpending(text, names):
         "observable:3600", "observable:90s", "observable:30min", "observable:2h" or
         "observable:1.5d"
     names : collection of str
-        the observables there are
+        the observables of the result
 
     Returns
     -------
@@ -457,7 +467,7 @@ def parseSpending(text, names):
 
 
 def marks(row):
-    """What is doubtful about the price of a setting, texts.
+    """Texts about what is doubtful about the price of a setting.
 
     Parameters
     ----------
@@ -468,8 +478,7 @@ def marks(row):
     found = []
     if row['sample_interval'] > row['own_tau']/2:
         found.append(
-            'samples are further apart than half a correlation time, so that closer ones may cost '
-            'less')
+            'samples are further apart than half a correlation time; closer samples may cost less')
     if row['noise_degrees'] < FEWEST_NOISE_DEGREES:
         found.append(
             'the run is too short for its correlation time, which is known to a half at best')
@@ -479,7 +488,7 @@ def marks(row):
 
 
 def aim(item):
-    """A wanted error for people: what is to be known how well.
+    """A wanted error as text: what is to be known, and how well.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""What is shown of prices: total error against time, the time to a wanted error against the knob, and tables."""
+"""The pictures and tables of prices.
+
+They are total error against time, and the time to a wanted error against the knob.
+"""
 import math
 import re
 
@@ -7,22 +10,22 @@ import numpy as np
 from ._pages import duration, emptyPanels, number, plainTicks, png, sentence, table
 from .price import OPEN, Prices, aim
 
-#: Uncertainties are drawn for so many settings, or nothing could be seen.
+#: Uncertainties are drawn for at most so many settings, to keep the picture readable.
 MOST_BANDS = 2
 #: Curves end at this many times the longest time of interest.
 MARGIN = 20
-#: Settings that are this much dearer than the cheapest do not widen a picture.
+#: Settings whose price is so many times the least do not widen a picture.
 FAR = 100
 
 
 class PriceReport:
-    """Pictures, tables and JSON of what was asked about prices.
+    """Pictures, tables and JSON of the answers about prices.
 
     Parameters
     ----------
     result : StudyResult
     price : str, or sequence of str
-        wanted total errors, each answered on its own
+        wanted total errors; the report gives the price of each
     spend : sequence of (str, float)
         observables, and seconds to spend on them
     style : dict
@@ -38,11 +41,11 @@ class PriceReport:
         self.spendings = [result.spend(*item) for item in self.spend]
 
     def texts(self):
-        """The answers in words."""
+        """The answers as text."""
         return [answer.text for answer in self.answers + self.spendings]
 
     def asDict(self):
-        """For JSON; what is infinite is null there."""
+        """The answers as a dict for JSON, where infinite numbers are null."""
         def plain(answer, **about):
             return {
                 **about, **{
@@ -74,7 +77,7 @@ class PriceReport:
 
     @staticmethod
     def fileName(wanted):
-        """The picture of a wanted error.
+        """The file name of the picture of a wanted error.
 
         Parameters
         ----------
@@ -85,7 +88,9 @@ class PriceReport:
     # ---- Pictures --------------------------------------------------------------------------------
 
     def draw(self, wanted, answer):
-        """Total error against time for each observable, beside the time to the wanted error against the knob; a PNG.
+        """Draw total error against time, and the time to the wanted error; return a PNG.
+
+        The total error has a panel for each observable. The time is drawn against the knob.
 
         Parameters
         ----------
@@ -105,7 +110,7 @@ class PriceReport:
         scale = 100/abs(reference) if reference else 1.0
         finite = [each['seconds'] for each in answer.candidates if math.isfinite(each['seconds'])]
         known = self.prices.known(item.observable)
-        # Before the first of the equilibrations is over there is nothing to see.
+        # Before the end of the first equilibration there is nothing to see.
         first = max(np.nanmin(known.equilibration/self.prices.speed), min(finite)/MARGIN)
         seconds = np.geomspace(first, min(max(finite), FAR*min(finite))*MARGIN, 200)
         errors, low, high = (
@@ -188,7 +193,7 @@ class PriceReport:
             ]
             for each in mine:
                 x, y = each['value']*knob.scale + shift, each['seconds']
-                # What never gets there, or hardly, is at the upper edge.
+                # Settings that never get there, or hardly do, are at the upper edge.
                 if y > top:
                     axes.plot(x, top*0.8, marker='x', ms=8, mew=2, color=colour, ls='')
                 else:
@@ -261,7 +266,7 @@ class PriceReport:
         ]
 
     def textTables(self):
-        """The same as text, one for each wanted error."""
+        """The same tables as text, one for each wanted error."""
         result = []
         for wanted, answer in zip(self.wanted, self.answers):
             lines = [self._head('method'), *self._rows(answer)]
@@ -274,20 +279,19 @@ class PriceReport:
         return result
 
     def how(self):
-        """How prices were made, paragraphs."""
+        """Paragraphs about how prices were computed."""
         if not self.answers and not self.spendings:
             return []
         clock = 'processor time' if self.result.provenance.get(
             'clock') == 'cpu' else 'wall-clock time'
         return [
             f'Prices: the total error after a time is the root mean square of the bias (the '
-            f'measured error) and of the standard error, whose '
-            f'square is 2 tau variance/(length of the run). Time is the {clock} of the integration '
-            f'steps, with the equilibration that the runs had. '
-            "Intervals: biases (Student's t, the shared reference with them), noises (chi^2 with "
-            "samples/(10 tau/interval + 1) degrees of freedom, by "
-            "Sokal's variance of tau; in results without noise those of the blocks) and rounds of "
-            "the timings were resampled together. The "
+            f'measured error) and of the standard error. The square of the standard error is '
+            f'2 tau variance/(length of the run). Time is the {clock} of the integration '
+            f'steps, with the equilibration that the runs had. For intervals the following were '
+            "resampled together: biases (Student's t, with the shared reference), noises (chi^2 "
+            "with samples/(10 tau/interval + 1) degrees of freedom, by Sokal's variance of tau; in "
+            "results without noise those of the blocks) and rounds of the timings. The "
             'cheapest of many looks a little cheaper than it is.'
         ]
 

@@ -1,4 +1,7 @@
-"""What a StudyResult says: errors against speed, means against the knob, in words, pictures, tables and one HTML page."""
+"""The report of a StudyResult: errors against speed, and means against the knob.
+
+It has texts, pictures, tables and one HTML page.
+"""
 import html
 from functools import cached_property
 
@@ -8,8 +11,8 @@ from ._pages import Report, number, picture, plainTicks, sentence, table
 from .measurement import STABLE, UNSTABLE
 from .pricereport import PriceReport
 
-#: Colour-blind safe (Okabe and Ito), one per method; methods of the user's own take the rest in
-#: turn.
+#: Colours that the colour-blind can tell apart (Okabe and Ito), one for each method. Users' own
+#: methods take the other colours in turn.
 COLOURS = {
     'LangevinC': '#0072B2', 'LangevinMiddle': '#D55E00', 'LangevinB': '#009E73',
     'LangevinA': '#E69F00', 'GradientThermostat': '#CC79A7', 'EulerMaruyama': '#999999',
@@ -26,7 +29,7 @@ MARKERS = {
     'DriftCorrectorFD': '<', 'DriftCorrectorRFD': '>', 'LangevinHI(0.3)': 'D', 'LangevinHI(1)': 'P',
     'LangevinHI(3)': '*'
 }
-#: More than these need a legend of several columns.
+#: More methods than this need a legend of several columns.
 MANY_METHODS = 6
 
 
@@ -37,11 +40,11 @@ class StudyReport(Report):
     ----------
     result : StudyResult
     wanted : str, or sequence of str
-        wanted errors, each answered on its own
+        wanted errors; the report answers each of them
     baseline : str
         the method that speeds are compared with
     price : str, or sequence of str
-        wanted total errors (bias and noise), each priced on its own
+        wanted total errors (bias and noise); the report gives the price of each
     spend : sequence of (str, float)
         observables, and seconds to spend on them
     """
@@ -58,17 +61,17 @@ class StudyReport(Report):
         self.comparisons = {item: result.compareAt(item, baseline) for item in self.single}
 
     def extras(self):
-        """What the JSON has besides the result."""
+        """What the JSON has in addition to the result."""
         return {**super().extras(), 'at_wanted_error': self.comparisons, **self.priced.asDict()}
 
     def answerTexts(self):
-        """The answers in words: settings for wanted errors, prices, and what a time buys."""
+        """The answers as text: settings for wanted errors, prices, and what a time buys."""
         return super().answerTexts() + self.priced.texts()
 
     # ---- Pictures --------------------------------------------------------------------------------
 
     def otherPictures(self):
-        """Those of prices."""
+        """The pictures of prices."""
         return self._pricePictures
 
     @cached_property
@@ -84,17 +87,18 @@ class StudyReport(Report):
 
     def _platform(self):
         threads = self.result.provenance.get('threads')
-        return f'{self.result.provenance.get("platform")} platform, {threads} thread{"" if threads == 1 else "s"}'
+        return (f'{self.result.provenance.get("platform")} platform, '
+                f'{threads} thread{"" if threads == 1 else "s"}')
 
     def panels(self, left, right, observable, limits):
-        """Error against speed beside the means against the knob.
+        """Draw errors against speed beside the means against the knob.
 
         Parameters
         ----------
         left, right : matplotlib.axes.Axes
         observable : str
         limits : list of Wanted
-            drawn as lines
+            errors that are drawn as lines
         """
         reference, unit = self.result.references[observable], self.result.observables[observable][
             'unit']
@@ -220,7 +224,7 @@ class StudyReport(Report):
         axes.set_xlim(left=0)
         tolerances = [line.tolerance for line in lines]
         errors = [row['error'] for row in result.select(observable) if row['error'] is not None]
-        # Far beyond what is wanted it does not matter how far.
+        # Far beyond the wanted error the exact distance does not matter.
         if tolerances and max(map(abs, errors)) > 10*max(tolerances):
             inside = [e for e in errors if abs(e) <= 10*max(tolerances)
                       ] + [-2*max(tolerances), 2*max(tolerances)]
@@ -234,7 +238,7 @@ class StudyReport(Report):
     # ---- Words -----------------------------------------------------------------------------------
 
     def compared(self, comparison):
-        """How the methods compare at exactly a wanted error, a sentence for each.
+        """How the methods compare at the wanted error, a sentence for each method.
 
         Parameters
         ----------
@@ -246,7 +250,8 @@ class StudyReport(Report):
             speed, step = knob.speed(
                 entry['ns_per_day']), f'{entry["step"]*knob.scale:.3g} {knob.unit}'
             if entry['capped']:
-                text = f'{method}: its error is still below the wanted one at its largest stable step, {step}: at least {speed}'
+                text = (f'{method}: its error is still below the wanted one at its largest stable '
+                        f'step, {step}: at least {speed}')
             else:
                 text = (
                     f'{method}: reaches the wanted error at a step of {step} '
@@ -264,7 +269,7 @@ class StudyReport(Report):
         return lines
 
     def paragraphs(self):
-        """Everything that is to be said in plain words, the answers first."""
+        """The report as paragraphs, the answers first."""
         result, knob = self.result, self.result.knob
         lines = self.answerTexts()
         for wanted, comparison in self.comparisons.items():
@@ -296,13 +301,12 @@ class StudyReport(Report):
                                                         for method, value in drifting) + '.')
         if any(row['note'] == 'few independent samples' for row in result.rows):
             lines.append(
-                'Some runs have fewer than 10 blocks of independent samples; their errors are '
-                'themselves uncertain '
-                '(marked in the table).')
+                'Some runs have fewer than 10 blocks of independent samples. Their errors are '
+                'themselves uncertain (marked in the table).')
         return lines
 
     def how(self):
-        """How it was measured, paragraphs."""
+        """Paragraphs about how the study was measured."""
         result, provenance = self.result, self.result.provenance
         lines = [
             f'{self._platform()}, {provenance.get("rounds")} rounds in which the settings took '
@@ -310,16 +314,14 @@ class StudyReport(Report):
             f'{result.knob.speedUnit} is the median over rounds of the integration steps alone '
             f'({provenance.get("clock")} time).',
             'Standard errors are from block averages with blocks of 20 integrated autocorrelation '
-            'times; intervals use '
-            "Student's t with the number of blocks."
+            "times. Intervals use Student's t with the number of blocks."
         ]
         if any(reference.kind == 'extrapolated' for reference in result.references.values()):
             lines.append(
                 'Where no exact average is known, means are compared with the common limit A0 of '
-                'all methods, from a weighted fit of '
-                'A0 + E h^p + F h^2p (p: order of the method); the error of A0, and that a mean is '
-                'part of the fit, '
-                'are in the intervals.')
+                'all methods, from a weighted fit of A0 + E h^p + F h^2p (p: order of the method). '
+                'The intervals take account of the error of A0, and of the part that a mean has in '
+                'the fit.')
         for name, reference in result.references.items():
             if reference.fit is not None:
                 fit, about = reference.fit, result.observables[name]
@@ -335,17 +337,19 @@ class StudyReport(Report):
         if any('temperature' in name
                for name in result.observables) and 'LangevinMiddle' in result.methods():
             lines.append(
-                "LangevinMiddle's temperatures are from the velocities in its State, which belong "
-                "to the middle of the step, where "
-                "kinetic energy is more accurate than at its end; its configurations are no better "
-                "for it. The plugin's "
-                'are from the end of the step.')
+                "LangevinMiddle's temperatures are from the velocities in its State. These belong "
+                "to the middle of the step, where kinetic energy is more accurate than at its end. "
+                "Its configurations are not more accurate for this reason. The plugin's "
+                'temperatures are from the end of the step.')
         return lines + self.priced.how()
 
     # ---- Tables ----------------------------------------------------------------------------------
 
     def textTable(self):
-        """Errors of all settings, a column for each observable, in per cent where that has a meaning."""
+        """Errors of all settings as text, with a column for each observable.
+
+        Errors are in per cent where that has a meaning.
+        """
         result, names = self.result, list(self.result.observables)
         lines = [
             'error in % of the reference (± 1 sigma)' if all(
@@ -357,9 +361,8 @@ class StudyReport(Report):
             name.replace('temperature', 'T').replace('potential_energy', 'U').replace(
                 'translational', 'trans').replace('rotational', 'rot') for name in names
         ]
-        lines.append(
-            f'{"method":<20}{result.knob.label + "/" + result.knob.unit:>10}{result.knob.speedUnit:>10}'
-            + ''.join(f'{n:>20}' for n in short))
+        lines.append(f'{"method":<20}{result.knob.label + "/" + result.knob.unit:>10}'
+                     f'{result.knob.speedUnit:>10}' + ''.join(f'{n:>20}' for n in short))
         for key in dict.fromkeys((row['method'], row['value']) for row in result.rows):
             rows = {
                 row['observable']: row
@@ -379,12 +382,13 @@ class StudyReport(Report):
                 else:
                     scale = 100/abs(
                         result.references[name].value) if result.references[name].value else 1
-                    line += f'{row["error"]*scale:>12.3f} ± {row["error_standard_error"]*scale:<5.3f}'
+                    line += (f'{row["error"]*scale:>12.3f} ± '
+                             f'{row["error_standard_error"]*scale:<5.3f}')
             lines.append(line)
         return '\n\n'.join(['\n'.join(lines), *self.priced.textTables()])
 
     def body(self, pictures):
-        """What the page has besides words: HTML.
+        """What the page has in addition to the paragraphs, as HTML.
 
         Parameters
         ----------

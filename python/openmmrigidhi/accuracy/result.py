@@ -1,11 +1,12 @@
-"""What a study found: a table with errors, the cheapest setting for a wanted error, and how methods compare."""
+"""What a study found: a table with errors, recommended settings, and a comparison of methods."""
 import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Optional
 
 import numpy as np
 
-from ._results import NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted, decide, longer, splitWanted, worst
+from ._results import (NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted, decide, longer,
+                       splitWanted, worst)
 from .measurement import SECONDS_PER_DAY, STABLE
 from .price import Prices, completeNoise
 from .report import StudyReport
@@ -14,20 +15,20 @@ from .statistics import Extrapolation, errorCurve, quantile
 
 @dataclass(frozen=True)
 class Knob:
-    """What is turned along a curve.
+    """The quantity that changes along a curve.
 
     Parameters
     ----------
     name : str
         column name
     label : str
-        for people
+        name in texts
     unit : str
-        for people
+        unit in texts
     scale : float
         internal value times scale = value in that unit
     speedUnit : str
-        unit of speeds, for people
+        unit of speeds in texts
     speedScale : float
         ns/day times speedScale = speed in that unit
     """
@@ -40,11 +41,11 @@ class Knob:
     speedScale: float = 1.0
 
     def format(self, value):
-        """A value for people, with its unit."""
+        """A value with its unit, for texts."""
         return f'{value*self.scale:.6g} {self.unit}'.strip()
 
     def speed(self, nsPerDay):
-        """A speed for people, with its unit: three digits, without an exponent."""
+        """A speed with its unit, for texts: three digits, without an exponent."""
         value = nsPerDay*self.speedScale
         return f'{value:.3g} {self.speedUnit}' if value < 1000 else f'{value:.0f} {self.speedUnit}'
 
@@ -65,7 +66,7 @@ class Reference:
         'exact', 'given' or 'extrapolated'
     fit : statistics.Extrapolation, optional
     points : list of (method, knob value)
-        what the fit's weights belong to
+        the points that the fit's weights belong to
     """
 
     observable: str
@@ -76,20 +77,22 @@ class Reference:
     points: list = field(default_factory=list)
 
     def weight(self, method, value):
-        """d(reference)/d(mean of a setting): the mean is part of what it is compared with.
+        """d(reference)/d(mean of a setting).
+
+        The mean is part of the reference that it is compared with.
 
         Parameters
         ----------
         method : str
         value : float
-            of the knob
+            value of the knob
         """
         if self.fit is None:
             return 0.0
         return dict(zip(self.points, self.fit.weights)).get((method, value), 0.0)
 
     def asDict(self):
-        """For JSON."""
+        """The reference as a dict for JSON."""
         result = {'value': self.value, 'standard_error': self.standardError, 'kind': self.kind}
         if self.fit is not None:
             result['fit'] = {
@@ -105,7 +108,7 @@ class Reference:
 
     @staticmethod
     def fromDict(observable, data):
-        """From JSON.
+        """The reference from a dict of JSON.
 
         Parameters
         ----------
@@ -128,27 +131,27 @@ class Reference:
 
 
 class StudyResult(Result):
-    """Rows of settings and observables, the references, and how it was measured.
+    """Rows of settings and observables, the references, and how they were measured.
 
     Attributes
     ----------
     rows : list of dict
-        one per setting and observable. Keys: method, knob, value (of the knob, internal unit),
-        step_size (ps), status ('stable', 'unstable', 'not applicable'), message, ns_per_day (median
-        over rounds), ns_per_day_low and _high (16 and 84 %), ns_per_cpu_day, speeds (each round),
-        length and equilibration (ps), seed, observable, mean, standard_error, degrees (of freedom
-        of that error), tau (integrated autocorrelation time that the length of blocks is from, ps),
-        samples, drift, note, and by comparison with the reference: error, error_standard_error,
-        error_low, error_high (confidence interval), relative_error. For prices: sample_interval
-        (ps), variance (of one sample), own_tau and own_tau_error (of this run alone, and its
-        standard error, ps), noise (squared standard error times length, unit^2 ps), noise_degrees
-        (of freedom of what is known of it), effective_per_second, effective_per_cpu_second and
-        effective_per_wall_second (independent samples, by the study's clock and by both),
-        ns_per_wall_day
+        one row for each setting and observable. Keys: method, knob, value (of the knob, internal
+        unit), step_size (ps), status ('stable', 'unstable', 'not applicable'), message, ns_per_day
+        (median over rounds), ns_per_day_low and _high (16 and 84 %), ns_per_cpu_day, speeds (each
+        round), length and equilibration (ps), seed, observable, mean, standard_error, degrees (of
+        freedom of that error), tau (integrated autocorrelation time that the length of blocks is
+        from, ps), samples, drift, note. From the comparison with the reference: error,
+        error_standard_error, error_low, error_high (confidence interval), relative_error. For
+        prices: sample_interval (ps), variance (of one sample), own_tau and own_tau_error (of this
+        run alone, and its standard error, ps), noise (squared standard error times length, unit^2
+        ps), noise_degrees (degrees of freedom of noise), effective_per_second,
+        effective_per_cpu_second and effective_per_wall_second (independent samples, by the study's
+        clock and by both), ns_per_wall_day.
     references : dict
         observable -> Reference
     confidence : float
-        of all intervals; 0.95
+        confidence of all intervals; 0.95
     """
 
     FORMAT = 'openmmrigidhi.accuracy 1'
@@ -199,9 +202,9 @@ class StudyResult(Result):
         ----------
         observable : str
         method : str, optional
-            only of this method
+            only rows of this method
         stableOnly : bool
-            only those that have a mean
+            only rows that have a mean
 
         Returns
         -------
@@ -224,8 +227,8 @@ class StudyResult(Result):
         Parameters
         ----------
         wanted : str, or sequence of str
-            "observable:0.5%" (of the reference's magnitude) or "observable:0.2" (in its unit);
-            several with commas
+            text such as "observable:0.5%" (of the reference's magnitude) or "observable:0.2" (in
+            its unit); several are separated by commas
 
         Returns
         -------
@@ -247,22 +250,22 @@ class StudyResult(Result):
         """The cheapest setting whose errors are below the wanted ones, with confidence.
 
         A setting qualifies if the one-sided upper bound of ``|error|`` is below the tolerance for
-        every wanted observable; it is out if for one of them the lower bound is above; otherwise
-        the statistics cannot tell.
+        every wanted observable. It fails if the lower bound is above the tolerance for one of them.
+        Otherwise the statistics cannot tell.
 
         Parameters
         ----------
         wanted : str or sequence of str
             see :meth:`parseWanted`
         confidence : float, optional
-            default: that of the result, 0.95
+            default: the confidence of the result, 0.95
 
         Returns
         -------
         Recommendation
             its setting and candidates have method, value, step_size (ps), ns_per_day, verdict,
-            likely (whether the errors as measured meet the wish) and factor (how many times longer
-            to run for a decision, or None)
+            likely (whether the errors as measured are below the wanted ones) and factor (how many
+            times longer to run for a decision, or None)
         """
         confidence = self.confidence if confidence is None else confidence
         wanted = self.parseWanted(wanted)
@@ -300,8 +303,8 @@ class StudyResult(Result):
         Returns
         -------
         tuple of (str, float or None, bool)
-            'yes', 'no', 'undecided' or 'n/a'; how many times longer to run for a decision; whether
-            the error as measured is met
+            verdict 'yes', 'no', 'undecided' or 'n/a'; how many times longer to run for a decision;
+            whether the error as measured is below the wanted one
         """
         if row['error'] is None or not math.isfinite(item.tolerance):
             return 'n/a', None, False
@@ -322,7 +325,8 @@ class StudyResult(Result):
         verdict, best, undecided = decide(candidates)
         factor = None
         if verdict == RECOMMENDED:
-            text += f'{self._name(best)}, {self.knob.speed(best["ns_per_day"])}. It is the cheapest setting that meets this with {sure}.'
+            text += (f'{self._name(best)}, {self.knob.speed(best["ns_per_day"])}. It is the '
+                     f'cheapest setting that meets this with {sure}.')
             faster = [c for c in undecided if c['ns_per_day'] > best['ns_per_day']]
             if faster:
                 factor = min(c['factor'] for c in faster)
@@ -330,7 +334,7 @@ class StudyResult(Result):
                          f'{", ".join(self._name(c) for c in faster)}; ' + longer(factor) + '.')
             text += self._bestOfOthers(candidates, best)
         elif undecided:
-            # One that is decided in favour is an answer; if none looks like it, all must be
+            # A setting that is decided in favour is an answer; if none looks like it, all must be
             # decided.
             likely = [c['factor'] for c in undecided if c['likely']]
             factor = min(likely) if likely else max(c['factor'] for c in undecided)
@@ -343,12 +347,12 @@ class StudyResult(Result):
                 'smaller steps.')
         else:
             text += f'{NONE}. ' + (
-                f'Every stable setting misses it with {sure}; smaller steps may do.'
+                f'Every stable setting misses it with {sure}; smaller steps may meet it.'
                 if candidates else 'No setting was stable; smaller steps may be.')
         return Recommendation(verdict, best, text, candidates, factor, wanted)
 
     def _bestOfOthers(self, candidates, best):
-        """What the other methods reach, in words."""
+        """What the other methods reach, as text."""
         parts = []
         for method in self.methods():
             if method == best['method']:
@@ -365,27 +369,27 @@ class StudyResult(Result):
         return f'{candidate["method"]} at {self.knob.format(candidate["value"])}'
 
     def compareAt(self, wanted, baseline='LangevinMiddle', resamplings=1000):
-        """How fast each method is at exactly the wanted error, between the steps that were measured.
+        """How fast each method is at the wanted error, between the steps that were measured.
 
-        The errors of each method up to twice the wanted one are fitted by E h^p + F h^2p; beyond,
-        the curve goes straight from point to point. That gives the step at which the error reaches
-        the wanted one; ns/day there is that step times the steps per second (median over rounds).
-        Uncertainties: the means are resampled (normal law), the shared reference with them, and the
-        rounds of the timings.
+        The errors of each method up to twice the wanted error are fitted by E h^p + F h^2p. Beyond,
+        the curve goes straight from point to point. The curve gives the step at which the error
+        reaches the wanted one. ns/day at this step is the step times the steps per second (median
+        over rounds). For uncertainties the means are resampled (normal law), together with the
+        shared reference and the rounds of the timings.
 
         Parameters
         ----------
         wanted : str
-            one, e.g. "potential_energy:0.5%"
+            one wanted error, e.g. "potential_energy:0.5%"
         baseline : str
-            method that ratios refer to
+            the method that ratios refer to
         resamplings : int
 
         Returns
         -------
         dict
             method -> dict with step (ps), step_low, step_high, capped (the error is still below the
-            wanted one at the largest stable step, which is what is given), ns_per_day,
+            wanted one at the largest stable step, which is given as the step), ns_per_day,
             ns_per_day_low, _high, ratio, ratio_low, ratio_high (None without the baseline;
             intervals of the result's confidence), chi2, degrees. Methods without stable settings
             are missing.
@@ -401,7 +405,7 @@ class StudyResult(Result):
             for method in self.methods()
         }
         shared = min((len(row['speeds']) for rows in selected.values() for row in rows), default=0)
-        # The same rounds for all methods: what slowed one down slowed the others.
+        # The rounds are the same for all methods, since what slowed one down slowed the others.
         picks = rng.integers(0, max(1, shared), size=(resamplings, max(1, shared)))
         everything = [row for rows in selected.values() for row in rows]
         if not everything:
@@ -443,12 +447,14 @@ class StudyResult(Result):
         return {method: curves[method] for method in self.methods() if method in curves}
 
     def deviations(self, rows, rng, resamplings):
-        """By how much errors may be off, by the normal law; rows that share a reference are correlated.
+        """By how much errors may be off, by the normal law.
+
+        Rows that share a reference are correlated.
 
         Parameters
         ----------
         rows : list of dict
-            of one observable, with errors
+            rows of one observable, with errors
         rng : numpy.random.Generator
         resamplings : int
 
@@ -467,38 +473,39 @@ class StudyResult(Result):
     def price(self, wanted, confidence=None, resamplings=2000):
         """The setting that makes a number known to a wanted total error in the least time.
 
-        The total error is the root mean square of bias and standard error, so that a setting whose
-        bias reaches the wanted error never gets there. Time is that of the integration steps by the
-        study's clock, with the equilibration that the runs had. Of several observables, the slowest
-        tells. Settings are those that were measured: around the optimum the price is flat (a step
-        too long or too short by a fifth costs 9 to 14 % more where the error grows with the square
-        of the step).
+        The total error is the root mean square of bias and standard error. A setting whose bias
+        reaches the wanted error therefore never gets there. Time is that of the integration steps
+        by the study's clock, with the equilibration that the runs had. With several observables the
+        slowest one decides. Settings are those that were measured: the price is flat around the
+        optimum. A step that is too long or too short by a fifth costs 9 to 14 % more where the
+        error grows with the square of the step.
 
-        Intervals: bias (Student's t, with the reference that settings share), noise (chi^2, see
-        :func:`openmmrigidhi.analysis.series.noise`) and the rounds of the timings are resampled
-        together. Where an error cannot be told from 0, the lower end is without it.
+        For intervals the following are resampled together: the bias (Student's t, with the
+        reference that settings share), the noise (chi^2, see
+        :func:`openmmrigidhi.analysis.series.noise`) and the rounds of the timings. Where an error
+        cannot be told from 0, the lower end is without it.
 
         Parameters
         ----------
         wanted : str or sequence of str
             see :meth:`parseWanted`
         confidence : float, optional
-            default: that of the result, 0.95
+            default: the confidence of the result, 0.95
         resamplings : int
             at least 100
 
         Returns
         -------
         Recommendation
-            recommended is the least time among those whose bias is below the wanted error with
-            confidence, as :meth:`recommend` decides it. setting and candidates have method, value,
-            step_size (ps), ns_per_day, bias (verdict about it alone), verdict ('cheapest', 'not
-            distinguishable' from it, 'dearer', 'undecided', 'no', 'n/a'), seconds, seconds_low and
-            _high, ratio (to the cheapest's), ratio_low and _high, observable (the one that takes
-            the time), bias_part (of the squared total error), equilibration_part (of the time),
-            own_tau (ps), effective_per_second, length (ps), factor (how many times longer to
-            measure for a decision about the bias, or None) and marks (texts). Times are infinite
-            where the wanted error is never reached.
+            recommended is the setting with the least time among those whose bias is below the
+            wanted error with confidence, as :meth:`recommend` decides it. setting and candidates
+            have method, value, step_size (ps), ns_per_day, bias (verdict about it alone), verdict
+            ('cheapest', 'not distinguishable' from it, 'dearer', 'undecided', 'no', 'n/a'),
+            seconds, seconds_low and _high, ratio (to the cheapest's), ratio_low and _high,
+            observable (the one that takes the time), bias_part (of the squared total error),
+            equilibration_part (of the time), own_tau (ps), effective_per_second, length (ps),
+            factor (how many times longer to measure for a decision about the bias, or None) and
+            marks (texts). Times are infinite where the wanted error is never reached.
         """
         return Prices(self,
                       resamplings).recommend(self.parseWanted(wanted),
@@ -511,9 +518,9 @@ class StudyResult(Result):
         ----------
         observable : str
         seconds : float
-            of integration steps by the study's clock, equilibration included
+            time of integration steps by the study's clock, equilibration included
         confidence : float, optional
-            default: that of the result, 0.95
+            default: the confidence of the result, 0.95
         resamplings : int
             at least 100
 
@@ -531,10 +538,10 @@ class StudyResult(Result):
                                          self.confidence if confidence is None else confidence)
 
     def stepsPerSecond(self, observable, method, step):
-        """Steps per second in each round at a step size, interpolated between the measured ones around it.
+        """Steps per second in each round at a step size.
 
-        A step costs nearly the same whatever its size: larger ones rebuild neighbour lists more
-        often.
+        They are interpolated between the measured step sizes around it. A step costs nearly the
+        same whatever its size is; larger steps rebuild neighbour lists more often.
 
         Parameters
         ----------
@@ -560,7 +567,10 @@ class StudyResult(Result):
     # ---- Files -----------------------------------------------------------------------------------
 
     def asDict(self):
-        """Everything, for JSON. The rounds' speeds are the same for all observables and are listed once."""
+        """Everything, as a dict for JSON.
+
+        The rounds' speeds are the same for all observables and are listed once.
+        """
         speeds = {(row['method'], row['value']): row['speeds'] for row in self.rows}
         return {
             'format': self.FORMAT, 'confidence': self.confidence, 'knob': asdict(self.knob),
@@ -578,7 +588,7 @@ class StudyResult(Result):
 
     @classmethod
     def fromDict(cls, data):
-        """From what asDict() returned.
+        """The result from what asDict() returned.
 
         Parameters
         ----------
@@ -596,7 +606,7 @@ class StudyResult(Result):
                    data['observables'], data['refusals'], data['provenance'], data['confidence'])
 
     def report(self, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
-        """What is to be said and shown: the files of :meth:`write`, textTable() and paragraphs().
+        """The report: the files of :meth:`write`, textTable() and paragraphs().
 
         Parameters
         ----------
@@ -615,15 +625,15 @@ class StudyResult(Result):
         Parameters
         ----------
         directory : str
-            made if it does not exist
+            it is made if it does not exist
         wanted : sequence of str
-            wanted errors, each answered on its own by :meth:`recommend`
+            wanted errors; :meth:`recommend` answers each of them
         baseline : str
             the method that speeds are compared with
         price : sequence of str
-            wanted total errors, each answered on its own by :meth:`price`, with a picture
+            wanted total errors; :meth:`price` answers each of them, with a picture
         spend : sequence of (str, float)
-            observables and seconds, each answered on its own by :meth:`spend`
+            observables and seconds; :meth:`spend` answers each of them
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""The rungs of the hydrodynamic ladder, and a scene's spheres as each of them sees them."""
+"""The rungs of the hydrodynamic ladder, and a scene's spheres as each rung sees them."""
 import time
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .mobilities import MobilitySample
 
-#: A mobility matrix of more rows of blobs is not made: it would take gigabytes.
+#: A mobility matrix with more rows of blobs is not made, since it would take gigabytes.
 LARGEST_ROWS = 8000
 #: ps; nothing moves in a step so short, and forces can be asked for.
 NO_STEP = 1e-9
@@ -25,11 +25,11 @@ class Rung:
     ----------
     name : str
     model : constant
-        of MobilityForce
+        constant of MobilityForce
     lubrication : bool
-        of StokesianDynamics
+        lubrication of StokesianDynamics
     blobs : int
-        of each sphere; 0: it is one
+        number of blobs of each sphere; 0: the sphere is one particle
     exactAlone : bool
         for multiblobs: each sphere's tensor alone is set to Stokes' by
         MobilityForce.setBodyMobility
@@ -45,12 +45,12 @@ class Rung:
 
     @property
     def isBest(self):
-        """Whether it is exact for a pair."""
+        """Whether the rung is exact for a pair."""
         return self.model == MobilityForce.StokesianDynamics and self.lubrication
 
 
 BEST = 'FTS+lubrication'
-#: Numbers of blobs of shells. A pair of the next larger ones would take minutes for each matrix.
+#: Numbers of blobs of shells. A pair of the next larger shells would take minutes for each matrix.
 SHELLS = (12, 42, 162, 642)
 #: By name, in the order of pictures.
 RUNGS = {
@@ -73,7 +73,7 @@ RUNGS = {
     )
 }
 DEFAULT = ('FreeDraining', 'RPY', 'FTS', 'multiblob12', 'multiblob42', 'multiblob162', BEST)
-#: The same where the fluid is periodic.
+#: The rungs in a periodic fluid.
 PERIODIC = ('FreeDraining', 'RPY', 'ForceCoupling', 'FTS', 'multiblob12', 'multiblob42',
             'multiblob162', BEST)
 
@@ -100,7 +100,9 @@ def byName(name):
 
 
 class Spheres:
-    """What of a scene the fluid sees: its spheres where they start, their inertia, and the forces on them there.
+    """The part of a scene that the fluid sees.
+
+    It has the spheres where they start, their inertia, and the forces on them there.
 
     Parameters
     ----------
@@ -141,8 +143,8 @@ class Spheres:
                 'the hydrodynamic ladder: a particle that is in no body has a hydrodynamic radius; '
                 'all must be '
                 'bodies: make it one with addRigidBody()')
-        # The cheapest model: only geometry and forces are asked for. Mobilities do not depend on a
-        # flow that drives the fluid.
+        # The cheapest model is enough for geometry and forces. Mobilities do not depend on a flow
+        # that drives the fluid.
         fluid.setBackgroundFlow((0, 0, 0), np.zeros((3, 3)))
         fluid.setSinusoidalForceDensity(0, 0, 1, 1)
         fluid.setModel(MobilityForce.FreeDraining)
@@ -193,9 +195,9 @@ class Spheres:
         ----------
         platform : str
         properties : dict
-            of the platform
+            properties of the platform
         seconds : float
-            how long to measure
+            time of the measurement
         """
         integrator, context = self._start(platform, properties)
         integrator.step(2)
@@ -215,9 +217,9 @@ class Spheres:
         rung : Rung
         platform : str
         properties : dict, optional
-            of the platform
+            properties of the platform
         seed : int
-            of the noise
+            seed of the noise
 
         Returns
         -------
@@ -284,7 +286,7 @@ class Spheres:
         Parameters
         ----------
         integrator : CustomRigidHIIntegrator
-            of a Context of makeContext()
+            integrator of a Context of makeContext()
         """
         integrator.setBodyOrientations(self.orientations)
         integrator.setBodyPositions(self.positions)
@@ -297,7 +299,7 @@ class Spheres:
         Parameters
         ----------
         fluid, context
-            of makeContext()
+            results of makeContext()
         """
         mobility = fluid.getMobilityInContext(context)
         shift = np.eye(len(mobility))

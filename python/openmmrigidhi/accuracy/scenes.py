@@ -1,4 +1,4 @@
-"""What is measured: built-in scenes, and the user's own."""
+"""Scenes to measure: built-in scenes, and the user's own."""
 import copy
 import importlib
 import math
@@ -19,7 +19,9 @@ GAS_CONSTANT = _units.GAS_CONSTANT
 
 
 class Scene:
-    """A System, a start configuration, and an integrator that says what the bodies, the temperature and the frictions are.
+    """A System, a start configuration, and an integrator.
+
+    The integrator says what the bodies, the temperature and the frictions are.
 
     Everything is kept as XML and arrays, so that a scene can be sent to another process.
 
@@ -32,15 +34,15 @@ class Scene:
         the template: its bodies, temperature, frictions and noise law are those of every run; its
         scheme, step size and seed are replaced
     name, description : str
-        for the report
+        texts for the report
     exact : dict, optional
         observable name -> exact canonical average, in the observable's unit
     equilibration : float, optional
-        ps that each run discards at its start; default: a tenth of its length
+        time that each run discards at its start, ps; default: a tenth of its length
     sampleInterval : float
-        ps between samples
+        time between samples, ps
     stepSizes : sequence of float, optional
-        the step sizes that make sense here, ps
+        reasonable step sizes for this scene, ps
 
     Raises
     ------
@@ -122,18 +124,20 @@ class Scene:
         return CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(self._integratorXml))
 
     def makeContext(self, integrator, platform, properties, seed, system=None):
-        """A Context of this scene at its start. Velocities that the scene does not give are drawn at its temperature.
+        """A Context of this scene at its start.
+
+        Velocities that the scene does not give are drawn at its temperature.
 
         Parameters
         ----------
         integrator : openmm.Integrator
         platform : openmm.Platform
         properties : dict
-            of the platform
+            properties of the platform
         seed : int
-            of the velocities
+            seed of the velocities
         system : openmm.System, optional
-            instead of the scene's own, with the same particles
+            a System with the same particles, used instead of the scene's own
         """
         context = openmm.Context(self.system if system is None else system, integrator, platform,
                                  properties)
@@ -146,12 +150,12 @@ class Scene:
         return context
 
     def rigidByConstraints(self):
-        """Whether constraints hold every body rigid, so that OpenMM's own integrators move it as one.
+        """Whether constraints hold every body rigid, so that OpenMM's own integrators can move it.
 
         Returns
         -------
         str or None
-            None if so, else why not
+            None if so, otherwise the reason
         """
         constrained = {
             frozenset(self.system.getConstraintParameters(i)[:2])
@@ -160,7 +164,8 @@ class Scene:
         for index, body in enumerate(self.bodies):
             massive = [i for i in body if self.system.getParticleMass(i)._value > 0]
             if len(massive) < 2:
-                return f'body {index} has fewer than two massive particles: no orientation for OpenMM to move'
+                return (f'body {index} has fewer than two massive particles: no orientation for '
+                        'OpenMM to move')
             # A rigid set of n particles has 3n - 6 independent constraints (one for a pair).
             needed = {frozenset((i, j)) for k, i in enumerate(massive) for j in massive[:k]}
             if len(massive) > 4 or not needed <= constrained:
@@ -168,7 +173,10 @@ class Scene:
         return None
 
     def bodyTable(self):
-        """The bodies' particles, masses and degrees of freedom, for integrators that know particles only."""
+        """The bodies' particles, masses and degrees of freedom.
+
+        They are for integrators that know particles only.
+        """
         if self._bodyTable is None:
             self._bodyTable = BodyTable(self)
         return self._bodyTable
@@ -198,7 +206,9 @@ def _velocities(state):
 
 def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.0, cutoff=0.9,
           equilibration=40.0, seed=1, platform='CPU', threads=None, progress=None):
-    """A box of TIP4P-Ew water with PME, from openmm.app's force field, equilibrated with LangevinC.
+    """A box of TIP4P-Ew water with PME, equilibrated with LangevinC.
+
+    The force field is that of openmm.app.
 
     Parameters
     ----------
@@ -207,17 +217,17 @@ def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.
     temperature : float
         K
     gamma, Gamma : float
-        translational and rotational friction, 1/ps. LangevinMiddle gets gamma.
+        translational and rotational friction, 1/ps; LangevinMiddle gets gamma
     density : float
         kg/m^3
     cutoff : float
-        nm, of Lennard-Jones and of the direct space of PME; at most half the box
+        cut-off of Lennard-Jones and of the direct space of PME, nm; at most half the box
     equilibration : float
-        ps at 4 fs, after minimisation and 5 ps at 2 fs with a friction of 20/ps
+        time at a step of 4 fs, ps, after minimisation and 5 ps at 2 fs with a friction of 20/ps
     seed : int
     platform : str
     threads : int, optional
-        of the CPU platform
+        threads of the CPU platform
     progress : callable, optional
         called with (done, total) in steps
 
@@ -287,13 +297,14 @@ def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.
 
 
 def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0, field=2.0, seed=1):
-    """Triangular rigid bodies in a harmonic trap with a uniform field on their dipoles: every average is known exactly.
+    """Triangular rigid bodies in a harmonic trap with a uniform field on their dipoles.
 
-    The bodies do not see each other. Each has three massive particles, held by constraints (so that
-    LangevinMiddle with SETTLE can be compared) and an asymmetric inertia. Each particle is bound by
-    m w^2 x^2/2, which is a trap M w^2 X^2/2 on the centre of mass, without a torque (force group
-    0); forces along z that add up to zero make the energy -field kT n_z of a dipole n (force group
-    1). Then <U_trap> = 3/2 kT, <U_field> = -field kT (coth(field) - 1/field).
+    Every average is known exactly. The bodies do not see each other. Each body has three massive
+    particles and an asymmetric inertia. Constraints hold the particles, so that LangevinMiddle with
+    SETTLE can be compared. Each particle is bound by m w^2 x^2/2. This is a trap M w^2 X^2/2 on the
+    centre of mass, without a torque (force group 0). Forces along z that add up to zero make the
+    energy -field kT n_z of a dipole n (force group 1). Then <U_trap> = 3/2 kT, <U_field> = -field
+    kT (coth(field) - 1/field).
 
     Parameters
     ----------
@@ -307,7 +318,7 @@ def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0,
     field : float
         energy of the dipole in the field, kT
     seed : int
-        for the start configuration
+        seed of the start configuration
 
     Returns
     -------
@@ -370,7 +381,7 @@ def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.00
     centres : array-like of shape (n, 3)
         nm
     radii : float or array-like of shape (n,)
-        hydrodynamic, nm
+        hydrodynamic radii, nm
     temperature : float
         K
     viscosity : float, optional
@@ -380,10 +391,10 @@ def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.00
     density : float
         kg/m^3, for masses and moments
     force : array-like of shape (3,), optional
-        on every sphere, kJ/(mol nm)
+        force on every sphere, kJ/(mol nm)
     name, description : str
     edges : array-like of shape (3,), optional
-        of a periodic box, nm: the fluid is then periodic, too
+        edges of a periodic box, nm; the fluid is then periodic, too
     exact : dict, optional
         see Scene
 
@@ -422,11 +433,11 @@ def pair(gap, ratio=1.0, temperature=1e-9):
     Parameters
     ----------
     gap : float
-        between the surfaces, in radii of the first
+        gap between the surfaces, in radii of the first sphere
     ratio : float
-        radius of the second over that of the first
+        radius of the second sphere over that of the first
     temperature : float
-        K; so low by default that the spheres stay where they are while steps are timed
+        K; the default is so low that the spheres stay where they are while steps are timed
 
     Returns
     -------
@@ -444,9 +455,9 @@ def pairs(gaps=(0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10), ratio=1.0):
     Parameters
     ----------
     gaps : sequence of float
-        between the surfaces, in radii of the first
+        gaps between the surfaces, in radii of the first sphere
     ratio : float
-        radius of the second over that of the first
+        radius of the second sphere over that of the first
 
     Returns
     -------
@@ -462,9 +473,9 @@ class Sweep(dict):
     Parameters
     ----------
     parameter : str
-        what the keys are
+        meaning of the keys
     harder : str
-        'smaller' or 'larger': towards which values approximations get worse
+        'smaller' or 'larger': the values towards which approximations get worse
     scenes : dict
     """
     def __init__(self, parameter, harder, scenes):
@@ -473,10 +484,10 @@ class Sweep(dict):
         self.harder = harder
 
 
-#: Simple cubic arrays of spheres, volume fraction -> K, KR: the force on each is 6 pi eta a K U if
-#: all move with U against the mean of the whole, the torque 8 pi eta a^3 KR Omega if all rotate
-#: alike. K: A. A. Zick, G. M. Homsy, J. Fluid Mech. 115, 13 (1982), with more digits by a
-#: collocation of our own; KR by the same.
+#: Simple cubic arrays of spheres, volume fraction -> K, KR. The force on each sphere is 6 pi eta a
+#: K U if all spheres move with U against the mean of the whole. The torque is 8 pi eta a^3 KR Omega
+#: if all rotate alike. K is from A. A. Zick, G. M. Homsy, J. Fluid Mech. 115, 13 (1982), with more
+#: digits by a collocation of this project; KR is by the same collocation.
 SIMPLE_CUBIC = {
     0.001: (1.212141, 1.001001), 0.027: (2.007748, 1.027761), 0.064: (2.810198, 1.068608),
     0.125: (4.291589, 1.145253), 0.216: (7.441954, 1.292910), 0.343: (15.39949, 1.635752),
@@ -485,12 +496,12 @@ SIMPLE_CUBIC = {
 
 
 def array(fraction, radius=1.0):
-    """A simple cubic array of spheres in water: one in a cubic periodic box.
+    """A simple cubic array of spheres in water: one sphere in a cubic periodic box.
 
     Parameters
     ----------
     fraction : float
-        of the volume, one of those in SIMPLE_CUBIC
+        volume fraction, one of those in SIMPLE_CUBIC
     radius : float
         nm
 
@@ -513,12 +524,14 @@ def array(fraction, radius=1.0):
 
 
 def arrays(fractions=tuple(SIMPLE_CUBIC)):
-    """Simple cubic arrays of spheres over volume fractions, for :class:`openmmrigidhi.accuracy.LadderStudy`.
+    """Simple cubic arrays of spheres over volume fractions.
+
+    They are for :class:`openmmrigidhi.accuracy.LadderStudy`.
 
     Parameters
     ----------
     fractions : sequence of float
-        of the volume, among those in SIMPLE_CUBIC
+        volume fractions, among those in SIMPLE_CUBIC
 
     Returns
     -------
@@ -537,11 +550,11 @@ def suspension(bodies=12, fraction=0.1, radius=1.0, leastGap=0.02, temperature=3
     ----------
     bodies : int
     fraction : float
-        of the volume; up to about 0.3
+        volume fraction, up to about 0.3
     radius : float
         nm
     leastGap : float
-        between surfaces, in radii
+        least gap between surfaces, in radii
     temperature : float
         K
     seed : int
@@ -559,7 +572,10 @@ def suspension(bodies=12, fraction=0.1, radius=1.0, leastGap=0.02, temperature=3
 
 
 def _randomCentres(bodies, fraction, outer, least, side, seed):
-    """Places no nearer to each other than `least`: in a sphere of this radius, or in a periodic cube of this side."""
+    """Places that are no nearer to each other than `least`.
+
+    They are in a sphere of this radius, or in a periodic cube of this side.
+    """
     rng = np.random.default_rng(seed)
     centres = np.empty((bodies, 3))
     found = 0
@@ -584,17 +600,19 @@ def _randomCentres(bodies, fraction, outer, least, side, seed):
 
 def periodicSuspension(bodies=8, fraction=0.15, radius=1.0, leastGap=0.02, temperature=300.0,
                        seed=1):
-    """Spheres of one size at random places without overlap in a cubic periodic box of water, settling.
+    """Spheres of one size at random places in a cubic periodic box of water, settling.
+
+    The spheres do not overlap.
 
     Parameters
     ----------
     bodies : int
     fraction : float
-        of the volume; up to about 0.3
+        volume fraction, up to about 0.3
     radius : float
         nm
     leastGap : float
-        between surfaces, in radii
+        least gap between surfaces, in radii
     temperature : float
         K
     seed : int
@@ -613,7 +631,9 @@ def periodicSuspension(bodies=8, fraction=0.15, radius=1.0, leastGap=0.02, tempe
 
 
 def fromFiles(system, state, integrator):
-    """The user's scene from three XML files, as openmm.XmlSerializer and Simulation.saveState write them.
+    """The user's scene from three XML files.
+
+    openmm.XmlSerializer and Simulation.saveState write such files.
 
     Parameters
     ----------
@@ -660,7 +680,7 @@ def importObject(specification, what):
     ----------
     specification : str
     what : str
-        what it is, for error messages
+        meaning of the object, for error messages
     """
     module, _, name = specification.partition(':')
     if not name:
@@ -677,12 +697,12 @@ def importObject(specification, what):
 
 
 def findObservable(name, kind, builtIn, fromFunction):
-    """An observable by what a user may give for it.
+    """An observable from what a user may give for it.
 
     Parameters
     ----------
     name : str, callable or of this kind
-        one as it is; a function; a built-in name; "module:name" of any of these
+        an observable; a function; a built-in name; "module:name" of any of these
     kind : type
         of observables
     builtIn : dict
@@ -712,7 +732,7 @@ def platformProperties(platform, threads):
     ----------
     platform : str
     threads : int or None
-        of the CPU platform; None: as many as OpenMM chooses
+        threads of the CPU platform; None: as many as OpenMM chooses
     """
     return {'Threads': str(threads)} if threads is not None and platform == 'CPU' else {}
 

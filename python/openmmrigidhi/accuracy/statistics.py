@@ -1,17 +1,19 @@
-"""The extrapolation of a step-size study to step 0, curves of errors, and the time that an error takes; means of series and their errors are those of analysis.series.
+"""The extrapolation of a step-size study to step 0, curves of errors, and times to errors.
 
-Only numpy and scipy: no OpenMM, so that every rule here can be tested on synthetic numbers.
+Means of series and their errors are those of analysis.series. This module uses numpy and scipy, not
+OpenMM, so every rule here can be tested on synthetic numbers.
 """
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.stats
 
-from ..analysis.series import SeriesStatistics, autocorrelationTime, noise, noiseDegrees, replicaStatistics, seriesStatistics  # noqa: F401
+from ..analysis.series import (  # noqa: F401
+    SeriesStatistics, autocorrelationTime, noise, noiseDegrees, replicaStatistics, seriesStatistics)
 
 #: Errors up to this many times the wanted one are fitted by a polynomial in the step.
 RANGE_IN_TOLERANCES = 2
-#: A fit whose chi^2 would be exceeded with a smaller probability than this is not believed.
+#: A fit is rejected if its chi^2 would be exceeded with a smaller probability than this.
 SMALLEST_FIT_PROBABILITY = 0.01
 
 
@@ -35,7 +37,10 @@ def quantile(confidence, degrees, sided=2):
 
 @dataclass
 class Point:
-    """What the extrapolation needs of one setting: method, step size h, mean, its standard error, order of the method."""
+    """What the extrapolation needs of one setting.
+
+    It has the method, the step size h, the mean, its standard error, and the order of the method.
+    """
 
     method: str
     h: float
@@ -51,9 +56,9 @@ class Extrapolation:
     Attributes
     ----------
     value, standardError : float
-        A0; the standard error is multiplied by sqrt(chi2/degrees) where that is above 1
+        A0; the standard error is multiplied by sqrt(chi2/degrees) where this factor is above 1
     weights : ndarray of shape (number of points,)
-        value = sum_i weights_i mean_i: what is needed for the covariance of A0 with every mean
+        value = sum_i weights_i mean_i; the covariance of A0 with every mean needs the weights
     coefficients : dict
         method -> (E, F or None): mean = A0 + E h^p + F h^(2p)
     used : list of bool
@@ -61,7 +66,7 @@ class Extrapolation:
     chi2 : float
     degrees : int
     probability : float
-        of a larger chi2
+        probability of a larger chi2
     """
 
     value: float
@@ -76,11 +81,11 @@ class Extrapolation:
 
 
 def extrapolate(points):
-    """Fit mean = A0 + E_m h^p (+ F_m h^2p where a method has 4 or more steps), A0 common to all methods, by least squares.
+    """Fit mean = A0 + E_m h^p + F_m h^2p to points, with A0 common to all methods.
 
-    Points are weighted by their standard errors. While the fit is not believable (probability of
-    chi^2 below 0.01), the largest step of the method that deviates most is left out, and the fit
-    repeated.
+    The term F_m is there if a method has 4 or more steps. The fit is by least squares, with points
+    weighted by their standard errors. While the fit is not credible (probability of chi^2 below
+    0.01), the largest step of the method that deviates most is left out, and the fit is repeated.
 
     Parameters
     ----------
@@ -111,7 +116,10 @@ def extrapolate(points):
 
 
 def _worstMethod(points, fit):
-    """The index of the largest step, of the method whose points deviate most, among methods that can spare one."""
+    """The index of the largest step of the method whose points deviate most.
+
+    Only methods that can spare a step count.
+    """
     deviation = {}
     for point, used in zip(points, fit.used):
         if used:
@@ -134,7 +142,7 @@ def _fit(points, used):
     count = {}
     for i in indices:
         count[points[i].method] = count.get(points[i].method, 0) + 1
-    # A method with a single step says nothing about A0 that its own E could not absorb.
+    # A method with a single step says nothing about A0 that its own E cannot absorb.
     indices = [i for i in indices if count[points[i].method] >= 2]
     used = [i in indices for i in range(len(points))]
     if not indices:
@@ -176,10 +184,10 @@ def _fit(points, used):
 
 @dataclass
 class ErrorCurve:
-    """error(h) of one method: E h^p + F h^2p where the errors are small, straight lines in h between the points beyond.
+    """error(h) of one method: E h^p + F h^2p where the errors are small.
 
-    The stability limit of a scheme is a cliff that no low polynomial follows; near it the measured
-    points themselves do.
+    Between the points beyond the curve is a straight line in h. The stability limit of a scheme is
+    a cliff that no low polynomial follows. Near it the measured points are the better curve.
 
     Attributes
     ----------
@@ -191,7 +199,7 @@ class ErrorCurve:
     beyond : ndarray of shape (k,)
         steps above the fitted ones, ascending
     errors : ndarray of shape (k,)
-        their errors
+        errors at these steps
     errorCloud : ndarray of shape (resamplings, k)
         resampled errors
     largest : float
@@ -214,7 +222,10 @@ class ErrorCurve:
     degrees: int
 
     def stepFor(self, tolerance):
-        """The step at which ``|error|`` first reaches the tolerance: value, and an ndarray for the cloud; capped at `largest`."""
+        """The step at which ``|error|`` first reaches the tolerance, capped at `largest`.
+
+        The result is the value, and an ndarray for the cloud.
+        """
         value = self._solve(self.coefficients, self.errors, tolerance)
         return value, np.array(
             [self._solve(*each, tolerance) for each in zip(self.cloud, self.errorCloud)])
@@ -241,16 +252,18 @@ class ErrorCurve:
 
 
 def errorCurve(h, errors, sigma, resampled, order, tolerance, largest):
-    """Fit E h^p + F h^2p to the errors of one method up to twice a tolerance, and keep the points beyond.
+    """Fit E h^p + F h^2p to the errors of one method up to twice a tolerance.
+
+    The points beyond are kept as they are.
 
     Parameters
     ----------
     h, errors : ndarray of shape (n,)
         steps, ascending, and the measured errors; n >= 1
     sigma : ndarray of shape (n,)
-        their standard errors
+        standard errors of the errors
     resampled : ndarray of shape (resamplings, n)
-        errors as they might have been
+        resampled errors
     order : int
     tolerance : float
     largest : float
@@ -262,8 +275,8 @@ def errorCurve(h, errors, sigma, resampled, order, tolerance, largest):
     """
     h, errors, sigma, resampled = map(np.asarray, (h, errors, sigma, resampled))
     out = np.abs(errors) > RANGE_IN_TOLERANCES*tolerance
-    # What lies beyond the first point that is out is not in the fit even if it comes back; two
-    # points are needed.
+    # Points beyond the first point that is out are not in the fit, even if the error comes back.
+    # Two points are needed.
     count = max(int(np.argmax(out)) if out.any() else len(h), min(2, len(h)))
     x, scale = h[:count], h[count - 1]
     powers = (1, 2) if count >= 3 else (1,)
@@ -286,10 +299,11 @@ def errorCurve(h, errors, sigma, resampled, order, tolerance, largest):
 
 
 def timeToError(tolerance, bias, noise, speed, equilibration):
-    """How long a run must be for a total error: the root mean square of its bias and its standard error.
+    """How long a run must be for a total error.
 
-    bias^2 + noise/length = tolerance^2, and before the length comes the equilibration. Arguments
-    are numbers or arrays of shapes that go together.
+    The total error is the root mean square of bias and standard error: bias^2 + noise/length =
+    tolerance^2. Equilibration comes before the length. Arguments are numbers or arrays of shapes
+    that go together.
 
     Parameters
     ----------
@@ -338,12 +352,12 @@ def errorAfter(seconds, bias, noise, speed, equilibration):
 
 
 def resampledNoise(noise, degrees, rng, resamplings):
-    """What noises may really be, given what they were found to be.
+    """What noises may really be, given the noises that were measured.
 
     Parameters
     ----------
     noise, degrees : ndarray of shape (n,)
-        the degrees of freedom of what was found
+        the measured noises and their degrees of freedom
     rng : numpy.random.Generator
     resamplings : int
 

@@ -1,8 +1,8 @@
-"""Studies: which settings are run, how long, and against what they are judged.
+"""Studies: which settings are run, how long, and what they are compared with.
 
-:class:`Study` runs settings side by side and knows nothing of what distinguishes them;
-:class:`StepSizeStudy` turns the step size. A study of another knob (hydrodynamic model, solver
-tolerance, grid spacing) overrides ``knob``, ``settings``, ``makeContext`` and ``reference``.
+:class:`Study` runs settings side by side and does not know what distinguishes them.
+:class:`StepSizeStudy` changes the step size. A study of another quantity (hydrodynamic model,
+solver tolerance, grid spacing) overrides ``knob``, ``settings``, ``makeContext`` and ``reference``.
 """
 import math
 import time
@@ -19,11 +19,12 @@ from . import observables as observablesModule
 from ._results import beginning, provenance
 from .measurement import STABLE, Run, summarise
 from .methods import Method
-from .result import STEP_SIZE, Knob, Reference, StudyResult  # noqa: F401  (a study is where people look for its knob)
+# Users look for Knob in the module of the study.
+from .result import STEP_SIZE, Knob, Reference, StudyResult  # noqa: F401
 from .scenes import platformProperties, water
 from .statistics import Point, extrapolate
 
-#: Samples below which a run is too short for any statement.
+#: With fewer samples than this a run is too short for any statement.
 FEWEST_SAMPLES = 20
 #: Rounds that are made even if the budget is over: a median needs three.
 FEWEST_ROUNDS = 3
@@ -31,7 +32,7 @@ FEWEST_ROUNDS = 3
 
 @dataclass(frozen=True)
 class Setting:
-    """One point of a curve: a method, the knob's value, and the step size (ps) that goes with it."""
+    """One point of a curve: a method, the knob's value, and the step size (ps) of the point."""
 
     method: Method
     value: float
@@ -44,23 +45,23 @@ class Study:
     Parameters
     ----------
     scene : Scene
-        in equilibrium: one whose fluid is driven by a flow is refused
+        a scene in equilibrium; a scene whose fluid is driven by a flow is refused
     methods : sequence of str or Method
     observables : sequence of str, Observable or callable
         see :func:`openmmrigidhi.accuracy.observables.byName`
     platform : str
         'CPU' or 'Reference'
     threads : int
-        of the CPU platform
+        threads of the CPU platform
     seed : int
-        of everything that is random; each setting gets a seed of its own from it
+        seed of all random numbers; each setting gets its own seed from it
     clock : str
-        'wall' or 'cpu': which time ns/day is computed from. CPU time is less disturbed by other
-        programs, but means ns per CPU-day with several threads.
+        the time from which ns/day is computed, 'wall' or 'cpu'. CPU time is less disturbed by other
+        programs, but with several threads it means ns per CPU-day.
     sampleInterval : float, optional
-        ps between samples, rounded to whole steps; default: the scene's. Below half the correlation
-        time of the fastest observable of interest nothing is lost (:meth:`StudyResult.price` marks
-        what is sampled too seldom).
+        time between samples, ps, rounded to whole steps; default: the scene's. Nothing is lost
+        below half the correlation time of the fastest observable of interest.
+        :meth:`StudyResult.price` marks observables that are sampled too seldom.
     """
 
     knob = None
@@ -117,14 +118,20 @@ class Study:
                                  platformProperties(self.platform, self.threads), seed)
 
     def reference(self, observable, rows):
-        """What the means of an observable are compared with, a Reference or None; rows: its rows of stable settings."""
+        """What the means of an observable are compared with, a Reference or None.
+
+        rows are the observable's rows of stable settings.
+        """
         exact = observable.exact(self.scene)
         return None if exact is None else Reference(observable.name, exact, 0.0, 'exact')
 
     # ---- The run ---------------------------------------------------------------------------------
 
     def settingSeed(self, setting):
-        """The seed of a setting: of the study's seed, the method's name and the value, nothing else."""
+        """The seed of a setting.
+
+        It depends only on the study's seed, the method's name and the value.
+        """
         text = f'{self.seed}|{setting.method.name}|{setting.value:.9g}'
         return zlib.crc32(text.encode()) % (2**31 - 2) + 1
 
@@ -138,34 +145,33 @@ class Study:
             cluster=None):
         """Measure.
 
-        The runs take turns: in each round every setting advances by a piece of its length, in a
-        random order, so that whatever slows the machine down for a while slows all of them, and
-        ratios of times stay right. Ctrl-C ends the measurement early; what was gathered is
-        evaluated.
+        The runs take turns. In each round every setting advances by a part of its length, in a
+        random order. What slows the machine down for a while so slows all settings down, and ratios
+        of times stay right. Ctrl-C ends the measurement early; what was gathered is evaluated.
 
         Parameters
         ----------
         budget : float
-            seconds (wall) that the measurement may take; run lengths are planned from a short trial
-            of each setting, in proportion to the square root of its speed: large steps get longer
-            runs, small steps more time
+            time that the measurement may take, seconds (wall). Run lengths are planned from a short
+            trial of each setting, in proportion to the square root of its speed: large steps get
+            longer runs, and small steps get more time.
         length : float, optional
-            ps for every setting; then there is no budget, and results do not depend on the
-            machine's speed
+            length of the run of every setting, ps; then there is no budget, and results do not
+            depend on the machine's speed
         equilibration : float, optional
-            ps left out at the start of each run; default: the scene's, or else a tenth of its
-            length
+            time left out at the start of each run, ps; default: the scene's, or else a tenth of the
+            run's length
         rounds : int
             number of turns that the lengths are planned for; with a budget there are as many as fit
         jobs : int
-            above 1: so many runs at a time, with nothing in turn, and times are measured
-            afterwards, alone
+            above 1: number of runs at the same time. The runs do not take turns, and times are
+            measured afterwards, alone.
         progress : callable, optional
             called with (done, total, text) in steps
         cluster : str, optional
-            who makes the runs if they are not made in turn: see
-            :func:`openmmrigidhi.ensemble.tasks.run`. Of a scheduler's workers all are used; the
-            budget is planned for as many as there are jobs.
+            who makes the runs if they do not take turns: see
+            :func:`openmmrigidhi.ensemble.tasks.run`. All workers of a scheduler are used; the
+            budget is planned for as many workers as there are jobs.
 
         Returns
         -------
@@ -183,8 +189,8 @@ class Study:
             else:
                 runs.append((setting, self._makeRun(setting)))
         cost = [run.secondsPerStep() for _, run in runs]
-        # How long the trial was depends on the machine; the results do not: those that survived it
-        # start afresh.
+        # The length of the trial depends on the machine. The results do not: settings that survived
+        # the trial start afresh.
         runs = [(setting, self._makeRun(setting) if run.isAlive else run) for setting, run in runs]
         inTurn = jobs == 1 and cluster is None
         lengths, left = self._plan(runs, cost, budget - (time.perf_counter() - began), length,
@@ -203,7 +209,10 @@ class Study:
         return self._evaluate([(setting, run.record) for setting, run in runs], refusals, about)
 
     def _plan(self, runs, cost, budget, length, equilibration, jobs, rounds, inTurn):
-        """Lengths of all runs and of their equilibration, ps; whole sample intervals, equal parts for all rounds."""
+        """Lengths of all runs and of their equilibration, ps.
+
+        They are whole sample intervals, with equal parts for all rounds.
+        """
         alive = [i for i, (_, run) in enumerate(runs) if run.isAlive]
         perPs = {i: cost[i]/runs[i][1].stepSize for i in alive}
         fixed = equilibration if equilibration is not None else self.scene.equilibration
@@ -235,8 +244,8 @@ class Study:
                 max(1, round(ps/rounds/run.record.samplesAt))
                 for (_, run), ps in zip(runs, lengths)
             ]
-            # With a budget: as many rounds as fit, which are more or fewer than planned if the
-            # trial misjudged the speed.
+            # With a budget there are as many rounds as fit. They are more or fewer than planned if
+            # the trial misjudged the speed.
             slowest = 0.0
             while (turn < rounds if deadline == math.inf else turn < FEWEST_ROUNDS
                    or time.perf_counter() + 0.7*slowest < deadline):
@@ -251,7 +260,7 @@ class Study:
             return turn
 
     def _together(self, runs, lengths, left, jobs, cluster, meter):
-        """Whole runs in other processes; then times, here and in turn, with everything else quiet."""
+        """Whole runs in other processes; then times, here and in turn, without other work."""
         alive = [i for i, (_, run) in enumerate(runs) if run.isAlive]
         # The longest first, so that none is left alone at the end.
         order = sorted(alive, key=lambda i: -lengths[i]/runs[i][1].stepSize)
@@ -270,7 +279,7 @@ class Study:
         for _ in range(7):
             for i in rng.permutation(alive):
                 setting, old = runs[i]
-                # Times may end where the run itself did not: its start is another one.
+                # Times may end although the run itself did not end, since their start differs.
                 if old.record.status != STABLE or old.context is None:
                     continue
                 # This process has a Context of its own for the times; what that computes is thrown
@@ -340,26 +349,30 @@ class StepSizeStudy(Study):
     scene : Scene, optional
         default: :func:`openmmrigidhi.accuracy.scenes.water`
     methods : sequence of str or Method
-        among LangevinA, LangevinB, LangevinC, GradientThermostat, LangevinMiddle, or your own
+        methods among LangevinA, LangevinB, LangevinC, GradientThermostat, LangevinMiddle, or your
+        own
     stepSizes : sequence of float, or dict from method name to sequence of float, optional
-        ps; default: the scene's. A method that the dict does not name gets the scene's.
+        ps; default: the scene's. A method that the dict does not name gets the scene's step sizes.
     references : dict, optional
-        observable name -> (value, standard error): known averages, used instead of exact ones and
-        of the extrapolation
+        observable name -> (value, standard error): known averages, which are used instead of exact
+        averages and of the extrapolation
     **kwargs
         observables, platform, threads, seed, clock, sampleInterval: see Study
 
     Notes
     -----
-    All methods sample the canonical ensemble as h -> 0, so that an observable's limit A0 is common: it is fitted to all stable
-    settings as A0 + E_m h^p + F_m h^2p (:func:`openmmrigidhi.accuracy.statistics.extrapolate`). Kinetic temperatures need no
-    fit: their limit is the temperature of the heat bath.
+    All methods sample the canonical ensemble as h -> 0, so they have a common limit A0 of an
+    observable. A0 is fitted to all stable settings as A0 + E_m h^p + F_m h^2p
+    (:func:`openmmrigidhi.accuracy.statistics.extrapolate`). Kinetic temperatures need no fit, since
+    their limit is the temperature of the heat bath.
 
     Examples
     --------
     >>> from openmmrigidhi import accuracy
-    >>> study = accuracy.StepSizeStudy(accuracy.scenes.trap(bodies=50), ['LangevinC'], [0.002, 0.004, 0.008],
-    ...                                observables=['translational_temperature'], platform='Reference')
+    >>> scene = accuracy.scenes.trap(bodies=50)
+    >>> study = accuracy.StepSizeStudy(scene, ['LangevinC'], [0.002, 0.004, 0.008],
+    ...                                observables=['translational_temperature'],
+    ...                                platform='Reference')
     >>> print(study.run(length=2).recommend('translational_temperature:20%').setting['method'])
     LangevinC
     """
@@ -378,7 +391,7 @@ class StepSizeStudy(Study):
                     f'in ps: correct it')
 
     def settings(self):
-        """All settings: methods times their step sizes, ascending."""
+        """All settings: methods and their step sizes, in ascending order."""
         def steps(method):
             if isinstance(self.stepSizes, dict):
                 return self.stepSizes.get(method.name, self.scene.stepSizes)
@@ -395,7 +408,7 @@ class StepSizeStudy(Study):
         ----------
         observable : Observable
         rows : list of dict
-            its rows of stable settings
+            the observable's rows of stable settings
         """
         if observable.name in self.references:
             value, error = self.references[observable.name]

@@ -1,12 +1,14 @@
-"""What trajectories and mobilities of rigid bodies say: mean square displacements, diffusion coefficients, hydrodynamic centres.
+"""Analysis of trajectories and mobilities of rigid bodies.
 
-And what equilibrium is: Monte Carlo of bodies, the reference for every scheme. And the effective
-viscosity of a driven suspension.
+It has mean square displacements, diffusion coefficients and hydrodynamic centres. It has Monte
+Carlo of bodies at equilibrium, the reference for every scheme. It also has the effective viscosity
+of a driven suspension.
 
 Equation numbers are those of Delong, Balboa Usabiaga, Donev 2015, J. Chem. Phys. 143, 144107.
 """
 from .displacements import MeanSquareDisplacement, planarAngleMSD, rotationalMSD, translationalMSD
-from .diffusion import DiffusionCoefficient, gravitationalHeight, longTimeDiffusion, shortTimeDiffusion
+from .diffusion import (DiffusionCoefficient, gravitationalHeight, longTimeDiffusion,
+                        shortTimeDiffusion)
 from .gibbsboltzmann import GibbsBoltzmannSampler
 from .mobilities import (centerOfHydrodynamicStress, centerOfMobility, mobilityAboutPoint,
                          mobilityInBodyFrame, planarAngleMobility, planarCenterOfHydrodynamicStress)

@@ -7,11 +7,11 @@ from .._quaternions import product
 
 COORDINATES = ('x', 'y', 'z', 'rotation')
 OVERLAP, CROSSING = 'Overlap', 'Crossing'
-#: Between the best for one coordinate (0.44) and for many (0.23): Roberts and Rosenthal, Stat. Sci.
-#: 16, 351 (2001).
+#: A value between the best for one coordinate (0.44) and for many (0.23): Roberts and Rosenthal,
+#: Stat. Sci. 16, 351 (2001).
 _TARGET_ACCEPTANCE = 0.4
-#: A coordinate on which the energy does not depend accepts everything; its steps must stop growing
-#: somewhere.
+#: Every move along a coordinate on which the energy does not depend is accepted, so this limits the
+#: growth of its steps.
 _LARGEST_GROWTH = 1e6
 
 
@@ -45,11 +45,17 @@ class Motion:
             self.axis = axis/np.linalg.norm(axis)
 
     def translations(self, random, sizes):
-        """Displacements (n, 3): Gaussian with these standard deviations (n,) along each coordinate that is sampled."""
+        """Displacements (n, 3), Gaussian along each coordinate that is sampled.
+
+        Their standard deviations are sizes (n,).
+        """
         return random.standard_normal((len(sizes), 3))*self.along*sizes[:, None]
 
     def rotations(self, random, angles):
-        """Quaternions (n, 4) of turns by at most these angles (n,), uniform in Haar's measure up to there, or about the axis."""
+        """Quaternions (n, 4) of turns by at most these angles (n,).
+
+        They are uniform in Haar's measure up to these angles, or about the axis.
+        """
         if self.axis is None:
             return uniformRotations(random, angles)
         half = 0.5*angles*random.uniform(-1, 1, len(angles))
@@ -57,10 +63,11 @@ class Motion:
 
 
 def uniformRotations(random, largestAngles):
-    """Quaternions (n, 4) of random rotations, uniform on SO(3) among those by at most these angles (n,), at most pi.
+    """Quaternions (n, 4) of random rotations by at most these angles (n,), at most pi.
 
-    Rotation vectors uniform in a ball have the density of Haar's measure divided by
-    (sin(r/2)/(r/2))^2, which thus is the probability to keep one; it is at least 0.4.
+    They are uniform on SO(3) among such rotations. Rotation vectors uniform in a ball have the
+    density of Haar's measure divided by (sin(r/2)/(r/2))^2. This factor is the probability to keep
+    a rotation; it is at least 0.4.
     """
     angles = np.empty(len(largestAngles))
     open_ = np.arange(len(angles))
@@ -74,13 +81,16 @@ def uniformRotations(random, largestAngles):
 
 
 def turned(turns, orientations):
-    """Orientations after turns in the lab frame, of length 1 whatever the number of moves before."""
+    """Orientations after turns in the lab frame, of length 1 whatever the number of moves was."""
     q = product(turns, orientations)
     return q/np.sqrt(np.einsum('ij,ij->i', q, q))[:, None]
 
 
 class StepSizes:
-    """The sizes of the moves of one kind, one number for each thing that moves; they change in burn-in only."""
+    """The sizes of the moves of one kind, one number for each thing that moves.
+
+    They change in burn-in only.
+    """
     def __init__(self, count, size, largest):
         self.sizes = np.full(count, float(size))
         self._smallest = size/_LARGEST_GROWTH
@@ -93,7 +103,10 @@ class StepSizes:
         self.tried = self.accepted = 0
 
     def count(self, which, tried, accepted, adapt):
-        """Note how many of some trials of these were accepted and, in burn-in, change their sizes towards the wanted rate."""
+        """Note how many of some trials were accepted.
+
+        In burn-in, change the sizes towards the wanted rate.
+        """
         self.tried += tried
         self.accepted += accepted
         if adapt:
@@ -110,13 +123,16 @@ class StepSizes:
 
 
 def stepSizes(kinds, count, extent):
-    """{kind: StepSizes} for things of this extent, nm, to begin with."""
+    """{kind: StepSizes} at the start, for things of this extent, nm."""
     first = {'translation': (0.1*extent, 0.1*extent*_LARGEST_GROWTH), 'rotation': (0.3, np.pi)}
     return {kind: StepSizes(count, *first[kind]) for kind in kinds}
 
 
 class Wall:
-    """A hard wall below particles of these radii, or (side = -1) above them, at a place along one axis; those of radius 0 do not feel it."""
+    """A hard wall below particles of these radii, or (side = -1) above them.
+
+    It is at a place along one axis. Particles of radius 0 do not feel it.
+    """
     def __init__(self, place, radii, rejection, where, axis=2, side=1):
         name = getattr(rejection, 'name', rejection)
         if name not in (OVERLAP, CROSSING):
@@ -128,11 +144,11 @@ class Wall:
         self.limits = np.where(radii > 0, side*place + (0 if self.crossing else radii), -np.inf)
 
     def heights(self, places):
-        """Of places (..., 3), counted so that they grow away from the wall, nm."""
+        """Heights of places (..., 3), which grow away from the wall, nm."""
         return self.side*places[..., self.axis]
 
     def allows(self, heights, limits=None):
-        """Whether particles at these heights, nm, are all above their limits; over the last axis."""
+        """Whether all particles (last axis) at these heights, nm, are above their limits."""
         limits = self.limits if limits is None else limits
         return np.all(heights > limits if self.crossing else heights >= limits, axis=-1)
 
@@ -160,7 +176,7 @@ def isNoEnergy(energies):
 
 
 def generator(seed, where):
-    """The seed, a fresh one for 0, and the generator that it makes."""
+    """The seed, or a fresh one for 0, and the generator that it makes."""
     seed = _units.integer(seed, where, 'seed')
     if seed < 0:
         raise ValueError(

@@ -1,4 +1,7 @@
-"""What Monte Carlo samplers have in common: sweeps, with moves whose sizes adapt or are fixed, and the samples that are kept."""
+"""What Monte Carlo samplers have in common.
+
+They make sweeps, with moves whose sizes adapt or are fixed, and keep samples.
+"""
 import numpy as np
 
 from .. import _units
@@ -7,9 +10,13 @@ from .samples import PoseSamples
 
 
 class Sampler:
-    """A kind of sampler has _steps (kind of move -> StepSizes), _sweep(adapt) and _present(); and _handBack(), if anything is to be left tidy."""
+    """The base of samplers.
 
-    #: Whether the columns of its samples are independent walkers.
+    A sampler has _steps (kind of move -> StepSizes), _sweep(adapt) and _present(), and _handBack()
+    if anything must be left tidy.
+    """
+
+    #: Whether the columns of the samples are independent walkers.
     _INDEPENDENT = False
 
     def burnIn(self, sweeps, progress=None):
@@ -18,9 +25,9 @@ class Sampler:
         Parameters
         ----------
         sweeps : int
-            number of sweeps, of one trial of each kind for every walker, or for every body and free
-            particle (one for all together with moves="all"); many autocorrelation times, and some
-            hundreds for the sizes
+            number of sweeps. A sweep is one trial of each kind for every walker, or for every body
+            and free particle (with moves="all" one trial for all of them). Take many
+            autocorrelation times, and some hundreds of sweeps for the sizes.
         progress : bool, optional
             show a progress bar; None: on a terminal only
         """
@@ -32,8 +39,8 @@ class Sampler:
         Parameters
         ----------
         numSamples : int
-            number of samples, of each walker. All are kept in memory, some 60 bytes a body or
-            walker each
+            number of samples of each walker; all are kept in memory, some 60 bytes for each body or
+            walker
         interval : int
             sweeps between samples
         progress : bool, optional
@@ -74,4 +81,4 @@ class Sampler:
             self._handBack()
 
     def _handBack(self):
-        """Nothing to do, unless somebody else has the bodies too."""
+        """Do nothing, unless somebody else has the bodies too."""

@@ -28,26 +28,29 @@ class DiffusionCoefficient:
 
 
 def shortTimeDiffusion(msd, maxTime=None):
-    """Get the short-time diffusion coefficient: half the slope of a mean square displacement at zero lag time (eq. 59).
+    """Get the short-time diffusion coefficient (eq. 59).
+
+    It is half the slope of a mean square displacement at zero lag time.
 
     Parameters
     ----------
     msd : MeanSquareDisplacement
         with some lag times above 0
     maxTime : float or Quantity, optional
-        MSD/(2 lag time) is fitted by a straight line in the lag time up to this one, ps, and
-        extrapolated to 0. None: its value at the smallest lag time is returned, which is off by the
-        curvature up to there.
+        MSD/(2 lag time) is fitted by a straight line in the lag time up to this lag time, ps, and
+        extrapolated to 0. None: its value at the smallest lag time is returned, which has an error
+        from the curvature up to there.
 
     Returns
     -------
     DiffusionCoefficient
-        of each component. The trace of a tensor over d dimensions is d times the mean coefficient.
+        a coefficient for each component; the trace of a tensor over d dimensions is d times the
+        mean coefficient
 
     Raises
     ------
     TypeError
-        if msd is something else
+        if msd is no MeanSquareDisplacement
     ValueError
         if there are no lag times above 0, or fewer than two up to maxTime
     """
@@ -75,30 +78,32 @@ def shortTimeDiffusion(msd, maxTime=None):
 
 
 def longTimeDiffusion(msd, minTime, maxTime=None):
-    """Get the long-time diffusion coefficient: half the slope of a mean square displacement at long lag times (eq. 60).
+    """Get the long-time diffusion coefficient (eq. 60).
 
-    The slope is that of the least-squares straight line, all lag times with the same weight. For
-    motion along a wall take half of that of ``msd.parallel``, for motion in space a third of that
-    of ``msd.trace``.
+    It is half the slope of a mean square displacement at long lag times. The slope is that of the
+    least-squares straight line, with the same weight for all lag times. For motion along a wall
+    take half of the result for ``msd.parallel``. For motion in space take a third of the result for
+    ``msd.trace``.
 
     Parameters
     ----------
     msd : MeanSquareDisplacement
         with at least two lag times in the range
     minTime : float or Quantity
-        the shortest lag time that is used, ps; longer than the body takes to lose its orientation
+        the shortest lag time that is used, ps; longer than the time in which the body loses its
+        orientation
     maxTime : float or Quantity, optional
-        the longest lag time that is used, ps; None: all from minTime on
+        the longest lag time that is used, ps; None: all lag times from minTime on
 
     Returns
     -------
     DiffusionCoefficient
-        of each component
+        a coefficient for each component
 
     Raises
     ------
     TypeError
-        if msd is something else
+        if msd is no MeanSquareDisplacement
     ValueError
         if there are fewer than two lag times in the range
     """
@@ -120,11 +125,12 @@ def longTimeDiffusion(msd, minTime, maxTime=None):
 
 
 def gravitationalHeight(kT, weight):
-    """Get the gravitational height kT/weight, over which the density of sedimenting particles falls by a factor e.
+    """Get the gravitational height kT/weight.
 
-    The height that eq. (70) defines for any body, from the plateau of its perpendicular mean square
-    displacement, is the standard deviation of its height at equilibrium; far above the wall's
-    repulsion it is this one.
+    The density of sedimenting particles falls by a factor e over this height. Eq. (70) defines a
+    height for any body, from the plateau of its perpendicular mean square displacement. It is the
+    standard deviation of the body's height at equilibrium. Far above the wall's repulsion both
+    heights are equal.
 
     Parameters
     ----------
@@ -141,7 +147,7 @@ def gravitationalHeight(kT, weight):
     Raises
     ------
     ValueError
-        if one is not finite and positive
+        if kT or weight is not finite and positive
     """
     kT = _units.number(kT, _units.ENERGY, 'gravitationalHeight', 'kT')
     weight = _units.number(weight, _units.FORCE, 'gravitationalHeight', 'weight')
@@ -163,7 +169,10 @@ def _lagTimes(msd, where):
 
 
 def _estimate(msd, weights):
-    """The estimate that is linear in the mean square displacement with these weights, 1/ps, of the lag times."""
+    """The estimate that is linear in the mean square displacement of the lag times.
+
+    Weights are in 1/ps.
+    """
     blocks, _ = _withoutUnit(msd.blocks)
     value, error = meanAndError(np.tensordot(blocks, weights, axes=(1, 0)))
     diffusionUnit = (msd.blocks.unit

@@ -7,7 +7,7 @@ from openmm import unit
 from .. import _units
 from .._quaternions import conjugate, product, rotate
 
-#: Quaternions may be off unit length by the rounding of single precision.
+#: The length of quaternions may differ from 1 by the rounding of single precision.
 _NORM_TOLERANCE = 1e-6
 _DEFAULT_LAGS = 50
 
@@ -21,12 +21,12 @@ class MeanSquareDisplacement:
     lagTimes : Quantity of shape (lags,)
         lag times, ps
     mean : Quantity or array of shape (lags, 3, 3) or (lags,)
-        the tensor <d_i d_j> of displacements d (or <d^2> of a scalar one): nm^2, without unit for
-        rotations (rad^2)
+        the tensor <d_i d_j> of displacements d (or <d^2> of a scalar displacement): nm^2; without
+        unit for rotations (rad^2)
     error : as mean
-        its standard error, from the spread of the blocks
+        standard error of mean, from the spread of the blocks
     blocks : Quantity or array of shape (blocks,) + shape of mean
-        the same of each block of the trajectory; mean is the mean of these
+        the mean square displacement of each block of the trajectory; mean is the mean over blocks
     """
 
     lagTimes: unit.Quantity
@@ -50,7 +50,7 @@ class MeanSquareDisplacement:
         return self.component((1, 1, 1))
 
     def component(self, weights):
-        """Get a weighted sum of components of the tensor, with an error that knows their correlation.
+        """Get a weighted sum of components of the tensor, with an error from their correlation.
 
         Parameters
         ----------
@@ -65,7 +65,7 @@ class MeanSquareDisplacement:
         Raises
         ------
         ValueError
-            for weights of another shape, or if this is one number for each lag time already
+            for weights of another shape, or if there is one number for each lag time already
         """
         weights = np.array(weights, dtype=float)
         if weights.shape == (3,):
@@ -84,10 +84,10 @@ def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags
                      bodyFrame=False, independentBodies=False):
     """Get the mean square displacement of a point of rigid bodies.
 
-    Which point is tracked matters at short times and not at long ones. At short times the tensor is
-    2 kT N_tt times the lag time, with the translational mobility N_tt about that point; at all
-    times if it is the centre of mobility of an isolated body (eq. 67). All pairs of frames within a
-    block are averaged over, and all bodies.
+    The choice of the tracked point matters at short times and not at long times. At short times the
+    tensor is 2 kT N_tt times the lag time, with the translational mobility N_tt about this point.
+    If the point is the centre of mobility of an isolated body, this holds at all times (eq. 67).
+    The average is over all pairs of frames within a block, and over all bodies.
 
     Parameters
     ----------
@@ -100,17 +100,17 @@ def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags
     trackingPoint : Vec3, sequence or Quantity of shape (3,)
         the point in the body frame, nm; (0, 0, 0) is the body's origin
     lags : sequence of int, optional
-        lag times as numbers of frames, from 0 to less than a block's; None: about 50, from 1 to a
-        quarter of a block in equal ratios
+        lag times as numbers of frames, from 0 to less than the length of a block; None: about 50,
+        from 1 to a quarter of a block in equal ratios
     numBlocks : int
         number of blocks of the trajectory in time. A block should be longer than all relaxation
-        times and several times the largest lag, or else errors come out too small. Frames that fill
-        no block are left out at the start.
+        times and several times the largest lag; otherwise errors are too small. Frames that fill no
+        block are left out at the start.
     bodyFrame : bool
-        resolve displacements along the body axes of the earlier frame instead of the lab's
+        resolve displacements along the body axes of the earlier frame instead of the lab axes
     independentBodies : bool
-        count each body's blocks for themselves: right for replicas that do not interact, which may
-        then do with numBlocks=1
+        count the blocks of each body separately. This is right for replicas that do not interact,
+        for which numBlocks=1 may be enough.
 
     Returns
     -------
@@ -120,8 +120,8 @@ def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags
     Raises
     ------
     TypeError, ValueError
-        for arrays of other shapes, dimensions or lengths, lags that do not fit into a block, or
-        fewer than two blocks
+        for arrays of other shapes, dimensions or lengths, for lags that do not fit into a block, or
+        for fewer than two blocks
     """
     where = 'translationalMSD'
     q = _orientations(orientations, where)
@@ -148,8 +148,8 @@ def rotationalMSD(orientations, frameInterval, lags=None, numBlocks=10, bodyFram
     """Get the rotational mean square displacement of rigid bodies (eqs. 20-22).
 
     The rotational displacement between two frames is u = 1/2 sum_i u_i(0) x u_i(t) over the body
-    axes u_i, which is sin(angle) times the axis of the rotation between them. At short times its
-    tensor is 2 kT N_rr times the lag time; for free rotation it tends to 1/6 of the unit matrix.
+    axes u_i. It is sin(angle) times the axis of the rotation between the frames. At short times its
+    tensor is 2 kT N_rr times the lag time. For free rotation it tends to 1/6 of the unit matrix.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def rotationalMSD(orientations, frameInterval, lags=None, numBlocks=10, bodyFram
     numBlocks : int
         as in :func:`translationalMSD`
     bodyFrame : bool
-        resolve displacements along the body axes instead of the lab's
+        resolve displacements along the body axes instead of the lab axes
     independentBodies : bool
         as in :func:`translationalMSD`
 
@@ -193,11 +193,12 @@ def rotationalMSD(orientations, frameInterval, lags=None, numBlocks=10, bodyFram
 
 def planarAngleMSD(orientations, frameInterval, bodyVector, lags=None, numBlocks=10,
                    independentBodies=False):
-    """Get the mean square displacement of the angle of a body vector's projection onto the xy plane.
+    """Get the mean square displacement of the angle of a body vector in the xy plane.
 
-    The angle is followed from frame to frame through full turns; a change by more than half a turn
-    between frames would be taken for one the other way round. It is undefined where the vector is
-    along z: of bodies that flip this quantity says little.
+    The angle is that of the vector's projection onto the plane. It is followed from frame to frame
+    through full turns. A change by more than half a turn between frames would be taken for a turn
+    the other way round. The angle is undefined where the vector is along z, so the result says
+    little about bodies that flip.
 
     Parameters
     ----------
@@ -206,7 +207,7 @@ def planarAngleMSD(orientations, frameInterval, bodyVector, lags=None, numBlocks
     frameInterval : float or Quantity
         time between frames, ps
     bodyVector : Vec3 or sequence of shape (3,)
-        the vector in the body frame, of any length but 0; a boomerang's bisector, say
+        the vector in the body frame, of any length but 0, such as a boomerang's bisector
     lags : sequence of int, optional
         as in :func:`translationalMSD`
     numBlocks : int
@@ -276,7 +277,10 @@ class _Blocks:
         return values[self.skipped:].reshape((self.number, self.length) + values.shape[1:])
 
     def average(self, displacements, attach):
-        """The mean square displacement; displacements(lag) gives those of a lag as (blocks, pairs, bodies[, 3])."""
+        """The mean square displacement.
+
+        displacements(lag) gives the displacements of a lag as (blocks, pairs, bodies[, 3]).
+        """
         rows = []
         for lag in self.lags:
             d = displacements(lag)
@@ -301,7 +305,7 @@ def meanAndError(blocks):
 
 
 def _withoutUnit(values):
-    """The numbers of a Quantity or array, and what gives numbers its unit back."""
+    """The numbers of a Quantity or array, and a function that gives numbers their unit back."""
     if not unit.is_quantity(values):
         return values, lambda numbers: numbers
     return values._value, lambda numbers: unit.Quantity(numbers, values.unit)

@@ -15,56 +15,58 @@ _Y, _Z = 1, 2
 
 
 class GibbsBoltzmannSampler(Sampler):
-    """Samples poses of all rigid bodies of a Context, and its free particles, from exp(-U/kT): what dynamics must reproduce.
+    """Samples poses of a Context's rigid bodies and free particles from exp(-U/kT).
 
-    Metropolis moves with respect to the measure dR times Haar's on SO(3) for each body (and dr for
-    each free particle), at constant box. U is the potential energy of the Context's forces in the
-    integrator's force groups, plus energyFunction. Momenta, fluid and scheme do not matter: the
-    distribution is that of every right scheme as its step tends to 0. A fluid that is driven has no
-    such distribution, and is refused.
+    The samples are the reference that dynamics must reproduce. Metropolis moves have respect to the
+    measure dR times Haar's on SO(3) for each body (and dr for each free particle), at constant box.
+    U is the potential energy of the Context's forces in the integrator's force groups, plus
+    energyFunction. Momenta, fluid and scheme do not matter: the distribution is that of every right
+    scheme as its step tends to 0. A driven fluid has no such distribution, and is refused.
 
-    Cost of a trial: one evaluation of the Context's energy (1 us or less of OpenMM's own on the
+    A trial costs one evaluation of the Context's energy (1 us or less of OpenMM's own on the
     Reference platform, 50 us on CPU) and some 40 us of Python. A sweep is one trial of each kind
-    for every body. For one body with an energy that NumPy can write, :class:`WalkerSampler` is a
+    for every body. For one body with an energy written in NumPy, :class:`WalkerSampler` is a
     hundred times faster.
 
     Parameters
     ----------
     context : openmm.Context
-        with a CustomRigidHIIntegrator, and positions, at which the sampler starts. It is left at
-        the last sample
+        with a CustomRigidHIIntegrator and positions, at which the sampler starts; it is left at the
+        last sample
     temperature : float or Quantity, optional
-        K; None: the integrator's
+        K; None: the integrator's temperature
     energyFunction : callable, optional
-        ``energyFunction(positions, orientations)``: further energy, kJ/mol, of arrays (n, 3) in nm
-        and (n, 4), unit quaternions (w, x, y, z) body frame to lab frame, of all bodies. Infinity
-        forbids what it is given. A System with a CustomBodyForce, which has no energy, needs it
+        ``energyFunction(positions, orientations)`` is a further energy, kJ/mol, of the poses of all
+        bodies: arrays (n, 3) in nm, and (n, 4) of unit quaternions (w, x, y, z), body frame to lab
+        frame. Infinity forbids the poses. It is needed for a System with a CustomBodyForce, which
+        has no energy.
     wallHeight : float or Quantity, optional
         height z of a hard wall, nm; None: that of a MobilityForce with a no-slip wall, else no
-        wall. Both walls of a MobilityForce's SlipChannel are taken besides
+        wall. Both walls of a MobilityForce's SlipChannel are taken in addition.
     radii : sequence or Quantity of shape (particles of the System,), optional
-        what walls stop, nm; particles of radius 0 do not feel them; None: the radii of the
+        radii that walls stop, nm; particles of radius 0 do not feel walls; None: the radii of the
         MobilityForce
     rejection : str or constant, optional
-        "Overlap": every particle with a radius must have z - wallHeight >= its radius; "Crossing":
-        z - wallHeight > 0; likewise at both walls of a channel; None: what the integrator's wall
-        rejection says
+        Under "Overlap" every particle with a radius must have z - wallHeight >= its radius, under
+        "Crossing" z - wallHeight > 0. The same holds at both walls of a channel. None: the
+        integrator's wall rejection.
     coordinates : sequence of str
         what is sampled: any of "x", "y", "z", "rotation"
     rotationAxis : Vec3 or sequence of shape (3,), optional
-        turn about this axis of the lab only; None: about all
+        turn about this axis of the lab only; None: about all axes
     trackingPoints : array-like or Quantity of shape (bodies, 3), optional
-        the point of each body about which it is turned, body frame, nm; None: the origins. They
-        change how fast samples become independent, nothing else
+        the point of each body about which it is turned, body frame, nm; None: the origins. The
+        points change only how fast samples become independent.
     bodies : sequence of int, optional
-        which bodies move; None: all
+        which bodies move; None: all bodies
     freeParticles : sequence of int, optional
-        which free particles move; None: all that have a mass or a radius, but no virtual sites
+        which free particles move; None: all free particles that have a mass or a radius, without
+        virtual sites
     moves : str
-        "single": every trial moves one body or free particle; "all": all at once, for few or
-        strongly coupled ones
+        with "single" every trial moves one body or free particle; with "all" every trial moves all
+        of them, which suits few or strongly coupled bodies
     seed : int
-        of the random numbers; 0: a fresh one
+        seed of the random numbers; 0: a fresh seed
 
     Attributes
     ----------
@@ -74,18 +76,19 @@ class GibbsBoltzmannSampler(Sampler):
     Raises
     ------
     TypeError, ValueError
-        for arguments of wrong dimension or shape, a start that a wall forbids or that has an
-        infinite energy, a CustomBodyForce without energyFunction, constraints on a free particle
-        that is to move, a MobilityForce with a driven flow
+        for arguments of wrong dimension or shape, for a start that a wall forbids or that has an
+        infinite energy, for a CustomBodyForce without energyFunction, for constraints on a free
+        particle that is to move, or for a MobilityForce with a driven flow
 
     Notes
     -----
-    Bodies need no masses. A Context of bodies without any, as :func:`openmmrigidhi.app.addRigidMultiblob` adds them, needs a scheme without
-    momenta, such as ``FixmanMidpoint``, and the MobilityForce that goes with it.
+    Bodies need no masses. A Context of bodies without masses, as
+    :func:`openmmrigidhi.app.addRigidMultiblob` adds them, needs a scheme without momenta, such as
+    ``FixmanMidpoint``, and the MobilityForce that goes with it.
 
-    Coordinates that nothing confines, such as x and y over a plain wall, wander off without end and
-    without harm to the others. Spheres that StokesianDynamics keeps from overlapping must be kept
-    so by a force, or by an infinite energyFunction.
+    Coordinates that nothing confines, such as x and y over a plain wall, drift without limit. This
+    does not harm the other coordinates. Spheres that StokesianDynamics keeps from overlapping must
+    here be kept apart by a force, or by an infinite energyFunction.
     """
     def __init__(self, context, temperature=None, energyFunction=None, wallHeight=None, radii=None,
                  rejection=None, coordinates=_moves.COORDINATES, rotationAxis=None,
@@ -140,7 +143,8 @@ class GibbsBoltzmannSampler(Sampler):
     def _takeBodies(self, trackingPoints, where):
         """Members, sites and owners of all bodies, body after body."""
         bodies = BodyDefinitions(self._integrator)
-        self._firstSite, self._members, self._sites, self._owners = bodies.first, bodies.members, bodies.places, bodies.owners
+        self._firstSite, self._members, self._sites, self._owners = (bodies.first, bodies.members,
+                                                                     bodies.places, bodies.owners)
         self._points = np.zeros((len(bodies), 3)) if trackingPoints is None else \
             _units.rows(trackingPoints, _units.LENGTH, 3, where, 'trackingPoints', len(bodies))
 
@@ -177,7 +181,7 @@ class GibbsBoltzmannSampler(Sampler):
                     'break it: make them a body, or leave them out')
 
     def _wallsOf(self, height, radii, rejection, fluids, where):
-        """The plane wall, if there is one, and both of a channel."""
+        """The plane wall, if there is one, and both walls of a channel."""
         boundary = fluids[0].getBoundary().name if fluids else None
         if height is None and boundary == 'NoSlipWall':
             height = fluids[0].getWallHeight()
@@ -200,7 +204,7 @@ class GibbsBoltzmannSampler(Sampler):
         ]
 
     def _adoptPoses(self):
-        """Take the poses of the Context, and put the members where they say."""
+        """Take the poses of the Context, and put the members where the poses say."""
         self._positions = self._integrator.getBodyPositions()._value.copy()
         self._orientations = self._integrator.getBodyOrientations().copy()
         self._places[self._members] = self._membersAt(slice(None), self._positions,
@@ -239,7 +243,7 @@ class GibbsBoltzmannSampler(Sampler):
                 steps.count(which, 1, trial(kind, which, steps.sizes[which]), adapt)
 
     def _tryBodies(self, kind, which, sizes):
-        """Move some of the moving bodies, if Metropolis accepts it; whether it did."""
+        """Move some of the moving bodies, if Metropolis accepts the move; return whether it did."""
         bodies = self._bodies[which]
         R, q = self._positions.copy(), self._orientations.copy()
         if kind == 'translation':
@@ -263,14 +267,15 @@ class GibbsBoltzmannSampler(Sampler):
         return self._accept(particles, moved, self._positions, self._orientations)
 
     def _accept(self, particles, places, R, q):
-        """Put particles to places if Metropolis accepts it; whether it did."""
+        """Put particles to places if Metropolis accepts the move; return whether it did."""
         if not all(
                 wall.allows(wall.heights(places), wall.limits[particles]) for wall in self._walls):
             return False
         before = self._places[particles]
         self._places[particles] = places
         energy = self._evaluate(R, q)
-        # -log of a uniform number is an exponential one, and needs no care with large differences.
+        # -log of a uniform number is an exponential number, and needs no care with large
+        # differences.
         if energy - self._energy <= self._kT*self._random.standard_exponential():
             self._energy = energy
             return True
@@ -282,7 +287,11 @@ class GibbsBoltzmannSampler(Sampler):
         return R[owners] + rotate(q[owners], self._sites[sites])
 
     def _evaluate(self, R, q):
-        """The energy, kJ/mol, with the particles at self._places; OpenMM has NaN for what is beyond numbers, which nothing accepts."""
+        """The energy, kJ/mol, with the particles at self._places.
+
+        OpenMM gives NaN for an energy beyond the range of numbers; such an energy is never
+        accepted.
+        """
         self._context.setPositions(self._places)
         if self._virtualSites:
             self._context.computeVirtualSites()
@@ -299,7 +308,7 @@ class GibbsBoltzmannSampler(Sampler):
         return energy
 
     def _handBack(self):
-        """Leave the Context at the last accepted configuration, with poses exact to the last bit."""
+        """Leave the Context at the last accepted configuration, with poses exact to the bit."""
         self._context.setPositions(self._places)
         if self._virtualSites:
             self._context.computeVirtualSites()

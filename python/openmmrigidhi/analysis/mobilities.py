@@ -1,9 +1,10 @@
-"""A body's mobility about other points and in other frames, and the points about which it is simplest.
+"""A body's mobility about other points and in other frames, and its hydrodynamic centres.
 
-Mobilities are 6 x 6 matrices of plain numbers in OpenMM's units, rows Vx Vy Vz Wx Wy Wz, columns Fx
-Fy Fz Tx Ty Tz, as MobilityForce.getMobilityInContext returns them: N[6*i:6*i+6, 6*i:6*i+6] is that
-of body i. Points are relative to that about which the mobility is given, and in the same frame.
-What does not look for a point takes stacks of mobilities too, of n bodies or configurations.
+Mobilities are 6 x 6 matrices of plain numbers in OpenMM's units, with rows Vx Vy Vz Wx Wy Wz and
+columns Fx Fy Fz Tx Ty Tz. MobilityForce.getMobilityInContext returns such matrices: N[6*i:6*i+6,
+6*i:6*i+6] is the mobility of body i. Points are relative to the point about which the mobility is
+given, and in the same frame. Functions that do not look for a point also take stacks of mobilities,
+of n bodies or configurations.
 """
 import numpy as np
 
@@ -22,7 +23,7 @@ def mobilityAboutPoint(N, shift):
     N : array-like of shape (6, 6) or (n, 6, 6)
         mobility about a point of the body, or n of them
     shift : Vec3, sequence or Quantity of shape (3,) or (n, 3)
-        from that point to the new one, in the frame of N, nm; one for all mobilities, or one for
+        from the point to the new point, in the frame of N, nm; one for all mobilities, or one for
         each
 
     Returns
@@ -80,10 +81,11 @@ def mobilityInBodyFrame(N, orientation):
 
 
 def centerOfMobility(N):
-    """Get the centre of mobility (or diffusion): the one point about which the coupling block of N is symmetric (eq. 64).
+    """Get the centre of mobility (or diffusion) of a body (eq. 64).
 
-    The mean square displacement of this point of an isolated body in unbounded fluid is a straight
-    line (eq. 67). Near walls and other bodies the point changes with the configuration.
+    It is the one point about which the coupling block of N is symmetric. For an isolated body in
+    unbounded fluid, the mean square displacement of this point is a straight line (eq. 67). Near
+    walls and other bodies the point changes with the configuration.
 
     Parameters
     ----------
@@ -105,10 +107,10 @@ def centerOfMobility(N):
 
 
 def centerOfHydrodynamicStress(N, tolerance=1e-6):
-    """Get the centre of hydrodynamic stress: the point about which the coupling block of N vanishes.
+    """Get the centre of hydrodynamic stress: the point where the coupling block of N vanishes.
 
-    Bodies of enough symmetry in unbounded fluid have one, spheres, rods and ellipsoids for
-    instance; it is then the centre of mobility. Boomerangs and screws have none: see
+    Bodies of enough symmetry in unbounded fluid, such as spheres, rods and ellipsoids, have this
+    point. It is then the centre of mobility. Boomerangs and screws do not have it: see
     :func:`planarCenterOfHydrodynamicStress` and :func:`centerOfMobility`.
 
     Parameters
@@ -146,17 +148,17 @@ def centerOfHydrodynamicStress(N, tolerance=1e-6):
 
 
 def planarCenterOfHydrodynamicStress(N, z=0):
-    """Get the quasi-two-dimensional centre: where a torque about z moves the body's point not along x and y (eq. 65).
+    """Get the quasi-two-dimensional centre of hydrodynamic stress (eq. 65).
 
-    There is one such point at each height z. For a flat body in its frame, with z along its normal,
-    it is the point to track if the body lies flat on a wall.
+    A torque about z does not move this point of the body along x and y. There is one such point at
+    each height z. Track it if a flat body lies flat on a wall, with z along the body's normal.
 
     Parameters
     ----------
     N : array-like of shape (6, 6)
         mobility about any point of the body
     z : float or Quantity
-        height of the wanted point above that point, nm
+        height of the wanted point above the point of N, nm
 
     Returns
     -------
@@ -184,9 +186,9 @@ def planarCenterOfHydrodynamicStress(N, z=0):
 def planarAngleMobility(N, direction):
     """Get the mobility of the angle of a direction's projection onto the xy plane (eq. 93).
 
-    Times kT it is the short-time diffusion coefficient of :func:`planarAngleMSD`. It grows without
-    bound as the direction turns to z: its average over orientations diverges if nothing keeps the
-    body flat.
+    The mobility times kT is the short-time diffusion coefficient of :func:`planarAngleMSD`. It
+    grows without bound as the direction turns to z. Its average over orientations therefore
+    diverges if nothing keeps the body flat.
 
     Parameters
     ----------
@@ -257,7 +259,7 @@ def _oneOrEach(values, dimension, columns, N, where, name):
 
 
 def _mobility(N, where, stack=False):
-    """A checked mobility, made exactly symmetric; with `stack` also (n, 6, 6), each for itself."""
+    """A checked mobility, made exactly symmetric; with `stack` also n of them, (n, 6, 6)."""
     N = _units.matrix(N, (6, 6), where, 'N', stack)
     transposed = N.swapaxes(-1, -2)
     # Translational and rotational parts have scales of their own: lengths may have any unit.

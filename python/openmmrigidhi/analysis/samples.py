@@ -1,4 +1,4 @@
-"""Samples of poses from a Boltzmann distribution, and averages over them with errors that know their correlation."""
+"""Samples of poses from a Boltzmann distribution, and averages with errors from correlations."""
 import dataclasses
 
 import numpy as np
@@ -10,7 +10,10 @@ from .series import SeriesStatistics, seriesStatistics
 
 @dataclasses.dataclass
 class PoseSamples:
-    """Poses sampled by a GibbsBoltzmannSampler (n interacting bodies) or a WalkerSampler (n independent walkers of one body).
+    """Poses sampled by a GibbsBoltzmannSampler or a WalkerSampler.
+
+    A GibbsBoltzmannSampler has n interacting bodies. A WalkerSampler has n independent walkers of
+    one body.
 
     Attributes
     ----------
@@ -45,21 +48,21 @@ class PoseSamples:
     def average(self, values):
         """Get the mean of an observable over all samples and its standard error.
 
-        Of interacting bodies the error is that of block averages over many autocorrelation times;
-        of walkers it comes from the spread of the walkers' own means, which are independent
-        whatever the autocorrelation.
+        For interacting bodies the error is that of block averages over many autocorrelation times.
+        For walkers the error comes from the spread of the walkers' own means, which are independent
+        whatever the autocorrelation is.
 
         Parameters
         ----------
         values : array-like or Quantity of shape (samples,) or (samples, n)
-            the observable for each sample, or for each body of each sample. Those of interacting
-            bodies are averaged over first.
+        the observable for each sample, or for each body of each sample; values of interacting
+        bodies are first averaged over the bodies
 
         Returns
         -------
         openmmrigidhi.analysis.series.SeriesStatistics
             mean and standardError in the values' unit; tau, the integrated autocorrelation time in
-            samples; degrees; effectiveSamples; isTrusted: whether there were blocks enough
+            samples; degrees; effectiveSamples; isTrusted: whether there were enough blocks
 
         Raises
         ------
@@ -81,9 +84,9 @@ class PoseSamples:
         Returns
         -------
         probabilities : array of shape (bins,)
-            fractions of all values; what lies outside the edges is in none
+            fractions of all values; values outside the edges are in no bin
         errors : array of shape (bins,)
-            their standard errors; those of neighbouring bins are not independent
+            standard errors of the probabilities; errors of neighbouring bins are not independent
 
         Raises
         ------
@@ -115,9 +118,9 @@ class PoseSamples:
     def _statistics(self, values):
         if not self.independent or values.shape[1] < 2:
             series = values.reshape(len(self), -1).mean(axis=1)
-            # The error is that of whole blocks, whose length is the observable's own; the mean is
-            # that of all samples, so that means of several observables go together: probabilities
-            # of bins add up to 1.
+            # The error is that of whole blocks, whose length is the observable's own. The mean is
+            # that of all samples. Means of several observables so fit together: probabilities of
+            # bins add up to 1.
             return dataclasses.replace(seriesStatistics(series), mean=float(series.mean()))
         samples, walkers = values.shape
         means = values.mean(axis=0)

@@ -1,6 +1,6 @@
-"""Means of series of correlated samples, their autocorrelation times, and honest errors.
+"""Means of series of correlated samples, their autocorrelation times, and their errors.
 
-Only numpy and scipy, no OpenMM, so that every rule here can be tested on synthetic numbers.
+This module uses numpy and scipy, not OpenMM, so every rule here can be tested on synthetic numbers.
 """
 from dataclasses import dataclass
 from typing import Optional
@@ -11,11 +11,11 @@ import scipy.stats
 
 #: Sokal's window: the autocorrelation is summed up to this many autocorrelation times.
 WINDOW = 5
-#: A block is at least this many autocorrelation times long. Neighbouring blocks are then correlated
-#: so little that the variance of their mean is underestimated by about tau/block = 5 %, the
+#: The least length of a block in autocorrelation times. Neighbouring blocks are then so little
+#: correlated that the variance of their mean is underestimated by about tau/block = 5 %, and the
 #: standard error by 2.5 %.
 BLOCK_LENGTH_IN_TAU = 20
-#: With fewer blocks than this a mean is reported, but flagged: its error is hardly known.
+#: With fewer blocks than this a mean is reported, but flagged, since its error is hardly known.
 FEWEST_TRUSTED_BLOCKS = 10
 
 
@@ -48,12 +48,12 @@ class SeriesStatistics:
 
     @property
     def effectiveSamples(self):
-        """How many independent samples would give the same error."""
+        """The number of independent samples that would give the same error."""
         return self.samples/(2*self.tau)
 
     @property
     def isTrusted(self):
-        """Whether there are blocks enough to believe the standard error."""
+        """Whether there are enough blocks to trust the standard error."""
         return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS
 
 
@@ -68,8 +68,8 @@ def autocorrelationTime(series):
     Returns
     -------
     float
-        tau = 1/2 + sum_{k=1}^{W} rho(k), in samples, with the smallest W >= 5 tau(W); at least 0.5.
-        The variance of the mean is 2 tau var/n. 0.5 for a constant series.
+        tau = 1/2 + sum_{k=1}^{W} rho(k), in samples, with the smallest W >= 5 tau(W); at least 0.5,
+        and 0.5 for a constant series. The variance of the mean is 2 tau var/n.
     """
     series = np.asarray(series, dtype=float)
     n = len(series)
@@ -89,7 +89,7 @@ def autocorrelationTime(series):
 
 
 def seriesStatistics(series, leastTau=0.0):
-    """Mean of a correlated series, and its standard error from block averages with automatic block length.
+    """Mean of a correlated series, and its standard error from block averages.
 
     The block length is 20 autocorrelation times (:func:`autocorrelationTime`), but never so long
     that fewer than 5 blocks are left. Samples that do not fill a block are left out at the start,
@@ -100,7 +100,7 @@ def seriesStatistics(series, leastTau=0.0):
     series : array-like of shape (n,)
         equally spaced samples, n >= 2
     leastTau : float
-        take the autocorrelation time, in samples, to be at least this: what similar runs have
+        lower limit of the autocorrelation time, in samples: that of similar runs
 
     Returns
     -------
@@ -123,8 +123,8 @@ def seriesStatistics(series, leastTau=0.0):
 def replicaStatistics(series, leastTau=0.0):
     """Mean over independent replicas, and its standard error from their spread.
 
-    What correlations there are in time does not matter. With fewer than 10 replicas their spread is
-    hardly known, and the error is that of :func:`seriesStatistics` of their mean.
+    Correlations in time do not matter. With fewer than 10 replicas their spread is hardly known.
+    The error is then that of :func:`seriesStatistics` of their mean.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def replicaStatistics(series, leastTau=0.0):
     Returns
     -------
     SeriesStatistics
-        degrees: replicas less 1; tau: the mean of the replicas'; samples: n
+        degrees: number of replicas less 1; tau: mean over the replicas; samples: n
     """
     series = np.asarray(series, dtype=float)
     if series.shape[1] < FEWEST_TRUSTED_BLOCKS:
@@ -150,22 +150,24 @@ def replicaStatistics(series, leastTau=0.0):
 
 @dataclass
 class Noise:
-    """How fast the mean of a series becomes known: after n samples its standard error is sqrt(value/n).
+    """How fast the mean of a series becomes known.
+
+    After n samples the standard error of the mean is sqrt(value/n).
 
     Attributes
     ----------
     value : float
-        2 tau variance of the series (of the mean over replicas, if there are several): n times the
-        squared standard error of its mean
+        2 tau times the variance of the series (of the mean over replicas, if there are several): n
+        times the squared standard error of its mean
     degrees : float
-        value/(what it really is) times this is nearly chi^2 distributed with so many degrees of
-        freedom
+        value divided by its true value, times this, is nearly chi^2 distributed with so many
+        degrees of freedom
     variance : float
-        of one sample, about the mean of its replica
+        variance of one sample, about the mean of its replica
     tau : float
-        integrated autocorrelation time, in samples: the series' own
+        integrated autocorrelation time of the series, in samples
     tauError : float
-        its standard error
+        standard error of tau
     """
 
     value: float
@@ -194,18 +196,18 @@ def noiseDegrees(tau, samples):
 
 
 def noise(series):
-    """How fast the mean of a series becomes known, and how well that itself is known.
+    """How fast the mean of a series becomes known, and how well this speed is known itself.
 
-    Madras and Sokal (J. Stat. Phys. 50, 109 (1988), appendices): a sum of autocorrelations up to
-    the lag W has the relative variance 2 (2 W + 1)/n, here with W = 5 tau. That of chi^2 with n/(2
-    W + 1) degrees of freedom is the same (:func:`noiseDegrees`). Taking deviations from the mean of
-    the samples makes the sum too small by (2 W + 1)/n of itself (Wolff, Comput. Phys. Commun. 156,
-    143 (2004)), which is put right.
+    By Madras and Sokal (J. Stat. Phys. 50, 109 (1988), appendices) a sum of autocorrelations up to
+    the lag W has the relative variance 2 (2 W + 1)/n, here with W = 5 tau. The relative variance of
+    chi^2 with n/(2 W + 1) degrees of freedom is the same (:func:`noiseDegrees`). Deviations from
+    the mean of the samples make the sum too small by (2 W + 1)/n of itself (Wolff, Comput. Phys.
+    Commun. 156, 143 (2004)). This bias is corrected.
 
     Parameters
     ----------
     series : array-like of shape (n,) or (n, replicas)
-        equally spaced samples, n >= 2; of independent replicas
+        equally spaced samples of independent replicas, n >= 2
 
     Returns
     -------
@@ -226,11 +228,13 @@ def noise(series):
 
 
 def splitRHat(chains):
-    """R-hat of several chains: how much more chains, and halves of chains, differ than one that has forgotten its start would.
+    """R-hat of several chains.
 
-    The larger of two: rank-normalised split R-hat, which sees means that differ, and the same of
-    distances from the median ("folded"), which sees widths that differ. 1 for chains that sample
-    the same; above 1.01 they should be run longer.
+    It compares how much chains, and halves of chains, differ with how much chains that have
+    forgotten their start would differ. It is the larger of two numbers. Rank-normalised split R-hat
+    sees means that differ. The same of distances from the median ("folded") sees widths that
+    differ. It is 1 for chains that sample the same distribution. Chains above 1.01 should be run
+    longer.
 
     Reference: Vehtari, Gelman, Simpson, Carpenter, Buerkner 2021, Bayesian Analysis 16, 667,
     equations (1) to (4) and (14), section 4; split R-hat: Gelman, Carlin, Stern, Dunson, Vehtari,
@@ -239,7 +243,8 @@ def splitRHat(chains):
     Parameters
     ----------
     chains : array-like of shape (chains, n)
-        n samples of each, n >= 4; one chain is enough, whose halves are then compared
+        n samples of each chain, n >= 4; a single chain is enough, since its halves are then
+        compared
 
     Returns
     -------
@@ -259,7 +264,7 @@ def splitRHat(chains):
 
 
 def _normalScores(values):
-    """Ranks over all, as quantiles of a normal law, by Blom's offsets."""
+    """Ranks among all values, as quantiles of a normal law, by Blom's offsets."""
     ranks = scipy.stats.rankdata(values).reshape(values.shape)
     return scipy.special.ndtri((ranks - 3/8)/(values.size + 1/4))
 
@@ -277,20 +282,20 @@ class ReplicaSummary:
     Attributes
     ----------
     mean : float
-        of the runs' means, each counted once
+        mean of the runs' means, each counted once
     standardError : float
-        from the spread of the runs' means; of a single run from block averages
+        error from the spread of the runs' means; for a single run from block averages
     degrees : int
-        of freedom of that standard error, for Student's t: number of runs less 1, or of blocks less
-        1
+        degrees of freedom of the standard error, for Student's t: number of runs less 1, or of
+        blocks less 1
     tau : float
         integrated autocorrelation time, mean over runs, in samples
     effectiveSamples : float
-        how many independent samples all runs together have: number of samples/(2 tau)
+        number of independent samples that all runs together have: number of samples/(2 tau)
     rHat : float or None
         see :func:`splitRHat`, of as many samples as the shortest run has; None with fewer than 4
     samples : int
-        of all runs
+        number of samples of all runs
     """
 
     mean: float
@@ -303,7 +308,9 @@ class ReplicaSummary:
 
 
 def independentRuns(chains):
-    """Mean over independent runs of the same thing, its error from their spread, R-hat and effective sample size.
+    """Mean over independent runs of the same thing.
+
+    The error comes from the spread of the runs. R-hat and the effective sample size are given, too.
 
     Parameters
     ----------

@@ -11,24 +11,27 @@ from ..mobility import MobilityForce
 from ._moves import positive, progressBar
 from .series import BLOCK_LENGTH_IN_TAU, FEWEST_TRUSTED_BLOCKS, seriesStatistics
 
-#: An amplitude that is not this many standard errors above 0 is no flow to measure a viscosity by.
+#: The flow must have an amplitude of at least this many standard errors above 0 to measure a
+#: viscosity.
 LEAST_SIGNIFICANCE = 3
-#: Never more blocks than this. What the random field does, new at each step, hides the slower
-#: fluctuations that come with configurations from the autocorrelation of the samples, but not from
-#: the spread of long blocks. The error is known to 1/sqrt(2 (20 - 1)) = 16 %.
+#: The largest number of blocks. The effect of the random field is new at each step. It hides the
+#: slower fluctuations of configurations from the autocorrelation of the samples, but not from the
+#: spread of long blocks. The error is known to 1/sqrt(2 (20 - 1)) = 16 %.
 MOST_BLOCKS = 20
 
 
 @dataclasses.dataclass
 class EffectiveViscosity:
-    """An effective viscosity, and the flow by which it was measured; errors are standard errors.
+    """An effective viscosity, and the flow by which it was measured.
+
+    Errors are standard errors.
 
     Attributes
     ----------
     viscosity, viscosityError : Quantity
         f0/(k^2 amplitude), dalton/(nm ps)
     ratio, ratioError : float
-        to the viscosity of the fluid alone
+        ratio to the viscosity of the fluid alone
     amplitude, amplitudeError : Quantity
         mean amplitude of sin(k x_waveAxis) in the velocity along the force, positive along it,
         nm/ps
@@ -36,13 +39,13 @@ class EffectiveViscosity:
         mean amplitude of the cosine, nm/ps; it tends to 0 as the places of the bodies are averaged
         over
     shearRate, shearRateError : Quantity
-        the largest of the mean flow, k amplitude, 1/ps
+        largest shear rate of the mean flow, k amplitude, 1/ps
     degrees : int
         degrees of freedom of the errors: number of blocks less 1; 0 for a single value without
         noise
     tau : float
         integrated autocorrelation time of the amplitude that the error stands for, in samples;
-        about 0.5 for independent ones
+        about 0.5 for independent samples
     samples : int
         number of samples
     """
@@ -63,34 +66,34 @@ class EffectiveViscosity:
 
     @property
     def isTrusted(self):
-        """Whether the errors are believed: blocks enough, or nothing random."""
+        """Whether the errors are trusted: there are enough blocks, or nothing is random."""
         return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS or self.samples == 1
 
 
 def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
-    """Get the effective viscosity of what a Context simulates, by the flow that its sinusoidal force density drives.
+    """Get the effective viscosity of what a Context simulates.
 
     A force density f0 sin(k x_waveAxis) drives a fluid of viscosity eta to the velocity f0/(eta
-    k^2) sin(k x_waveAxis). In a suspension the mean amplitude A of that wave is smaller, and
-    f0/(k^2 A) is the effective viscosity at this wavelength and shear rate (Westwood 2022, eq. 65).
-    The flow of each sampled step has the bodies' forces and the random field in it, so its mean has
-    the Brownian stress.
+    k^2) sin(k x_waveAxis). In a suspension the mean amplitude A of this wave is smaller. The
+    effective viscosity at this wavelength and shear rate is f0/(k^2 A) (Westwood 2022, eq. 65). The
+    flow of each sampled step has the bodies' forces and the random field in it, so its mean has the
+    Brownian stress.
 
     Parameters
     ----------
     context : openmm.Context
         with a CustomRigidHIIntegrator, positions, and a MobilityForce with
-        :meth:`MobilityForce.setSinusoidalForceDensity`, whose settings are those of the Context. It
-        goes on for equilibration + steps steps
+        :meth:`MobilityForce.setSinusoidalForceDensity`, whose settings are those of the Context;
+        the Context goes on for equilibration + steps steps
     steps : int
-        steps that are measured. 0 at temperature 0: the flow at the present poses, once, without
-        error
+        number of steps that are measured. 0, at temperature 0: the flow at the present poses is
+        measured once, without error.
     equilibration : int
-        steps before that which are not measured
+        number of earlier steps that are not measured
     interval : int
-        steps from one sample to the next. A sample costs about a step. What noise does to the
-        amplitude is new at each step, so 1 (default) is at worst half as efficient as the best
-        interval; a larger one pays where configurations make most of the error
+        steps from one sample to the next. A sample costs about a step. The effect of noise on the
+        amplitude is new at each step. Therefore 1 (default) is at worst half as efficient as the
+        best interval. A larger interval pays where configurations make most of the error.
     progress : bool, optional
         show a progress bar; None: on a terminal only
 
@@ -101,21 +104,27 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
     Raises
     ------
     TypeError, ValueError
-        for arguments that are no such Context or numbers; without a force density; at temperatures
-        above 0 with LangevinHI, or with EulerMaruyama where the drift that it omits is not 0: their
-        mean flow has not the Brownian stress; with fewer than 10 samples; if the amplitude is not 3
-        standard errors above 0
+        for arguments that are no such Context or numbers; without a force density; with fewer than
+        10 samples; if the amplitude is not 3 standard errors above 0; at temperatures above 0 with
+        LangevinHI, or with EulerMaruyama where the drift that it omits is not 0, since the mean
+        flow of these schemes does not have the Brownian stress
     openmm.OpenMMException
         as :meth:`MobilityForce.getFlowModeInContext`
 
     Notes
     -----
-    Errors are those of averages over 20 blocks or fewer (:func:`openmmrigidhi.analysis.series.seriesStatistics`): a run must be long beside 20 times the time in
-    which configurations change. The relative error of the viscosity is that of the amplitude. The random field of a fluid on a grid gives the amplitude of
-    a step the variance 4 kT/(eta k^2 V h) without bodies, h the step and V the volume. Its own amplitude is known
-    (:meth:`MobilityForce.getRandomFlowModeInContext`), and that multiple of it which makes the variance least is subtracted: nearly all is gone in
-    dilute suspensions; in dense ones a part of 1/ratio. Dense matrices have no such field. What is left does not depend on f0: weaker driving needs
-    longer runs, as 1/f0^2. Bodies feel the curvature of the wave by (k times their size)^2.
+    Errors are those of averages over 20 blocks or fewer
+    (:func:`openmmrigidhi.analysis.series.seriesStatistics`). A run must therefore be long compared
+    with 20 times the time in which configurations change. The relative error of the viscosity is
+    that of the amplitude.
+
+    The random field of a fluid on a grid gives the amplitude of a step the variance 4 kT/(eta k^2 V
+    h) without bodies, with the step h and the volume V. The amplitude of the random field itself is
+    known (:meth:`MobilityForce.getRandomFlowModeInContext`). The multiple of it that makes the
+    variance least is subtracted. This removes nearly all of the variance in dilute suspensions, and
+    in dense suspensions a part of 1/ratio. Dense matrices have no such field. What is left does not
+    depend on f0, so weaker driving needs longer runs, as 1/f0^2. Bodies feel the curvature of the
+    wave by (k times their size)^2.
     """
     where = 'viscosity'
     integrator, fluid, _ = _drivenScene(context, where)
@@ -144,10 +153,11 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
 
 
 def sampleFlowAmplitudes(context, steps, interval=1, progress=None):
-    """Step a Context, and sample the amplitudes of the flow that its sinusoidal force density drives: what :func:`viscosity` averages.
+    """Step a Context, and sample the amplitudes of the flow that its force density drives.
 
-    For runs that go on in parts, or sample other things too; :func:`viscosityFromAmplitudes` makes
-    a viscosity of all parts together.
+    :func:`viscosity` averages these amplitudes. This function is for runs that go on in parts, or
+    that sample other things too. :func:`viscosityFromAmplitudes` makes a viscosity of all parts
+    together.
 
     Parameters
     ----------
@@ -157,7 +167,7 @@ def sampleFlowAmplitudes(context, steps, interval=1, progress=None):
     Returns
     -------
     Quantity of shape (steps // interval, 4)
-        amplitudes on sin and on cos, and those of the random field alone, nm/ps
+        amplitudes on sin and on cos, and the same of the random field alone, nm/ps
 
     Raises
     ------
@@ -178,10 +188,10 @@ def viscosityFromAmplitudes(context, amplitudes):
     Parameters
     ----------
     context : openmm.Context
-        in which they were sampled, or one with the same box and force density
+        the Context in which they were sampled, or one with the same box and force density
     amplitudes : array-like or Quantity of shape (n, 4)
-        of :func:`sampleFlowAmplitudes`, equally spaced, of one state, nm/ps; at least 10. One alone
-        is taken to be without noise
+        results of :func:`sampleFlowAmplitudes`, equally spaced, of one state, nm/ps; at least 10. A
+        single row is taken to be without noise.
 
     Returns
     -------
@@ -223,7 +233,7 @@ def _drivenScene(context, where):
 
 
 def _checkScheme(context, integrator, where):
-    """Refuses schemes whose mean flow has no Brownian stress."""
+    """Refuse schemes whose mean flow has no Brownian stress."""
     if not integrator.getTemperature()._value > 0:
         return
     scheme = integrator.getScheme()
@@ -241,7 +251,7 @@ def _checkScheme(context, integrator, where):
 
 
 def _amplitudes(context, fluid):
-    """Amplitudes of the driven wave, on sin and on cos, and those of the random field alone, nm/ps."""
+    """Amplitudes of the driven wave on sin and on cos, and of the random field alone, nm/ps."""
     wave = fluid.getSinusoidalForceDensity()[1:]
     return np.concatenate([
         fluid.getFlowModeInContext(context, *wave)._value,
@@ -268,7 +278,10 @@ def _sampled(context, integrator, fluid, steps, interval, progress, where):
 
 
 def _withoutField(samples, field):
-    """Samples less the multiple of the random field's own amplitude, of mean 0, that leaves the least variance."""
+    """Samples less a multiple of the random field's own amplitude, of mean 0.
+
+    The multiple is the one that leaves the least variance.
+    """
     deviation = field - field.mean()
     variance = deviation @ deviation
     return samples - (samples @ deviation)/variance*field if variance > 0 else samples
@@ -287,7 +300,8 @@ def _estimate(context, amplitudes, where):
         found, other = (seriesStatistics(column,
                                          len(column)/(BLOCK_LENGTH_IN_TAU*MOST_BLOCKS))
                         for column in columns)
-        mean, error, degrees, cosine, cosineError = found.mean, found.standardError, found.degrees, other.mean, other.standardError
+        mean, error, degrees, cosine, cosineError = (found.mean, found.standardError, found.degrees,
+                                                     other.mean, other.standardError)
         variance = columns[0].var(ddof=1)
         tau = float(len(amplitudes)*error**2/(2*variance)) if variance > 0 else 0.5
     if not mean > LEAST_SIGNIFICANCE*error:

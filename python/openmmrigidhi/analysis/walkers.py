@@ -1,4 +1,7 @@
-"""Gibbs-Boltzmann Monte Carlo of one rigid body with an energy written in NumPy, many independent walkers at a time."""
+"""Gibbs-Boltzmann Monte Carlo of one rigid body, for many independent walkers at a time.
+
+The energy is a function written in NumPy.
+"""
 import numpy as np
 from openmm import unit
 
@@ -9,45 +12,46 @@ from ._sampler import Sampler
 
 
 class WalkerSampler(Sampler):
-    """Samples poses of one rigid body from exp(-U/kT), by many independent walkers that move at once.
+    """Samples poses of one rigid body from exp(-U/kT), by many independent walkers.
 
-    Metropolis moves, one translation and one rotation a sweep, with respect to the measure dR times
-    Haar's on SO(3): the distribution that Brownian dynamics with the right stochastic drift has.
-    The energy is a function of arrays of poses, so that a trial of a walker costs about a
-    microsecond. For interacting bodies and OpenMM's forces see :class:`GibbsBoltzmannSampler`.
+    The walkers move at once. A sweep has two Metropolis moves, a translation and a rotation, with
+    respect to the measure dR times Haar's on SO(3). Brownian dynamics with the right stochastic
+    drift has the same distribution. The energy is a function of arrays of poses, so a trial of a
+    walker costs about a microsecond. For interacting bodies and OpenMM's forces see
+    :class:`GibbsBoltzmannSampler`.
 
     Parameters
     ----------
     energyFunction : callable
-        ``energyFunction(positions, orientations)`` gets arrays (k, 3) in nm and (k, 4), unit
-        quaternions (w, x, y, z) body frame to lab frame, of those walkers whose trial the wall
-        allows, and returns (k,) energies in kJ/mol; infinity forbids a pose
+        ``energyFunction(positions, orientations)`` gets the poses of the walkers whose trial the
+        wall allows: arrays (k, 3) in nm, and (k, 4) of unit quaternions (w, x, y, z), body frame to
+        lab frame. It returns (k,) energies in kJ/mol; infinity forbids a pose.
     temperature : float or Quantity
         K
     numWalkers : int
-        number of walkers; errors come from their spread, so dozens at least
+        number of walkers; errors come from their spread, so take dozens at least
     position : Vec3, sequence or Quantity of shape (3,) or (numWalkers, 3)
-        where the body's origin begins, nm
+        start of the body's origin, nm
     orientation : sequence of shape (4,) or (numWalkers, 4)
-        how it is turned to begin with; default: not at all
+        orientation at the start; default: the body frame is the lab frame
     sitePositions : array-like or Quantity of shape (m, 3), optional
-        places of the body's blobs in its frame, nm: what a wall stops
+        places in the body frame of the blobs that a wall stops, nm
     radii : float, or sequence or Quantity of shape (m,), optional
-        their radii, nm; those of radius 0 do not feel the wall
+        radii of the blobs, nm; blobs of radius 0 do not feel the wall
     wallHeight : float or Quantity, optional
         height z of a hard wall, nm; None: no wall
     rejection : str
         "Overlap": every blob must have z - wallHeight >= its radius; "Crossing": z - wallHeight > 0
     coordinates : sequence of str
-        what is sampled: any of "x", "y", "z", "rotation". Nothing holds a body along the wall;
-        without x and y it stays above its start
+        what is sampled: any of "x", "y", "z", "rotation". Nothing holds a body along the wall.
+        Without x and y it stays above its start.
     rotationAxis : Vec3 or sequence of shape (3,), optional
-        turn about this axis of the lab only; None: about all
+        turn about this axis of the lab only; None: about all axes
     trackingPoint : Vec3, sequence or Quantity of shape (3,)
-        the point of the body about which it is turned, body frame, nm. It changes how fast samples
-        become independent, nothing else
+        the point of the body about which it is turned, body frame, nm; it changes only how fast
+        samples become independent
     seed : int
-        of the random numbers; 0: a fresh one
+        seed of the random numbers; 0: a fresh seed
 
     Attributes
     ----------
@@ -57,8 +61,8 @@ class WalkerSampler(Sampler):
     Raises
     ------
     TypeError, ValueError
-        for arguments of wrong dimension or shape, a start that the wall forbids, or a start with an
-        infinite energy
+        for arguments of wrong dimension or shape, for a start that the wall forbids, or for a start
+        with an infinite energy
 
     Examples
     --------
@@ -66,8 +70,9 @@ class WalkerSampler(Sampler):
 
     >>> import openmmrigidhi
     >>> kT = 8.31446261815324e-3*300
-    >>> sampler = openmmrigidhi.analysis.WalkerSampler(lambda R, q: kT*R[:, 2], 300, 200, (0, 0, 2), sitePositions=[(0, 0, 0)], radii=1,
-    ...                                                wallHeight=0, coordinates=['z'], seed=1)
+    >>> sampler = openmmrigidhi.analysis.WalkerSampler(
+    ...     lambda R, q: kT*R[:, 2], 300, 200, (0, 0, 2), sitePositions=[(0, 0, 0)], radii=1,
+    ...     wallHeight=0, coordinates=['z'], seed=1)
     >>> sampler.burnIn(200)
     >>> samples = sampler.sample(100, interval=5)
     >>> height = samples.average(samples.positions[:, :, 2])
@@ -147,12 +152,13 @@ class WalkerSampler(Sampler):
             steps.count(0, len(R), accepted, adapt)
 
     def _decide(self, R, q):
-        """Accept or reject each walker's trial; the number of those accepted."""
+        """Accept or reject each walker's trial; return the number of accepted trials."""
         energies = np.full(len(R), np.inf)
         allowed = self._allowed(R, q)
         if np.any(allowed):
             energies[allowed] = self._energiesOf(R[allowed], q[allowed])
-        # -log of a uniform number is an exponential one, and needs no care with large differences.
+        # -log of a uniform number is an exponential number, and needs no care with large
+        # differences.
         accepted = energies - self._energies <= self._kT*self._random.standard_exponential(len(R))
         self._energies = np.where(accepted, energies, self._energies)
         self._positions = np.where(accepted[:, None], R, self._positions)

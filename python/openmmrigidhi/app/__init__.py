@@ -1,4 +1,4 @@
-"""What an OpenMM script with rigid bodies needs beside the integrator: builders, a minimiser, reporters, shapes."""
+"""Builders, a minimiser, reporters and shapes for OpenMM scripts with rigid bodies."""
 from .blobfiles import readClones, readVertexFile, writeClones
 from .bodies import addRigidMultiblob, addRigidResidues, addRigidWater, bindBodies
 from .bodystates import BodyStates, RigidBodyReporter, readBodyStates

@@ -1,8 +1,9 @@
-"""Text files of rigid multiblobs, as RigidMultiblobsWall writes and reads them: vertex files and clones files.
+"""Vertex files and clones files: text files of rigid multiblobs.
 
-A vertex file says where a body's blobs are, a clones file where its copies are. In both, ``#``
-opens a comment, the first number is that of the rows, and each row is a line of numbers. Lengths
-have whatever unit the file's author chose.
+RigidMultiblobsWall writes and reads such files. A vertex file says where a body's blobs are, and a
+clones file where the copies of the body are. In both, ``#`` opens a comment, the first number is
+the number of rows, and each row is a line of numbers. The unit of length is the choice of the
+file's author.
 """
 import os
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from .. import _units
 
-#: A quaternion in a file may be off unit length by its few printed digits, not by more.
+#: A quaternion in a file may differ from unit length by its few printed digits, not by more.
 _NORM_TOLERANCE = 1e-3
 #: Quaternions this close to unit length are left alone, so that what writeClones wrote is read bit
 #: for bit.
@@ -20,8 +21,8 @@ _ROUNDING = 1e-14
 def readVertexFile(file, radii=False):
     """Read the positions of a body's blobs from a vertex file.
 
-    The file has the number of blobs, then a row ``x y z`` for each, perhaps with the blob's radius
-    as a fourth number. What follows the number of blobs on its line is ignored, as in
+    The file has the number of blobs, then a row ``x y z`` for each blob, with an optional fourth
+    number, the blob's radius. Text after the number of blobs on its line is ignored, as in
     RigidMultiblobsWall.
 
     Parameters
@@ -41,8 +42,8 @@ def readVertexFile(file, radii=False):
     Raises
     ------
     ValueError
-        if the file is no vertex file, with its name, the line, what was found there and what was
-        expected, or if a radius that is asked for is negative
+        if the file is no vertex file, or if a radius that is asked for is negative; the message has
+        the name of the file, the line, what was found there and what was expected
     OSError
         if there is no such file
     """
@@ -60,9 +61,9 @@ def readVertexFile(file, radii=False):
 def readClones(file):
     """Read the places of a body's copies from a clones file.
 
-    The file has the number of bodies, then a row ``x y z q0 q1 q2 q3`` for each, q0 the
-    quaternion's scalar part. Quaternions of few digits are normalised; one that is off unit length
-    by more than 1e-3 is an error.
+    The file has the number of bodies, then a row ``x y z q0 q1 q2 q3`` for each body, with q0 the
+    scalar part of the quaternion. Quaternions of few digits are normalised. A quaternion whose
+    length differs from 1 by more than 1e-3 is an error.
 
     Parameters
     ----------
@@ -79,8 +80,8 @@ def readClones(file):
     Raises
     ------
     ValueError
-        if the file is no clones file, with its name, the line, what was found there and what was
-        expected
+        if the file is no clones file; the message has the name of the file, the line, what was
+        found there and what was expected
     OSError
         if there is no such file
     """
@@ -97,13 +98,15 @@ def readClones(file):
 
 
 def writeClones(file, positions, orientations):
-    """Write the places of bodies to a clones file, with 17 digits: :func:`readClones` reads the same numbers.
+    """Write the places of bodies to a clones file, with 17 digits.
+
+    :func:`readClones` reads the same numbers.
 
     Parameters
     ----------
     file : str or path
         name of the file; an existing one is replaced
-    positions : array-like or Quantity of shape (n, 3)
+        name of the file; an existing file is replaced
         positions; a Quantity is written in nm, numbers as they are
     orientations : array-like of shape (n, 4)
         unit quaternions (w, x, y, z), body frame to lab frame
@@ -111,8 +114,8 @@ def writeClones(file, positions, orientations):
     Raises
     ------
     ValueError
-        for arrays of other shapes, numbers that are not finite, or quaternions that are off unit
-        length by more than 1e-3
+        for arrays of other shapes, for numbers that are not finite, or for quaternions whose length
+        differs from 1 by more than 1e-3
     """
     positions = _units.rows(positions, _units.LENGTH, 3, 'writeClones', 'positions')
     orientations = _units.rows(orientations, _units.NONE, 4, 'writeClones', 'orientations',
@@ -141,7 +144,7 @@ def writeClones(file, positions, orientations):
 
 
 def _readRows(file, widths, names, what):
-    """The rows of a file as (line number, numbers); all of one width out of those that are allowed."""
+    """The rows of a file as (line number, numbers); all rows have one of the allowed widths."""
     name = os.fspath(file)
     count, rows, line = None, [], 0
     with open(file, encoding='utf-8', errors='replace') as lines:

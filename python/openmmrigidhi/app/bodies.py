@@ -1,4 +1,4 @@
-"""Making bodies of residues, and telling OpenMM that a body is one molecule."""
+"""Make bodies of residues, and tell OpenMM that a body is one molecule."""
 import openmm
 
 from .. import _units
@@ -12,11 +12,12 @@ WATER_NAMES = ('HOH', 'WAT', 'H2O', 'SOL', 'DOD', 'SPC', 'SPCE', 'TIP3', 'TIP3P'
 
 
 def addRigidWater(integrator, topology, system=None):
-    """Make every water molecule of a topology one rigid body, extra particles (M sites, lone pairs) included.
+    """Make every water molecule of a topology one rigid body.
 
-    The shape is taken from the System's constraints and virtual sites when the Context is created,
-    never from the coordinates of a PDB file, if the System was made with ``rigidWater=True`` (the
-    default of openmm.app.ForceField.createSystem). Pass the system to have this checked here.
+    Extra particles (M sites, lone pairs) are part of the body. If the System was made with
+    ``rigidWater=True`` (the default of openmm.app.ForceField.createSystem), the shape comes from
+    the System's constraints and virtual sites when the Context is created. It never comes from the
+    coordinates of a PDB file. Pass the system to have the constraints checked.
 
     Parameters
     ----------
@@ -52,8 +53,8 @@ def addRigidResidues(integrator, topology, names, system=None):
     names : sequence of str
         residue names
     system : openmm.System, optional
-        if given, check that its constraints fix the shape of every residue. Without, a residue
-        whose shape is not fixed by constraints takes it from the first positions.
+        if given, the constraints must fix the shape of every residue. Without it, a residue whose
+        shape is not fixed by constraints takes its shape from the first positions.
 
     Returns
     -------
@@ -109,10 +110,11 @@ def _checkConstraints(residues, system):
 
 def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, mass=0,
                       principalMoments=(0, 0, 0), particleMasses=None):
-    """Add particles to a System and a MobilityForce, and make them one rigid body of an integrator.
+    """Add particles to a System and a MobilityForce, and make them one rigid body.
 
-    Call it body by body before the Context is created, while System and MobilityForce have the same
-    number of particles. If an argument is refused nothing has been added.
+    Call it for one body after the other, before the Context is created, while System and
+    MobilityForce have the same number of particles. If an argument is refused, nothing has been
+    added.
 
     Parameters
     ----------
@@ -124,14 +126,14 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
         gets the particles' radii; add it to the System yourself, before or after
     sitePositions : array-like or Quantity of shape (n, 3)
         position of each particle in the body frame, nm, as the builders of shapes return them. The
-        frame's origin is the tracking point; schemes with momenta need it at the centre of mass,
-        and principal axes.
+        frame's origin is the tracking point. For schemes with momenta it must be the centre of
+        mass, and the axes must be principal axes.
     radii : float, or sequence or Quantity of shape (n,)
         hydrodynamic radius of all particles or of each, nm; 0: a marker that the fluid does not see
     mass : float or Quantity
-        mass of the body, dalton; 0 will do for overdamped schemes
+        mass of the body, dalton; 0 is enough for overdamped schemes
     principalMoments : Vec3, sequence or Quantity of shape (3,)
-        principal moments of inertia about the body axes, dalton nm^2; 0 will do for overdamped
+        principal moments of inertia about the body axes, dalton nm^2; 0 is enough for overdamped
         schemes
     particleMasses : sequence or Quantity of shape (n,), optional
         masses that OpenMM sees, dalton; None: equal shares of the body's mass
@@ -147,8 +149,8 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
     TypeError
         for arguments of another kind or dimension
     ValueError
-        for another number of radii or masses than of sites, negative or non-finite ones, or if the
-        MobilityForce and the System have different numbers of particles
+        for a number of radii or masses other than that of sites, for negative or non-finite ones,
+        or if the MobilityForce and the System have different numbers of particles
     openmm.OpenMMException
         as in CustomRigidHIIntegrator.addRigidBody
     """
@@ -166,7 +168,7 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
             f'{where}: mobilityForce: it has {mobilityForce.getNumParticles()} particles and the '
             f'System {first}; '
             'the numbers must agree before a body is added: add what is missing')
-    # First what checks most: if it throws, nothing has been added.
+    # The body comes first, since it checks most: if it throws, nothing has been added.
     body = integrator.addRigidBody(range(first, first + len(sites)), mass, principalMoments, sites)
     for particleMass, radius in zip(masses or len(sites)*[mass/len(sites)], radii):
         system.addParticle(particleMass)
@@ -177,11 +179,11 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
 def bindBodies(system, integrator):
     """Tie each body's particles into one molecule, for OpenMM.
 
-    OpenMM keeps molecules whole in ``getState(enforcePeriodicBox=True)`` and scales them as units
-    in Monte Carlo barostats, but an Integrator cannot tell it what is one. This adds one
-    HarmonicBondForce of strength 0 with bonds from each body's first particle to its others. Its
-    energy and forces are 0. Call it before the Context is created; bodies that are held together by
-    constraints, virtual sites or bonds do not need it.
+    OpenMM keeps molecules whole in ``getState(enforcePeriodicBox=True)``, and Monte Carlo barostats
+    scale them as units. An Integrator cannot tell OpenMM what is a molecule. This function adds one
+    HarmonicBondForce of strength 0, with bonds from each body's first particle to its other
+    particles. Its energy and forces are 0. Call the function before the Context is created. Bodies
+    that are held together by constraints, virtual sites or bonds do not need it.
 
     Parameters
     ----------
@@ -198,8 +200,8 @@ def bindBodies(system, integrator):
     integrator = CustomRigidHIIntegrator.cast(integrator)
     force = openmm.HarmonicBondForce()
     force.setName('openmmrigidhi.app.bindBodies')
-    # A force that is not periodic does not make the System so, and one that is needs a periodic
-    # System.
+    # A force that is not periodic does not make the System periodic, and a periodic force needs a
+    # periodic System.
     force.setUsesPeriodicBoundaryConditions(system.usesPeriodicBoundaryConditions())
     for body in range(integrator.getNumRigidBodies()):
         first, *others = integrator.getRigidBodyParticles(body)

@@ -1,7 +1,7 @@
 """Files of body states: positions, orientations and velocities of rigid bodies over time, in HDF5.
 
-Layout, version 1 (n bodies, T frames, m particles in all bodies; doubles unless said otherwise; the
-unit of each data set is its attribute "unit"):
+In layout version 1 there are n bodies, T frames, and m particles in all bodies. Numbers are doubles
+unless the table says otherwise. The unit of each data set is its attribute "unit":
 
     /                          attributes "format" = "openmmrigidhi body states", "version" = 1
     /time                      (T,)        ps
@@ -62,7 +62,9 @@ class BodyStates:
 
 
 class RigidBodyReporter(Hdf5Reporter):
-    """Writes the states of all bodies to an HDF5 file every so many steps (layout in openmmrigidhi.app.bodystates).
+    """Writes the states of all bodies to an HDF5 file, once per interval of steps.
+
+    openmmrigidhi.app.bodystates describes the layout of the file.
 
     Parameters
     ----------
@@ -72,14 +74,14 @@ class RigidBodyReporter(Hdf5Reporter):
         number of steps between frames
     append : bool
         continue an existing file of the same bodies. Frames at or after the step of the first new
-        one are dropped, so that a run that is resumed from a checkpoint leaves the file of the
+        frame are dropped. A run that is resumed from a checkpoint so leaves the file of the
         uninterrupted run. A file that does not exist is created. Without append an existing file is
         replaced.
 
     Notes
     -----
-    The file is closed between reports, so that it can be read while the run goes on and is whole if the run is killed
-    between reports; that costs about two milliseconds a report.
+    The file is closed between reports. It can be read while the run goes on, and it is whole if the
+    run is killed between reports. Closing costs about two milliseconds a report.
     """
     def __init__(self, file, reportInterval, append=False):
         super().__init__(file, reportInterval, append)

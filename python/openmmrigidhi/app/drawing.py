@@ -1,4 +1,7 @@
-"""Pictures and films of bodies, by matplotlib: spheres, orientation marks, walls and boxes, as seen from far away."""
+"""Pictures and films of bodies, by matplotlib, as seen from far away.
+
+They show spheres, orientation marks, walls and boxes.
+"""
 import os
 
 import numpy as np
@@ -14,37 +17,39 @@ from .gsdfiles import readGsd
 from .h5mdfiles import readH5md
 from .trajectories import Trajectory
 
-#: Colours of bodies, by Okabe and Ito: they can be told apart without seeing red and green.
+#: Colours of bodies, by Okabe and Ito, which can be told apart without seeing red and green.
 _COLOURS = np.array([(0, 114, 178), (230, 159, 0), (0, 158, 115), (213, 94, 0), (204, 121, 167),
                      (86, 180, 233), (240, 228, 66)])/255
 _FREE = np.array([0.62, 0.62, 0.62])
-#: From where the light comes, in the axes of the picture: right, up, towards the viewer.
+#: Where the light comes from, in the axes of the picture: right, up, towards the viewer.
 _LIGHT = np.array([-0.4, 0.5, 0.77])
-#: The half of a body with negative x in its frame is so much darker.
+#: The colour of the half of a body with negative x in its frame is multiplied by this factor.
 _SHADE = 0.62
-#: The places of sites without a radius are dots of this part of the picture's width.
+#: Sites without a radius are dots, whose size is this part of the picture's width.
 _DOT = 0.006
 #: Half the opening angle of a mark on a sphere, rad, and where it ends, so that the rim is seen.
 _MARK_ANGLE, _MARK_WITHIN = 0.35, 0.94
-#: Bodies up to this number have a colour each, more have one for each type.
+#: Up to this number bodies have a colour each; more bodies have one colour for each type.
 _EACH_ITS_OWN = 12
 
 
 def show(context, radii=None, view=(20, -60), wrap=True, ax=None, title=None):
-    """Draw the bodies of a Context as they stand, with walls and periodic box: in a notebook, the picture appears.
+    """Draw the bodies of a Context as they stand, with walls and periodic box.
+
+    In a notebook the picture appears.
 
     Parameters
     ----------
     context : openmm.Context
         of a CustomRigidHIIntegrator; its positions must be set
     radii : sequence or Quantity, optional
-        radius of each particle of the System, nm. By default those of the MobilityForce, else half
-        of sigma of the NonbondedForce; particles without a radius are dots
+        radius of each particle of the System, nm. The default is the radii of the MobilityForce, or
+        else half of sigma of the NonbondedForce. Particles without a radius are dots.
     view : pair of float
         elevation above the plane of x and y, and azimuth of the viewer, degrees; (0, -90) has x to
-        the right and z upwards, (90, -90) looks down on x and y
+        the right and z upwards, and (90, -90) looks down on x and y
     wrap : bool
-        draw each body, and each free particle, where its origin is in the periodic box
+        draw each body, and each free particle, with its origin in the periodic box
     ax : matplotlib.axes.Axes, optional
         where to draw; by default a new figure
     title : str, optional
@@ -60,12 +65,14 @@ def show(context, radii=None, view=(20, -60), wrap=True, ax=None, title=None):
     TypeError
         if the Context has another integrator
     ValueError
-        for radii or a view that are none
+        for radii or a view that are not valid
 
     Notes
     -----
-    Spheres are drawn in the order of their distance from the viewer, so spheres that overlap hide each other as wholes. The half of a body that has
-    positive x in its frame is light and the other half dark; a body that is one sphere has marks where its axes x (white) and z (black) leave it.
+    Spheres are drawn in the order of their distance from the viewer, so a sphere in front hides the
+    overlapping sphere behind it as a whole. The half of a body that has positive x in its frame is
+    light, and the other half is dark. A body that is one sphere has marks where its axes x (white)
+    and z (black) leave it.
     """
     system = _units.context(context, 'show').getSystem()
     integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
@@ -97,12 +104,12 @@ def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True
     Parameters
     ----------
     file : str or path
-        of a GsdReporter (.gsd), H5mdReporter or RigidBodyReporter
+        file of a GsdReporter (.gsd), H5mdReporter or RigidBodyReporter
     output : str or path, optional
-        name of the film, which ends in .gif, or in .mp4 where ffmpeg is installed; by default that
-        of the file, with .gif
+        name of the film, which ends in .gif, or in .mp4 where ffmpeg is installed; by default the
+        name of the file with .gif
     context : openmm.Context, optional
-        takes the radii of sites, and walls, from this one's System where the file has none
+        its System gives the radii of sites, and walls, where the file has none
     radii : sequence or Quantity, optional
         radius of each site, nm, body after body, or one for all
     view, wrap
@@ -110,10 +117,11 @@ def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True
     walls : sequence of (axis, place), optional
         planes to draw, such as ``[('z', 0)]``, nm; by default those of the Context
     every : int
-        draw each so many frames of the file
+        draw one in so many frames of the file
     framesPerSecond : float
-        of the film
+        frames per second of the film
     width : float
+        width of the picture, inches of 100 points each
         of the picture, inches of 100 points each
     quiet : bool
         draw no progress bar
@@ -128,7 +136,7 @@ def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True
     ImportError
         without h5py, gsd or matplotlib
     ValueError
-        if the file is none of these or has no frames, or for arguments that are none
+        if the file is of another kind or has no frames, or if an argument is not valid
     """
     every = _units.integer(every, 'movie', 'every')
     if every < 1:
@@ -196,7 +204,7 @@ def _write(picture, scene, frames, boxes, times, output, framesPerSecond, width,
 
 
 def _read(name):
-    """A trajectory of any of our kinds of files."""
+    """A trajectory of any of this package's kinds of files."""
     if name.endswith('.gsd'):
         return readGsd(name)
     try:
@@ -252,7 +260,7 @@ def _freeBlobs(trajectory):
 
 
 def _radii(system, radii, where):
-    """Those given, or else of the MobilityForce, or else half of sigma."""
+    """The radii given, or else those of the MobilityForce, or else half of sigma."""
     found = hydrodynamicRadii(system, radii, where)
     if radii is not None or found.any():
         return found
@@ -313,8 +321,8 @@ class _Scene:
         self.owners = np.repeat(np.arange(len(sites)), counts)
         ofBodies = self._colours(counts, types)
         colours = ofBodies[self.owners]
-        # Bodies of several sites are light and dark; where all sites have one x there is nothing to
-        # tell apart.
+        # Bodies of several sites are light and dark. If all sites have the same x, there is nothing
+        # to tell apart.
         dark = np.zeros(len(self.sites), dtype=bool)
         first = np.cumsum(np.concatenate([[0], counts]))
         for a, b in zip(first[:-1], first[1:]):
@@ -343,7 +351,10 @@ class _Scene:
         self.freeRadii = np.asarray(radii, dtype=float)
 
     def frame(self, positions, orientations, free, box):
-        """Everything that moves: (centres of sites and free particles, rotation matrices of bodies); in the box, if one is given."""
+        """Centres of sites and free particles, and rotation matrices of bodies.
+
+        The centres are in the box, if a box is given.
+        """
         positions, free = (_wrapped(np.asarray(each, dtype=float).reshape(-1, 3), box)
                            for each in (positions, free))
         turns = rotationMatrices(np.asarray(
@@ -382,13 +393,13 @@ class _Picture:
 
     @property
     def aspect(self):
-        """Height over width, about."""
+        """Approximate ratio of height to width."""
         corners = (_corners(np.diag(self.upper - self.lower)) + self.lower) @ self.view[:2].T
         extent = np.ptp(corners, axis=0) + 4*self.margin
         return float(np.clip(extent[1]/extent[0], 0.4, 1.6))
 
     def axes(self, ax):
-        """Those given, or new ones, without ticks."""
+        """The axes given, or new axes, without ticks."""
         if ax is None:
             import matplotlib.pyplot as plt
             _, ax = plt.subplots(figsize=(5, 5*self.aspect))
@@ -397,7 +408,7 @@ class _Picture:
         return ax
 
     def draw(self, ax, scene, frame, box):
-        """Everything, what is farther away first."""
+        """Draw everything, what is farther away first."""
         if self.limits is None:
             self._setLimits(scene)
         (left, low), (right, high) = self.limits
@@ -445,8 +456,8 @@ class _Picture:
         places, radii, colours = places[order], radii[order], colours[order]
         position = np.empty(len(order), dtype=int)
         position[order] = np.arange(len(order))
-        # Of each sphere a dark rim, its colour, and light from one side: discs, one within the
-        # other.
+        # Each sphere has a dark rim, its colour, and light from one side. They are discs, one
+        # within the other.
         discs = [(places[:, :2] + shift*radii[:, None]*_LIGHT[:2], size*radii, size*radii,
                   np.zeros(len(radii)), np.clip(colours*factor + white, 0, 1))
                  for shift, size, factor, white in ((0, 1, 0.55, 0), (0.04, 0.95, 1, 0),
@@ -464,7 +475,7 @@ class _Picture:
                               transOffset=ax.transData, zorder=2), autolim=False)
 
     def _marks(self, scene, turns, column, colour, places, radii, position):
-        """Discs where an axis of the bodies that are one sphere leaves it, if that is on the side of the viewer."""
+        """Discs where an axis leaves a body that is one sphere, if on the side of the viewer."""
         bodies = scene.owners[scene.marked]
         at = position[scene.marked]
         directions = turns[bodies][:, :, column] @ self.view.T if len(bodies) else np.zeros((0, 3))
@@ -493,7 +504,7 @@ class _Picture:
 
 
 def _wrapped(positions, box):
-    """Positions in the box whose vectors are the rows of a triangular matrix, as OpenMM's are."""
+    """Positions in the box whose vectors are the rows of a triangular matrix, as in OpenMM."""
     if box is None:
         return positions
     return positions - np.floor(positions @ np.linalg.inv(box) + 1e-12) @ box

@@ -1,19 +1,24 @@
-"""Trajectories of rigid bodies as GSD files (schema "hoomd"), which OVITO, HOOMD-blue, freud and others read.
+"""Trajectories of rigid bodies as GSD files (schema "hoomd").
 
-What is written (n bodies, m blobs; single precision but for times):
+OVITO, HOOMD-blue, freud and other programs read these files. There are n bodies and m blobs.
+Numbers have single precision, except for times:
 
     application                            "openmm-rigidhi <version>; nm, ps, dalton": the units of
-    the file configuration/step, box particles/position, image              bodies' origins, wrapped
-    into the box centred at 0, and the images that unwrap them; then blobs particles/orientation
-    unit quaternions (w, x, y, z), body frame to lab frame particles/types, typeid, type_shapes
-    types of bodies, drawn as unions of their spheres particles/mass, moment_inertia         dalton,
-    dalton nm^2 about the body axes particles/diameter, body               with blobs: body is each
-    body's own index, that of its body for a blob, -1 for a free one particles/velocity, angmom
-    if wanted: nm/ps, and HOOMD's quaternion 2 q (0, L_body) log/openmmrigidhi/time_ps
-    double log/openmmrigidhi/periodic             0 or 1
+                                           the file
+    configuration/step, box
+    particles/position, image              bodies' origins, wrapped into the box centred at 0, and
+                                           the images that unwrap them; then blobs
+    particles/orientation                  unit quaternions (w, x, y, z), body frame to lab frame
+    particles/types, typeid, type_shapes   types of bodies, drawn as unions of their spheres
+    particles/mass, moment_inertia         dalton, dalton nm^2 about the body axes
+    particles/diameter, body               with blobs: body is each body's own index, for a blob the
+                                           index of its body, -1 for a free blob
+    particles/velocity, angmom             if wanted: nm/ps, and HOOMD's quaternion 2 q (0, L_body)
+    log/openmmrigidhi/time_ps              double
+    log/openmmrigidhi/periodic             0 or 1
 
-Without periodic boundaries the box is a cube about the origin, with an edge that is a power of 2
-nm, large enough for all that is in it.
+Without periodic boundaries the box is a cube about the origin. Its edge is a power of 2 nm, and
+large enough for all that is in it.
 """
 import os
 
@@ -29,7 +34,9 @@ _BLOB = 'blob'
 
 
 class GsdReporter(BodyReporter):
-    """Writes the poses of all bodies to a GSD file every so many steps, in single precision; needs the Python package gsd.
+    """Writes the poses of all bodies to a GSD file, once per interval of steps.
+
+    Numbers are written in single precision. The Python package gsd is needed.
 
     Parameters
     ----------
@@ -39,14 +46,14 @@ class GsdReporter(BodyReporter):
         number of steps between frames
     append : bool
         continue an existing file of as many bodies and blobs of the same types. Frames at or after
-        the step of the first new one are dropped, by copying the others, so that a run that is
-        resumed from a checkpoint leaves the file of the uninterrupted run. A file that does not
+        the step of the first new frame are dropped, by copying the earlier frames. A run that is
+        resumed from a checkpoint so leaves the file of the uninterrupted run. A file that does not
         exist is created. Without append an existing file is replaced.
     velocities : bool
         also write velocities and angular momenta
     blobs : bool
-        also write the hydrodynamic particles as particles, which are then what is drawn. Without,
-        bodies are drawn as unions of spheres
+        also write the hydrodynamic particles as particles, which are drawn in place of the bodies;
+        without blobs, bodies are drawn as unions of spheres
     types : sequence of str, optional
         a name of the type of each body; None: bodies of equal sites and radii are body0, body1, ...
     radii : sequence or Quantity of shape (particles of the System,), optional
@@ -57,13 +64,14 @@ class GsdReporter(BodyReporter):
     ImportError
         without the package gsd
     TypeError, ValueError
-        for bad arguments; at the first report also if types or radii do not fit the bodies, or the
-        file to continue holds others
+        for bad arguments; at the first report also if types or radii do not fit the bodies, or if
+        the file to continue holds other bodies
 
     Notes
     -----
-    The file is closed between reports, and its index is written after the data: it can be read while the run goes on, and whenever the run
-    is killed it holds all frames that were finished. A report takes about a millisecond.
+    The file is closed between reports, and its index is written after the data. It can be read
+    while the run goes on. Whenever the run is killed, the file holds all frames that were finished.
+    A report takes about a millisecond.
     """
     def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False,
                  types=None, radii=None):
@@ -78,7 +86,7 @@ class GsdReporter(BodyReporter):
         self._scene = BodyScene(integrator, simulation.system, self._types, self._radii,
                                 self._blobs, self._name)
         self._constants = _constants(self._scene)
-        # How far sites reach beyond the origins.
+        # The largest distance of sites from the origins.
         self._reach = max(
             [float(np.linalg.norm(sites, axis=1).max(initial=0))
              for sites in self._scene.sites] + [0.0])
@@ -95,8 +103,8 @@ class GsdReporter(BodyReporter):
             R = np.concatenate([R, state.getPositions(asNumpy=True)._value[self._scene.blobs]])
         frame = (getattr(hoomd, 'Frame', None) or hoomd.Snapshot)()
         frame.configuration.step = simulation.currentStep
-        box = _periodicBox(state.getPeriodicBoxVectors(asNumpy=True)._value) if self._scene.periodic else \
-            _enclosingBox(R, self._reach)
+        box = (_periodicBox(state.getPeriodicBoxVectors(
+            asNumpy=True)._value) if self._scene.periodic else _enclosingBox(R, self._reach))
         frame.configuration.box = box
         particles = frame.particles
         particles.N = len(R)
@@ -125,7 +133,7 @@ class GsdReporter(BodyReporter):
         return np.concatenate([values, np.tile(default, (len(self._scene.blobs), 1))])
 
     def _resume(self, step):
-        """Check that the file holds the same, and drop its frames from this step on."""
+        """Check that the file holds the same bodies, and drop its frames from this step on."""
         with readingFrom(self._file, f'{self._name}:'), _open(self._file, 'r') as file:
             frames = len(file)
             _checkSizes(file.file, self._file)
@@ -160,7 +168,9 @@ class GsdReporter(BodyReporter):
 
 
 def readGsd(file, stepSize=None):
-    """Read poses of rigid bodies from a GSD file, of GsdReporter or of another program that knows orientations.
+    """Read poses of rigid bodies from a GSD file.
+
+    The file may be of GsdReporter or of another program that writes orientations.
 
     Parameters
     ----------
@@ -172,7 +182,7 @@ def readGsd(file, stepSize=None):
     Returns
     -------
     Trajectory
-        lengths, times and masses are taken to be in nm, ps and dalton. Angular velocities are zero
+        lengths, times and masses are taken to be in nm, ps and dalton; angular velocities are zero
         about axes without inertia
 
     Raises
@@ -224,7 +234,11 @@ def _readTrajectory(file, stepSize):
 
 
 def _sites(particles, bodies, blobs, R, q):
-    """Sites and radii of each body: its constituents, or its type's shape where all types have one that is made of spheres."""
+    """Sites and radii of each body.
+
+    They are its constituents, or the shape of its type where the shapes of all types are made of
+    spheres.
+    """
     if len(blobs):
         members = [blobs[particles.body[blobs] == body] for body in bodies]
         sites = [
@@ -243,7 +257,7 @@ def _sites(particles, bodies, blobs, R, q):
 
 
 def _spheresOf(shape):
-    """Centres and radii of a shape of GSD's that is made of spheres, else None."""
+    """Centres and radii of a GSD shape that is made of spheres, else None."""
     if shape.get('type') == 'Sphere':
         return np.zeros((1, 3)), np.array([shape['diameter']])/2
     if shape.get('type') == 'SphereUnion':
@@ -274,12 +288,15 @@ def _readFrame(frame, first, bodies, k, file):
 
 
 def _isPeriodic(frame):
-    """Files of other programs, HOOMD's above all, are periodic."""
+    """Whether the frame is periodic; files of other programs, such as HOOMD, always are."""
     return bool(frame.log[_PERIODIC][0]) if _PERIODIC in frame.log else True
 
 
 def _bodiesOf(particles):
-    """Indices of particles that are bodies: all, or where HOOMD's "body" tells constituents, the central ones."""
+    """Indices of particles that are bodies.
+
+    They are all particles, or the central ones where HOOMD's "body" tells which are constituents.
+    """
     body = np.asarray(particles.body)
     return np.flatnonzero(body == np.arange(len(body))) if np.any(
         body >= 0) else np.arange(len(body))
@@ -335,14 +352,17 @@ def _vectors(box):
 
 
 def _wrap(positions, box):
-    """Positions in the box as the file has it, centred at 0, and images: positions = wrapped + images @ vectors."""
+    """Positions in the box of the file, centred at 0, and images.
+
+    positions = wrapped + images @ vectors.
+    """
     vectors = _vectors(box)
     images = np.floor(positions @ np.linalg.inv(vectors) + 0.5)
     return (positions - images @ vectors).astype(np.float32), images.astype(np.int32)
 
 
 def _gsd():
-    """The module gsd.hoomd; not everybody has it."""
+    """The module gsd.hoomd, which may not be installed."""
     try:
         import gsd.hoomd
     except ImportError as error:
@@ -366,7 +386,10 @@ def _open(name, mode):
 
 
 def _checkSizes(file, name):
-    """The numbers of particles that frames claim to have: gsd makes arrays for so many before it looks for them."""
+    """Check the numbers of particles that frames claim to have.
+
+    gsd makes arrays for so many particles before it looks for them in the file.
+    """
     for k in range(file.nframes):
         if not file.chunk_exists(frame=k, name='particles/N'):
             continue
@@ -378,7 +401,7 @@ def _checkSizes(file, name):
 
 
 def _step(file, frame):
-    """Step of a frame; what a frame lacks is as in frame 0, and there 0."""
+    """Step of a frame; a frame without a step has that of frame 0, or else 0."""
     for k in (frame, 0):
         if file.chunk_exists(frame=k, name='configuration/step'):
             return int(file.read_chunk(frame=k, name='configuration/step')[0])

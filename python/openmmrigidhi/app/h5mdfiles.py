@@ -1,24 +1,29 @@
 """Trajectories of rigid bodies as H5MD 1.1 files, which other programs read.
 
 H5MD is a layout of HDF5 files (de Buyl, Colberg, Hoefling, Comput. Phys. Commun. 185, 1546 (2014),
-nongnu.org/h5md). What is written, with its module "units" (n bodies, T frames, s sites in all
-bodies, m blobs; doubles unless said otherwise; the unit of each data set is its attribute "unit";
-every element that changes with time is a group of step, time and value, whose step and time are the
-same data sets everywhere):
+nongnu.org/h5md). The files have its module "units". There are n bodies, T frames, s sites in all
+bodies, and m blobs. Numbers are doubles unless the table says otherwise. The unit of each data set
+is its attribute "unit". Every element that changes with time is a group of step, time and value.
+Its step and time are the same data sets everywhere:
 
     /h5md                                  attributes and groups that H5MD demands; author, creator,
-    module units /particles/bodies/box                  dimension, boundary; edges (T, 3, 3) nm,
-    rows a, b, c, if the System is periodic /particles/bodies/position             (T, n, 3)  nm, of
-    the bodies' origins, unwrapped /particles/bodies/orientation          (T, n, 4)  unit
-    quaternions (w, x, y, z), body frame to lab frame /particles/bodies/velocity             (T, n,
-    3)  nm ps-1, if wanted /particles/bodies/angular_velocity     (T, n, 3)  rad ps-1, lab frame, if
-    wanted /particles/bodies/species              (n,) enumeration of the names of types
-    /particles/bodies/mass                 (n,)       u /particles/bodies/principal_moments    (n,
-    3)     u nm+2, about the body axes /particles/blobs                       if wanted: box,
-    position (T, m, 3), radius (m,) nm, body (m,) int, -1 for free particles /parameters/bodies
-    particle (s,) int, site_position (s, 3) nm, site_radius (s,) nm, first_site (n+1,) int
+                                           module units
+    /particles/bodies/box                  dimension, boundary; edges (T, 3, 3) nm, rows a, b, c,
+                                           if the System is periodic
+    /particles/bodies/position             (T, n, 3)  nm, of the bodies' origins, unwrapped
+    /particles/bodies/orientation          (T, n, 4)  unit quaternions (w, x, y, z), body frame to
+                                           lab frame
+    /particles/bodies/velocity             (T, n, 3)  nm ps-1, if wanted
+    /particles/bodies/angular_velocity     (T, n, 3)  rad ps-1, lab frame, if wanted
+    /particles/bodies/species              (n,) enumeration of the names of types
+    /particles/bodies/mass                 (n,)       u
+    /particles/bodies/principal_moments    (n, 3)     u nm+2, about the body axes
+    /particles/blobs                       if wanted: box, position (T, m, 3), radius (m,) nm,
+                                           body (m,) int, -1 for free particles
+    /parameters/bodies                     particle (s,) int, site_position (s, 3) nm, site_radius
+                                           (s,) nm, first_site (n+1,) int
 
-H5MD 1.1 has no name for orientations; "orientation" is that of its proposal 104.
+H5MD 1.1 has no name for orientations. The name "orientation" is that of proposal 104 to H5MD.
 """
 import getpass
 import re
@@ -26,12 +31,13 @@ import re
 import numpy as np
 
 from .. import _loading, _units
-from .trajectories import BodyScene, Hdf5Reporter, Trajectory, addSeries, numFrames, openHdf5, readingFrom
+from .trajectories import (BodyScene, Hdf5Reporter, Trajectory, addSeries, numFrames, openHdf5,
+                           readingFrom)
 
 _VERSION = (1, 1)
 _UNITS_VERSION = (1, 0)
 _BODIES, _BLOBS = 'bodies', 'blobs'
-#: Symbols of H5MD's unit strings that we know: power of length, power of time, value in nm and ps.
+#: The known symbols of H5MD's unit strings: power of length, power of time, value in nm and ps.
 _SYMBOLS = {
     'm': (1, 0, 1e9), 'mm': (1, 0, 1e6), 'um': (1, 0, 1e3), 'nm': (1, 0, 1.0), 'pm': (1, 0, 1e-3),
     'Ang': (1, 0, 0.1), 'Angstrom': (1, 0, 0.1), 's': (0, 1, 1e12), 'ms': (0, 1, 1e9),
@@ -40,7 +46,9 @@ _SYMBOLS = {
 
 
 class H5mdReporter(Hdf5Reporter):
-    """Writes the poses of all bodies to an H5MD file every so many steps, in double precision: bit for bit what the bodies have.
+    """Writes the poses of all bodies to an H5MD file, once per interval of steps.
+
+    Numbers are written in double precision: they are bit for bit those of the bodies.
 
     Parameters
     ----------
@@ -50,31 +58,34 @@ class H5mdReporter(Hdf5Reporter):
         number of steps between frames
     append : bool
         continue an existing file of the same bodies. Frames at or after the step of the first new
-        one are dropped, so that a run that is resumed from a checkpoint leaves the file of the
+        frame are dropped. A run that is resumed from a checkpoint so leaves the file of the
         uninterrupted run. A file that does not exist is created. Without append an existing file is
         replaced.
     velocities : bool
         also write velocities and angular velocities
     blobs : bool
-        also write where the hydrodynamic particles are, as particles of their own
+        also write the positions of the hydrodynamic particles, as particles of their own
     types : sequence of str, optional
         a name of the type of each body; None: bodies of equal sites and radii are body0, body1, ...
     radii : sequence or Quantity of shape (particles of the System,), optional
         radius of each particle, nm, 0 for none; None: those of the MobilityForce, if there is one
     author : str, optional
-        name of the person responsible, which H5MD wants; None: the user's login name, or "unknown"
+        name of the responsible person, which H5MD asks for; None: the user's login name, or
+        "unknown"
 
     Raises
     ------
     TypeError, ValueError
-        for bad arguments; at the first report also if types or radii do not fit the bodies, or the
-        file to continue holds other bodies or other data
+        for bad arguments; at the first report also if types or radii do not fit the bodies, or if
+        the file to continue holds other bodies or other data
 
     Notes
     -----
-    The file is closed between reports, so that it can be read while the run goes on and is whole if the run is killed between reports; that
-    costs about a millisecond a report. A frame that was half written, when the disk was full say, is ignored by readH5md and overwritten by
-    append. Killed within the few milliseconds of a report HDF5 may leave a file that cannot be opened.
+    The file is closed between reports. It can be read while the run goes on, and it is whole if the
+    run is killed between reports. Closing costs about a millisecond a report. A frame that was only
+    partly written (when the disk was full, for example) is ignored by readH5md and overwritten by
+    append. If the run is killed within the few milliseconds of a report, HDF5 may leave a file that
+    cannot be opened.
     """
 
     _STEPS = f'particles/{_BODIES}/position/step'
@@ -105,7 +116,7 @@ class H5mdReporter(Hdf5Reporter):
         if self._blobs:
             frame['blobs/position/value'] = state.getPositions(
                 asNumpy=True)._value[self._scene.blobs]
-        # Last, because readers go by their length.
+        # The last data set is written last, because readers go by its length.
         frame['bodies/position/time'] = state.getTime()._value
         frame['bodies/position/step'] = simulation.currentStep
         return {f'particles/{name}': value for name, value in frame.items()}
@@ -162,7 +173,10 @@ class H5mdReporter(Hdf5Reporter):
 
     @staticmethod
     def _addElement(group, name, shape, unitString, like=None):
-        """An element that changes with time; all but the first have its step and time by hard links."""
+        """An element that changes with time.
+
+        All elements but the first have its step and time by hard links.
+        """
         element = group.create_group(name)
         value = addSeries(element, 'value', shape)
         if unitString is not None:
@@ -176,7 +190,7 @@ class H5mdReporter(Hdf5Reporter):
                                chunks=(1024,)).attrs['unit'] = _text('ps')
 
     def _checkSame(self, file):
-        """A file is continued with the same bodies and the same data."""
+        """Refuse to continue a file with other bodies or other data."""
         scene = self._scene
         own = file.get('parameters/bodies')
         if own is None or f'particles/{_BODIES}/position' not in file:
@@ -224,20 +238,20 @@ def readH5md(file, group=None):
     file : str or path
         name of the file
     group : str, optional
-        the group below /particles that is read; None: "bodies", or the only one that has
+        the group below /particles that is read; None: "bodies", or the only group that has
         orientations
 
     Returns
     -------
     Trajectory
-        in nm and ps. Data sets without unit are taken to be in these; positions with an "image"
-        element are unwrapped
+        in nm and ps; data sets without unit are taken to be in these units, and positions with an
+        "image" element are unwrapped
 
     Raises
     ------
     ValueError
-        if the file is no H5MD file of version 1, has no such group, no position, orientation or
-        time there, or units that are no lengths or times, or if it is damaged
+        if the file is damaged or is no H5MD file of version 1, or if it has no such group, no
+        position, orientation or time there, or units that are no lengths or times
     """
     if group is not None and not isinstance(group, str):
         raise TypeError(
@@ -308,7 +322,7 @@ def _readGroup(handle, bodies, group, file):
 
 
 def _sites(handle, group, bodies, file):
-    """Sites and radii of each body, where the file tells."""
+    """Sites and radii of each body, where the file has them."""
     own = handle.get(f'parameters/{group}')
     if own is None or not all(name in own
                               for name in ('site_position', 'site_radius', 'first_site')):
@@ -338,7 +352,10 @@ def _values(group, name, length, time, count, file):
 
 
 def _box(group, count, file):
-    """Box vectors (frames, 3, 3) in nm, and along which of them (3,) the box is periodic; None if along none."""
+    """Box vectors (frames, 3, 3) in nm, and the vectors (3,) along which the box is periodic.
+
+    None: the box is periodic along no vector.
+    """
     box = group.get('box')
     boundary = [] if box is None else [
         np.bytes_(name) for name in box.attrs.get('boundary', 3*[b'periodic'])
@@ -355,7 +372,7 @@ def _box(group, count, file):
 
 
 def _axis(element, name, count):
-    """Steps or times of an element's frames: stored one by one, or as an increment and an offset."""
+    """Steps or times of an element's frames, stored singly or as an increment and an offset."""
     if name not in element:
         return None
     data = element[name]
@@ -363,7 +380,10 @@ def _axis(element, name, count):
 
 
 def _conversion(data, length, time, file):
-    """What a data set is multiplied by to be in nm and ps; its unit must have these powers of length and time."""
+    """The factor that brings a data set to nm and ps.
+
+    The unit of the data set must have these powers of length and time.
+    """
     text = data.attrs.get('unit')
     if text is None:
         return 1.0
@@ -408,7 +428,7 @@ def _constant(group, name, values, unitString):
 
 
 def _timeData(file, within=None):
-    """All data sets of our groups that have one row a frame, each once."""
+    """All data sets of this package's groups that have one row a frame, each once."""
     import h5py
     found = {}
     groups = [within] if within is not None else list(file['particles'].values())

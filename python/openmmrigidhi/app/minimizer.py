@@ -11,24 +11,28 @@ from .._quaternions import rotationMatrices
 from .._systems import BodyDefinitions
 from ..integrator import CustomRigidHIIntegrator
 
-#: Within one run of L-BFGS, how far coordinates may move: a chart of rotation vectors is good up to
-#: about a radian.
+#: The largest move of coordinates within one run of L-BFGS. A chart of rotation vectors is good up
+#: to about a radian.
 _LARGEST_TRANSLATION = 0.2  # nm
 _LARGEST_ROTATION = 0.5  # rad
-#: Constraints among free particles are held by springs to this relative error, then made exact.
+#: Springs hold constraints among free particles to this relative error; the end is exact.
 _CONSTRAINT_ERROR = 1e-4
-#: Springs are made stiffer at most this often, tenfold each time.
+#: The largest number of times that springs are made stiffer, tenfold each time.
 _MAX_STIFFENINGS = 3
-#: A run of L-BFGS that lowers the energy by less, relative, has arrived where rounding lets it.
+#: A run of L-BFGS that lowers the energy by less than this part has come as far as rounding allows.
 _SMALLEST_DECREASE = 1e-8
-#: The first step of a run of L-BFGS, which knows nothing of the energy's curvature yet: largest
-#: move of a coordinate, nm.
+#: The largest move of a coordinate in the first step of a run of L-BFGS, nm. The run does not know
+#: the curvature of the energy yet.
 _FIRST_STEP = 0.005
 
 
 @dataclasses.dataclass
 class MinimizationResult:
-    """How a minimisation went: energies, the root mean square force component that is left, iterations, evaluations."""
+    """How a minimisation went.
+
+    It has the energies, the root mean square force component that is left, and the numbers of
+    iterations and evaluations.
+    """
 
     initialEnergy: unit.Quantity
     finalEnergy: unit.Quantity
@@ -42,20 +46,20 @@ def minimize(context, tolerance=10*unit.kilojoule_per_mole/unit.nanometer, maxIt
              reporter=None, progress=None):
     """Minimise the potential energy with the bodies of a CustomRigidHIIntegrator as rigid units.
 
-    OpenMM's own minimiser moves the members of bodies one by one, which is no use for bodies that
-    no constraints hold. Here each body has six coordinates, a translation and a rotation vector,
-    and each free particle three; massless free particles stay. Method: L-BFGS-B of SciPy, with the
-    rotation vectors' origin moved along whenever a body has turned by half a radian. Constraints
-    between free particles are held by stiff springs during the search and made exact at its end, as
-    OpenMM's minimiser does. Velocities are left alone.
+    OpenMM's own minimiser moves the members of bodies one by one. That does not work for bodies
+    that no constraints hold. Here each body has six coordinates, a translation and a rotation
+    vector, and each free particle three. Massless free particles stay. The method is L-BFGS-B of
+    SciPy. The origin of the rotation vectors moves along whenever a body has turned by half a
+    radian. Stiff springs hold the constraints between free particles during the search. At its end
+    the constraints are made exact, as in OpenMM's minimiser. Velocities do not change.
 
     Parameters
     ----------
     context : openmm.Context
         with positions; left at the minimum
     tolerance : float or Quantity
-        the search ends when the root mean square of all force components (torques divided by a
-        body's root mean square site distance) is at most this, kJ/(mol nm)
+        the search ends when the root mean square of all force components is at most this, kJ/(mol
+        nm); torques are divided by the root mean square distance of a body's sites
     maxIterations : int
         the largest number of iterations; 0: no limit
     reporter : callable, optional
@@ -70,14 +74,16 @@ def minimize(context, tolerance=10*unit.kilojoule_per_mole/unit.nanometer, maxIt
     Raises
     ------
     TypeError
-        if the Context's integrator is another
+        if the Context's integrator is of another class
     openmm.OpenMMException
-        if positions are not set or do not fit the bodies, or the energy is not finite at the start
+        if positions are not set or do not fit the bodies, or if the energy is not finite at the
+        start
 
     Notes
     -----
-    Cost: an iteration is one to two force evaluations plus O(particles) numpy arithmetic. On the CPU platform energies are
-    single precision, which limits how small a tolerance can be reached; then converged is False and a warning says so.
+    An iteration costs one to two force evaluations and O(particles) numpy arithmetic. Energies on
+    the CPU platform have single precision, which limits how small a tolerance can be reached. If
+    the tolerance is not reached, converged is False and a warning says so.
     """
     import tqdm
     tolerance = _units.number(tolerance, _units.FORCE, 'minimize', 'tolerance')
@@ -97,7 +103,11 @@ def minimize(context, tolerance=10*unit.kilojoule_per_mole/unit.nanometer, maxIt
 
 
 class _Scene:
-    """The coordinates of a Context: origins R, quaternions q of the bodies, positions x of the free particles that move."""
+    """The coordinates of a Context.
+
+    They are the origins R and quaternions q of the bodies, and the positions x of the free
+    particles that move.
+    """
     def __init__(self, context):
         self.context = context
         self.integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
@@ -119,7 +129,7 @@ class _Scene:
         distance = np.sqrt(
             self._sumOverBodies((self.sites**2).sum(axis=1))/
             np.maximum(1, np.bincount(self.siteBody, minlength=self.numBodies)))
-        # A body without extent feels no torque; any length serves.
+        # A body without extent feels no torque, so any length will do.
         self.length = np.where(distance > 0, distance, 1.0)
 
     def _readFreeParticles(self, system):
@@ -145,7 +155,7 @@ class _Scene:
         return self.context.getState(getPositions=True).getPositions(asNumpy=True)._value
 
     def place(self, R, q, x):
-        """Move everything in the Context there."""
+        """Move everything in the Context to these coordinates."""
         if self.numBodies > 0:
             self.integrator.setBodyPositions(R)
             self.integrator.setBodyOrientations(q)
@@ -157,7 +167,10 @@ class _Scene:
             self.context.computeVirtualSites()
 
     def evaluate(self, R, q, x):
-        """Energy, forces and torques (about the origins, lab frame) on bodies, forces on free particles."""
+        """Energy, forces and torques on bodies, and forces on free particles.
+
+        The torques are about the origins, in the lab frame.
+        """
         self.place(R, q, x)
         state = self.context.getState(getEnergy=True, getForces=True, groups=self.groups)
         forces = state.getForces(asNumpy=True)._value
@@ -167,7 +180,7 @@ class _Scene:
                 self._sumOverBodies(np.cross(arms, siteForces)), forces[self.free])
 
     def applyConstraints(self, R, q, x):
-        """Make the constraints of free particles exact; returns their positions. Bodies stay."""
+        """Make the constraints of free particles exact, and return their positions; bodies stay."""
         self.place(R, q, x)
         if len(self.distances) == 0:
             return x
@@ -187,7 +200,10 @@ class _Recentre(Exception):
 
 
 class _Search:
-    """A sequence of L-BFGS runs. Its vector y holds translations, length times rotation vectors, moves of free particles."""
+    """A sequence of L-BFGS runs.
+
+    The vector y holds translations, length times rotation vectors, and moves of free particles.
+    """
     def __init__(self, scene, tolerance, maxIterations, reporter, bar):
         self.scene = scene
         self.tolerance = tolerance
@@ -233,7 +249,11 @@ class _Search:
         return 0 < self.maxIterations <= self.iterations
 
     def _minimizeWithSprings(self):
-        """Run L-BFGS until the forces are small, the iterations used up, or the energy does not go down any more."""
+        """Run L-BFGS until it is done.
+
+        It is done when the forces are small, when the iterations are used up, or when the energy
+        does not go down any more.
+        """
         import scipy.optimize
         limits = self._limits()
         self.converged = False
@@ -241,7 +261,7 @@ class _Search:
         self._note(np.zeros(self._size()), energy, gradient)
         while not self.converged and not self._outOfIterations():
             before = self.energy
-            # SciPy's first trial step is minus the gradient of what it is given.
+            # The first trial step of SciPy is minus the gradient of the function that it is given.
             scale = _FIRST_STEP/np.max(np.abs(self.gradient))
 
             def scaledValue(y):
@@ -279,7 +299,7 @@ class _Search:
                 y[6*n:].reshape(-1, 3))
 
     def _unpack(self, y):
-        """Origins, quaternions and free positions for y, counted from the present centre of the chart."""
+        """Origins, quaternions and free positions for y, from the present centre of the chart."""
         translations, rotations, moves = self._split(y)
         return self.R + translations, _turned(rotations, self.q), self.x + moves
 
@@ -299,7 +319,10 @@ class _Search:
         return energy, gradient
 
     def _wall(self, y):
-        """Stands in for an energy that is not finite: so high and steep that the line search turns back."""
+        """Replaces an energy that is not finite.
+
+        The replacement is so high and steep that the line search turns back.
+        """
         away = y - self.best
         height = 1e3*(1 + abs(self.energy))
         return self.energy + height, 2*height*away/max(away @ away, 1e-30)
@@ -362,12 +385,14 @@ def _turned(rotations, q):
 
 
 def _turnGradient(rotations, torques):
-    """J^T torque, with J the left Jacobian of the exponential map: a change d of the rotation vector turns by J d.
+    """J^T torque, with J the left Jacobian of the exponential map.
 
-    J^T torque = torque - (1-cos a)/a^2 w x torque + (a - sin a)/a^3 w x (w x torque), a = |w|.
+    A change d of the rotation vector turns by J d, and J^T torque = torque - (1-cos a)/a^2 w x
+    torque + (a - sin a)/a^3 w x (w x torque), a = |w|.
     """
     angle = np.linalg.norm(rotations, axis=1)[:, None]
-    small = angle < 1e-2  # below, the series to a^2 is right to 1e-10 and the closed form loses digits
+    # Below this angle the series to a^2 is right to 1e-10, and the closed form loses digits.
+    small = angle < 1e-2
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 0.5 - angle**2/24, (1 - np.cos(safe))/safe**2)
     second = np.where(small, 1/6 - angle**2/120, (safe - np.sin(safe))/safe**3)

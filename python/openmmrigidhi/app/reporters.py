@@ -11,12 +11,12 @@ _NOT_AVAILABLE = 'n/a'
 
 
 class StateDataReporter(openmm.app.StateDataReporter):
-    """openmm.app.StateDataReporter for a CustomRigidHIIntegrator, with right temperatures.
+    """openmm.app.StateDataReporter for a CustomRigidHIIntegrator, with the right temperatures.
 
-    OpenMM's own counts three degrees of freedom for each massive particle less one for each
-    constraint, so that rigid bodies without constraints read far too cold. This one takes them from
-    ``integrator.getDegreesOfFreedom()``. For schemes without momenta, and for kinds of motion that
-    nothing in the System has, it writes ``n/a``.
+    OpenMM's own reporter counts three degrees of freedom for each massive particle less one for
+    each constraint. Temperatures of rigid bodies without constraints are then far too low. This
+    reporter takes the degrees of freedom from ``integrator.getDegreesOfFreedom()``. It writes
+    ``n/a`` for schemes without momenta, and for kinds of motion that nothing in the System has.
 
     Parameters
     ----------
@@ -27,9 +27,9 @@ class StateDataReporter(openmm.app.StateDataReporter):
         whether to write the temperature of the bodies' translation
     rotationalTemperatures : bool
         whether to write the temperatures of rotation about the axis of the smallest, the middle and
-        the largest principal moment, three columns. At equilibrium all temperatures fluctuate about
-        that of the heat bath, with a relative standard deviation of sqrt(2/degrees of freedom) for
-        a single report.
+        the largest principal moment, in three columns. At equilibrium all temperatures fluctuate
+        about that of the heat bath. The relative standard deviation of a single report is
+        sqrt(2/degrees of freedom).
     """
     def __init__(self, file, reportInterval, *args, translationalTemperature=False,
                  rotationalTemperatures=False, **kwargs):
@@ -43,8 +43,8 @@ class StateDataReporter(openmm.app.StateDataReporter):
             for axis in range(3):
                 self._columns[f'Rotational Temperature {axis+1} (K)'] = functools.partial(
                     self._rotationalTemperature, axis)
-        # The base class must not compute its own, which divides by its number of degrees of
-        # freedom.
+        # The base class must not compute its own temperature, which divides by its own number of
+        # degrees of freedom.
         self._temperature = False
 
     def _initializeConstants(self, simulation):

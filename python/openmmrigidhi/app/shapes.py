@@ -3,7 +3,8 @@ import numpy as np
 
 from .. import _units
 
-#: How often an icosahedron's faces are divided into four for each number of vertices, 10*4^k + 2.
+#: How many times the faces of an icosahedron are divided into four, for each number of vertices,
+#: 10*4^k + 2.
 _SUBDIVISIONS = {12: 0, 42: 1, 162: 2, 642: 3, 2562: 4}
 #: Hydrodynamic radius for translation of a shell of geometric radius 1 with blobs that touch, by
 #: tools/shell_radii.py.
@@ -59,8 +60,8 @@ def rod(n, spacing):
     Returns
     -------
     Quantity of shape (n, 3)
-        nm, from the lowest x up, about the rod's centre. The blobs are on a line: the fluid does
-        not drive rotation about it.
+        nm, from the lowest x up, about the rod's centre. The blobs are on a line, so the fluid does
+        not drive rotation about this line.
     """
     n = _atLeast(2, n, 'rod', 'n')
     spacing = _positiveLength(spacing, 'rod', 'spacing')
@@ -70,7 +71,9 @@ def rod(n, spacing):
 
 
 def cylinder(radius, length, spacing, closed=True):
-    """Get blobs on the surface of a cylinder about the x axis: staggered rings, and rings that fill the two ends.
+    """Get blobs on the surface of a cylinder about the x axis.
+
+    The blobs lie on staggered rings on the side, and on rings that fill the two ends.
 
     Parameters
     ----------
@@ -79,15 +82,16 @@ def cylinder(radius, length, spacing, closed=True):
     length : float or Quantity
         distance between the two end planes, on which blobs lie, nm
     spacing : float or Quantity
-        about the distance between neighbours, nm; the rings divide length and circumference evenly
+        approximate distance between neighbours, nm; the rings divide length and circumference
+        evenly
     closed : bool
-        fill the ends; without, the cylinder is a tube that lets the fluid through
+        fill the ends; without them the cylinder is a tube that lets the fluid through
 
     Returns
     -------
     Quantity of shape (n, 3)
         nm, about the cylinder's centre: the side from the lowest x up, then the end at low x, then
-        that at high x
+        the end at high x
     """
     radius = _positiveLength(radius, 'cylinder', 'radius')
     length = _positiveLength(length, 'cylinder', 'length')
@@ -111,16 +115,17 @@ def _ring(x, radius, n, turn):
 
 
 def boomerang(spacing, blobsPerArm=7):
-    """Get blobs of a right-angled boomerang, that of Delong, Balboa Usabiaga and Donev 2015 with 15 blobs.
+    """Get blobs of a right-angled boomerang.
 
-    Theirs has spacing 0.3 um and blobs of radius 0.265*sqrt(1.5) um.
+    The boomerang of Delong, Balboa Usabiaga and Donev 2015 has 15 blobs of radius 0.265*sqrt(1.5)
+    um at a spacing of 0.3 um.
 
     Parameters
     ----------
     spacing : float or Quantity
         distance between neighbours, nm
     blobsPerArm : int
-        number of blobs in each arm besides the one at the cross point
+        number of blobs in each arm, without the blob at the cross point
 
     Returns
     -------
@@ -143,7 +148,7 @@ def tetramer(spacing):
     Parameters
     ----------
     spacing : float or Quantity
-        distance between any two, nm
+        distance between any two blobs, nm
 
     Returns
     -------
@@ -159,8 +164,8 @@ def tetramer(spacing):
 def icosahedron(radius):
     """Get twelve blobs at the vertices of a regular icosahedron, two of them on the z axis.
 
-    It is :func:`sphereShell` of 12 points, turned: a corner on an axis is what Delong, Balboa
-    Usabiaga and Donev 2015 hang a weight on.
+    It is :func:`sphereShell` of 12 points, turned. Delong, Balboa Usabiaga and Donev 2015 hang a
+    weight on a corner that lies on an axis.
 
     Parameters
     ----------
@@ -209,10 +214,11 @@ def _icosahedron():
 
 
 def multiblobSphere(n, radius):
-    """Get a sphere as a rigid multiblob: a shell whose hydrodynamic radius for translation is that of the sphere.
+    """Get a sphere as a rigid multiblob: a shell of blobs.
 
-    The blobs' radius is half their smallest distance. The hydrodynamic radius for rotation is
-    smaller, by 2.5, 1.8, 0.55, 0.13 and 0.02 % for 12, 42, 162, 642 and 2562 blobs.
+    The hydrodynamic radius of the shell for translation is that of the sphere. The radius of the
+    blobs is half their smallest distance. The hydrodynamic radius for rotation is smaller, by 2.5,
+    1.8, 0.55, 0.13 and 0.02 % for 12, 42, 162, 642 and 2562 blobs.
 
     Parameters
     ----------
@@ -245,7 +251,7 @@ def multiblobSphere(n, radius):
 
 
 def _subdivide(vertices, faces):
-    """Divide each triangle into four, with the new vertices, one on each edge, pushed out to the sphere."""
+    """Divide each triangle into four, with new vertices on the edges, pushed out to the sphere."""
     points = list(vertices)
     middle = {}
 

@@ -1,4 +1,4 @@
-"""What files of body trajectories share: the reporters' frame, what a scene is made of, and what readers return."""
+"""What files of body trajectories share: the reporters' frame, scenes, and results of readers."""
 import contextlib
 import dataclasses
 import os
@@ -10,18 +10,20 @@ from .. import _units
 from .._systems import BodyDefinitions, hydrodynamicRadii
 from ..integrator import CustomRigidHIIntegrator
 
-#: Bodies whose sites and radii agree to this, nm, are of one type.
+#: Bodies whose sites and radii agree within this length, nm, are of one type.
 _SAME_SHAPE = 1e-6
-#: No compression of HDF5's makes data smaller than by this factor.
+#: No compression in HDF5 makes data smaller by a larger factor.
 _MOST_COMPRESSED = 1100
-#: Of HDF5 data sets with one row a frame.
+#: Chunks of HDF5 data sets with one row a frame have this size.
 _BYTES_PER_CHUNK = 2**16
 #: Times of frames at equal intervals may be off by the rounding of single precision.
 _EVEN_FRAMES = 1e-6
 
 
 class BodyReporter:
-    """What reporters of body states have in common; use one of RigidBodyReporter, GsdReporter, H5mdReporter.
+    """What reporters of body states have in common.
+
+    Use one of RigidBodyReporter, GsdReporter, H5mdReporter.
 
     Parameters
     ----------
@@ -35,7 +37,7 @@ class BodyReporter:
     Raises
     ------
     TypeError, ValueError
-        for an interval that is no integer above 0
+        for an interval that is not a positive integer
     """
 
     _needsPositions = _needsVelocities = False
@@ -52,9 +54,13 @@ class BodyReporter:
         self._started = False
 
     def describeNextReport(self, simulation):
-        """Tell the Simulation when the next report is due, and what of the particles it needs; positions unwrapped."""
+        """Tell the Simulation when the next report is due, and what the report needs.
+
+        The report needs unwrapped positions.
+        """
         steps = self._reportInterval - simulation.currentStep % self._reportInterval
-        return steps, self._needsPositions, self._needsVelocities, False, False, False if self._needsPositions else None
+        return (steps, self._needsPositions, self._needsVelocities, False, False,
+                False if self._needsPositions else None)
 
     def report(self, simulation, state):
         """Write one frame."""
@@ -70,7 +76,9 @@ class BodyReporter:
 
 
 class Hdf5Reporter(BodyReporter):
-    """What reporters into HDF5 files have in common. A kind says what it records: _describe, _create, _checkSame, _series, _frame.
+    """What reporters into HDF5 files have in common.
+
+    A subclass says what it records by _describe, _create, _checkSame, _series and _frame.
 
     Parameters
     ----------
@@ -106,7 +114,7 @@ class Hdf5Reporter(BodyReporter):
 
 
 def addSeries(group, name, shape, kind='f8'):
-    """Add a data set without rows yet, one for each frame, of arrays of a shape.
+    """Add a data set for arrays of a shape, one for each frame, without rows yet.
 
     Parameters
     ----------
@@ -114,7 +122,7 @@ def addSeries(group, name, shape, kind='f8'):
     name : str
     shape : tuple of int
     kind : str
-        of the numbers, of 8 bytes
+        type of the numbers, of 8 bytes
 
     Returns
     -------
@@ -126,7 +134,9 @@ def addSeries(group, name, shape, kind='f8'):
 
 
 def numFrames(series):
-    """Get the number of complete frames: a run that was killed while it wrote may have extended some data sets only.
+    """Get the number of complete frames.
+
+    A run that was killed while it wrote may have extended only some of the data sets.
 
     Parameters
     ----------
@@ -155,18 +165,18 @@ class Trajectory:
     boxVectors : Quantity of shape (T, 3, 3), or None
         rows a, b, c, nm; None without periodic boundaries
     types : list of str
-        name of each body's type
+        name of the type of each body
     blobPositions : Quantity of shape (T, m, 3), or None
         the hydrodynamic particles, nm; None if the file has none
     blobRadii : Quantity of shape (m,), or None
         their radii, nm
     blobBodies : array of shape (m,), or None
-        the body that each belongs to; -1: a free particle
+        the body that each blob belongs to; -1: a free particle
     sites : list of Quantity of shape (s, 3), or None
-        of each body: its particles, or those of them that have a radius, body frame, nm; None if
-        the file does not tell
+        for each body its particles, or those of its particles that have a radius, body frame, nm;
+        None if the file does not have them
     siteRadii : list of Quantity of shape (s,), or None
-        their radii, nm; 0: none
+        radii of the sites, nm; 0: none
     """
 
     time: unit.Quantity
@@ -188,7 +198,7 @@ class Trajectory:
 
     @property
     def frameInterval(self):
-        """The time between frames, Quantity in ps, as the functions of openmmrigidhi.analysis need it.
+        """The time between frames, a Quantity in ps, for the functions of openmmrigidhi.analysis.
 
         Raises
         ------
@@ -228,7 +238,7 @@ class BodyScene(BodyDefinitions):
     blobs : bool
         whether particles with a radius are wanted
     where : str
-        who asks, for error messages
+        name of the caller, for error messages
     """
     def __init__(self, integrator, system, types, radii, blobs, where):
         super().__init__(integrator)
@@ -249,12 +259,12 @@ class BodyScene(BodyDefinitions):
                                    dtype=int)
 
     def spheres(self, body):
-        """Places (m, 3) in the body frame and radii (m,) of a body's particles that have a radius, nm."""
+        """Places (m, 3) in the body frame and radii (m,) of a body's particles with radii, nm."""
         radii = self.radii[self.particles[body]]
         return self.sites[body][radii > 0], radii[radii > 0]
 
     def _types(self, types, where):
-        """Names of types, and the type of each body; bodies of a type have one shape."""
+        """Names of types, and the type of each body; all bodies of a type have one shape."""
         if types is None:
             names, representatives, indices = [], [], []
             for body in range(len(self)):
@@ -288,11 +298,14 @@ class BodyScene(BodyDefinitions):
     def _alike(self, one, other):
         a, b = self.sites[one], self.sites[other]
         return a.shape == b.shape and np.allclose(a, b, rtol=0, atol=_SAME_SHAPE) and \
-            np.allclose(self.radii[self.particles[one]], self.radii[self.particles[other]], rtol=0, atol=_SAME_SHAPE)
+            np.allclose(self.radii[self.particles[one]], self.radii[self.particles[other]], rtol=0,
+            atol=_SAME_SHAPE)
 
 
 def openHdf5(file, mode):
-    """Open an existing HDF5 file, with mode "r" or "r+"; h5py's own error for another kind of file does not name it.
+    """Open an existing HDF5 file, with mode "r" or "r+".
+
+    h5py's own error for another kind of file does not name the file.
 
     Raises
     ------
@@ -308,7 +321,7 @@ def openHdf5(file, mode):
     opened = h5py.File(name, mode)
 
     def checkSize(path, item):
-        # HDF5 gives what was never written as zeros: a damaged shape would fill the memory.
+        # HDF5 gives what was never written as zeros, so a damaged shape would fill the memory.
         if isinstance(item, h5py.Dataset) and item.nbytes > _MOST_COMPRESSED*os.path.getsize(name):
             raise ValueError(
                 f'{name}: data set {path} has the shape {item.shape}, {item.nbytes:.3g} bytes; in '
@@ -326,10 +339,10 @@ def openHdf5(file, mode):
 
 @contextlib.contextmanager
 def readingFrom(file, what):
-    """Whatever a library raises while it reads a damaged file becomes a ValueError that names the file.
+    """Turn what a library raises while it reads a damaged file into a ValueError.
 
-    Messages of ours, which name it already, pass, and what the system says of files that are
-    missing or may not be read.
+    The ValueError names the file. Messages of this package name the file already and pass. So do
+    the operating system's errors about files that are missing or may not be read.
     """
     name = os.fspath(file)
     with open(name, 'rb'):
@@ -348,5 +361,8 @@ def readingFrom(file, what):
 
 
 def rowsBefore(steps, step):
-    """Get how many frames of a file, with these steps, come before the first new one, at this step: a resumed run replaces the others."""
+    """Get how many frames of a file, with these steps, come before the first new frame.
+
+    The first new frame is at the given step. A resumed run replaces the frames from there on.
+    """
     return int(np.searchsorted(steps, step))

@@ -1,13 +1,17 @@
-"""Many runs: independent replicas and sweeps of parameters, in processes or on the machines of a dask.distributed cluster.
+"""Many runs: independent replicas and sweeps of parameters.
+
+They run in processes or on the machines of a dask.distributed cluster.
 
 From the shell, ``python3 -m openmmrigidhi.ensemble --help``; from Python::
 
-    from openmmrigidhi import ensemble study = ensemble.Study('trap',
-    ensemble.sweep(temperature=[280, 300, 320]), replicas=4, length=100,
-    observables=['energy_group_0']) result = study.run('my_study', jobs=4) print(result.table())
+    from openmmrigidhi import ensemble
+    study = ensemble.Study('trap', ensemble.sweep(temperature=[280, 300, 320]), replicas=4,
+                           length=100, observables=['energy_group_0'])
+    result = study.run('my_study', jobs=4)
+    print(result.table())
 
-The directory has everything: run() again goes on where it was interrupted, and
-``Study.load('my_study').extended(length=200)`` makes it longer.
+The directory keeps everything: run() goes on where it was interrupted, and
+``Study.load('my_study').extended(length=200)`` makes the study longer.
 """
 from . import tasks
 from .result import EnsembleResult, TaskRecord

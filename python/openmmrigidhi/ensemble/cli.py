@@ -10,12 +10,15 @@ from ..accuracy import observables
 from .simulation import BUILT_IN
 from .study import Study, read, sweep
 
-DESCRIPTION = '''Run independent replicas of a scene, for each of several settings, in processes or on a cluster of dask.distributed. The directory
-keeps everything: a study that was interrupted goes on with --resume, and grows with --extend (docs/ensembles.md).'''
+DESCRIPTION = '''Run independent replicas of a scene, for each of several settings, in processes or
+on a cluster of dask.distributed. The directory keeps everything. A study that was interrupted goes
+on with --resume, and grows with --extend (docs/ensembles.md).'''
 
 EPILOG = '''examples:
-  python3 -m openmmrigidhi.ensemble my_study --scene trap --sweep temperature=280,300,320 --replicas 4 --length 100 --jobs 4
-  python3 -m openmmrigidhi.ensemble my_study --scene mymodule:makeScene --set pressure=1 --sweep size=3,4 --length 500 --cluster tcp://host:8786
+  python3 -m openmmrigidhi.ensemble my_study --scene trap --sweep temperature=280,300,320 \\
+      --replicas 4 --length 100 --jobs 4
+  python3 -m openmmrigidhi.ensemble my_study --scene mymodule:makeScene --set pressure=1 \\
+      --sweep size=3,4 --length 500 --cluster tcp://host:8786
   python3 -m openmmrigidhi.ensemble my_study --resume --jobs 4
   python3 -m openmmrigidhi.ensemble my_study --extend --length 200 --replicas 8
   python3 -m openmmrigidhi.ensemble my_study --show'''
@@ -57,11 +60,11 @@ def parser():
     how.add_argument('--jobs', type=int, default=1, help='tasks at the same time (1)')
     how.add_argument(
         '--cluster', metavar='ADDRESS',
-        help='a scheduler of dask.distributed, e.g. tcp://host:8786; local: workers on this machine, '
-        'the default with '
-        '--jobs above 1 where dask.distributed is installed; processes: plain processes')
+        help='a scheduler of dask.distributed, e.g. tcp://host:8786; local: workers on this '
+        'machine, the default with --jobs above 1 where dask.distributed is installed; processes: '
+        'plain processes')
     how.add_argument('--retries', type=int, default=3,
-                     help='how often a task whose worker died is tried again (3)')
+                     help='how many times a task whose worker died is tried again (3)')
     how.add_argument('--timeout', type=float, default=60, help='seconds to wait for a cluster (60)')
     how.add_argument('--checkpoint', type=float, default=60, metavar='SECONDS',
                      help='between two savings of a task (60)')

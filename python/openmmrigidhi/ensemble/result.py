@@ -1,4 +1,4 @@
-"""What a study found: means over replicas with their errors, and what became of each task."""
+"""What a study found: means over replicas with their errors, and the outcome of each task."""
 import csv
 import json
 import os
@@ -19,7 +19,7 @@ COLUMNS = ('setting', 'settings', 'observable', 'unit', 'mean', 'standard_error'
 
 @dataclass
 class TaskRecord:
-    """What became of a task.
+    """The outcome of a task.
 
     Attributes
     ----------
@@ -27,14 +27,14 @@ class TaskRecord:
     settings : dict
     seed : int
     path : str
-        of its file
+        path of its file
     status : str
         'complete', 'unfinished', 'waiting', 'failed' or 'damaged'
     message, traceback : str
-        why it failed or is damaged
+        why the task failed or its file is damaged
     samples : int
     length : float
-        ps that were sampled
+        time that was sampled, ps
     seconds : float
         wall time of its steps
     """
@@ -52,7 +52,8 @@ class TaskRecord:
     seconds: float = 0.0
 
     def __str__(self):
-        text = f'setting {self.setting} {self.settings}, replica {self.replica}, seed {self.seed}: {self.status}'
+        text = (f'setting {self.setting} {self.settings}, replica {self.replica}, seed '
+                f'{self.seed}: {self.status}')
         return text + (f' ({self.message})' if self.message else f', {self.length:g} ps')
 
 
@@ -62,21 +63,22 @@ class EnsembleResult:
     Attributes
     ----------
     definition : dict
-        what the study is
+        the definition of the study
     observables : dict
         name -> dict with label and unit
     tasks : list of TaskRecord
     rows : list of dict
-        one for each setting and observable: setting, settings, observable, unit, mean,
-        standard_error (over replicas; of a single one from block averages), degrees (of freedom of
-        that, for Student's t), low, high (95 % interval), replicas, samples, tau (ps),
-        effective_samples, r_hat, exact (where the scene knows it), note. Replicas that failed are
-        left out; those that are not finished are used as far as they are.
+        one row for each setting and observable: setting, settings, observable, unit, mean,
+        standard_error (over replicas; for a single replica from block averages), degrees (degrees
+        of freedom of standard_error, for Student's t), low, high (95 % interval), replicas,
+        samples, tau (ps), effective_samples, r_hat, exact (where the scene knows it), note.
+        Replicas that failed are left out. Unfinished replicas are used as far as they are.
     about : dict
         the study's JSON: machine, versions, sessions, failures
     """
     def __init__(self, definition, observables, tasks, contents, about):
-        self.definition, self.observables, self.tasks, self.about = definition, observables, tasks, about
+        self.definition, self.observables, self.tasks, self.about = (definition, observables, tasks,
+                                                                     about)
         self._contents = contents
         self.rows = [
             self._row(setting, name) for setting in range(len(definition['settings']))
@@ -121,7 +123,7 @@ class EnsembleResult:
 
     @property
     def isComplete(self):
-        """Whether all tasks are."""
+        """Whether all tasks are complete."""
         return all(task.status == 'complete' for task in self.tasks)
 
     def problems(self):
@@ -140,7 +142,8 @@ class EnsembleResult:
                 continue
             chain = np.asarray(content.series[name], dtype=float)
             chain = chain.mean(axis=1) if chain.ndim == 2 else chain
-            # What compares with the sample before has nothing to compare the first with.
+            # An observable that compares with the sample before has nothing to compare the first
+            # sample with.
             chain = chain[1:] if len(chain) and np.isnan(chain[0]) else chain
             if len(chain) < 2:
                 continue
@@ -190,7 +193,7 @@ class EnsembleResult:
         return '\n'.join([*lines, *(str(task) for task in self.problems())])
 
     def asDict(self):
-        """Everything but the samples, as JSON takes it."""
+        """Everything but the samples, as values that JSON can hold."""
         tasks = [{
             'setting': task.setting, 'replica': task.replica, 'seed': task.seed,
             'status': task.status, 'message': task.message, 'samples': task.samples,

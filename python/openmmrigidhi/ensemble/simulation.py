@@ -1,4 +1,7 @@
-"""One task: a scene with its settings, a seed, a length. It saves where it is, and goes on from there, whoever computes it."""
+"""One task: a scene with its settings, a seed and a length.
+
+A task saves its state, and goes on from there, whoever computes it.
+"""
 import hashlib
 import inspect
 import json
@@ -25,13 +28,13 @@ BUILT_IN = {
     **scenes.BUILT_IN, 'suspension': scenes.suspension, 'periodic': scenes.periodicSuspension,
     'boomerang': overdamped.boomerang
 }
-#: Settings that are the integrator's, where the scene's function has no parameter of this name.
+#: Settings that are set on the integrator, if the scene's function has no parameter of this name.
 OF_THE_INTEGRATOR = ('scheme', 'stepSize')
 SCENE_FILES = ('system.xml', 'integrator.xml', 'start.npz', 'scene.json')
 
 
 class SceneSource:
-    """Where the scenes of a study come from: a function that makes one from settings, or one Scene.
+    """Where the scenes of a study come from: a function of the settings, or one Scene.
 
     Parameters
     ----------
@@ -59,12 +62,12 @@ class SceneSource:
 
     @property
     def name(self):
-        """In tables."""
+        """The name in tables."""
         return self.scene.name if self.scene is not None else next(iter(
             self.specification.values()))
 
     def parameters(self):
-        """The names that settings may have; None if the function takes any."""
+        """The names that settings may have; None if the function takes any name."""
         if self.function is None:
             return set(OF_THE_INTEGRATOR)
         own = inspect.signature(self.function).parameters
@@ -79,7 +82,7 @@ class SceneSource:
         ----------
         settings : dict
         seed : int
-            the function gets it too, if it has a parameter of this name that is not among the
+            the function gets the seed too, if it has a parameter of this name that is not among the
             settings
 
         Returns
@@ -114,7 +117,7 @@ class SceneSource:
         Parameters
         ----------
         directory : str
-            of the study
+            directory of the study
         """
         if self.scene is None:
             return
@@ -139,13 +142,13 @@ class SceneSource:
 
     @classmethod
     def load(cls, specification, directory):
-        """What a study's JSON and :meth:`save` say.
+        """The source that a study's JSON and the files of :meth:`save` describe.
 
         Parameters
         ----------
         specification : dict
         directory : str
-            of the study
+            directory of the study
         """
         if 'files' not in specification:
             return cls(next(iter(specification.values())))
@@ -162,7 +165,7 @@ class SceneSource:
                 scene = Scene(things[0], arrays['positions'], things[1], **extra)
                 scene.boxVectors = arrays['box']
                 scene.velocities = arrays['velocities'] if 'velocities' in arrays else None
-        # Each of the libraries that read has errors of its own.
+        # Each library that reads a file has its own errors.
         except Exception as error:
             raise ValueError(f'{os.path.dirname(system)}: the scene of the study is damaged '
                              f'({type(error).__name__}: {error}); {", ".join(SCENE_FILES)} must '
@@ -178,24 +181,24 @@ class Task:
     ----------
     source : SceneSource
     settings : dict
-        of the scene
+        settings of the scene
     setting, replica : int
-        which of the study's
+        indices of the setting and the replica in the study
     seed : int
     observables : list of Observable
     equilibration, defaultEquilibration, length, sampleInterval : float
-        ps; None for the equilibration: the scene's, or the default where it has none; for the
-        interval: the scene's
+        ps; if equilibration is None, it is the scene's, or the default where the scene has none; if
+        sampleInterval is None, it is the scene's
     platform : str
     threads : int
     checkpointInterval : float
-        seconds between two savings
+        seconds between two checkpoints
     directory : str
-        of the study
+        directory of the study
     path : str
-        of the task's file
+        path of the task's file
     study : str
-        the identity of the study whose directory that must be
+        identity of the study that must be in the directory
     """
 
     source: SceneSource
@@ -217,7 +220,7 @@ class Task:
 
 
 def simulate(task, job):
-    """Do a task, from its last checkpoint if it has one.
+    """Do a task, from its last checkpoint if there is one.
 
     Parameters
     ----------
@@ -227,7 +230,7 @@ def simulate(task, job):
     Returns
     -------
     dict
-        samples, and seconds that this call took in steps
+        samples, and the seconds that this call spent in steps
     """
     _checkDirectory(task)
     saved = taskfiles.load(task.path)
@@ -269,7 +272,10 @@ def _digest(system, integrator):
 
 
 class _Run:
-    """A Context with its samples. A position is a number of sample intervals since the start, those of the equilibration included."""
+    """A Context with its samples.
+
+    A position is a number of sample intervals since the start, including the equilibration.
+    """
     def __init__(self, task, scene, integrator, digest, saved):
         self.task, self.scene = task, scene
         stepSize = integrator.getStepSize()._value
@@ -303,7 +309,7 @@ class _Run:
             self.about, self.position = saved.about, saved.about['position']
             self.series = {name: list(values) for name, values in saved.series.items()}
             self.context.setState(openmm.XmlSerializer.deserialize(saved.state))
-            # What remembers the sample before is told of it again.
+            # An observable that remembers the sample before is told this sample again.
             if self.about['samples']:
                 self._measure([
                     observable for observable in task.observables if observable.name in self.extras
@@ -319,7 +325,7 @@ class _Run:
         self.about['sessions'].append(self.segment)
 
     def advance(self):
-        """One sample interval, and the sample if it is not equilibration."""
+        """Advance one sample interval, and take the sample if equilibration is over."""
         began = time.perf_counter()
         self.context.getIntegrator().step(self.stepsPerSample)
         self.segment['seconds'] += time.perf_counter() - began
@@ -346,7 +352,7 @@ class _Run:
         return values
 
     def save(self):
-        """The checkpoint: State and samples belong together, or neither is replaced."""
+        """Save a checkpoint: State and samples belong together, or neither is replaced."""
         state = self.context.getState(getPositions=True, getVelocities=True, getParameters=True,
                                       getIntegratorParameters=True)
         self.about.update(position=self.position, samples=max(0, self.position - self.warm))
@@ -356,7 +362,7 @@ class _Run:
 
 
 def intervals(length, interval):
-    """How many sample intervals make a length, at least.
+    """The least number of sample intervals that make at least a length.
 
     Parameters
     ----------

@@ -21,12 +21,12 @@ from .simulation import SceneSource, Task, simulate
 
 FORMAT = 'openmmrigidhi ensemble study 1'
 STUDY, TASKS, LOCK = 'study.json', 'tasks', 'study.lock'
-#: What an extension may change, and in which direction; all else must stay.
+#: What an extension may change, and in which direction; everything else must stay.
 GROWING = ('length', 'replicas', 'settings')
 
 
 def sweep(**values):
-    """All combinations of values, the last name turning fastest.
+    """All combinations of values; the last name changes fastest.
 
     Parameters
     ----------
@@ -47,14 +47,15 @@ def sweep(**values):
 
 
 def taskSeed(seed, setting, replica):
-    """The seed of a task: of the study's seed and the task's place in it, nothing else.
+    """The seed of a task.
 
-    Replicas of one setting never have the same: a number that an earlier one has is passed over.
+    It depends only on the study's seed and the task's place in the study. Replicas of one setting
+    never have the same seed: a number that an earlier replica has is skipped.
 
     Parameters
     ----------
     seed : int
-        of the study
+        seed of the study
     setting, replica : int
 
     Returns
@@ -66,7 +67,7 @@ def taskSeed(seed, setting, replica):
 
 
 def _seeds(seed, setting, replicas):
-    """Of the first replicas of a setting."""
+    """The seeds of the first replicas of a setting."""
     found = []
     for replica in range(replicas):
         sequence = np.random.SeedSequence(seed, spawn_key=(setting, replica))
@@ -83,52 +84,54 @@ def _seeds(seed, setting, replicas):
 class Study:
     """Independent replicas of a scene, for each of several settings.
 
-    Every task, one replica of one setting, has a seed of its own, which follows from the study's
-    seed and its place; saves its samples and its state at intervals; and goes on from there if it
-    is interrupted, on the Reference platform bit for bit.
+    A task is one replica of one setting. Its own seed follows from the study's seed and the task's
+    place. It saves its samples and its state at intervals. If it is interrupted, it goes on from
+    there; on the Reference platform the result is the same bit for bit.
 
     Parameters
     ----------
     scene : str, callable or openmmrigidhi.accuracy.Scene
         a built-in name (water, trap, suspension, periodic, boomerang), "module:function", or a
-        function: they get the settings, and the task's seed if they have a parameter `seed`, and
-        return a Scene, (system, state or positions, integrator) or (system, topology, positions,
+        function. A function gets the settings, and the task's seed if it has a parameter `seed`. It
+        returns a Scene, (system, state or positions, integrator) or (system, topology, positions,
         integrator). Scheme and step size are those of its integrator.
     settings : sequence of dict
         parameters of the function. `scheme` (a name) and `stepSize` (ps) are set on the integrator
         where the function has no such parameter. :func:`sweep` makes combinations.
     replicas : int
-        of each setting
+        number of replicas of each setting
     length : float
-        ps that are sampled in each task
+        time that is sampled in each task, ps
     observables : sequence of str, Observable or callable
-        see :func:`openmmrigidhi.accuracy.observables.byName`. One that remembers more than the
+        see :func:`openmmrigidhi.accuracy.observables.byName`. An observable that remembers more
+        than the sample before cannot go on after an interruption.
         sample before cannot go on after an interruption.
     seed : int
-        of all that is random; 0 or more
+        seed of all random numbers; 0 or more
     platform : str
     threads : int
-        of the CPU platform, in each task
+        threads of the CPU platform, in each task
     equilibration : float, optional
-        ps left out at the start; default: the scene's, or a tenth of the length that the study was
-        begun with
+        time left out at the start, ps; default: the scene's, or a tenth of the length that the
+        study was begun with
     sampleInterval : float, optional
         ps; default: the scene's
     checkpointInterval : float
-        seconds of wall time between two savings of a task: at most so much is computed again after
-        an interruption
+        seconds of wall time between two checkpoints of a task; at most so much is computed again
+        after an interruption
 
     Raises
     ------
     ValueError, TypeError
-        for whatever makes no sense
+        for arguments that are not valid
 
     Examples
     --------
     >>> import tempfile
     >>> from openmmrigidhi import ensemble
-    >>> study = ensemble.Study('trap', ensemble.sweep(bodies=[20], temperature=[280.0, 320.0]), replicas=2, length=2.0,
-    ...                        observables=['energy_group_0'], platform='Reference')
+    >>> study = ensemble.Study('trap', ensemble.sweep(bodies=[20], temperature=[280.0, 320.0]),
+    ...                        replicas=2, length=2.0, observables=['energy_group_0'],
+    ...                        platform='Reference')
     >>> result = study.run(tempfile.mkdtemp(), quiet=True)
     >>> [row['replicas'] for row in result.rows]
     [2, 2]
@@ -140,7 +143,9 @@ class Study:
         self.settings = [dict(each) for each in settings]
         self.replicas, self.length, self.seed = replicas, length, seed
         self.platform, self.threads = platform, threads
-        self.equilibration, self.sampleInterval, self.checkpointInterval = equilibration, sampleInterval, checkpointInterval
+        self.equilibration, self.sampleInterval, self.checkpointInterval = (equilibration,
+                                                                            sampleInterval,
+                                                                            checkpointInterval)
         self._defaultEquilibration = None
         self._given = list(observables)
         self.observables = [_observable(each) for each in self._given]
@@ -200,14 +205,15 @@ class Study:
     # ---- What it is ------------------------------------------------------------------------------
 
     def definition(self):
-        """What the study is, as its JSON has it, a dict."""
+        """The definition of the study, as its JSON has it, a dict."""
         names = [
             each if isinstance(each, str) else
             f'{each.__module__}:{each.__qualname__}' if not hasattr(each, 'measure') else each.name
             for each in self._given
         ]
-        first = 0.1*self.length if self._defaultEquilibration is None else self._defaultEquilibration
-        # As JSON gives it back: tuples are lists there, and so on.
+        first = (0.1*
+                 self.length if self._defaultEquilibration is None else self._defaultEquilibration)
+        # The values are as JSON gives them back: tuples become lists, and so on.
         return json.loads(
             json.dumps({
                 'scene': self.source.specification, 'settings': self.settings,
@@ -230,7 +236,7 @@ class Study:
         Raises
         ------
         FileNotFoundError, ValueError
-            if there is none, or its study.json is damaged
+            if there is no study, or its study.json is damaged
         """
         about = _readAbout(directory)['definition']
         study = cls(SceneSource.load(about['scene'], directory), about['settings'],
@@ -241,16 +247,19 @@ class Study:
         return study
 
     def extended(self, length=None, replicas=None, settings=()):
-        """A larger study, which run(directory, extend=True) makes of this one's directory without changing what is there.
+        """A larger study.
+
+        ``run(directory, extend=True)`` of the larger study extends the directory of this study, and
+        does not change what is there.
 
         Parameters
         ----------
         length : float, optional
-            ps of each task, in all
+            time of each task, ps, in all
         replicas : int, optional
-            of each setting, in all
+            number of replicas of each setting, in all
         settings : sequence of dict
-            further ones
+            further settings
 
         Returns
         -------
@@ -273,22 +282,22 @@ class Study:
 
     def run(self, directory, jobs=1, cluster=None, *, extend=False, retries=3, timeout=60.0,
             quiet=False, finished=None):
-        """Do what is not done yet, and return what there is.
+        """Do what is not done yet, and return the result.
 
-        In an empty directory the study begins; in its own it goes on. Ctrl-C ends it: what was
-        saved stays, and is evaluated.
+        In an empty directory the study begins; in its own directory it goes on. Ctrl-C ends the
+        run: what was saved stays, and is evaluated.
 
         Parameters
         ----------
         directory : str
-            of the study; made if it does not exist. Workers on other machines must see it under
-            this path.
+            directory of the study; it is made if it does not exist. Workers on other machines must
+            see it under this path.
         jobs, cluster, retries, timeout
             who computes: see :func:`openmmrigidhi.ensemble.tasks.run`
         extend : bool
             whether a study that is there may become longer, or get more replicas or settings
         quiet : bool
-            no progress bar
+            show no progress bar
         finished : callable, optional
             called with each TaskRecord when its task ends
 
@@ -299,11 +308,11 @@ class Study:
         Raises
         ------
         ValueError
-            if the directory has another study, or files of none
+            if the directory has another study, or files but no study
         RuntimeError
-            if somebody else runs it at the moment
+            if another process runs the study at the moment
         ConnectionError, ImportError
-            see tasks.run(): a cluster that does not answer, a worker without the plugin
+            see tasks.run(): a cluster does not answer, or a worker has no plugin
         """
         directory = os.path.abspath(directory)
         os.makedirs(os.path.join(directory, TASKS), exist_ok=True)
@@ -358,7 +367,7 @@ class Study:
         return result
 
     def _begin(self, directory, extend):
-        """The study's JSON, new or as it goes on."""
+        """The study's JSON, for a new study or for one that goes on."""
         wanted = self.definition()
         if not os.path.exists(os.path.join(directory, STUDY)):
             if os.listdir(os.path.join(directory, TASKS)):
@@ -408,7 +417,10 @@ class Study:
         return about
 
     def _left(self, directory, about):
-        """Tasks that are not complete, those that need most first; and files that were damaged and put aside."""
+        """Tasks that are not complete, and files that were damaged and put aside.
+
+        Tasks that need most come first.
+        """
         todo, aside = [], []
         for setting, seeds in enumerate(self.seeds()):
             for replica, seed in enumerate(seeds):
@@ -436,7 +448,7 @@ def _observable(given):
 
 
 def taskName(setting, replica):
-    """What a task is called.
+    """The name of a task.
 
     Parameters
     ----------
@@ -446,12 +458,12 @@ def taskName(setting, replica):
 
 
 def taskPath(directory, setting, replica):
-    """Where a task's file is.
+    """The path of a task's file.
 
     Parameters
     ----------
     directory : str
-        of the study
+        directory of the study
     setting, replica : int
     """
     return os.path.join(directory, TASKS, taskName(setting, replica) + '.h5')
@@ -470,7 +482,10 @@ def _putAside(path):
 
 @contextlib.contextmanager
 def _locked(directory):
-    """Nobody else runs the study meanwhile. The system opens the lock when this process ends, however it does."""
+    """Lock the study, so that no other process runs it meanwhile.
+
+    The system opens the lock when this process ends, however it ends.
+    """
     with open(os.path.join(directory, LOCK), 'a') as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -510,7 +525,9 @@ def _readAbout(directory):
 
 
 def read(directory):
-    """What there is of a study, finished or not. Damaged files are named in the result; all others are used. Nothing is imported for it.
+    """Read what there is of a study, finished or not.
+
+    Damaged files are named in the result; all other files are used. Nothing is imported for it.
 
     Parameters
     ----------
@@ -538,7 +555,7 @@ def read(directory):
 
 
 def _record(directory, setting, replica, seed, settings, about, length):
-    """What is known of a task, and its file's content or None."""
+    """What is known of a task, and the content of its file or None."""
     key, path = taskName(setting, replica), taskPath(directory, setting, replica)
     record = TaskRecord(setting, replica, settings, seed, path)
     content = None
@@ -553,6 +570,6 @@ def _record(directory, setting, replica, seed, settings, about, length):
         record.status = 'complete' if record.length >= length*(1 - 1e-9) else 'unfinished'
     failure = about['failures'].get(key)
     if failure is not None and record.status != 'complete':
-        record.status, record.message, record.traceback = 'failed', f'{failure["kind"]}: {failure["message"]}', failure[
-            'traceback']
+        record.status, record.message, record.traceback = (
+            'failed', f'{failure["kind"]}: {failure["message"]}', failure['traceback'])
     return record, content

@@ -1,10 +1,12 @@
-"""The file of one task: its series of samples, and the state from which it goes on. HDF5, a whole file at a time.
+"""The HDF5 file of one task: its samples, and the state from which it goes on.
 
-    about     JSON as bytes: settings, seed, how far it is, who computed it when with which versions
-    state     the openmm.State at the last sample, XML as bytes series/   one dataset for each
-    observable: (samples,), or (samples, replicas) for a scene that has independent replicas in it
+    about     JSON as bytes: settings, seed, progress, who computed the task when and with which
+              versions
+    state     the openmm.State at the last sample, XML as bytes
+    series/   one dataset for each observable: (samples,), or (samples, replicas) for a scene that
+              has independent replicas in it
 
-All datasets and headers have checksums, so that damage is noticed.
+A file is always written as a whole. All datasets and headers have checksums, so damage is noticed.
 """
 import contextlib
 import glob
@@ -21,7 +23,7 @@ PART = '.part'
 
 
 class DamagedFile(ValueError):
-    """A file that is no whole file of a task; the text names it."""
+    """A file that is no whole file of a task; the message names the file."""
 
 
 @dataclass
@@ -43,14 +45,16 @@ class TaskFile:
 
 
 def save(path, content):
-    """Write a file as a whole: whoever looks finds the old one or the new one, also after a power cut.
+    """Write a file as a whole.
+
+    A reader finds the old file or the new file, also after a power cut.
 
     Parameters
     ----------
     path : str
     content : TaskFile
     """
-    # Two workers may write for the same task, if one was taken for dead.
+    # Two workers may write for the same task, if one of them was taken for dead.
     part = f'{path}.{socket.gethostname()}.{os.getpid()}{PART}'
     try:
         # The newest format has checksums of its own structures, too.
@@ -75,7 +79,7 @@ def _write(file, name, values):
 
 
 def replace(part, path):
-    """Put a finished file in the place of another, and both on the disk.
+    """Replace a file by a finished one, and flush both to the disk.
 
     Parameters
     ----------
@@ -101,7 +105,7 @@ def load(path):
     Returns
     -------
     TaskFile or None
-        None if there is none
+        None if there is no such file
 
     Raises
     ------
@@ -125,7 +129,7 @@ def load(path):
                 f'{wrong[0]} has {len(content.series[wrong[0]])} samples where {samples} are said '
                 f'to be')
         return content
-    # HDF5 and its Python binding raise whatever their insides stumble over.
+    # HDF5 and its Python binding raise errors of many kinds.
     except Exception as error:
         raise DamagedFile(
             f'{path}: it is damaged ({type(error).__name__}: {error}); it must be a whole file of '

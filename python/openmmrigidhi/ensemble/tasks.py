@@ -1,8 +1,10 @@
-"""A function of many arguments, several at a time: here, in processes, or on a cluster of dask.distributed.
+"""A function of many arguments, several at a time, in processes or on a cluster.
 
-For tools that have tasks of their own; :class:`openmmrigidhi.ensemble.Study` is made of it.
+The cluster is one of dask.distributed. The module is for tools that have their own tasks;
+:class:`openmmrigidhi.ensemble.Study` uses it.
 """
-# It lies outside of this package, which imports openmmrigidhi.accuracy, because that needs it too.
+# It lies outside of this package because openmmrigidhi.accuracy, which this package imports, needs
+# it too.
 from .._tasks import Failure, Job, Outcome, TaskError, run  # noqa: F401
 
 __all__ = ['run', 'Job', 'Outcome', 'Failure', 'TaskError']
