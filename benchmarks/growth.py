@@ -50,7 +50,9 @@ SERIES = tuple(('spheres', *each) for each in (
                                       ('ForceCoupling', 'Periodic', 'MatrixFree'),
                                       ('ForceCoupling', 'SlipChannel', 'MatrixFree')))
 COLOURS = {
-    'FreeDraining': 'tab:gray', 'RotnePragerYamakawa': 'tab:blue', 'ForceCoupling': 'tab:green',
+    'FreeDraining': 'tab:gray',
+    'RotnePragerYamakawa': 'tab:blue',
+    'ForceCoupling': 'tab:green',
     'StokesianDynamics': 'tab:red'
 }
 MARKERS = {'Unbounded': 'o', 'NoSlipWall': 's', 'Periodic': '^', 'SlipChannel': 'D'}
@@ -67,7 +69,10 @@ def arranged(count, boundary, spacing):
         side = layers = int(np.ceil(count**(1/3) - 1e-9))
     cells = np.array(list(np.ndindex(layers, side, side)))[:count, ::-1]
     box = spacing*np.array([side, side, layers])
-    return spacing*(cells + 0.5) + random.uniform(-0.1, 0.1, (count, 3)), box
+    centres = spacing*(cells + 0.5) + random.uniform(-0.1, 0.1, (count, 3))
+    if boundary == 'SlipChannel':  # between walls that are normal to y
+        return centres[:, [0, 2, 1]], box[[0, 2, 1]]
+    return centres, box
 
 
 def scene(what, model, boundary, solver, count):
@@ -93,7 +98,8 @@ def scene(what, model, boundary, solver, count):
     if solver == 'MatrixFree':
         fluid.setSolverTolerance(TOLERANCE)
     if boundary == 'SlipChannel':
-        fluid.setChannelWalls(0, float(box[2]))
+        fluid.setChannelWalls(0, float(box[1]))
+        box[1] += spacing  # the box must be longer than the channel is wide
     system.addForce(fluid)
     if boundary in ('Periodic', 'SlipChannel'):
         system.setDefaultPeriodicBoxVectors(*np.diag(box))
@@ -139,7 +145,7 @@ def draw(result, file):
     figure = Figure((11, 5.2), layout='constrained')
     axes = figure.subplots(1, 2, sharey=True)
     for series in result['series']:
-        panel = axes[series['what'] == 'blobs']
+        panel = axes[int(series['what'] == 'blobs')]
         rows = series['rows']
         panel.loglog([row['number'] for row in rows], [row['seconds'] for row in rows],
                      color=COLOURS[series['model']], marker=MARKERS[series['boundary']],
@@ -197,6 +203,7 @@ def main():
     parser.add_argument('--limit', type=float, default=60, help='seconds of a step, at most')
     parser.add_argument('--seconds', type=float, default=0.3, help='of steps for each time')
     parser.add_argument('--largest', type=int, default=NUMBERS[-1])
+    parser.add_argument('--boundaries', nargs='*', help='only these; the JSON keeps the others')
     parser.add_argument('--draw', action='store_true', help='from the JSON, without measuring')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
@@ -206,8 +213,22 @@ def main():
     else:
         machine = describeMachine()
         result = {'tolerance': TOLERANCE, 'limit_seconds': arguments.limit, 'series': []}
-        progress = tqdm.tqdm(total=len(SERIES)*len(NUMBERS), desc='Steps')
-        for what, model, boundary, solver in SERIES:
+        wanted = [
+            each for each in SERIES
+            if arguments.boundaries is None or each[2] in arguments.boundaries
+        ]
+        if arguments.boundaries is not None:
+            kept = json.loads(file.read_text())
+            result['refusals'] = {
+                name: text
+                for name, text in kept.get('refusals', {}).items()
+                if name.split(', ')[2] not in arguments.boundaries
+            }
+            result['series'] = [
+                each for each in kept['series'] if each['boundary'] not in arguments.boundaries
+            ]
+        progress = tqdm.tqdm(total=len(wanted)*len(NUMBERS), desc='Steps')
+        for what, model, boundary, solver in wanted:
             rows, end = [], ''
             for index, number in enumerate(NUMBERS):
                 power = 3 if solver == 'Dense' else 1.3
@@ -231,9 +252,16 @@ def main():
                 progress.update()
             power = exponent(rows, 300 if solver == 'Dense' else 1000)
             result['series'].append({
-                'what': what, 'model': model, 'boundary': boundary, 'solver': solver,
-                'exponent': power, 'end': end, 'rows': rows
+                'what': what,
+                'model': model,
+                'boundary': boundary,
+                'solver': solver,
+                'exponent': power,
+                'end': end,
+                'rows': rows
             })
+            result['series'].sort(key=lambda each: SERIES.index(
+                (each['what'], each['model'], each['boundary'], each['solver'])))
             tqdm.tqdm.write(f'{what} {model} {boundary} {solver}: ' +
                             ', '.join(f'{row["number"]}: {duration(row["seconds"])}'
                                       for row in rows) + f'; {power} {end}')
