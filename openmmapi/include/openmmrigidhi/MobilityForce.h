@@ -387,9 +387,10 @@ public:
     void setGroups(const std::vector<int>& groups);
 
     /**
-     * Copy changed viscosity, radii, own tensors, lubrication, minimum gap, solver, tolerance and
-     * flow to a Context. A radius may not change between 0 and not 0. Changes of model, boundary,
-     * wall height, sphere-wall mobility and groups need reinitialize().
+     * Copy changed viscosity, radii, own tensors, lubrication, minimum gap, solver, tolerance, grid
+     * spacing, fast summation and flows to a Context. A radius may not change between 0 and not 0.
+     * Changes of model, boundary, wall height, channel walls, sphere-wall mobility and groups need
+     * reinitialize().
      */
     void updateParametersInContext(OpenMM::Context& context);
     /**

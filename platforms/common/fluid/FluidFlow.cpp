@@ -1,4 +1,4 @@
-// Fluid: the flow of the fluid itself, for users who ask.
+// Fluid: the flow of the fluid, for users who ask for it.
 
 #include <openmm/OpenMMException.h>
 
@@ -30,11 +30,13 @@ bool samePoses(const vector<Pose>& a, const vector<Pose>& b) {
     return same;
 }
 
-/** How far a step that is done again may end from where it ended, relative to its largest move: a
- * state may come from another platform, or from another fluid. */
+/**
+ * How far a step that is done again may end from its first end, relative to its largest move. A
+ * state may come from another platform, or from another fluid.
+ */
 const double replayTolerance = 1e-2;
 
-/** In lengths of the body, and half radians. */
+/** The distance of two poses, in lengths of the body and half radians. */
 double distance(const Pose& a, const Pose& b, double length) {
     const Vector4d p(a.q.w, a.q.x, a.q.y, a.q.z), q(b.q.w, b.q.x, b.q.y, b.q.z);
     return (a.R - b.R).norm() / length + min((p - q).norm(), (p + q).norm());
@@ -58,7 +60,7 @@ vector<Pose> toPoses(const MatrixXd& numbers) {
 
 const int numNumbersOfStep = 18;
 
-/** The numbers of a step, but poses and forces. */
+/** The numbers of a step without poses and forces. */
 MatrixXd toMatrix(const OverdampedStep& step, const BoxVectors& box) {
     MatrixXd numbers(numNumbersOfStep, 1);
     numbers << step.h, step.kT, step.difference, step.driftFactorScalesAll, step.noise.seed,
@@ -115,9 +117,9 @@ FluidGroup& Fluid::onlyGroup(const char* method) const {
     return *groups[0];
 }
 
-/** The last step once more, from what is known of it, on vectors of its own. */
+/** Do the last step once more, from its data, on vectors of its own. */
 void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
-    moveOf(group);  // there is none yet in a Context that took no step itself
+    moveOf(group);  // a Context that took no step itself has none yet
     const LastStep& last = group.overdamped.last;
     const OverdampedEntry& entry = overdampedScheme(overdampedScheme_);
     result.move.reset(new OverdampedMove(*group.overdamped.mobility));
@@ -140,7 +142,7 @@ void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
     if (step.kT > 0) result.randomFlow = sqrt(2 * step.kT / step.h);
 }
 
-/** Without noise, under the forces as last gathered. */
+/** The flow without noise, under the forces last gathered. */
 void Fluid::flowOfForces(FluidGroup& group, const BodySet& bodies,
                          const FreeParticles& freeParticles, const vector<OpenMM::Vec3>& positions,
                          FlowOfGroup& result) const {
@@ -163,8 +165,7 @@ void Fluid::flowOfForces(FluidGroup& group, const BodySet& bodies,
     move.record(nullptr);
 }
 
-/** LangevinHI: of the friction forces, with which bodies are held at the velocities that they have.
- */
+/** LangevinHI: the flow of the friction forces, which hold bodies at their present velocities. */
 void Fluid::flowOfVelocities(FluidGroup& group, const BodySet& bodies,
                              const vector<OpenMM::Vec3>& positions,
                              const vector<OpenMM::Vec3>& velocities, FlowOfGroup& result) const {
