@@ -1,4 +1,4 @@
-// Fluid: the flow of the fluid, for users who ask for it.
+// Fluid: the flow of the fluid itself, for users who ask.
 
 #include <openmm/OpenMMException.h>
 
@@ -30,13 +30,11 @@ bool samePoses(const vector<Pose>& a, const vector<Pose>& b) {
     return same;
 }
 
-/**
- * How far a step that is done again may end from its first end, relative to its largest move. A
- * state may come from another platform, or from another fluid.
- */
+/** How far a step that is done again may end from where it ended, relative to its largest move: a
+ * state may come from another platform, or from another fluid. */
 const double replayTolerance = 1e-2;
 
-/** The distance of two poses, in lengths of the body and half radians. */
+/** In lengths of the body, and half radians. */
 double distance(const Pose& a, const Pose& b, double length) {
     const Vector4d p(a.q.w, a.q.x, a.q.y, a.q.z), q(b.q.w, b.q.x, b.q.y, b.q.z);
     return (a.R - b.R).norm() / length + min((p - q).norm(), (p + q).norm());
@@ -60,7 +58,7 @@ vector<Pose> toPoses(const MatrixXd& numbers) {
 
 const int numNumbersOfStep = 18;
 
-/** The numbers of a step without poses and forces. */
+/** The numbers of a step, but poses and forces. */
 MatrixXd toMatrix(const OverdampedStep& step, const BoxVectors& box) {
     MatrixXd numbers(numNumbersOfStep, 1);
     numbers << step.h, step.kT, step.difference, step.driftFactorScalesAll, step.noise.seed,
@@ -117,9 +115,9 @@ FluidGroup& Fluid::onlyGroup(const char* method) const {
     return *groups[0];
 }
 
-/** Do the last step once more, from its data, on vectors of its own. */
+/** The last step once more, from what is known of it, on vectors of its own. */
 void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
-    moveOf(group);  // a Context that took no step itself has none yet
+    moveOf(group);  // there is none yet in a Context that took no step itself
     const LastStep& last = group.overdamped.last;
     const OverdampedEntry& entry = overdampedScheme(overdampedScheme_);
     result.move.reset(new OverdampedMove(*group.overdamped.mobility));
@@ -142,7 +140,7 @@ void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
     if (step.kT > 0) result.randomFlow = sqrt(2 * step.kT / step.h);
 }
 
-/** The flow without noise, under the forces last gathered. */
+/** Without noise, under the forces as last gathered. */
 void Fluid::flowOfForces(FluidGroup& group, const BodySet& bodies,
                          const FreeParticles& freeParticles, const vector<OpenMM::Vec3>& positions,
                          FlowOfGroup& result) const {
@@ -165,7 +163,8 @@ void Fluid::flowOfForces(FluidGroup& group, const BodySet& bodies,
     move.record(nullptr);
 }
 
-/** LangevinHI: the flow of the friction forces, which hold bodies at their present velocities. */
+/** LangevinHI: of the friction forces, with which bodies are held at the velocities that they have.
+ */
 void Fluid::flowOfVelocities(FluidGroup& group, const BodySet& bodies,
                              const vector<OpenMM::Vec3>& positions,
                              const vector<OpenMM::Vec3>& velocities, FlowOfGroup& result) const {
@@ -221,7 +220,7 @@ Fluid::FlowOfGroup& Fluid::findFlow(FluidGroup& group, const FlowQuestion& quest
     return result;
 }
 
-/** Calls add(mobility at its poses, sources, weight) for each share of the flow. */
+/** Call add(mobility at its poses, sources, weight) for each share of the flow. */
 template <class Add>
 void Fluid::forSources(FluidGroup& group, FlowOfGroup& flowOfGroup, const Add& add) const {
     BodyMobility& mobility = *group.overdamped.mobility;
@@ -339,7 +338,7 @@ SchemeMemory Fluid::getLastStep() const {
 }
 
 bool Fluid::isLastStepOf(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const {
-    // That of another scheme serves nobody.
+    // The last step of another scheme is of no use.
     return !saved.groups.empty() && saved.scheme == traitsOf(scheme).name &&
            traitsOf(scheme).isOverdamped();
 }
@@ -362,7 +361,7 @@ void Fluid::checkLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Sc
             if (i > 2 && i < 3 + numStages && entry.needsForces(i - 3))
                 fits = fits && numbers[i].cols() == 1;
         }
-        // The step and its kT, and what are whole numbers of 32 bits.
+        // Check the step size and kT, and the numbers that are integers of 32 bits.
         fits = fits && numbers[0](0) > 0 && numbers[0](1) >= 0;
         for (int i : {4, 6, 7, 8})
             fits = fits && numbers[0](i) >= 0 && numbers[0](i) <= 4294967295.0;
