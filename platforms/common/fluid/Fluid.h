@@ -322,7 +322,8 @@ private:
         FlowOfStep made;
         std::unique_ptr<OverdampedMove> move;
         bool isOfLastStep = false;
-        double randomFlow = 0;  // factor in the step of a random field of unit temperature and time
+        double randomFlow =
+            0;  // what a random field of unit temperature and time is multiplied by in the step
     };
     std::unique_ptr<FlowOfGroup>
         flowOfLastStep;  // the last answer; forgotten where anything changes

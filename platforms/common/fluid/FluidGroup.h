@@ -34,12 +34,11 @@ struct OverdampedProgress {
     std::unique_ptr<OverdampedScheme> scheme;
     std::vector<Eigen::MatrixXd> memoryAtStart;
     LastStep last;
-    int stage = 0;          // stages of the present step that are done
-    uint32_t attempt = 0;   // of the present step
-    std::string objection;  // against the poses after the last stage
-    bool isFinite = true;   // whether these poses are finite
-    std::vector<std::vector<Pose>>
-        placesOfForces;  // poses at which the forces of each stage are evaluated
+    int stage = 0;                                  // stages of the present step that are done
+    uint32_t attempt = 0;                           // of the present step
+    std::string objection;                          // against the poses after the last stage
+    bool isFinite = true;                           // whether these poses are finite
+    std::vector<std::vector<Pose>> placesOfForces;  // where those of each stage are evaluated
     long long squareRoots = 0, iterations = 0, randomNumbers = 0;  // of the last stage
 };
 

@@ -192,8 +192,7 @@ vector<unique_ptr<FluidGroup>> GroupBuilder::build(const vector<BodyGeometry>& g
 
 unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& elements,
                                                const BodySet& bodies) const {
-    const bool mayUseThreads =
-        elementsOfGroups.size() == 1;  // several groups are spread over the threads
+    const bool mayUseThreads = elementsOfGroups.size() == 1;  // several groups are spread over them
     unique_ptr<FluidGroup> group(new FluidGroup(
         elements,
         [&](const HydrodynamicParticles& particles) { return makeModel(particles, mayUseThreads); },

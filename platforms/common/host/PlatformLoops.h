@@ -11,7 +11,7 @@
 
 namespace RigidHIPlugin {
 
-/** The part of a step that platforms do each in their own way: how to loop. */
+/** The part of a step that platforms do in different ways: the loops. */
 class PlatformLoops {
 public:
     virtual ~PlatformLoops() {}
@@ -25,14 +25,16 @@ public:
     /** Call task(first, end) over ranges that cover 0 ... count - 1; ranges may run at the same
      * time. */
     virtual void forRanges(int count, const std::function<void(int, int)>& task) = 0;
-    /** Call task(i) for i = 0 ... count - 1, each large enough for a thread of its own; several may
-     * run at the same time. */
+    /**
+     * Call task(i) for i = 0 ... count - 1. Each task is large enough for a thread of its own, and
+     * several may run at the same time.
+     */
     virtual void forTasks(int count, const std::function<void(int)>& task) = 0;
     /**
      * The model of a MobilityForce, with its boundary, for particles that feel each other.
      *
      * @param crossingAllowed  whether surfaces of particles may reach through a wall
-     * @param mayUseThreads    false for models that are used inside of forTasks()
+     * @param mayUseThreads    false for models that are used inside forTasks()
      */
     virtual std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force,
                                                           bool crossingAllowed,

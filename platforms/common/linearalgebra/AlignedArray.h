@@ -31,9 +31,7 @@ public:
         T* const made = static_cast<T*>(::operator new(bytes, alignment));
         memory = std::unique_ptr<T, Free>(made, Free{alignment});
 #ifdef __linux__
-        if (large)
-            madvise(made, bytes / largePage * largePage,
-                    MADV_HUGEPAGE);  // a request, which the system may ignore
+        if (large) madvise(made, bytes / largePage * largePage, MADV_HUGEPAGE);  // a request only
 #endif
         count = newSize;
     }

@@ -32,7 +32,7 @@ bool CholeskyFactor::compute(Eigen::MatrixXd& matrix) {
     }
     int info = 0;
     dpotrf_("L", &n, factor.data(), &n, &info);
-    // A matrix of NaNs may pass LAPACK's test.
+    // `info` may be 0 for a matrix of NaNs.
     return info == 0 && std::isfinite(factor.diagonal().sum());
 }
 

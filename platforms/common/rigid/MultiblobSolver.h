@@ -30,11 +30,11 @@ class RigidMotion;
  *            relative to both together: the square root of lambda^T M lambda + s^T M~^-1 s, M~ the
  *            bodies' own matrices.
  * Precision: products are rough ones (MobilityAt::applyRoughly()). With them, the recursive
- * residual is no longer the true one once it has shrunk by about their error. Each time before
- * that, the residual is computed anew from lambda by an exact product, and the iteration goes on
- * (van der Vorst, Ye, SIAM J. Sci. Comput. 22, 835 (2000)). At a tolerance of 1e-6 one product is
- * exact, at 5e-5 and more none. If rough products do not converge, the solve is repeated with exact
- * ones.
+ *            residual is no longer the true one once it has shrunk by about their error. Each time
+ *            before that, the residual is computed anew from lambda by an exact product, and the
+ *            iteration goes on (van der Vorst, Ye, SIAM J. Sci. Comput. 22, 835 (2000)). At a
+ *            tolerance of 1e-6 one product is exact, at 5e-5 and more none. If rough products do
+ *            not converge, the solve is repeated with exact ones.
  * Cost:      an iteration has one product with M and one solve with each body's own matrix.
  */
 class MultiblobSolver {
@@ -116,8 +116,7 @@ private:
     int numRows = 0, numBlobRowsTotal = 0;
     std::vector<std::shared_ptr<const Shape> > shapes;
     std::vector<Eigen::Matrix3d> turns;  // body to lab
-    double roughReduction =
-        0;  // the reduction of a residual for which rough products can be trusted
+    double roughReduction = 0;           // of a residual that rough products may be trusted with
     int numProducts = 0, numExactProducts = 0;
     Eigen::MatrixXd lambdaOfGuess, slipsOfGuess,
         wrenchesOfGuess;  // one column, in the frames of the bodies

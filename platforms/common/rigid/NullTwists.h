@@ -31,8 +31,8 @@ public:
     const Eigen::VectorXd& inBody(int element) const { return twists_body[element]; }
 
     /**
-     * Add friction along the null twists to the matrix of all bodies, as much as the mean of the
-     * other eigenvalues.
+     * Add friction along the null twists to the matrix of all bodies: the mean of its diagonal
+     * elements.
      */
     void lift(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& friction) const;
     /** Turn the inverse of a lifted friction into the generalised inverse. */
