@@ -74,8 +74,8 @@ struct SavedState {
     std::vector<SavedParticle> particles;
 
     /**
-     * Write version 3. Readers accept only whole numbers as numbers, and throw an OpenMMException
-     * for values that cannot be the state of bodies.
+     * Write version 3. Readers accept a number only if all of its text is one, and throw an
+     * OpenMMException for values that cannot be the state of bodies.
      */
     void write(std::ostream& checkpoint) const;
     void write(OpenMM::SerializationNode& node) const;

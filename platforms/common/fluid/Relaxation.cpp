@@ -98,7 +98,8 @@ protected:
             columns.col(1) = sqrt(step.kT) * chi;
             functions.push_back(SpectralFunction::decayNoise(step.h));
         }
-        // For multiblobs a product is a solve, whose own products are rough where that saves time.
+        // For multiblobs a product is a solve, whose own products are rough where that is accurate
+        // enough.
         const bool hasRough = mobility.getBodies().multipliesWithoutIterations() &&
                               mobility.getBodies().getModel().hasRoughProducts();
         lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum,

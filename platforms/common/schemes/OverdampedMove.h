@@ -91,10 +91,10 @@ public:
         mobility.solveFromKept(wrenches, slips, twists);
     }
     /**
-     * Add to a column of the slips those of the flow that users drive, at the present poses: slips
-     * += .... The slips have `columns` columns. This is meant for a solve that gives velocities of
-     * bodies, not for one with random directions. Without a flow nothing is done. Slips without
-     * rows mean that there are none so far.
+     * Add the slips of the flow that users drive, at the present poses, to one of the `columns`
+     * columns of `slips`. The column must be that of a solve that gives velocities of bodies, not
+     * of one with random directions. Without a flow nothing is done. `slips` without rows means
+     * that there are none so far.
      */
     void addFlow(Vectors& slips, int column = 0, int columns = 1);
     // The following methods record the flow with which the scheme moves bodies, for users who ask

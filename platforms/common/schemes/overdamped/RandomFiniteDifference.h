@@ -9,9 +9,9 @@
 // Cost:      one force evaluation, two mobility problems (one matrix-free solve has two columns),
 //            one square root a step.
 // Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), eqs. 48 and 51.
-// Limits:    none beyond the bias. Where the divergence is known (one body in a uniform fluid) or 0
-//            (spheres in an unbounded fluid), it takes the place of the difference: one mobility
-//            problem, no directions W~. If it is 0 this scheme is EulerMaruyama.
+// Limits:    where the divergence is known (one body in a uniform fluid) or 0 (spheres in an
+//            unbounded fluid), it takes the place of the difference: one mobility problem, no
+//            directions W~. If it is 0 this scheme is EulerMaruyama.
 
 #ifndef RIGIDHI_RANDOM_FINITE_DIFFERENCE_H_
 #define RIGIDHI_RANDOM_FINITE_DIFFERENCE_H_
