@@ -7,8 +7,10 @@
 
 namespace RigidHIPlugin {
 
-/** Writes a CustomBodyForce and reads it back through its setters, so that a damaged file gives
- * their clear exceptions. */
+/**
+ * Writes a CustomBodyForce and reads it back through its setters, so that a damaged file causes the
+ * setters' clear exceptions.
+ */
 class OPENMM_EXPORT_RIGIDHI CustomBodyForceProxy : public OpenMM::SerializationProxy {
 public:
     CustomBodyForceProxy();

@@ -45,7 +45,7 @@ Vec3 readVector(const StrictNode& node) {
     return Vec3(node.number("x"), node.number("y"), node.number("z"));
 }
 
-/** A body: its particles, each with its site if the geometry is known. */
+/** Write a body: its particles, each with its site if the geometry is known. */
 void writeBody(SerializationNode& node, const Integrator& integrator, int index) {
     const bool known = integrator.getRigidBodyGeometryIsKnown(index);
     node.setBoolProperty("explicit", integrator.getRigidBodyIsExplicit(index));
@@ -151,7 +151,7 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
         node.number("gradientRotationalRelaxationTime"));
     integrator->setRandomNumberSeed(node.integer("randomSeed"));
     integrator->setPoseTolerance(node.number("poseTolerance"));
-    // Not in files of version 0.1.
+    // Files of version 0.1 do not have this property.
     if (node.has("inertiaScale")) integrator->setInertiaScale(node.number("inertiaScale"));
     if (node.has("numHostThreads")) integrator->setNumHostThreads(node.integer("numHostThreads"));
     if (node.has("maximumRejections"))

@@ -9,8 +9,8 @@ namespace RigidHIPlugin {
 
 /**
  * Writes all settings of a CustomRigidHIIntegrator, its bodies and their geometry as far as it is
- * known, and reads them back through its setters, so that a damaged file gives their clear
- * exceptions.
+ * known. It reads them back through the integrator's setters, so that a damaged file causes the
+ * setters' clear exceptions.
  */
 class OPENMM_EXPORT_RIGIDHI CustomRigidHIIntegratorProxy : public OpenMM::SerializationProxy {
 public:

@@ -13,8 +13,10 @@ namespace RigidHIPlugin {
 template <class Enum>
 using EnumNames = std::map<std::string, Enum>;
 
-/** Every enumerator is in its table: the setters take no other values, and a test writes each of
- * them. */
+/**
+ * Every enumerator is in its table: the setters take no other values, and a test writes each
+ * enumerator.
+ */
 template <class Enum>
 std::string nameOf(const EnumNames<Enum>& names, Enum value) {
     return std::find_if(names.begin(), names.end(),

@@ -104,7 +104,7 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     force->setViscosity(node.number("viscosity"));
     force->setModel(valueOf(models, node, "model"));
     force->setBoundary(valueOf(boundaries, node, "boundary"));
-    // The walls are not in older files.
+    // Older files do not have walls, and have none of the following properties either.
     if (node.has("wallHeight")) force->setWallHeight(node.number("wallHeight"));
     if (node.has("channelLow") &&
         (node.number("channelLow") != 0 || node.number("channelHigh") != 0))
@@ -115,11 +115,11 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     force->setMinimumGap(node.number("minimumGap"));
     force->setSolver(valueOf(solvers, node, "solver"));
     force->setSolverTolerance(node.number("solverTolerance"));
-    // Nor are grids.
+    // Grids.
     if (node.has("gridSpacing")) force->setGridSpacing(node.number("gridSpacing"));
-    // Nor are fast sums.
+    // Fast sums.
     if (node.has("fastSummation")) force->setFastSummation(node.boolean("fastSummation"));
-    // Nor are driven flows.
+    // Driven flows.
     if (node.has("flows")) {
         const StrictNode wave = node.child("SinusoidalForceDensity");
         force->setSinusoidalForceDensity(wave.number("f0"), wave.integer("forceAxis"),

@@ -30,7 +30,7 @@ string className(const T& object) {
     return name.substr(name.rfind(':') + 1);
 }
 
-/** The entries of a force, as two lists; checks that each has its parameters. */
+/** Copy the entries of a force into two lists, and check that each entry has its parameters. */
 void copyEntries(const CustomBodyForce& force, int numParameters, vector<int>& bodies,
                  vector<double>& parameters) {
     bodies.clear();

@@ -23,8 +23,10 @@ namespace {
 /** Boltzmann's constant in kJ/(mol K): 1.380649e-23 J/K times 6.02214076e23/mol, both exact since
  * 2019. */
 constexpr double boltzmann = 8.31446261815324e-3;
-/** By how much moments may violate the triangle inequality, relative: rounding of a planar body's
- * moments. */
+/**
+ * The relative amount by which moments may violate the triangle inequality: rounding of a planar
+ * body's moments.
+ */
 constexpr double triangleTolerance = 1e-9;
 
 /** All messages have this one form: object, its value, the bound it breaks, and the remedy. */
@@ -71,8 +73,10 @@ void checkMoments(const Vec3& moments, const string& object) {
              "no distribution of mass has these moments, correct them");
 }
 
-/** @param bodies  of the Context. @param known  to the integrator, which may have been given more
- * since */
+/**
+ * @param bodies  of the Context
+ * @param known   to the integrator, which may have been given more since
+ */
 void checkRows(size_t rows, int bodies, int known, const char* method) {
     if (rows == static_cast<size_t>(bodies)) return;
     if (known != bodies)
@@ -114,8 +118,10 @@ void CustomRigidHIIntegrator::checkBodyIndex(int index, const char* method) cons
              "add the body first or correct the index");
 }
 
-/** Check the particles of a body that is to have this index (its present particles, if any, are
- * given up). */
+/**
+ * Check the particles of a body that is to have this index. The present particles of the body, if
+ * any, are given up.
+ */
 void CustomRigidHIIntegrator::checkParticles(const vector<int>& particles, int index) const {
     if (particles.empty())
         fail(bodyName(index), "it has no particles", "a body needs at least one",
@@ -480,8 +486,8 @@ void CustomRigidHIIntegrator::requireContext(const char* method) const {
 
 IntegrateRigidBodiesKernel& CustomRigidHIIntegrator::boundKernel(const char* method) const {
     requireContext(method);
-    // Whoever looks at the bodies first brings them up to date, which changes the kernel but
-    // nothing the user can see.
+    // Methods that look at the bodies first bring them up to date. That changes the kernel, but
+    // nothing that the user can see.
     return const_cast<Kernel&>(kernel).getAs<IntegrateRigidBodiesKernel>();
 }
 
@@ -521,7 +527,7 @@ void CustomRigidHIIntegrator::setBodyOrientations(const vector<QuaternionArray>&
     for (size_t i = 0; i < unit.size(); i++) {
         QuaternionArray& q = unit[i];
         const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-        // Written so that NaN fails too.
+        // The comparison is written so that NaN fails too.
         if (!(abs(length - 1) <= lengthTolerance))
             fail(bodyName(i), "its quaternion has length " + text(length),
                  "that must be 1 within " + text(lengthTolerance),
@@ -617,13 +623,13 @@ void CustomRigidHIIntegrator::initialize(ContextImpl& contextImpl) {
     if (hasKernel)
         fail("initialize()", "this integrator is already bound to a context",
              "it can serve one at a time", "make a copy for the other Context");
-    // A CompoundIntegrator does not tell its parts when the Context is gone.
+    // A CompoundIntegrator does not tell its integrators when the Context is deleted.
     if (&contextImpl.getIntegrator() != this)
         fail("initialize()", "this integrator is part of another one",
              "it must be the Context's own integrator", "do not put it into a CompoundIntegrator");
     // From here on ~Integrator must tell this ContextImpl of its end, whether initialisation
-    // succeeds or not: after a failed reinitialize() it lives on, and after a failed creation
-    // OpenMM leaves it undeleted.
+    // succeeds or not. After a failed reinitialize() the ContextImpl lives on, and after a failed
+    // creation OpenMM does not delete it.
     context = &contextImpl;
     owner = &contextImpl.getOwner();
     kernel =
@@ -644,7 +650,7 @@ void CustomRigidHIIntegrator::cleanup() {
 
 vector<string> CustomRigidHIIntegrator::getKernelNames() {
     const vector<string> names = {IntegrateRigidBodiesKernel::Name()};
-    // OpenMM's own message for this names neither the library nor the reason.
+    // OpenMM's own message names neither the library nor the reason.
     bool anyPlatform = false;
     for (int i = 0; i < Platform::getNumPlatforms(); i++)
         anyPlatform = anyPlatform || Platform::getPlatform(i).supportsKernels(names);

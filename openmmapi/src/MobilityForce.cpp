@@ -34,7 +34,7 @@ constexpr double smallestTolerance = 1e-14, largestTolerance = 0.1;
 /** How far the trace of a velocity gradient may be from 0, relative to its largest entry. */
 constexpr double traceTolerance = 1e-12;
 
-/** A wave of a velocity across its direction. */
+/** Check a wave of a velocity across the direction of the wave. */
 void checkWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex) {
     for (int axis : {forceAxis, waveAxis})
         if (axis < 0 || axis > 2)
@@ -49,8 +49,10 @@ void checkWave(const char* method, int forceAxis, int waveAxis, int waveVectorIn
              "give the number of periods in the box");
 }
 
-/** Cholesky's factor of a 6 x 6 matrix, in place (lower triangle). @return false if not positive
- * definite */
+/**
+ * Replace a 6 x 6 matrix by its Cholesky factor (lower triangle). @return false if not positive
+ * definite
+ */
 bool factorise(vector<double>& a) {
     for (int j = 0; j < 6; j++) {
         for (int k = 0; k < j; k++)
@@ -91,7 +93,7 @@ MobilityForce::MobilityForce()
       wallHeight(0), channelLow(0), channelHigh(0), model(RotnePragerYamakawa), boundary(Unbounded),
       sphereWallMobility(FromModel), solver(Auto), lubrication(true) {}
 
-// Not inline, so that other libraries do not export them too.
+// The destructor is not inline, so that other libraries do not export it too.
 MobilityForce::~MobilityForce() {}
 
 bool MobilityForce::usesPeriodicBoundaryConditions() const {

@@ -1,6 +1,6 @@
-// CustomRigidHIIntegrator on every other platform that OpenMM has (OpenCL, CUDA, HIP): forces
-// there, bodies on the host; its arrays through OpenMM's own kernels, packs of bodies spread over
-// threads.
+// CustomRigidHIIntegrator on every other platform of OpenMM (OpenCL, CUDA, HIP). Forces are
+// computed there, and bodies on the host. Arrays go through OpenMM's own kernels, and packs of
+// bodies are spread over threads.
 
 #include <openmm/Platform.h>
 #include <openmm/internal/ContextImpl.h>
@@ -18,20 +18,23 @@ using namespace RigidHIPlugin;
 
 namespace {
 
-/** What the integrator was told, or what OpenMM's CPU platform takes: OPENMM_CPU_THREADS, or as
- * many as there are processors. */
+/**
+ * The number that the integrator was given, or else that of OpenMM's CPU platform:
+ * OPENMM_CPU_THREADS, or as many as there are processors.
+ */
 int hostThreads(ContextImpl& context) {
     const auto& integrator = dynamic_cast<const CustomRigidHIIntegrator&>(context.getIntegrator());
     int threads = integrator.getNumHostThreads();
     if (threads == 0)
         if (const char* wanted = std::getenv("OPENMM_CPU_THREADS"))
             std::stringstream(wanted) >> threads;
-    return threads;  // 0: processors
+    return threads;  // 0: as many as processors
 }
 
 }  // namespace
 
-// OpenMM calls these two after it has loaded the library, and again if it is told to load it again.
+// OpenMM calls these two functions after it has loaded the library, and again if it is told to load
+// it again.
 extern "C" __attribute__((visibility("default"))) void registerPlatforms() {}
 
 extern "C" __attribute__((visibility("default"))) void registerKernelFactories() {

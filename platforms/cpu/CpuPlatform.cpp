@@ -1,5 +1,5 @@
-// CustomRigidHIIntegrator on OpenMM's CPU platform: its arrays, which are the Reference platform's;
-// packs of bodies, spread over threads.
+// CustomRigidHIIntegrator on OpenMM's CPU platform. Its arrays are those of the Reference platform.
+// Packs of bodies are spread over threads.
 
 #include <openmm/Platform.h>
 #include <openmm/internal/ContextImpl.h>
@@ -11,7 +11,7 @@
 
 using namespace RigidHIPlugin;
 
-// OpenMM calls these two after it has loaded the library.
+// OpenMM calls these two functions after it has loaded the library.
 extern "C" __attribute__((visibility("default"))) void registerPlatforms() {}
 
 extern "C" __attribute__((visibility("default"))) void registerKernelFactories() {

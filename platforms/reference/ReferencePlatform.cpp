@@ -1,4 +1,5 @@
-// CustomRigidHIIntegrator on OpenMM's Reference platform: its own arrays, one body after the other.
+// CustomRigidHIIntegrator on OpenMM's Reference platform, with the platform's own arrays, one body
+// after the other.
 
 #include "context/KernelFactory.h"
 #include "context/ReferenceArrays.h"
@@ -6,7 +7,7 @@
 
 using namespace RigidHIPlugin;
 
-// OpenMM calls these two after it has loaded the library.
+// OpenMM calls these two functions after it has loaded the library.
 extern "C" __attribute__((visibility("default"))) void registerPlatforms() {}
 
 extern "C" __attribute__((visibility("default"))) void registerKernelFactories() {

@@ -17,30 +17,32 @@ namespace RigidHIPlugin {
  *
  * Six expressions give the components of the force ("fx", "fy", "fz"; kJ/(mol nm)) and of the
  * torque about the body's origin ("tx", "ty", "tz"; kJ/mol), all in the lab frame. They are written
- * in the language of OpenMM's Custom forces (definitions after semicolons included) and may use
+ * in the language of OpenMM's Custom forces (definitions after semicolons included). An expression
+ * may use
  *   - x, y, z: the position of the body's origin, nm, lab frame, unwrapped;
- *   - q0, q1, q2, q3: its orientation, the unit quaternion (w, x, y, z) that turns body-frame
- * vectors into lab-frame vectors; q and -q are the same orientation and either may occur, so only
- * expressions that are even in q make sense;
+ *   - q0, q1, q2, q3: the orientation of the body, the unit quaternion (w, x, y, z) that turns
+ *     body-frame vectors into lab-frame vectors; q and -q are the same orientation and either may
+ *     occur, so that only expressions that are even in q make sense;
  *   - vx, vy, vz: the velocity of the origin, nm/ps, lab frame (Langevin schemes only);
  *   - t: the time, ps;
  *   - per-body parameters, with a value for each body that was added;
  *   - global parameters, which are parameters of the Context.
  *
- * They are evaluated whenever the integrator evaluates OpenMM's forces, with positions and the time
- * of that moment, if the force group is one of the integrator's. They have no energy: minimisers
- * and barostats do not feel them.
+ * The integrator evaluates the expressions whenever it evaluates OpenMM's forces, with the
+ * positions and the time of that evaluation, if the force group is one of the integrator's. The
+ * forces have no energy: minimisers and barostats do not feel them.
  *
- * Velocities: the first half kick of a step uses those at its beginning, the second those that it
- * leads to (predicted once). That is weak order 2 with LangevinC and LangevinHI, 1 with LangevinA
- * and LangevinB (2 without friction).
+ * If expressions use velocities, the first half kick of a step takes the velocities at the
+ * beginning of the step. The second half kick takes the velocities that it leads to (predicted
+ * once). The weak order is 2 with LangevinC and LangevinHI, and 1 with LangevinA and LangevinB (2
+ * without friction).
  *
  * Every error is an OpenMMException that names the object, the value, the bound and the remedy.
  */
 class OPENMM_EXPORT_RIGIDHI CustomBodyForce : public OpenMM::Force {
 public:
     /**
-     * Expressions are checked when a Context is created.
+     * Create a force from its six expressions, which are checked when a Context is created.
      *
      * @param fx, fy, fz  components of the force, kJ/(mol nm), lab frame
      * @param tx, ty, tz  components of the torque about the body's origin, kJ/mol, lab frame
@@ -55,7 +57,9 @@ public:
      * @throws OpenMMException for any other component
      */
     const std::string& getExpression(const std::string& component) const;
-    /** Set one of the six expressions. Takes effect at the next Context creation or reinitialize().
+    /**
+     * Set one of the six expressions. Takes effect at the next Context creation or reinitialize().
+     * Errors are as in getExpression().
      */
     void setExpression(const std::string& component, const std::string& expression);
 
@@ -64,13 +68,13 @@ public:
     /**
      * Add a per-body parameter.
      * @return its index
-     * @throws OpenMMException for a name that no expression could contain, or that means something
-     * else already
+     * @throws OpenMMException for a name that no expression could contain, or that has another
+     *     meaning already
      */
     int addPerBodyParameter(const std::string& name);
     /** Get the name of a per-body parameter. */
     const std::string& getPerBodyParameterName(int index) const;
-    /** Set the name of a per-body parameter. Errors as in addPerBodyParameter(). */
+    /** Set the name of a per-body parameter. Errors are as in addPerBodyParameter(). */
     void setPerBodyParameterName(int index, const std::string& name);
 
     /** Get the number of global parameters. */
@@ -80,12 +84,12 @@ public:
      * @param name          its name
      * @param defaultValue  its value in a new Context
      * @return its index
-     * @throws OpenMMException as addPerBodyParameter(), or for a value that is not finite
+     * @throws OpenMMException as in addPerBodyParameter(), or for a value that is not finite
      */
     int addGlobalParameter(const std::string& name, double defaultValue);
     /** Get the name of a global parameter. */
     const std::string& getGlobalParameterName(int index) const;
-    /** Set the name of a global parameter. Errors as in addGlobalParameter(). */
+    /** Set the name of a global parameter. Errors are as in addGlobalParameter(). */
     void setGlobalParameterName(int index, const std::string& name);
     /** Get the value of a global parameter in a new Context. */
     double getGlobalParameterDefaultValue(int index) const;
@@ -96,32 +100,34 @@ public:
     /** Get the number of entries (bodies on which this force acts). */
     int getNumBodies() const;
     /**
-     * Let the force act on a body. A body that is added twice feels it twice.
+     * Let the force act on a body. A body that is added twice feels the force twice.
      * @param bodyIndex   index of the body in the integrator
      * @param parameters  values of the per-body parameters
      * @return index of the entry
-     * @throws OpenMMException for a negative body index, or a value that is not finite; at Context
-     * creation for a body that is not there, or another number of values than of per-body
-     * parameters
+     * @throws OpenMMException for a negative body index, or a value that is not finite. At Context
+     *     creation: for a body that does not exist, or if the number of values is not the number of
+     *     per-body parameters
      */
     int addBody(int bodyIndex, const std::vector<double>& parameters);
     /** Get the body and the parameters of an entry. */
     void getBodyParameters(int index, int& bodyIndex, std::vector<double>& parameters) const;
     /**
      * Set the body and the parameters of an entry. Takes effect at the next Context creation, or
-     * with updateParametersInContext(). Errors as in addBody().
+     * with updateParametersInContext(). Errors are as in addBody().
      */
     void setBodyParameters(int index, int bodyIndex, const std::vector<double>& parameters);
 
     /**
-     * Copy the per-body parameters of all entries to a Context. Expressions, names, and which
-     * bodies there are stay as they were when it was created.
-     * @throws OpenMMException if this force is not in the Context, or other entries than parameters
-     * were changed
+     * Copy the per-body parameters of all entries to a Context. Expressions, names and the bodies
+     * of the entries stay as they were when the Context was created.
+     * @throws OpenMMException if this force is not in the Context, or if anything but parameters
+     *     was changed in the entries
      */
     void updateParametersInContext(OpenMM::Context& context);
-    /** Get whether this force uses periodic boundary conditions: it does not, positions are
-     * unwrapped. */
+    /**
+     * Get whether this force uses periodic boundary conditions. It does not: positions are
+     * unwrapped.
+     */
     bool usesPeriodicBoundaryConditions() const override;
 
     /** @private The components in the order of the constructor. */

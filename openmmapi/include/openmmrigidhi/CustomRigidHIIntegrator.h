@@ -23,37 +23,42 @@ typedef std::array<double, 4> QuaternionArray;
  * Integrates rigid bodies, whose orientation is a unit quaternion, under the forces of an ordinary
  * OpenMM Context.
  *
- * Particles of the System are grouped into bodies with addRigidBody(); all other particles ("free
- * particles") are integrated beside them with the same scheme, as point particles. The state of a
- * body is
- *   - R: position of the body's origin (its centre of mass; without momenta in a fluid any point),
- * nm, lab frame,
+ * addRigidBody() groups particles of the System into bodies. All other particles ("free particles")
+ * are integrated with the same scheme, as point particles. The state of a body is
+ *   - R: position of the body's origin, nm, lab frame (the origin is the centre of mass; for
+ *     schemes without momenta in a fluid it may be any point),
  *   - q: unit quaternion (w, x, y, z), body frame to lab frame,
  *   - p: momentum, amu nm/ps, lab frame,
  *   - l: angular momentum, amu nm^2/ps, body frame.
  *
- * Schemes (setScheme), all of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 142, 144114 (2015),
- * one force evaluation a step each:
- *   - LangevinA (eq. 20), LangevinB (eq. 27), LangevinC (eq. 28): weak order 2. Each body feels
- * friction gamma on its momentum and Gamma on its angular momentum, and noise of temperature T. C
- * is the recommended one.
- *   - GradientThermostat (eq. 30): weak order 1, no momenta;
- * and of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 147, 224103 (2017):
- *   - LangevinHI (eq. 27): Langevin C with hydrodynamic interactions, which a MobilityForce in the
- * System describes; and, without momenta, Brownian dynamics dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt
- * + kT div N with the mobility N of a MobilityForce, all weak order 1, of Delong, Balboa Usabiaga,
- * Donev, J. Chem. Phys. 143, 144107 (2015), Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem.
- * Phys. 147, 244103 (2017), and Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022):
+ * setScheme() chooses the scheme. The schemes of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys.
+ * 142, 144114 (2015), have one force evaluation a step each:
+ *   - LangevinA (eq. 20), LangevinB (eq. 27) and LangevinC (eq. 28) have weak order 2. Each body
+ *     feels friction gamma on its momentum and Gamma on its angular momentum, and noise of
+ *     temperature T. LangevinC is the recommended one.
+ *   - GradientThermostat (eq. 30) has weak order 1 and no momenta.
+ *
+ * The scheme of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 147, 224103 (2017), also has one
+ * force evaluation a step:
+ *   - LangevinHI (eq. 27) is LangevinC with hydrodynamic interactions. A MobilityForce in the
+ *     System describes the fluid.
+ *
+ * The schemes of Brownian dynamics have no momenta and weak order 1. They integrate dQ/dt = N F +
+ * sqrt(2 kT) N^(1/2) dW/dt + kT div N with the mobility N of a MobilityForce. They are those of
+ * Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), Sprinkle, Balboa Usabiaga,
+ * Patankar, Donev, J. Chem. Phys. 147, 244103 (2017), and Westwood, Delmotte, Keaveny, J. Comput.
+ * Phys. 467, 111437 (2022):
  *   - EulerMaruyama, FixmanMidpoint, RandomFiniteDifference, TractionEulerMaruyama,
- * TrapezoidalSlip, DriftCorrectorFD, DriftCorrectorRFD. They differ in how they make the stochastic
- * drift kT div N (EulerMaruyama omits it), in their cost and in their error at finite steps. Bodies
- * need no mass, and their origin may be any point. Spheres about their centres and free particles
- * in unbounded fluid (FreeDraining, RotnePragerYamakawa) have div N = 0: what makes the drift is
- * left out there.
+ *     TrapezoidalSlip, DriftCorrectorFD, DriftCorrectorRFD.
+ *
+ * The Brownian schemes differ in how they make the stochastic drift kT div N (EulerMaruyama omits
+ * it), in their cost and in their error at finite steps. Bodies need no mass, and their origin may
+ * be any point. Spheres about their centres and free particles in unbounded fluid (FreeDraining,
+ * RotnePragerYamakawa) have div N = 0. The computation of the drift is left out there.
  *
  * The rotational friction of the Langevin schemes relaxes body axis l at the rate Gamma / (I_l
- * sum_k 1/I_k), the sum over axes with a non-zero moment: on an elongated body the thick axes are
- * hardly thermostatted.
+ * sum_k 1/I_k), where the sum is over axes with a non-zero moment. The thick axes of an elongated
+ * body are therefore hardly thermostatted.
  *
  * Units are OpenMM's: nm, ps, amu, K, kJ/mol. Every error is an OpenMMException that names the
  * object, the value, the bound and the remedy.
@@ -64,7 +69,8 @@ public:
      * The time-stepping scheme: LangevinA, LangevinB, LangevinC (default), GradientThermostat,
      * LangevinHI, EulerMaruyama, FixmanMidpoint, RandomFiniteDifference, TractionEulerMaruyama,
      * TrapezoidalSlip, DriftCorrectorFD, DriftCorrectorRFD, numbered from 0. internal/SchemeList.h
-     * says what each is, docs/schemes has a page on each; SchemeTraits.h has it as a table.
+     * describes each scheme, docs/schemes has a page on each, and SchemeTraits.h has them as a
+     * table.
      */
     enum Scheme : int {
 #define RIGIDHI_ROW(name, ...) name,
@@ -78,28 +84,39 @@ public:
         /** 0 with probability 2/3, +-sqrt(3) with 1/6 each (Davidchack 2015, eq. 21): enough for
            weak order 2. */
         ThreePoint = 1,
-        /** +-1 with probability 1/2 each (eq. 31): enough for weak order 1 (GradientThermostat, the
-           schemes of a fluid without momenta). */
+        /**
+         * +-1 with probability 1/2 each (eq. 31): enough for weak order 1 (GradientThermostat and
+         * the schemes without momenta in a fluid).
+         */
         TwoPoint = 2
     };
-    /** Which steps through a MobilityForce::NoSlipWall, or either wall of a SlipChannel, are redone
-     * with new noise. */
+    /**
+     * Which steps through a MobilityForce::NoSlipWall, or through either wall of a SlipChannel, are
+     * redone with new noise.
+     */
     enum WallRejection : int {
-        /** Those after which a hydrodynamic particle is nearer to the wall than its radius
-           (default). */
+        /**
+         * Steps after which a hydrodynamic particle is nearer to the wall than its radius
+         * (default).
+         */
         Overlap = 0,
         /**
-         * Those after which the centre of a hydrodynamic particle is on the wall or behind it.
+         * Steps after which the centre of a hydrodynamic particle is on the wall or behind it.
          * Particles of radius a with their centre at 0 < z < a above the wall have the mobility of
          * contact, times z/a for their velocities and once more for the forces on them.
          */
         Crossing = 1
     };
-    /** What the drift factor nu = 1 + (h/2) div V of DriftCorrectorFD and DriftCorrectorRFD
-     * multiplies: one number for all bodies of a group. */
+    /**
+     * What the drift factor nu = 1 + (h/2) div V of DriftCorrectorFD and DriftCorrectorRFD
+     * multiplies. The factor is one number for all bodies of a group.
+     */
     enum DriftCorrectorScaling : int {
-        /** The slips in the mobility problem: U = N (F + nu K^T M^-1 v) (default). Of the same weak
-           order, without noise on what forces do. */
+        /**
+         * The slips v (random surface velocities) in the mobility problem: U = N (F + nu K^T M^-1
+         * v) (default). The weak order is the same as that of Whole, and the velocities due to
+         * forces have no noise.
+         */
         SlipOnly = 0,
         /** The whole step, as in Westwood 2022, eq. 44: U = nu N (F + K^T M^-1 v). */
         Whole = 1
@@ -108,8 +125,8 @@ public:
     /**
      * @param temperature  temperature of the heat bath, K; 0: no noise at all
      * @param stepSize     step size, ps
-     * @throws OpenMMException if the temperature is negative or the step size not positive, or
-     * either not finite
+     * @throws OpenMMException if the temperature is negative, the step size is not positive, or
+     *     either is not finite
      */
     CustomRigidHIIntegrator(double temperature, double stepSize);
     ~CustomRigidHIIntegrator();
@@ -117,19 +134,21 @@ public:
     /**
      * Add a rigid body whose shape, mass and inertia come from the System.
      *
-     * The shape comes from the constraints among the massive members if these fix it (two members:
-     * one constraint; three: a triangle; more: all pairs, with the handedness from the first
-     * positions), and virtual sites from their definitions; otherwise from the first positions
-     * given to the Context, and is kept until resetBodyGeometry(). Mass and inertia come from the
-     * System's masses. The System wins: constraints and masses that were changed take effect at
-     * reinitialize(), also over those of a saved state, whose positions and velocities go on. The
-     * body frame has its origin at the centre of mass and its axes along the principal axes, the
-     * smallest moment first.
+     * The shape comes from the constraints among the massive members if these constraints fix it.
+     * Two members need one constraint, and three members a triangle. More members need all pairs,
+     * and the first positions give the handedness. Virtual sites then come from their definitions.
+     * Otherwise the shape comes from the first positions given to the Context, and is kept until
+     * resetBodyGeometry(). Mass and inertia come from the System's masses.
+     *
+     * The System takes precedence: changed constraints and masses take effect at reinitialize().
+     * They also replace the constraints and masses of a saved state, whose positions and velocities
+     * go on. The body frame has its origin at the centre of mass and its axes along the principal
+     * axes, the smallest moment first.
      *
      * @param particles  indices of the particles, virtual sites included
      * @return index of the body
      * @throws OpenMMException for an empty body, a negative or repeated index, or a particle that
-     * is in a body already
+     *     is in a body already
      */
     int addRigidBody(const std::vector<int>& particles);
     /**
@@ -138,16 +157,18 @@ public:
      *
      * @param particles         indices of the particles, virtual sites included
      * @param mass              mass, amu; positive for every scheme with momenta, and for
-     * GradientThermostat
+     *     GradientThermostat
      * @param principalMoments  principal moments of inertia about the body axes x, y, z, amu nm^2,
-     * in any order. A moment below 1e-13 of the largest counts as zero: no rotation, noise or
-     * energy about that axis.
-     * @param sitePositions     position of each particle in the body frame, nm; its origin is the
-     * centre of mass and its axes are the principal axes. Schemes without momenta in a fluid take
-     * any origin (the tracking point) and axes, and 0 for mass and moments
+     *     in any order. A moment below 1e-13 of the largest counts as zero: there is no rotation,
+     *     noise or energy about its axis.
+     * @param sitePositions     position of each particle in the body frame, nm. The origin of the
+     *     body frame is the centre of mass, and its axes are the principal axes. Schemes without
+     *     momenta in a fluid take any origin (the tracking point) and any axes, and 0 for mass and
+     *     moments.
      * @return index of the body
-     * @throws OpenMMException as above; for a negative or non-finite mass or moment; for moments
-     * that violate the triangle inequality; for another number of sites than of particles
+     * @throws OpenMMException as the other addRigidBody(); for a negative or non-finite mass or
+     *     moment; for moments that violate the triangle inequality; if the number of sites is not
+     *     the number of particles
      */
     int addRigidBody(const std::vector<int>& particles, double mass,
                      const OpenMM::Vec3& principalMoments,
@@ -155,14 +176,14 @@ public:
     /** Get the number of rigid bodies. */
     int getNumRigidBodies() const;
     /**
-     * Get the number of rigid bodies of the bound Context: those that there were when it was
-     * created. Bodies that are added later wait for the next Context or reinitialize(). Needs a
-     * Context.
+     * Get the number of rigid bodies of the bound Context, as it was when the Context was created.
+     * Bodies that are added later wait for the next Context or reinitialize(). Needs a Context.
      */
     int getNumRigidBodiesOfContext() const;
     /**
-     * Get the definition of a body. For a body without explicit geometry this needs a Context whose
-     * positions are set (or a geometry that was read from XML): earlier it throws.
+     * Get the definition of a body. For a body without explicit geometry this method needs a
+     * Context whose positions are set, or a geometry that was read from XML. It throws an
+     * OpenMMException before.
      *
      * @param index             index of the body
      * @param particles         indices of the particles
@@ -173,23 +194,23 @@ public:
     void getRigidBodyParameters(int index, std::vector<int>& particles, double& mass,
                                 OpenMM::Vec3& principalMoments,
                                 std::vector<OpenMM::Vec3>& sitePositions) const;
-    /** Get the indices of a body's particles (never throws for want of a Context). */
+    /** Get the indices of a body's particles. This method never needs a Context. */
     const std::vector<int>& getRigidBodyParticles(int index) const;
     /** Get whether a body was given explicit mass, moments and sites. */
     bool getRigidBodyIsExplicit(int index) const;
     /** Get whether mass, moments and sites of a body are known. */
     bool getRigidBodyGeometryIsKnown(int index) const;
     /**
-     * Replace the definition of a body by an explicit one. Takes effect at the next Context
-     * creation or reinitialize(); a state that was saved with another mass, other moments or sites
-     * is refused, also by reinitialize(preserveState = true). Parameters and errors as in
-     * addRigidBody().
+     * Replace the definition of a body by an explicit one. The change takes effect at the next
+     * Context creation or reinitialize(). A state that was saved with another mass, other moments
+     * or other sites is refused, also by reinitialize(preserveState = true). Parameters and errors
+     * are as in addRigidBody().
      */
     void setRigidBodyParameters(int index, const std::vector<int>& particles, double mass,
                                 const OpenMM::Vec3& principalMoments,
                                 const std::vector<OpenMM::Vec3>& sitePositions);
     /**
-     * Forget the geometry of all bodies that were added without an explicit one; the Context's
+     * Forget the geometry of all bodies that were added without an explicit one. The Context's
      * present (or next) positions define it anew.
      */
     void resetBodyGeometry();
@@ -200,8 +221,10 @@ public:
     void setScheme(Scheme scheme);
     /** Get the law of the random numbers. */
     NoiseLaw getNoiseLaw() const;
-    /** Set the law of the random numbers (default Gaussian). TwoPoint suffices only for the schemes
-     * without momenta, of weak order 1. */
+    /**
+     * Set the law of the random numbers (default Gaussian). TwoPoint is enough only for the schemes
+     * without momenta, which have weak order 1.
+     */
     void setNoiseLaw(NoiseLaw law);
 
     /** Get the temperature, K. */
@@ -228,25 +251,26 @@ public:
     double getInertiaScale() const;
     /**
      * Set the factor by which schemes with momenta (LangevinA, LangevinB, LangevinC, LangevinHI)
-     * multiply the principal moments of all bodies in their dynamics; default 1. Averages over
-     * configurations do not depend on it: momenta are Gaussian and independent of them. Motion
-     * does, and is not the real one; describeEffects() says so. With a factor of 4 to 16 the
-     * rotation of light bodies (water) becomes slower than what limits the step otherwise, and
-     * steps grow (docs/USER_GUIDE.md has measurements).
+     * multiply the principal moments of all bodies in their dynamics (default 1). Averages over
+     * configurations do not depend on the factor, because momenta are Gaussian and independent of
+     * the configuration. The motion does depend on it and is not the real one; describeEffects()
+     * says so. With a factor of 4 to 16, the rotation of light bodies (water) becomes slower than
+     * the motion that limits the step otherwise, and longer steps are possible (docs/USER_GUIDE.md
+     * has measurements).
      *
-     * Angular momenta, kinetic energies and temperatures are those of the scaled moments, so that
-     * equipartition holds about every axis. Angular velocities are real ones:
-     * setBodyAngularVelocities(), and the velocities of particles, mean rotation as it is seen.
-     * Rates of setRotationalFriction() do not change; the friction of a fluid does not either, so
-     * that momenta relax more slowly there by the factor, and the diffusion over long times is the
-     * real one. getRigidBodyParameters() and files have the real moments. Masses and free particles
-     * are as they are. Schemes without momenta take no notice.
+     * Angular momenta, kinetic energies and temperatures belong to the scaled moments, so that
+     * equipartition holds about every axis. Angular velocities, as in setBodyAngularVelocities()
+     * and in the velocities of particles, are those of the visible rotation. The rates of
+     * setRotationalFriction() do not change. The friction of a fluid does not change either, so
+     * that in a fluid momenta relax more slowly by the factor, and the diffusion over long times is
+     * the real one. getRigidBodyParameters() and files have the real moments. Masses and free
+     * particles are not changed. Schemes without momenta ignore the factor.
      *
-     * May be changed between steps; takes effect at once. Then positions and all velocities go on,
-     * so that the rotational kinetic energy changes by the ratio of the factors, and thermal
-     * equilibrium comes back by friction, or at once by the Context's setVelocitiesToTemperature().
-     * A checkpoint or State that was saved under another factor likewise goes on with its positions
-     * and velocities.
+     * The factor may be changed between steps, and the change takes effect at once. Positions and
+     * all velocities then go on, so that the rotational kinetic energy changes by the ratio of the
+     * factors. Friction restores thermal equilibrium, or the Context's setVelocitiesToTemperature()
+     * does so at once. A checkpoint or State that was saved under another factor likewise goes on
+     * with its positions and velocities.
      *
      * @param factor  dimensionless
      * @throws OpenMMException if not positive and finite
@@ -274,77 +298,80 @@ public:
     /** Get the seed as it was set (0: fresh for each Context). */
     int getRandomNumberSeed() const;
     /**
-     * Set the seed. 0 (default): each Context draws a fresh one. The seed in use is saved with
-     * checkpoints and States, and goes on where one is loaded, and so after
-     * reinitialize(preserveState = true). A change takes effect at the next Context creation, or a
-     * reinitialize() that preserves nothing; then a State without integrator parameters brings the
-     * positions back.
+     * Set the seed. With 0 (default), each Context draws a fresh one. The seed in use is saved with
+     * checkpoints and States. It goes on where one of them is loaded, and so after
+     * reinitialize(preserveState = true). A change takes effect at the next Context creation, or at
+     * a reinitialize() that preserves nothing. After such a reinitialize(), a State without
+     * integrator parameters brings the positions back.
      */
     void setRandomNumberSeed(int seed);
     /** Get the pose tolerance, nm. */
     double getPoseTolerance() const;
     /**
      * Set how far a particle may lie from its place in the body when positions are given to the
-     * Context, nm; default 1e-3. Below it, members are put back when the next step starts; above it
-     * is an error.
+     * Context, nm (default 1e-3). Members within this distance are put back when the next step
+     * starts. A larger distance is an error.
      * @throws OpenMMException if not positive and finite
      */
     void setPoseTolerance(double tolerance);
     /** Get the number of threads of the host as it was set (0: OpenMM's default). */
     int getNumHostThreads() const;
     /**
-     * Set with how many threads bodies, fluid and noise are computed where the platform is another
-     * than Reference and CPU, whose forces then are on a device and all else on the host. 0
-     * (default): as OpenMM's CPU platform does by default, OPENMM_CPU_THREADS or as many as there
-     * are processors. A change takes effect at the next Context creation or reinitialize().
-     * Reference has one thread, and on the CPU platform its own property "Threads" holds, whatever
-     * is set here.
+     * Set how many threads compute bodies, fluid and noise on platforms other than Reference and
+     * CPU. On such platforms forces are on a device, and everything else is on the host. With 0
+     * (default) the number is that of OpenMM's CPU platform by default: OPENMM_CPU_THREADS, or as
+     * many as there are processors. A change takes effect at the next Context creation or
+     * reinitialize(). Reference has one thread, and the CPU platform obeys its own property
+     * "Threads", whatever is set here.
      * @throws OpenMMException if not from 0 to 1024
      */
     void setNumHostThreads(int number);
     /** Get which steps through a wall are redone. */
     WallRejection getWallRejection() const;
     /**
-     * Set which steps are redone where a MobilityForce has the boundary NoSlipWall (default
-     * Overlap, which repulsions that diverge at contact need). A start that would be redone is an
-     * error. May be changed between steps; takes effect at once.
+     * Set which steps are redone where a MobilityForce has the boundary NoSlipWall or SlipChannel.
+     * Repulsions that diverge at contact need the default, Overlap. A start that would be redone is
+     * an error. The setting may be changed between steps, and the change takes effect at once.
      */
     void setWallRejection(WallRejection rejection);
     /** Get what the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies. */
     DriftCorrectorScaling getDriftCorrectorScaling() const;
     /**
      * Set what the drift factor nu of DriftCorrectorFD and DriftCorrectorRFD multiplies (default
-     * SlipOnly). It fluctuates about 1 by the step times the divergence of the random velocities,
-     * more the more bodies a group has; where it does so by more than 0.3 a warning says so. May be
-     * changed between steps.
+     * SlipOnly). The factor fluctuates about 1 by the step times the divergence of the random
+     * velocities. It fluctuates more the more bodies a group has, and a warning says so where the
+     * fluctuations exceed 0.3. The setting may be changed between steps.
      */
     void setDriftCorrectorScaling(DriftCorrectorScaling scaling);
     /** Get how often in a row a step may be redone. */
     int getMaximumRejections() const;
     /**
-     * Set how often in a row a step may be redone with new noise (spheres that overlap under
-     * MobilityForce::StokesianDynamics; setWallRejection()); default 100. More is an error. Without
-     * momenta each group of MobilityForce::setGroups() may be redone so often.
-     * @throws OpenMMException if negative or above 65535, as many attempts as have random numbers
-     * of their own
+     * Set how often in a row a step may be redone with new noise (default 100). Steps are redone
+     * where spheres overlap under MobilityForce::StokesianDynamics, and as setWallRejection() says.
+     * More rejections in a row are an error. Without momenta, each group of
+     * MobilityForce::setGroups() has this number of its own.
+     * @throws OpenMMException if negative or above 65535, which is the number of attempts that have
+     *     random numbers of their own
      */
     void setMaximumRejections(int number);
     /** Get the relative finite-difference step; 0: chosen by the solver. */
     double getFiniteDifferenceStep() const;
     /**
-     * Set the step delta of the finite differences of the schemes without momenta, relative: bodies
+     * Set the relative step delta of the finite differences of the schemes without momenta. Bodies
      * are displaced by delta times their length (the longest distance of points on their particles)
-     * and turned by delta radians. 0 (default): 1e-5, but where results of matrix-free iterations
-     * are differenced (RandomFiniteDifference with multiblobs, DriftCorrectorFD and
-     * DriftCorrectorRFD) tolerance^(1/3) between 1e-5 and 1e-2, with iterations to a tenth of the
-     * tolerance. On a grid (MobilityForce::ForceCoupling) it has no effect on the drift-correctors,
-     * which take the derivative of the random field.
+     * and turned by delta radians.
+     *
+     * With 0 (default) the step is 1e-5, except where results of matrix-free iterations are
+     * differenced: RandomFiniteDifference with multiblobs, DriftCorrectorFD and DriftCorrectorRFD.
+     * There it is tolerance^(1/3), between 1e-5 and 1e-2, and the iterations go on to a tenth of
+     * the tolerance. On a grid (MobilityForce::ForceCoupling) the setting has no effect on the
+     * drift-correctors, which take the derivative of the random field.
      * @throws OpenMMException if negative, above 0.1 or not finite
      */
     void setFiniteDifferenceStep(double relative);
     /**
-     * Get how many steps were redone since the Context was created, at most 2^31 - 1; without
-     * momenta every group of MobilityForce::setGroups() counts its own. Needs a Context.
+     * Get how many steps were redone since the Context was created, at most 2^31 - 1. Without
+     * momenta, every group of MobilityForce::setGroups() counts its own. Needs a Context.
      */
     int getNumRejectedSteps() const;
     /** @throws OpenMMException if the size is not positive and finite */
@@ -364,26 +391,35 @@ public:
     /** Get the angular velocities of the bodies, rad/ps, lab frame. Needs a Context with positions.
      */
     std::vector<OpenMM::Vec3> getBodyAngularVelocities() const;
-    /** Set the positions of the bodies' origins, nm; moves their particles. One finite row per
-     * body, or an exception. */
+    /**
+     * Set the positions of the bodies' origins, nm. The bodies' particles move along. @throws
+     * OpenMMException unless there is one finite row per body
+     */
     void setBodyPositions(const std::vector<OpenMM::Vec3>& positions);
     /**
-     * Set the orientations, quaternions (w, x, y, z), body to lab; moves their particles. They are
-     * normalised.
-     * @throws OpenMMException for another number of rows than bodies, or a length that differs from
-     * 1 by more than 1e-3
+     * Set the orientations, quaternions (w, x, y, z), body to lab. The bodies' particles move
+     * along. The quaternions are normalised.
+     * @throws OpenMMException if the number of rows is not the number of bodies, or for a length
+     *     that differs from 1 by more than 1e-3
      */
     void setBodyOrientations(const std::vector<QuaternionArray>& orientations);
-    /** Set the velocities of the bodies' origins, nm/ps. One finite row per body, or an exception.
+    /**
+     * Set the velocities of the bodies' origins, nm/ps. @throws OpenMMException unless there is one
+     * finite row per body
      */
     void setBodyVelocities(const std::vector<OpenMM::Vec3>& velocities);
-    /** Set the angular velocities, rad/ps, lab frame; components about axes without inertia are
-     * dropped. */
+    /**
+     * Set the angular velocities, rad/ps, lab frame. Components about axes without inertia are
+     * dropped.
+     */
     void setBodyAngularVelocities(const std::vector<OpenMM::Vec3>& angularVelocities);
     /** Get the total forces on the bodies at the last force evaluation of the last step, kJ/(mol
      * nm), lab frame. */
     std::vector<OpenMM::Vec3> getBodyForces() const;
-    /** Get the total torques about the bodies' origins, likewise, kJ/mol, lab frame. */
+    /**
+     * Get the total torques about the bodies' origins at the last force evaluation of the last
+     * step, kJ/mol, lab frame.
+     */
     std::vector<OpenMM::Vec3> getBodyTorques() const;
     /** Get the largest distance of a particle from its place at the last fit of poses to positions,
      * nm. */
@@ -401,17 +437,22 @@ public:
     /** Get the kinetic energy of the free particles, kJ/mol; 0 for schemes without momenta. */
     double computeFreeParticleKineticEnergy() const;
     /**
-     * Get the numbers of kinetic degrees of freedom: "translational", "rotational1", "rotational2",
-     * "rotational3" (bodies that can rotate about the axis of their smallest, middle, largest
-     * moment), "free" (free particles less their constraints), "removed" (3 with a CMMotionRemover,
-     * under which the momentum of bodies and free particles is removed, whether or not the bodies'
-     * masses are the System's), "total". All 0 for schemes without momenta. Needs a Context.
+     * Get the numbers of kinetic degrees of freedom, by name:
+     *   - "translational",
+     *   - "rotational1", "rotational2", "rotational3": bodies that can rotate about the axis of
+     *     their smallest, middle, largest moment,
+     *   - "free": free particles less their constraints,
+     *   - "removed": 3 with a CMMotionRemover, which removes the momentum of bodies and free
+     *     particles, whether or not the bodies' masses are the System's,
+     *   - "total".
+     *
+     * All are 0 for schemes without momenta. Needs a Context.
      */
     std::map<std::string, int> getDegreesOfFreedom() const;
     /**
      * Get the instantaneous temperature of bodies and free particles, K, with the right degrees of
-     * freedom. OpenMM's StateDataReporter calls it from OpenMM 8 on. @throws OpenMMException if the
-     * scheme has no momenta
+     * freedom. OpenMM's StateDataReporter calls this method from OpenMM 8 on.
+     * @throws OpenMMException if the scheme has no momenta
      */
     double computeSystemTemperature();
 
@@ -423,10 +464,14 @@ public:
     /**
      * Get counters and times since the Context was created: steps, forceEvaluations,
      * mobilityProducts, solverIterations, randomNumbers, squareRoots, seconds_forces,
-     * seconds_mobility, seconds_scheme, and for a fluid on a grid, of all threads together:
-     * seconds_spreading (forces to nodes), seconds_fft (Fourier transforms, with the fluid's
-     * response), seconds_averaging (velocities over nodes), seconds_solver (iterations beside
-     * products); 0 without a grid. Needs a Context.
+     * seconds_mobility, seconds_scheme. For a fluid on a grid there are also times of all threads
+     * together, which are 0 without a grid:
+     *   - seconds_spreading: forces to nodes,
+     *   - seconds_fft: Fourier transforms, with the fluid's response,
+     *   - seconds_averaging: velocities over nodes,
+     *   - seconds_solver: iterations without the products.
+     *
+     * Needs a Context.
      */
     std::map<std::string, double> getStepStatistics() const;
 
@@ -434,19 +479,24 @@ public:
      * Advance the simulation.
      *
      * @param steps  number of steps
-     * @throws OpenMMException if the positions do not fit the bodies; or if forces or positions
-     * become non-finite: it names the step and the body, and the Context keeps the last good state
+     * @throws OpenMMException if the positions do not fit the bodies, or if forces or positions
+     *     become non-finite. In the second case the message names the step and the body, and the
+     *     Context keeps the last good state.
      */
     void step(int steps) override;
 
-    /** @private Record a geometry that was derived when positions became known (called by the
-     * kernel). */
+    /**
+     * @private Record a geometry that was derived when positions became known (called by the
+     *     kernel).
+     */
     void recordBodyGeometry(int index, double mass, const OpenMM::Vec3& principalMoments,
                             const std::vector<OpenMM::Vec3>& sitePositions) const;
     /** @private A number that changes whenever a setting that the kernels cache is changed. */
     int getSettingsVersion() const;
-    /** @private The kernel of the bound Context, for the Forces of this plugin. @param method  who
-     * asks, for the message */
+    /**
+     * @private The kernel of the bound Context, for the Forces of this plugin. @param method  the
+     *     method that asks, for the message
+     */
     class IntegrateRigidBodiesKernel& getKernelForForces(const char* method) const;
 
 protected:
@@ -492,10 +542,12 @@ private:
         gradientRotationalTime, poseTolerance, finiteDifferenceStep;
     int randomSeed, settingsVersion, maximumRejections, numHostThreads;
     mutable std::vector<Body> bodies;
-    /** Which body each particle is in, so that adding n bodies costs O(n). */
+    /** The body that each particle is in, so that adding n bodies costs O(n). */
     std::unordered_map<int, int> bodyOfParticle;
-    /** Whether kernel is there: it is not before a Context exists, after it is gone, and after a
-     * failed creation. */
+    /**
+     * Whether the kernel exists: it does not before a Context is created, after the Context is
+     * gone, and after a failed creation.
+     */
     bool hasKernel;
     OpenMM::Kernel kernel;
 };

@@ -18,12 +18,12 @@
 namespace RigidHIPlugin {
 
 /**
- * What a platform does for a CustomRigidHIIntegrator: it owns the state of the bodies and advances
- * it.
+ * The work of a platform for a CustomRigidHIIntegrator: the kernel owns the state of the bodies and
+ * advances it.
  *
- * Every method that looks at the bodies first brings them up to date with what others did to the
- * Context's positions and velocities (users, barostats, minimisers), by comparing with what the
- * kernel wrote last.
+ * Users, barostats and minimisers may change the Context's positions and velocities. Every method
+ * that looks at the bodies first brings them up to date with such changes, by comparing with what
+ * the kernel wrote last.
  */
 class IntegrateRigidBodiesKernel : public OpenMM::KernelImpl {
 public:
@@ -37,12 +37,14 @@ public:
     virtual void step(OpenMM::ContextImpl& context, int steps) = 0;
     /** The user changed something through the Context. */
     virtual void stateChanged(OpenMM::ContextImpl& context, OpenMM::State::DataType changed) = 0;
-    /** Implicit geometries were forgotten: derive them from the present positions when next needed.
+    /**
+     * Derive implicit geometries, which were forgotten, from the present positions when they are
+     * next needed.
      */
     virtual void resetBodyGeometry(OpenMM::ContextImpl& context) = 0;
     /** Make sure that all geometries are known; throws if positions were not set. */
     virtual void requireGeometry(OpenMM::ContextImpl& context) = 0;
-    /** Bodies of the Context; the integrator may have been given more since. */
+    /** The number of bodies of the Context. The integrator may have been given more since. */
     virtual int getNumBodies() const = 0;
 
     virtual std::vector<OpenMM::Vec3> getBodyPositions(OpenMM::ContextImpl& context) = 0;
@@ -68,12 +70,14 @@ public:
     virtual std::map<std::string, std::string> getEffects(OpenMM::ContextImpl& context) = 0;
     virtual std::string describeEffects(OpenMM::ContextImpl& context) = 0;
     virtual std::map<std::string, double> getStepStatistics(OpenMM::ContextImpl& context) = 0;
-    /** Draw thermal particle velocities; body twists are kept for the setVelocities() that follows.
+    /**
+     * Draw thermal particle velocities. The twists of bodies are kept for the setVelocities() that
+     * follows.
      */
     virtual std::vector<OpenMM::Vec3> drawVelocities(OpenMM::ContextImpl& context,
                                                      double temperature, int seed) = 0;
 
-    // What a MobilityForce asks for.
+    // Requests of a MobilityForce.
     virtual void updateFluid(OpenMM::ContextImpl& context, const MobilityForce& force) = 0;
     virtual std::vector<double> getMobility(OpenMM::ContextImpl& context) = 0;
     virtual std::vector<double> getFriction(OpenMM::ContextImpl& context) = 0;

@@ -6,18 +6,20 @@
 
 namespace RigidHIPlugin {
 
-/** What a scheme is made of, and who runs it. */
+/** What a scheme is made of, and which code runs it. */
 enum class SchemeKind {
     Thermostat,       // moves and forces in turn, without a fluid
-    FluidThermostat,  // likewise, with the fluid in its middle
+    FluidThermostat,  // moves and forces in turn, with the fluid in the middle of the step
     Overdamped        // without momenta, in a fluid
 };
 
-/** What a scheme takes finite differences of: of what comes from iterations, they magnify the
- * errors. */
+/**
+ * The results that a scheme takes finite differences of. Finite differences magnify the errors of
+ * results of iterations.
+ */
 enum class Differenced { Nothing, Products, Solves, Roots };
 
-/** What is known of a scheme without running it; SchemeList.h explains each. */
+/** What is known of a scheme without running it. SchemeList.h explains each member. */
 struct SchemeTraits {
     CustomRigidHIIntegrator::Scheme scheme;
     const char* name;
@@ -27,10 +29,10 @@ struct SchemeTraits {
     Differenced differenced;
     const char *drift, *description;
 
-    /** Whether it needs a MobilityForce. */
+    /** Whether the scheme needs a MobilityForce. */
     constexpr bool needsFluid() const { return kind != SchemeKind::Thermostat; }
     constexpr bool isOverdamped() const { return kind == SchemeKind::Overdamped; }
-    /** Whether it should make a stochastic drift and does not. */
+    /** Whether the scheme has a stochastic drift to make and does not make it. */
     constexpr bool omitsDrift() const { return isOverdamped() && *drift == 0; }
 };
 

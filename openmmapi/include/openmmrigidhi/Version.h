@@ -18,14 +18,14 @@ OPENMM_EXPORT_RIGIDHI std::string getOpenMMVersionOfBuild();
 OPENMM_EXPORT_RIGIDHI std::string getLibraryPath();
 
 /**
- * Why libraries that are loaded cannot work together: OpenMM of another version than the one that
- * libOpenMMRigidHI was compiled for, or a library of this plugin of another version than
- * libOpenMMRigidHI.
+ * The reason why the loaded libraries cannot work together. Either OpenMM has another version than
+ * the one that libOpenMMRigidHI was compiled for, or a library of this plugin has another version
+ * than libOpenMMRigidHI.
  *
  * @param library         name of the library that asks
  * @param version         its version
  * @param openMMVersion   version of OpenMM (major.minor) that it was compiled for
- * @return  the reason and the remedy, or an empty text if all is well
+ * @return the reason and the remedy, or an empty text if there is no conflict
  */
 OPENMM_EXPORT_RIGIDHI std::string versionConflict(const std::string& library,
                                                   const std::string& version,

@@ -16,7 +16,7 @@ bool isOneOf(const Force& force) {
     return (... || (dynamic_cast<const Kinds*>(&force) != nullptr));
 }
 
-/** Of these OpenMM's updateContextState() does nothing. */
+/** OpenMM's updateContextState() does nothing for these Forces. */
 bool onlyMakesForces(const Force& force) {
     return isOneOf<CMAPTorsionForce, CustomAngleForce, CustomBondForce, CustomCentroidBondForce,
                    CustomCompoundBondForce, CustomExternalForce, CustomGBForce, CustomHbondForce,

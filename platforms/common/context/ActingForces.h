@@ -8,17 +8,21 @@ class System;
 
 namespace RigidHIPlugin {
 
-/** What Forces of a System do when a step starts (ContextImpl::updateContextState()), beside making
- * forces later. */
+/**
+ * The effects of Forces of a System when a step starts (ContextImpl::updateContextState()), apart
+ * from the forces that they make later.
+ */
 struct ActingForces {
     explicit ActingForces(const OpenMM::System& system);
     bool removers = false;   // CMMotionRemovers, which change velocities
     bool barostats = false;  // OpenMM's, which look at positions and change them, and the box
-    bool others = false;     // that are not known, so may do anything
+    bool others = false;     // of unknown kinds, which may do anything
 };
 
-/** Whether a Force makes no forces on particles by their positions in the Context: what moves or
- * removes only, and ours on bodies. */
+/**
+ * Whether a Force makes no forces on particles by their positions in the Context. This is so for
+ * Forces that only move or remove, and for this plugin's forces on bodies.
+ */
 bool feelsNoParticles(const OpenMM::Force& force);
 
 }  // namespace RigidHIPlugin

@@ -8,8 +8,10 @@
 
 namespace RigidHIPlugin {
 
-/** What users ask of bodies and their fluid, and set. What others did to the Context is taken in
- * first. */
+/**
+ * Requests of users for the state of bodies and their fluid, and changes of this state. Changes
+ * that others made to the Context are taken in first.
+ */
 class BodyAccess {
 public:
     BodyAccess(Scene& scene, ContextMirror& mirror) : scene(scene), mirror(mirror) {}
@@ -22,7 +24,7 @@ public:
     void setOrientations(const std::vector<std::array<double, 4> >& rows);
     void setVelocities(const std::vector<OpenMM::Vec3>& rows);
     void setAngularVelocities(const std::vector<OpenMM::Vec3>& rows);
-    /** Of the last step. */
+    /** Forces of the last step. */
     std::vector<OpenMM::Vec3> getForces();
     std::vector<OpenMM::Vec3> getTorques();
     double getPoseResidual();
@@ -39,8 +41,10 @@ public:
     std::vector<double> getFriction();
     std::vector<double> applyMobility(const std::vector<double>& wrenches);
     std::vector<double> applyBlobMobility(const std::vector<double>& forces);
-    /** Whether the flow is that of present forces, which are to be evaluated before it is asked
-     * for. */
+    /**
+     * Whether the flow is that of present forces, which are to be evaluated before the flow is
+     * asked for.
+     */
     bool flowNeedsForces(const char* method);
     std::vector<OpenMM::Vec3> getFlow(const std::vector<OpenMM::Vec3>& points);
     std::vector<double> getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,

@@ -14,7 +14,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** An integrator that is bound to nothing, with the scheme and the bodies of another. */
+/** An integrator that is bound to no Context, with the scheme and the bodies of another. */
 unique_ptr<CustomRigidHIIntegrator> copyDefinitions(const CustomRigidHIIntegrator& from) {
     unique_ptr<CustomRigidHIIntegrator> to(
         new CustomRigidHIIntegrator(from.getTemperature(), from.getStepSize()));
@@ -71,8 +71,8 @@ void BodyDefinitions::takeFromSystem() {
         BodyGeometry& g = geometries_[b];
         if (known) definitions->getRigidBodyParameters(b, members, g.mass, g.moments, g.sites);
         if (isExplicit(b)) continue;
-        // The System wins: a known shape is kept only as far as the System leaves it open, and with
-        // the System's masses.
+        // The System takes precedence: a known shape is kept only as far as the System leaves it
+        // open, and with the System's masses.
         const BodyGeometryBuilder bySystem = builder(b);
         if (known || !bySystem.needsPositions()) {
             g = bySystem.update(g);
@@ -96,8 +96,10 @@ BodyGeometry BodyDefinitions::updateBySystem(int b, const BodyGeometry& known) c
     return builder(b).update(known);
 }
 
-/** A shape has become known: tell the integrator too, unless it has been given another definition
- * of the body meanwhile. */
+/**
+ * Record a shape that has become known, in the integrator too, unless the integrator has been given
+ * another definition of the body meanwhile.
+ */
 void BodyDefinitions::record(int b, const BodyGeometry& g) {
     definitions->recordBodyGeometry(b, g.mass, g.moments, g.sites);
     if (!integrator.getRigidBodyIsExplicit(b) &&

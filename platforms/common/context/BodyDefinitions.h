@@ -14,17 +14,19 @@
 namespace RigidHIPlugin {
 
 /**
- * The bodies as they were when the Context was created, and their geometries: the one owner of
- * both.
+ * The bodies as they were when the Context was created, and their geometries. This class is the
+ * only owner of both.
  *
- * What users add or redefine later takes effect in the next Context. A geometry that becomes known
- * is recorded in the integrator too.
+ * Bodies that users add or redefine later take effect in the next Context. A geometry that becomes
+ * known is recorded in the integrator too.
  */
 class BodyDefinitions {
 public:
     BodyDefinitions(const CustomRigidHIIntegrator& integrator, const OpenMM::System& system);
-    /** The bodies under the integrator's present scheme, for checks: an integrator that is bound to
-     * nothing. */
+    /**
+     * The bodies under the integrator's present scheme, for checks: an integrator that is bound to
+     * no Context.
+     */
     const CustomRigidHIIntegrator& underPresentScheme();
 
     int getNumBodies() const { return definitions->getNumRigidBodies(); }
@@ -35,31 +37,35 @@ public:
     bool isExplicit(int body) const { return definitions->getRigidBodyIsExplicit(body); }
     bool isKnown(int body) const { return definitions->getRigidBodyGeometryIsKnown(body); }
     bool areAllKnown() const;
-    /** Of bodies whose geometry is not known, anything. */
+    /** The entries of bodies whose geometry is not known are undefined. */
     const std::vector<BodyGeometry>& geometries() const { return geometries_; }
     const PoseFit& fit(int body) const { return fits[body]; }
 
     /** Find all geometries for which no positions are needed. Particle indices must have been
      * checked. */
     void takeFromSystem();
-    /** All geometries; those that are not known come from positions. */
+    /** All geometries. Those that are not known come from positions. */
     std::vector<BodyGeometry> fromPositions(const std::vector<OpenMM::Vec3>& positions) const;
-    /** BodyGeometryBuilder::update(): the System wins over what is known of a body. */
+    /**
+     * BodyGeometryBuilder::update(): the System takes precedence over the known geometry of a body.
+     */
     BodyGeometry updateBySystem(int body, const BodyGeometry& known) const;
-    /** A geometry is known from now on. */
+    /** Record that a geometry is known. */
     void record(int body, const BodyGeometry& geometry);
-    /** Geometries of implicit bodies are not known any more. */
+    /** Forget the geometries of implicit bodies. */
     void reset() { definitions->resetBodyGeometry(); }
 
-    /** What stands on geometries; states are at the origin. @throws OpenMMException for sites that
-     * are not where they must be */
+    /**
+     * Objects that are made from geometries; states are at the origin. @throws OpenMMException for
+     * sites that are not where they must be
+     */
     struct Bodies {
         std::vector<BodyGeometry> geometries;
         std::vector<PoseFit> fits;
         BodySet set;
     };
     Bodies build(const std::vector<BodyGeometry>& geometries) const;
-    /** The present geometries and fits are exchanged for others. */
+    /** Exchange the present geometries and fits for others. */
     void exchange(Bodies& others);
 
 private:

@@ -16,13 +16,13 @@ class ReferenceConstraints;
 namespace RigidHIPlugin {
 
 /**
- * Where positions, velocities, forces, box, time and step count of a Context lie: the one way to
- * them.
+ * Access to positions, velocities, forces, box, time and step count of a Context. No other code
+ * reads or writes them.
  *
- * Everybody works on the arrays that this hands out, in double precision on the host. They are the
- * Context's own, or copies that are pulled from it and pushed to it. What nobody else has changed
- * since the last push, by more than the rounding of the platform, keeps its bits when it is pulled.
- * So whoever compares bits sees what others did, and only that.
+ * All code works on the arrays of this class, in double precision on the host. They are the
+ * Context's own, or copies that are pulled from the Context and pushed to it. Numbers that nobody
+ * else has changed since the last push, by more than the rounding of the platform, keep their bits
+ * when they are pulled. A comparison of bits therefore shows what others did, and only that.
  */
 class ContextArrays {
 public:
@@ -38,36 +38,49 @@ public:
     /** Give the Context what the arrays hold. */
     virtual void pushPositions() = 0;
     virtual void pushVelocities() = 0;
-    /** Give it positions of which OpenMM is to compute forces, which may be those of periodic
-     * images; pushPositions() later gives the others. */
+    /**
+     * Give the Context positions at which OpenMM is to compute forces. They may be those of
+     * periodic images. pushPositions() later gives the real ones.
+     */
     virtual void pushPositionsForForces() { pushPositions(); }
 
     /**
-     * A user's step(n) begins and ends. In between others touch the Context only where a step lets
-     * them, so that arrays which are copies need not be pulled again, and need not be pushed before
-     * somebody can look. The end pushes what is owed, also after an error.
+     * A user's step(n) begins and ends. Between these two calls others touch the Context only where
+     * a step lets them. Arrays that are copies need not be pulled again there, and need not be
+     * pushed before somebody can read them. The end pushes what was not pushed yet, also after an
+     * error.
      */
     virtual void beginSteps() {}
     virtual void endSteps() {}
-    /** A step within these two is complete: others may look at positions and velocities, now or
-     * when the steps have ended. */
+    /**
+     * A step between these two calls is complete. Others may read positions and velocities, now or
+     * when the steps have ended.
+     */
     virtual void pushEndOfStep() {}
-    /** Around ContextImpl::updateContextState(), where Forces look at positions and velocities and
-     * change them. */
+    /**
+     * Called before and after ContextImpl::updateContextState(), where Forces read positions and
+     * velocities and change them.
+     */
     virtual void beforeForcesAct() {}
-    /** @param movedParticles  what updateContextState() returned: whether forces that were known
-     * are invalid now */
+    /**
+     * @param movedParticles  what updateContextState() returned: whether known forces have become
+     *     invalid
+     */
     virtual void afterForcesActed(bool movedParticles) {}
 
-    /** How far a number that the platform gives back may be from the one it was given. */
+    /** How far a number that the platform returns may be from the one it was given. */
     virtual Rounding rounding() const { return Rounding(); }
-    /** Whether a CMMotionRemover acts at the steps that its frequency names, and in double
-     * precision. */
+    /**
+     * Whether a CMMotionRemover acts at the steps that its frequency names, and in double
+     * precision.
+     */
     virtual bool removesMomentumExactly() const { return true; }
 
     virtual void getBox(OpenMM::Vec3 (&box)[3]) const = 0;
-    /** The longest edge of the box: where positions are rounded, as much as that may have been
-     * added to them. */
+    /**
+     * The longest edge of the box. Positions may be rounded after this length has been added to
+     * them.
+     */
     double longestEdge() const {
         OpenMM::Vec3 box[3];
         getBox(box);
@@ -79,9 +92,9 @@ public:
     virtual void setTime(double time) = 0;
     virtual long long getStepCount() const = 0;
     virtual void setStepCount(long long count) = 0;
-    /** Throws if computeVirtualSites() cannot place one of the System. */
+    /** Throws if computeVirtualSites() cannot place a virtual site of the System. */
     virtual void checkVirtualSites() const {}
-    /** Place the virtual sites by the positions of the arrays, to which they come back. */
+    /** Place the virtual sites by the positions of the arrays, and write them to the arrays. */
     virtual void computeVirtualSites() = 0;
     /** OpenMM's constraints of the whole System, for arrays on the host; null where the platform
      * has none. */

@@ -27,7 +27,8 @@ void ContextFluid::check() const {
 unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries,
                                      const BodySet& bodies) const {
     if (!parameters) return nullptr;
-    // The wall rejection is the integrator's, and may have been set since the Context was created.
+    // The wall rejection is the integrator's, and may have been changed since the Context was
+    // created.
     checkBoundary(*parameters, scene.integrator);
     unique_ptr<Fluid> made(new Fluid(*parameters, scene.integrator.getWallRejection(), scene.system,
                                      scene.definitions.particlesOfBodies(), geometries, bodies,
@@ -42,7 +43,7 @@ void ContextFluid::takeBox() {
     const BoxVectors box = scene.getBox();
     if (fluid->getBox() == box) return;
     fluid->setBox(box);
-    // What a scheme keeps for its next step belongs to the box that was.
+    // Data that a scheme keeps for its next step belong to the old box.
     fluid->forgetMemory();
 }
 

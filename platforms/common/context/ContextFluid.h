@@ -12,9 +12,9 @@ namespace RigidHIPlugin {
 class Scene;
 
 /**
- * The Fluid of a Context: made from the MobilityForce as the user handed it over last, and made
- * anew when that or the wall rejection changes. A Context without a MobilityForce has none; others
- * have one as soon as the geometries of all bodies are known.
+ * The Fluid of a Context. It is made from the MobilityForce as the user handed it over last, and
+ * made anew when the MobilityForce or the wall rejection changes. A Context without a MobilityForce
+ * has no Fluid. Other Contexts have one as soon as the geometries of all bodies are known.
  */
 class ContextFluid {
 public:
@@ -25,22 +25,30 @@ public:
     Fluid* operator->() const { return fluid.get(); }
     explicit operator bool() const { return fluid != nullptr; }
 
-    /** What can be said of it before the shapes of all bodies are known. @throws OpenMMException */
+    /**
+     * Check what can be checked before the shapes of all bodies are known. @throws OpenMMException
+     */
     void check() const;
-    /** One for these bodies, which goes on from where the present one stopped; null where there is
-     * none. */
+    /**
+     * Make a Fluid for these bodies, which goes on from where the present one stopped; null where
+     * there is no MobilityForce.
+     */
     std::unique_ptr<Fluid> make(const BodyDefinitions::Bodies& bodies);
-    /** The present one is exchanged for another. */
+    /** Exchange the present Fluid for another. */
     void exchange(std::unique_ptr<Fluid>& other) { swap(fluid, other); }
     /** updateParametersInContext(). If anything is refused, everything stays as it was. */
     void update(const MobilityForce& force);
-    /** The box is the Context's and may change between steps. */
+    /** Take over the Context's box, which may change between steps. */
     void takeBox();
-    /** Likewise, before the fluid is used. @throws OpenMMException if a body does not fit into it
+    /**
+     * Take over the Context's box before the fluid is used. @throws OpenMMException if a body does
+     * not fit into it
      */
     void adoptBox();
-    /** The wall rejection is the integrator's and may change between steps, but a Fluid is made for
-     * one. */
+    /**
+     * Take over the integrator's wall rejection. It may change between steps, but a Fluid is made
+     * for one value.
+     */
     void adoptWallRejection();
 
 private:
@@ -50,7 +58,7 @@ private:
                                 const BodySet& bodies) const;
     Scene& scene;
     std::unique_ptr<MobilityForce>
-        parameters;  // a copy: what the user sets later waits for update()
+        parameters;  // a copy: later changes by the user wait for update()
     std::unique_ptr<Fluid> fluid;
 };
 

@@ -44,8 +44,8 @@ void ContextMirror::forgetWritten() {
 void ContextMirror::positionsWereSet() {
     positionsAreSet = true;
     if (loaded) {
-        // The positions of a checkpoint come after its bodies. Where they contradict, positions
-        // count.
+        // OpenMM reads the positions of a checkpoint after its bodies. Where positions and bodies
+        // contradict, positions count.
         unique_ptr<Loaded> judged(move(loaded));
         scene.arrays->pullPositions();
         checkPosesAgainstPositions(scene, judged->saved);
@@ -57,7 +57,7 @@ void ContextMirror::positionsWereSet() {
 void ContextMirror::velocitiesWereSet() {
     setSinceStep = true;
     scene.arrays->pullVelocities();
-    // OpenMM then applies velocity constraints; what they change is taken in as usual.
+    // OpenMM then applies velocity constraints. Their changes are taken in as usual.
     if (drawn.takeIn(scene)) lastVelocities = scene.arrays->velocities();
 }
 
@@ -69,7 +69,7 @@ void ContextMirror::stateWasLoaded(const SavedState& saved, const vector<int>& t
 }
 
 // -------------------------------------------------------------------------------------------------
-// Taking in what others did to the Context
+// Taking in changes of the Context by others
 
 void ContextMirror::takeInChanges(bool stepping) {
     ContextArrays& arrays = *scene.arrays;
@@ -99,7 +99,9 @@ void ContextMirror::takeInVelocitiesIfChanged() {
     takeInChanges();
 }
 
-/** A state was loaded. Where the Context's arrays are those it was saved with, it stands as it is.
+/**
+ * Take in a state that was loaded. Where the Context's arrays are those it was saved with, the
+ * state is used unchanged.
  */
 void ContextMirror::takeInLoaded() {
     const vector<Vec3>&positions = scene.arrays->positions(),
@@ -121,10 +123,10 @@ void ContextMirror::takeInLoaded() {
 }
 
 /**
- * Arrays that a platform has rounded since they were saved: bodies and free particles whose numbers
- * agree with it go on from the saved doubles.
+ * Take in arrays that a platform has rounded since they were saved. Bodies and free particles whose
+ * numbers agree with the saved ones go on from the saved doubles.
  *
- * @param positions  these, or else velocities
+ * @param positions  whether the arrays are positions, or else velocities
  */
 void ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& rounding, bool positions) {
     vector<Vec3>&array = positions ? scene.arrays->positions() : scene.arrays->velocities(),
@@ -171,8 +173,8 @@ BodyState ContextMirror::fitted(int b, double& residual) const {
             fail("body " + to_string(b) + ": particle " + to_string(p) +
                  " has a non-finite position; set finite positions");
     }
-    // Virtual sites follow their parents, and users often leave them behind: they are put in place,
-    // not judged.
+    // Virtual sites follow their parents, and users often do not move them. They are put in place
+    // and not compared.
     map<int, Vec3> positionOf;
     for (size_t i = 0; i < particles.size(); i++) positionOf[particles[i]] = members[i];
     for (size_t i = 0; i < particles.size(); i++)
@@ -213,12 +215,14 @@ void ContextMirror::takeInPositions() {
     if (scene.fluid) scene.fluid->forgetMemory();
     lastPositions = scene.arrays->positions();
     scene.noteChange();
-    // The twist is what the particles' velocities say at the new pose.
+    // The twist comes from the particles' velocities at the new pose.
     for (auto& bodyAndState : changed) takeInTwist(bodyAndState.first);
 }
 
-/** @param putBack  whether particle velocities may become those of rigid bodies now, or only when a
- * step starts */
+/**
+ * @param putBack  whether particle velocities may become those of rigid bodies now, or only when a
+ *     step starts
+ */
 void ContextMirror::takeInVelocities(bool putBack) {
     const vector<Vec3>& velocities = scene.arrays->velocities();
     double sum = 0;
@@ -229,7 +233,7 @@ void ContextMirror::takeInVelocities(bool putBack) {
             fail("particle " + to_string(p) + (body >= 0 ? " of body " + to_string(body) : "") +
                  " has a non-finite velocity; set finite velocities");
         }
-    // A CMMotionRemover changes all velocities at every step: most bodies take the fast way, in one
+    // A CMMotionRemover changes all velocities at every step. Most bodies take the fast way, in one
     // pass.
     run(putBack ? BodyLoop::TakeInAndScatterVelocities : BodyLoop::TakeInVelocities);
     if (putBack) scene.arrays->pushVelocities();
@@ -293,7 +297,8 @@ void ContextMirror::rememberFreeVelocities() {
 void ContextMirror::placeFreeVirtualSites() {
     if (!scene.stock.hasFreeVirtualSites) return;
     scene.arrays->computeVirtualSites();
-    // OpenMM has placed those in bodies too, differing by rounding: that is no change by others.
+    // OpenMM has placed the virtual sites in bodies too, with differences of rounding. These
+    // differences are no change by others.
     for (int p : scene.stock.virtualSites) lastPositions[p] = scene.arrays->positions()[p];
 }
 

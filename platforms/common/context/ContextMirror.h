@@ -11,11 +11,11 @@
 namespace RigidHIPlugin {
 
 /**
- * Bodies and the Context's particles as mirror images: writes poses and twists to particles,
- * notices what others did to these, and takes it in.
+ * Keeps bodies and the Context's particles in agreement: it writes poses and twists to particles,
+ * detects changes that others made to the particles, and takes these changes in.
  *
- * OpenMM does not tell everything that happens to particles. So the mirror keeps what it wrote
- * last, and compares bits.
+ * OpenMM does not report every change of particles. The mirror therefore keeps what it wrote last,
+ * and compares bits.
  */
 class ContextMirror {
 public:
@@ -27,22 +27,28 @@ public:
     bool hasPositions() const { return positionsAreSet; }
     /** @throws OpenMMException if positions were never set */
     void requirePositions(const char* what) const;
-    /** Geometries were reset: everything is to be taken in anew. */
+    /** Geometries were reset, so that all positions and velocities are to be taken in anew. */
     void forgetWritten();
 
     /** Bring poses and twists up to date with the Context's positions, velocities and box. */
     void takeInChanges(bool stepping = false);
-    /** Likewise, but not because of positions: a barostat asks for the energy of trial positions.
+    /**
+     * Bring twists up to date if velocities were changed, but not because of positions: a barostat
+     * asks for the energy of trial positions.
      */
     void takeInVelocitiesIfChanged();
-    /** A step starts: members that others moved within the tolerance go back to their places. */
+    /**
+     * A step starts: members that others moved within the tolerance are put back to their places.
+     */
     void putMembersBack();
-    /** Whether a step must take in and put back before Forces that change the state (barostats) see
-     * it. */
+    /**
+     * Whether a step must take in changes and put members back before Forces that change the state
+     * (barostats) read it.
+     */
     bool awaitsTakingIn() const { return setSinceStep || loaded || !scene.isBuilt(); }
-    /** A step has taken in what others did. */
+    /** A step has taken in the changes of others. */
     void stepTookIn() { setSinceStep = false; }
-    /** How far the farthest member was from its place when poses were fitted last, nm. */
+    /** The largest distance of a member from its place when poses were fitted last, nm. */
     double getPoseResidual() const { return poseResidual; }
 
     /** Run a loop over all bodies. What it writes to particles counts as written by the mirror. */
@@ -50,35 +56,44 @@ public:
     /** Write poses and twists to the Context's particles. */
     void writePoses();
     void writeTwists();
-    /** Velocities of free particles that were changed beside the twists count as written by the
-     * mirror. */
+    /**
+     * Velocities of free particles that were changed together with the twists count as written by
+     * the mirror.
+     */
     void rememberFreeVelocities();
-    /** New positions are complete: virtual sites in bodies are placed with them, OpenMM places the
-     * others. */
+    /**
+     * New positions are complete. Place the virtual sites in bodies with them; OpenMM places the
+     * others.
+     */
     void placeFreeVirtualSites();
     /** A step has moved the particles that are in no body. */
     void rememberOtherParticles();
 
-    /** setVelocitiesToTemperature(): velocities for all particles, whose twists are kept for the
-     * velocitiesWereSet() that follows. */
+    /**
+     * setVelocitiesToTemperature(): velocities for all particles. The twists are kept for the
+     * velocitiesWereSet() that follows.
+     */
     std::vector<OpenMM::Vec3> drawVelocities(double temperature, int seed) {
         return drawn.draw(scene, temperature, seed);
     }
 
     /**
-     * A saved state has become that of the bodies. It stands where the Context's arrays turn out to
-     * be those it was saved with, but for the bodies in the list: these are fitted.
+     * A saved state has become that of the bodies. It is used unchanged where the Context's arrays
+     * turn out to be those it was saved with, except for the bodies in the list. These bodies are
+     * fitted.
      */
     void stateWasLoaded(const SavedState& saved, const std::vector<int>& toBeFitted);
 
 private:
-    /** Not yet compared with the Context's arrays: OpenMM restores arrays and parameters in
-     * different orders. */
+    /**
+     * A loaded state that was not yet compared with the Context's arrays: OpenMM restores arrays
+     * and parameters in different orders.
+     */
     struct Loaded {
         SavedState saved;
         std::vector<int> toBeFitted;
     };
-    /** What particles are to be given when the next step starts. */
+    /** What is to be written to particles when the next step starts. */
     enum class Owed { Nothing, Twists, Poses };
 
     void takeInLoaded();
@@ -91,13 +106,14 @@ private:
                            const std::vector<OpenMM::Vec3>& b) const;
 
     Scene& scene;
-    // What the mirror wrote or took in last. Entries that are unset count as changed.
+    // Positions and velocities that the mirror wrote or took in last. Entries that are unset count
+    // as changed.
     std::vector<OpenMM::Vec3> lastPositions, lastVelocities;
     OpenMM::Vec3 lastBox[3];
     std::unique_ptr<Loaded> loaded;
     DrawnVelocities drawn;
     Owed owed = Owed::Nothing;
-    bool positionsAreSet = false;  // ever, by others
+    bool positionsAreSet = false;  // at any time, by others
     bool setSinceStep = false;     // positions, velocities or geometries, by users
     double poseResidual = 0;
 };

@@ -10,21 +10,23 @@ namespace RigidHIPlugin {
 class Scene;
 
 /**
- * setVelocitiesToTemperature(): OpenMM asks for velocities of particles, and then sets them. These
- * cannot tell the spin of one-site or linear bodies, so the twists that were drawn are kept until
- * then.
+ * setVelocitiesToTemperature(): OpenMM asks for velocities of particles, and then sets them.
+ * Velocities of particles do not determine the spin of one-site or linear bodies, so the twists
+ * that were drawn are kept until then.
  */
 class DrawnVelocities {
 public:
     /** Draw twists of bodies and velocities of free particles. @return velocities of all particles
      */
     std::vector<OpenMM::Vec3> draw(Scene& scene, double temperature, int seed);
-    /** Velocities have been set. @return whether they are those that were drawn: then the twists
-     * are the bodies' now */
+    /**
+     * Velocities have been set. @return whether they are those that were drawn; if so, the bodies
+     * have the drawn twists now
+     */
     bool takeIn(Scene& scene);
 
 private:
-    // Empty unless draw() was the last that happened to velocities.
+    // Empty unless draw() was the last change of velocities.
     std::vector<BodyState> twists;
     std::vector<OpenMM::Vec3> velocities;
 };

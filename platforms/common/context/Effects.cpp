@@ -14,7 +14,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** One member a subject; each says of its effects whether they are on, and why. */
+/** Has one member a subject. Each member says of its effects whether they are on, and why. */
 class EffectFinder {
 public:
     EffectFinder(const Scene& scene, const string& platform)
@@ -49,7 +49,7 @@ private:
         effects[name] = (on ? "on: " : "off: ") + why;
     }
 
-    /** What the scheme does, with which noise and friction. */
+    /** The scheme, its noise and its friction. */
     void findScheme() {
         set("scheme", true, scheme.name);
         set("loops", true, platform + ": " + scene.loops->describe());
@@ -71,7 +71,7 @@ private:
             hasRates() ? "Gamma up to " + number(Gamma) + "/ps" : noRates);
     }
 
-    /** Who feels whom through which fluid. */
+    /** The fluid, and which bodies feel each other through it. */
     void findFluid() {
         const bool hasForce = fluid.getParameters() != nullptr;
         const string missing =
@@ -96,7 +96,7 @@ private:
                          "known once for all"));
     }
 
-    /** Drift of schemes without momenta, and how it is found. */
+    /** The drift of schemes without momenta, and how it is computed. */
     void findDrift() {
         if (scheme.isOverdamped() && fluid) {
             for (const auto& effect : fluid->describeDrift(
@@ -147,7 +147,7 @@ private:
                 " without rotation" + (scene.isBuilt() ? "" : " (positions are not set yet)"));
     }
 
-    /** What the System has beside bodies. */
+    /** The parts of the System apart from bodies. */
     void findSystem() {
         const int numFree = scene.freeParticles->getNumParticles(),
                   constraints = scene.freeParticles->getNumConstraints();
@@ -170,8 +170,10 @@ private:
         set("body forces", scene.bodyForces.isOn(groups), scene.bodyForces.describe(groups));
     }
 
-    /** In water the three axes differ by a factor 3; here an axis relaxes ten times slower than the
-     * mean of the live ones. */
+    /**
+     * In water the rates of the three axes differ by a factor 3. Weak means here that an axis
+     * relaxes ten times slower than the mean of the live ones.
+     */
     void findWeakThermostats() {
         const double slow = 0.1;
         int slowBodies = 0, firstSlow = -1;
@@ -190,7 +192,7 @@ private:
                                   "tenth of the mean rate");
     }
 
-    /** Whether friction is a rate of the integrator's. */
+    /** Whether friction is a rate that the integrator sets. */
     bool hasRates() const { return scheme.hasMomenta && !scheme.needsFluid(); }
 
     const Scene& scene;

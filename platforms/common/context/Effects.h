@@ -8,7 +8,7 @@ namespace RigidHIPlugin {
 
 class Scene;
 
-/** getEffects(): which effects are on or off in a scene on a platform, and why. */
+/** getEffects(): the effects that are on or off in a scene on a platform, and why. */
 std::map<std::string, std::string> findEffects(const Scene& scene, const std::string& platform);
 
 /** Degrees of freedom of schemes with momenta, by kind; 0 for others. The geometries of all bodies

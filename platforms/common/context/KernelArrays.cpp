@@ -21,19 +21,23 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Device platforms have fixed-point forces below 2^31 kJ/(mol nm): NaN and what is larger come
- * back as about that. */
+/**
+ * Device platforms have fixed-point forces below 2^31 kJ/(mol nm). NaN and larger forces come back
+ * as about this number.
+ */
 const double largestForce = 2e9;
 
-/** OpenMM's device platforms tell their precision by a property; a platform without it is taken to
- * keep doubles. */
+/**
+ * OpenMM's device platforms report their precision by a property. A platform without it is taken to
+ * keep doubles.
+ */
 Rounding roundingOf(ContextImpl& context) {
     const Platform& platform = context.getPlatform();
     const vector<string>& names = platform.getPropertyNames();
     if (find(names.begin(), names.end(), "Precision") == names.end()) return Rounding();
     const string precision = platform.getPropertyValue(context.getOwner(), "Precision");
     // Positions are wrapped and unwrapped when the platform sorts particles: three roundings of
-    // half a unit, and as much as margin.
+    // half a unit, and as much again as margin.
     const double few = 4, single = few * pow(2, -24), dual = few * pow(2, -53);
     Rounding rounding;
     rounding.positions =
@@ -42,7 +46,7 @@ Rounding roundingOf(ContextImpl& context) {
     return rounding;
 }
 
-/** Entries that are others than the platform was given are taken over. */
+/** Take over entries that differ from those that the platform was given. */
 void takeChanged(const vector<Vec3>& now, double rounding, double beside, vector<Vec3>& shown,
                  vector<Vec3>& own) {
     if (sameBits(now, shown)) return;
@@ -82,7 +86,7 @@ void KernelArrays::pullPositions() {
     if (inSteps && positionsThere.isKnown) return;
     kernel().getPositions(context, read);
     transfers_.positionsPulled++;
-    positionsThere.isImage = false;  // steps end with positions themselves, and Forces act on these
+    positionsThere.isImage = false;  // steps end with the real positions, and Forces act on these
     takeChanged(read, rounding_.positions, isPeriodic ? longestEdge() : 0, positionsThere.shown,
                 ownPositions);
     positionsThere.isShown = positionsThere.isKnown = true;
@@ -104,7 +108,7 @@ void KernelArrays::pullForces() {
             if (!(abs(force[k]) < largestForce)) force[k] = numeric_limits<double>::quiet_NaN();
 }
 
-/** Platforms that sort particles by place have crashed on places that are none. */
+/** Platforms that sort particles by place have crashed on non-finite positions. */
 void KernelArrays::requireFinite(const vector<Vec3>& array, const char* what) const {
     double sum = 0;
     for (const Vec3& x : array) sum += x[0] + x[1] + x[2];
@@ -144,7 +148,7 @@ void KernelArrays::pushPositionsForForces() {
 }
 
 void KernelArrays::pushVelocities() {
-    if (inSteps && !velocitiesAreActedOn()) return;  // nobody looks at them before the steps end
+    if (inSteps && !velocitiesAreActedOn()) return;  // nobody reads them before the steps end
     if (velocitiesThere.isShown && sameBits(ownVelocities, velocitiesThere.shown)) return;
     requireFinite(ownVelocities, "velocity");
     kernel().setVelocities(context, ownVelocities);
@@ -160,19 +164,20 @@ void KernelArrays::beginSteps() {
 
 void KernelArrays::endSteps() {
     inSteps = false;
-    // Arrays that were never pulled hold nothing.
+    // Arrays that were never pulled are empty.
     if (positionsThere.isKnown) pushPositions();
     if (velocitiesThere.isKnown) pushVelocities();
 }
 
 void KernelArrays::pushEndOfStep() {
     if (!inSteps || positionsAreActedOn())
-        pushPositions();  // else the next force evaluation does, or the end of the steps
+        pushPositions();  // otherwise the next force evaluation pushes them, or the end of the
+                          // steps
     pushVelocities();
 }
 
 void KernelArrays::beforeForcesAct() {
-    // What others did before is to be told from what Forces do.
+    // Earlier changes by others must be distinguished from changes by Forces.
     if (velocitiesAreActedOn() || acting.removers) pullVelocities();
     if (!positionsAreActedOn()) return;
     pullPositions();
@@ -191,8 +196,8 @@ void KernelArrays::afterForcesActed(bool movedParticles) {
     if (movedParticles || memcmp(box, boxBefore, sizeof box) != 0)
         positionsThere.isKnown = false;
     else
-        // A barostat whose move is rejected may leave molecules shifted by the box, which is no
-        // motion.
+        // A barostat whose move is rejected may leave molecules shifted by the box. Such a shift is
+        // no motion.
         positionsThere.isShown = false;
 }
 

@@ -19,16 +19,16 @@ class UpdateStateDataKernel;
 namespace RigidHIPlugin {
 
 /**
- * Arrays of a platform that keeps particles in a way of its own: copies on the host, which OpenMM's
- * UpdateStateDataKernel pulls and pushes.
+ * Arrays of a platform that keeps particles in a way of its own. They are copies on the host, which
+ * OpenMM's UpdateStateDataKernel pulls and pushes.
  *
- * The kernel is our own, since ContextImpl's setters would tell every listener of a change at every
- * call. The doubles of the host are what counts: a pull takes over only those entries that differ
- * from what was pushed by more than the platform's rounding.
+ * This class has an UpdateStateDataKernel of its own, since ContextImpl's setters would tell every
+ * listener of a change at every call. The doubles of the host count: a pull takes over only entries
+ * that differ from the pushed ones by more than the platform's rounding.
  *
- * A transfer costs as much as a small step, so none is made twice: within a user's step(n) nothing
- * is pulled but what Forces may have changed, nothing is pushed that the device has already, and
- * velocities go there when somebody may look.
+ * A transfer costs as much as a small step, so that none is made twice. Within a user's step(n)
+ * only arrays that Forces may have changed are pulled, and arrays that the device has already are
+ * not pushed. Velocities are pushed when somebody may read them.
  */
 class KernelArrays : public ContextArrays {
 public:
@@ -57,7 +57,7 @@ public:
     void computeVirtualSites() override;
     OpenMM::ReferenceConstraints* constraints() override { return nullptr; }
 
-    /** How often arrays went from and to the platform. */
+    /** The number of transfers of arrays from and to the platform. */
     struct Transfers {
         long long positionsPulled = 0, velocitiesPulled = 0, forcesPulled = 0, positionsPushed = 0,
                   velocitiesPushed = 0;
@@ -65,25 +65,28 @@ public:
     const Transfers& transfers() const { return transfers_; }
 
 private:
-    /** Of what a CMMotionRemover does here nothing is kept, since the removal is ours. */
+    /**
+     * Whether velocity changes of a CMMotionRemover are ignored here, since this plugin removes
+     * momentum itself.
+     */
     bool removersAreIgnored() const { return !removesMomentumExactly(); }
     bool velocitiesAreActedOn() const {
         return acting.others || (acting.removers && !removersAreIgnored());
     }
     bool positionsAreActedOn() const { return acting.others || acting.barostats; }
-    /** Of an array what the platform knows of it. */
+    /** What the platform knows of an array. */
     struct Device {
-        std::vector<OpenMM::Vec3> shown;  // what it was given, or gave, last
-        bool isShown = false;  // it holds that, but for rounding; else it is to be given anew
+        std::vector<OpenMM::Vec3> shown;  // what it was given, or returned, last
+        bool isShown = false;  // it holds that, except for rounding; else it is to be given anew
         bool isKnown = false;  // nobody else can have changed it since
-        bool isImage = false;  // but for periodic images
+        bool isImage = false;  // except for periodic images
     };
     OpenMM::UpdateStateDataKernel& kernel() const;
     void give(const std::vector<OpenMM::Vec3>& positions);
     void requireFinite(const std::vector<OpenMM::Vec3>& array, const char* what) const;
     OpenMM::ContextImpl& context;
     OpenMM::VerletIntegrator
-        sizes;  // OpenMM's device platforms make their buffers for an integrator of OpenMM's
+        sizes;  // OpenMM's device platforms make their buffers for an integrator of OpenMM
     OpenMM::Kernel buffers, handle;
     const Rounding rounding_;
     const bool isPeriodic;

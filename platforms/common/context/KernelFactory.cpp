@@ -18,8 +18,8 @@ public:
         : library(library), parts(parts) {}
     KernelImpl* createKernelImpl(std::string name, const Platform& platform,
                                  ContextImpl&) const override {
-        // Not when the library is loaded: an exception there would end the loading of all of
-        // OpenMM.
+        // The check is not made when the library is loaded: an exception there would end the
+        // loading of all of OpenMM.
         const std::string conflict =
             versionConflict(library, RIGIDHI_VERSION, RIGIDHI_OPENMM_VERSION);
         if (!conflict.empty()) throw OpenMMException(conflict);

@@ -8,8 +8,8 @@
 namespace RigidHIPlugin {
 
 /**
- * From now on Contexts on the platform of this name make the integrator's kernel of these parts;
- * nothing if there is no such platform.
+ * Register the integrator's kernel, made of these parts, for Contexts on the platform of this name.
+ * Nothing happens if there is no such platform.
  *
  * @param library  in the message about a kernel that the library does not have
  */

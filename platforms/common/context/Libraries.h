@@ -5,8 +5,10 @@
 
 namespace RigidHIPlugin {
 
-/** The instruction set that packs use on this machine, the compiler, and the libraries that the
- * numerics stand on, with their versions. */
+/**
+ * The instruction set that packs use on this machine, the compiler, and the libraries that the
+ * numerics use, with their versions.
+ */
 std::string describeLibraries();
 
 }  // namespace RigidHIPlugin

@@ -9,7 +9,7 @@
 
 namespace RigidHIPlugin {
 
-/** An error of the integrator. */
+/** Throw an error of the integrator. */
 [[noreturn]] inline void fail(const std::string& message) {
     throw OpenMM::OpenMMException("CustomRigidHIIntegrator: " + message);
 }

@@ -11,30 +11,34 @@ class ContextMirror;
 class Scene;
 
 /**
- * A CMMotionRemover beside bodies that the System's masses do not make, or on a platform that does
- * not remove exactly.
+ * A CMMotionRemover in a System whose masses do not make the bodies, or on a platform that does not
+ * remove momentum exactly.
  *
- * OpenMM's remover takes the momentum of the particles by the System's masses, and shifts the
- * velocities of those with mass. That is right for bodies that these masses make. For others it
- * would be another momentum, and a shift of some members only would turn the body. So where there
- * are any the remover's work is undone, and done with the masses of the bodies. Likewise on device
- * platforms, which remove at every step whatever the frequency, and add momenta up in single
- * precision.
+ * OpenMM's remover computes the momentum of the particles with the System's masses, and shifts the
+ * velocities of particles with mass. That is right for bodies that these masses make. For other
+ * bodies the momentum would be a different one, and a shift of only some members would turn the
+ * body. Where there are such bodies, the remover's work is undone, and repeated with the masses of
+ * the bodies. The same is done on device platforms, which remove at every step whatever the
+ * frequency, and add momenta up in single precision.
  */
 class MomentumRemoval {
 public:
     MomentumRemoval(Scene& scene, ContextMirror& mirror) : scene(scene), mirror(mirror) {}
-    /** Whether a CMMotionRemover acts at the next step that would be wrong. */
+    /** Whether a CMMotionRemover acts at the next step whose result would be wrong. */
     bool isToBeUndone() const;
-    /** Whether one is due, whose work is ours if it is to be undone. */
+    /** Whether a removal is due, which this class does if OpenMM's is to be undone. */
     bool isDue() const;
-    /** Before OpenMM's remover: remember velocities. */
+    /** Remember velocities, before OpenMM's remover acts. */
     void begin();
-    /** After it: give particles the velocities they had before, if it alone has changed them since.
+    /**
+     * Give particles the remembered velocities, after OpenMM's remover, if it alone has changed
+     * them since.
      */
     void undo();
-    /** Shift all velocities alike, so that the momentum of bodies and free particles is 0: rotation
-     * stays as it is. */
+    /**
+     * Shift all velocities by the same amount, so that the momentum of bodies and free particles is
+     * 0. Rotation stays as it is.
+     */
     void remove();
 
 private:

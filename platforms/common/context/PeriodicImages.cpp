@@ -14,7 +14,9 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Forces within molecules: OpenMM makes molecules of bonds, but not of angles and torsions. */
+/**
+ * Finds forces within molecules. OpenMM makes molecules of bonds, but not of angles and torsions.
+ */
 class WithinMolecules {
 public:
     explicit WithinMolecules(const vector<vector<int> >& molecules, int numParticles)
@@ -67,7 +69,7 @@ bool isPeriodic(const Force& force) {
     try {
         return force.usesPeriodicBoundaryConditions();
     } catch (const OpenMMException&) {
-        return false;  // it does not say
+        return false;  // the Force does not say
     }
 }
 
@@ -88,7 +90,7 @@ PeriodicImages::PeriodicImages(ContextImpl& context) {
 
 bool PeriodicImages::find(const vector<Vec3>& positions, const Vec3 (&box)[3],
                           vector<Vec3>& images) const {
-    const double far = 2;  // boxes: nearer ones are rounded about as well as those in it
+    const double far = 2;  // boxes: nearer molecules are rounded about as well as those in the box
     bool any = false;
     for (const vector<int>& molecule : molecules) {
         Vec3 centre;

@@ -9,11 +9,11 @@
 namespace RigidHIPlugin {
 
 /**
- * Molecules that are far from the box, as they are shown to a platform that would round their
- * coordinates coarsely: in the box, as a whole.
+ * Moves molecules that are far from the box into the box, each as a whole, for a platform that
+ * would round their coordinates coarsely.
  *
- * That changes no force only if all Forces between molecules are periodic. Where one is not known
- * to be, nothing is moved.
+ * That changes no force only if all Forces between molecules are periodic. Where a Force is not
+ * known to be periodic, nothing is moved.
  */
 class PeriodicImages {
 public:

@@ -8,8 +8,10 @@
 
 namespace RigidHIPlugin {
 
-/** The arrays of OpenMM's Reference and CPU platforms: the Context's own, so there is nothing to
- * pull or push. */
+/**
+ * The arrays of OpenMM's Reference and CPU platforms. They are the Context's own, so that pulls and
+ * pushes do nothing.
+ */
 class ReferenceArrays : public ContextArrays {
 public:
     explicit ReferenceArrays(OpenMM::ContextImpl& context)

@@ -16,7 +16,9 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Masses and moments that agree to this are the same number, computed or printed in another way.
+/**
+ * Masses and moments that agree to this tolerance are the same number, computed or printed in
+ * another way.
  */
 const double definitionTolerance = 1e-9;
 
@@ -24,8 +26,9 @@ bool agree(double a, double b, double scale) {
     return abs(a - b) <= definitionTolerance * max(a, b) + zeroMomentFraction * scale;
 }
 
-/** An explicit body's definition is the integrator's; a state that was saved with another one is
- * not its state. */
+/**
+ * Refuse a state that was saved with another definition of an explicit body than the integrator's.
+ */
 void checkAgainstDefinition(const Scene& scene, int b, const BodyGeometry& saved) {
     const BodyGeometry& own = scene.definitions.geometries()[b];
     string difference;
@@ -52,8 +55,7 @@ void checkAgainstDefinition(const Scene& scene, int b, const BodyGeometry& saved
          "reinitialize() without preserveState and set positions and velocities again");
 }
 
-/** The geometry that a body has by its definition, its saved geometry and the System as it is now.
- */
+/** The present geometry of a body by its definition, its saved geometry and the present System. */
 BodyGeometry geometryNow(const Scene& scene, int b, const BodyGeometry& saved) {
     const size_t particles = scene.definitions.particles(b).size();
     if (saved.sites.size() != particles)
@@ -152,8 +154,8 @@ void adoptState(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
 }
 
 void adoptState(const SerializationNode& node, Scene& scene, ContextMirror& mirror) {
-    // A State that was saved under an integrator without parameters carries none: its positions and
-    // velocities serve.
+    // A State that was saved under an integrator without parameters has no parameters. Its
+    // positions and velocities are enough.
     if (node.getChildren().empty() && node.getProperties().empty()) return;
     for (const SerializationNode& child : node.getChildren())
         if (child.getName() == "RigidBodyState") {
@@ -175,7 +177,7 @@ void checkPosesAgainstPositions(const Scene& scene, const SavedState& saved) {
         const Eigen::Quaterniond q(body.q[0], body.q[1], body.q[2], body.q[3]);
         const vector<int>& particles = scene.definitions.particles(b);
         for (size_t i = 0; i < particles.size(); i++) {
-            // Virtual sites follow the others, and may not have done so yet.
+            // Virtual sites follow the other particles, and may not have been placed yet.
             if (scene.system.isVirtualSite(particles[i])) continue;
             const Vec3 place = body.R + toVec3(q * toEigen(body.geometry.sites[i])),
                        off = positions[particles[i]] - place;

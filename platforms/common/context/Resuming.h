@@ -8,22 +8,27 @@ namespace RigidHIPlugin {
 class ContextMirror;
 class Scene;
 
-/** What makes a resumed run the same as the uninterrupted one, from the scene of a Context. */
+/**
+ * Collect from the scene of a Context the data that make a resumed run the same as the
+ * uninterrupted one.
+ */
 SavedState collectState(Scene& scene, ContextMirror& mirror);
 
 /**
- * What is saved goes on, bit for bit where a body's definition is the saved one. The System wins
- * for bodies that were added by their particles: what it now says of their masses and constraints
- * holds, and pose and twist are fitted to the saved positions and velocities. If anything is
+ * Go on from a saved state, bit for bit where a body's definition is the saved one. For bodies that
+ * were added by their particles the System takes precedence: its present masses and constraints
+ * count, and pose and twist are fitted to the saved positions and velocities. If anything is
  * refused, everything stays as it was.
  */
 void adoptState(const SavedState& saved, Scene& scene, ContextMirror& mirror);
 
-/** Likewise of the integrator's parameters in a State; a State without any is left alone. */
+/** Go on from the integrator's parameters in a State. A State without parameters is ignored. */
 void adoptState(const OpenMM::SerializationNode& node, Scene& scene, ContextMirror& mirror);
 
-/** Where the Context's positions are those of a saved state, its poses must be theirs: else it was
- * damaged or edited. */
+/**
+ * Check a saved state whose positions are those of the Context: its poses must match them. If they
+ * do not, the state was damaged or edited.
+ */
 void checkPosesAgainstPositions(const Scene& scene, const SavedState& saved);
 
 }  // namespace RigidHIPlugin

@@ -105,8 +105,8 @@ map<string, double> RigidBodyKernel::getStepStatistics(ContextImpl&) {
 }
 
 int RigidBodyKernel::getNumRejectedSteps(ContextImpl&) {
-    // The public type is int, the counter is not: a long run stays at the largest number instead of
-    // becoming negative.
+    // The public type is int, the counter is not. In a long run the result stays at the largest int
+    // instead of becoming negative.
     return static_cast<int>(
         min<long long>(scene->counters.rejectedSteps, numeric_limits<int>::max()));
 }

@@ -15,15 +15,20 @@
 
 namespace RigidHIPlugin {
 
-/** What platforms do each in their own way. Both are called once for each Context. */
+/**
+ * The parts of the kernel that each platform has of its own. Both are called once for each Context.
+ */
 struct PlatformParts {
-    /** Where the platform keeps particles. */
+    /** Makes access to the platform's particles. */
     std::function<std::unique_ptr<ContextArrays>(OpenMM::ContextImpl& context)> arrays;
-    /** How it loops over bodies. */
+    /** Makes the platform's loops over bodies. */
     std::function<std::unique_ptr<PlatformLoops>(OpenMM::ContextImpl& context)> loops;
 };
 
-/** The integrator's kernel of every platform: it hands on to those who do the work. */
+/**
+ * The integrator's kernel of every platform. It passes each call on to the class that does the
+ * work.
+ */
 class RigidBodyKernel : public IntegrateRigidBodiesKernel {
 public:
     RigidBodyKernel(const std::string& name, const OpenMM::Platform& platform,

@@ -8,13 +8,15 @@
 
 namespace RigidHIPlugin {
 
-/** How a platform rounds positions and velocities: an array that it gives back is the one it was
- * given if it is within this. */
+/**
+ * How a platform rounds positions and velocities. An array that the platform returns is the one it
+ * was given if the two differ by no more than this.
+ */
 struct Rounding {
     /** A few units in the last place, relative; 0 where the platform keeps every bit. */
     double positions = 0, velocities = 0;
     bool isExact() const { return positions == 0 && velocities == 0; }
-    /** Of what was rounded by both, one after the other. */
+    /** For numbers that both have rounded, one after the other. */
     Rounding operator+(const Rounding& other) const {
         Rounding sum;
         sum.positions = positions + other.positions;
@@ -24,11 +26,11 @@ struct Rounding {
 };
 
 /**
- * Whether a vector may be what a platform gives back of `given`.
+ * Whether a vector may be what a platform returns for `given`.
  *
  * @param relative  Rounding::positions or velocities
- * @param beside    the largest length that was added and subtracted on the way: of the periodic
- * box, for positions
+ * @param beside    the largest length that was added and subtracted meanwhile: of the periodic box,
+ *     for positions
  */
 inline bool isRounded(const OpenMM::Vec3& read, const OpenMM::Vec3& given, double relative,
                       double beside = 0) {

@@ -25,11 +25,15 @@ const char* const quaternionNames[4] = {"qw", "qx", "qy", "qz"};
 const char* const momentumNames[6] = {"px", "py", "pz", "lx", "ly", "lz"};
 const char* const axisNames[3] = {"x", "y", "z"};
 
-/** How far a quaternion's length, and numbers that belong to the same motion, may be from where
- * they must be: rounding. */
+/**
+ * How far a quaternion's length, and numbers that belong to the same motion, may be from their
+ * right values: rounding.
+ */
 const double consistencyTolerance = 1e-9;
 
-/** The user's side of stored numbers, by the moments that they were stored with. */
+/**
+ * Derive the user's values from the stored numbers, with the moments that they were stored with.
+ */
 void deriveUserStates(vector<SavedBody>& bodies, double inertiaScale) {
     vector<BodyGeometry> geometries;
     vector<vector<int> > particles;
@@ -53,7 +57,7 @@ void deriveUserStates(vector<SavedBody>& bodies, double inertiaScale) {
     }
 }
 
-/** Object to what no body can have. */
+/** Refuse what no body can have. */
 void check(const SavedState& saved) {
     if (saved.stepNumber < 0)
         fail("the saved state is corrupt: its step number " + to_string(saved.stepNumber) +
@@ -100,7 +104,7 @@ void check(const SavedState& saved) {
     }
 }
 
-/** Object to a user's side that is not that of the stored numbers. */
+/** Refuse user's values that do not match the stored numbers. */
 void checkUserStates(const SavedState& saved) {
     vector<SavedBody> derived = saved.bodies;
     deriveUserStates(derived, saved.inertiaScale);
@@ -125,7 +129,7 @@ void put(string& bytes, const T& value) {
     bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
 }
 
-/** Reads values from bytes and notices their end. */
+/** Reads values from bytes and detects their end. */
 class ByteReader {
 public:
     explicit ByteReader(const string& bytes) : bytes(bytes) {}
@@ -138,8 +142,10 @@ public:
         at += sizeof value;
         return value;
     }
-    /** A count that the rest of the bytes can hold, so that a damaged one cannot ask for all the
-     * memory. */
+    /**
+     * Read a count that the remaining bytes can hold, so that a damaged count cannot ask for all
+     * the memory.
+     */
     int count() {
         const int32_t n = get<int32_t>();
         if (n < 0 || static_cast<size_t>(n) > bytes.size() - at)
@@ -358,7 +364,7 @@ SavedState SavedState::read(istream& checkpoint) {
     if (!checkpoint || length > implausible)
         fail("the checkpoint is corrupt: its header is damaged; use another checkpoint");
     string bytes;
-    // Read in pieces, so that a damaged length cannot ask for all the memory.
+    // The text is read in pieces, so that a damaged length cannot ask for all the memory.
     char piece[65536];
     while (bytes.size() < length) {
         checkpoint.read(piece, min<uint64_t>(sizeof piece, length - bytes.size()));

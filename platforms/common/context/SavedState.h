@@ -19,18 +19,22 @@ namespace RigidHIPlugin {
 /** One body of a saved state. */
 struct SavedBody {
     BodyGeometry geometry;
-    /** What users mean, in the body frame of the user: this stays true if the body's definition is
-     * another when it is read. */
+    /**
+     * The user's values, in the body frame of the user. They stay true if the body's definition is
+     * another when the state is read.
+     */
     OpenMM::Vec3 R, velocity, omega_lab;       // nm, nm/ps, rad/ps
     std::array<double, 4> q = {{1, 0, 0, 0}};  // (w, x, y, z), body to lab
-    /** BodySet::getStoredState(): what resumes bit for bit where the definition is the same. */
+    /** BodySet::getStoredState(). With the same definition a run resumes from it bit for bit. */
     std::array<double, 13> stored = {};
 };
 
-/** What a scheme without momenta keeps between steps, for each group of bodies
- * (OverdampedScheme::memory()). */
+/**
+ * Data that a scheme without momenta keeps between steps, for each group of bodies
+ * (OverdampedScheme::memory()).
+ */
 struct SchemeMemory {
-    std::string scheme;  // its name
+    std::string scheme;  // the name of the scheme
     std::vector<std::vector<Eigen::MatrixXd> > groups;
 };
 
@@ -40,36 +44,44 @@ struct SavedParticle {
     OpenMM::Vec3 position, velocity;
 };
 
-/** What makes a resumed run the same as the uninterrupted one, as checkpoints and States hold it.
+/**
+ * The data that make a resumed run the same as the uninterrupted one, as checkpoints and States
+ * hold them.
  */
 struct SavedState {
     uint32_t seed = 0;
     int64_t stepNumber = 0;
-    bool hasBodies = false;  // positions were set, so the following is filled
-    /** BodySet::getInertiaScale(): the factor that the stored angular momenta have. Where another
-     * holds when they are read, angular velocities go on. */
+    bool hasBodies = false;  // positions were set, so that the following members are filled
+    /**
+     * BodySet::getInertiaScale(): the factor that the stored angular momenta have. If the
+     * integrator has another factor when they are read, angular velocities go on.
+     */
     double inertiaScale = 1;
     uint64_t positionsHash = 0, velocitiesHash = 0;
     std::vector<SavedBody> bodies;
     SchemeMemory memory;  // mostly empty
-    /** What the last step without momenta can be done again from, by who asks for its flow: in the
-     * form of a memory. */
+    /**
+     * Data from which the last step without momenta can be done again, for users who ask for its
+     * flow, in the form of a memory.
+     */
     SchemeMemory lastStep;
     /**
-     * Of the platform it was saved on, whose arrays hold particles no better than this. Where it
-     * rounds, those in no body are saved here too: bodies and they go on from their doubles if the
-     * arrays agree.
+     * The rounding of the platform that the state was saved on, whose arrays hold particles no
+     * better than this. Where the platform rounds, particles in no body are saved here too. Bodies
+     * and these particles go on from their doubles if the arrays agree.
      */
     Rounding rounding;
     std::vector<SavedParticle> particles;
 
-    /** Version 3. Readers take a number for a number only, and throw an OpenMMException for what
-     * cannot be the state of bodies. */
+    /**
+     * Write version 3. Readers accept a number only if all of its text is one, and throw an
+     * OpenMMException for values that cannot be the state of bodies.
+     */
     void write(std::ostream& checkpoint) const;
     void write(OpenMM::SerializationNode& node) const;
-    /** Version 2 too, which had no inertia scale: 1. */
+    /** Read version 3, or version 2, which has no inertia scale: 1. */
     static SavedState read(std::istream& checkpoint);
-    /** Versions 1 and 2 too; version 1 had no user frame. */
+    /** Read version 3, or versions 1 and 2. Version 1 has no user's values. */
     static SavedState read(const OpenMM::SerializationNode& node);
 };
 

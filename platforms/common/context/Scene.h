@@ -21,39 +21,49 @@
 
 namespace RigidHIPlugin {
 
-/** What moves in one Context: bodies, free particles, the fluid between them, and the settings by
- * which steps are taken. */
+/**
+ * The moving parts of one Context: bodies, free particles, the fluid between them, and the settings
+ * of steps.
+ */
 class Scene {
 public:
-    /** Check the System against the integrator (throws where it is refused), and make what needs no
-     * positions. */
+    /**
+     * Check the System against the integrator (throws where it is refused), and make the parts that
+     * need no positions.
+     */
     Scene(OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator,
           std::unique_ptr<ContextArrays> arrays, std::unique_ptr<PlatformLoops> loops);
     Scene(const Scene&) = delete;
 
     /**
-     * Make everything that stands on the geometries of the bodies, or throw and leave it as it was.
-     * States stay at the origin until positions are taken in.
+     * Make all parts that depend on the geometries of the bodies, or throw and leave the scene as
+     * it was. States stay at the origin until positions are taken in.
      */
     void build(const std::vector<BodyGeometry>& geometries);
-    /** Likewise where some geometries come from positions. They are known when everything that
-     * stands on them is made. */
+    /**
+     * Likewise where some geometries come from positions. The geometries count as known when all
+     * parts that depend on them are made.
+     */
     void buildFromPositions();
-    /** Implicit geometries are to be found anew. */
+    /** Forget implicit geometries, which are to be found anew. */
     void resetGeometry();
     /** Whether build() was done, and resetGeometry() was not called since. */
     bool isBuilt() const { return built; }
-    /** Recompute what depends on settings, if any was changed. */
+    /** Recompute values that depend on settings, if any setting was changed. */
     void updateSettings() { settings.update(*this); }
-    /** The integrator's inertia scale holds from now on, if the scheme has momenta: before anything
-     * that looks at momenta. */
+    /**
+     * Take over the integrator's inertia scale, if the scheme has momenta. To be called before
+     * anything that reads momenta.
+     */
     void adoptInertiaScale();
 
     /** The Context's periodic box at present. */
     BoxVectors getBox() const;
 
-    /** Forces that were evaluated before do not serve any more: others changed positions, box or
-     * parameters. */
+    /**
+     * Note that others changed positions, box or parameters, so that earlier forces are not valid
+     * any more.
+     */
     void noteChange() { changes++; }
     /** How many such changes there were. */
     long long numChanges() const { return changes; }
@@ -68,7 +78,7 @@ public:
     BodySet bodies;
     std::unique_ptr<FreeParticles> freeParticles;
     ContextFluid fluid;
-    /** Its noise has the seed, and the number of the step that is next or in progress. */
+    /** The noise has the seed, and the number of the step that is next or in progress. */
     CurrentSettings settings;
     StepCounters counters;
 

@@ -11,19 +11,22 @@
 
 namespace RigidHIPlugin {
 
-/** A fingerprint of bits (FNV-1a, by words where there are words). */
+/** A hash of bits (FNV-1a, by words where there are whole words). */
 inline uint64_t hashOf(const std::string& bytes) {
     uint64_t hash = 0xcbf29ce484222325u;
     for (unsigned char c : bytes) hash = (hash ^ c) * 0x100000001b3u;
     return hash;
 }
 
-/** What no array holds: different from everything, so it counts as changed. */
+/** A value that no array holds. It differs from every value, so that it counts as changed. */
 const OpenMM::Vec3 unsetVec3(std::numeric_limits<double>::quiet_NaN(),
                              std::numeric_limits<double>::quiet_NaN(),
                              std::numeric_limits<double>::quiet_NaN());
 
-/** Recognises an array of positions or velocities after a checkpoint or State was loaded. */
+/**
+ * A hash by which an array of positions or velocities is recognised after a checkpoint or State was
+ * loaded.
+ */
 inline uint64_t hashOf(const std::vector<OpenMM::Vec3>& v) {
     uint64_t hash = 0xcbf29ce484222325u;
     for (const OpenMM::Vec3& x : v)

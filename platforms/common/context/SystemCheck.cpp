@@ -132,8 +132,8 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
     }
     for (int i = 0; i < system.getNumForces(); i++) {
         const Force& force = system.getForce(i);
-        // DrudeForce lives in a plugin of OpenMM that this library does not need otherwise: know it
-        // by its type's name.
+        // DrudeForce is in a plugin of OpenMM that this library does not need otherwise. It is
+        // therefore recognised by the name of its type.
         if (string(typeid(force).name()).find("DrudeForce") != string::npos)
             refuse("force " + to_string(i) +
                    ", a DrudeForce, needs an integrator for Drude particles; remove it, or use "
@@ -202,8 +202,10 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
             "Crossing; use setWallRejection(Overlap) or setSphereWallMobility(FromModel)");
 }
 
-/** What depends on inertia: schemes with momenta need it everywhere, and GradientThermostat in its
- * rates. */
+/**
+ * Checks that depend on inertia: schemes with momenta need inertia everywhere, and
+ * GradientThermostat needs it in its rates.
+ */
 static void checkMasses(const System& system, const CustomRigidHIIntegrator& integrator,
                         const SystemInventory& stock, const string& name) {
     for (int b = 0; b < integrator.getNumRigidBodies(); b++) {
@@ -232,7 +234,7 @@ static void checkMasses(const System& system, const CustomRigidHIIntegrator& int
                    " needs; give it a mass, make it part of a body, or give it radius 0");
 }
 
-/** Everything that moves must be held by the fluid alone. */
+/** Check that all particles that move are held by the fluid alone. */
 static void checkOverdamped(const SystemInventory& stock, const string& name) {
     for (int p : stock.freeParticles)
         if (!seenByFluid(stock, p))
@@ -244,7 +246,7 @@ static void checkOverdamped(const SystemInventory& stock, const string& name) {
                    "give it mass 0 to hold it where it is");
 }
 
-/** What a scheme without velocities cannot serve. */
+/** Refuse what a scheme without velocities cannot do. */
 static void checkNoMomenta(const SystemInventory& stock, const string& name,
                            const string& instead) {
     if (!stock.velocityDependentForce.empty())

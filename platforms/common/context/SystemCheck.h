@@ -10,7 +10,7 @@
 
 namespace RigidHIPlugin {
 
-/** What a System holds besides bodies, as far as schemes care. */
+/** The contents of a System apart from bodies, as far as schemes need them. */
 struct SystemInventory {
     std::vector<int> bodyOfParticle;  // -1: in no body
     std::vector<int> freeParticles;   // massive, in no body
@@ -28,20 +28,23 @@ struct SystemInventory {
 };
 
 /**
- * Check everything about a System that does not depend on the scheme, and take stock. Throws
- * OpenMMException with object, value, bound and remedy for: particle indices out of range;
- * constraints and virtual sites that tie a body to something outside it; bodies that OpenMM would
- * tear apart across periodic boundaries; Forces that cannot work with bodies.
+ * Check everything about a System that does not depend on the scheme, and return its contents.
+ *
+ * @throws OpenMMException with object, value, bound and remedy for: particle indices out of range;
+ *     constraints and virtual sites that tie a body to something outside it; bodies that OpenMM
+ *     would tear apart across periodic boundaries; Forces that cannot work with bodies
  */
 SystemInventory takeStock(const OpenMM::ContextImpl& context,
                           const CustomRigidHIIntegrator& integrator);
 
-/** Check what depends on the scheme (it may change between steps). */
+/** Check what depends on the scheme, which may change between steps. */
 void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& integrator,
                  const SystemInventory& stock);
 
-/** Check that a MobilityForce's model has its boundary, and that its options and the integrator's
- * go together. */
+/**
+ * Check that a MobilityForce's model has its boundary, and that its options are compatible with
+ * those of the integrator.
+ */
 void checkBoundary(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
 
 }  // namespace RigidHIPlugin

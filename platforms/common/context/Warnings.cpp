@@ -14,10 +14,10 @@ namespace RigidHIPlugin {
 
 namespace {
 
-// Where the schemes of Davidchack 2015 stop resolving a body's fast rotation (measured;
-// docs/CONVENTIONS.md).
+// The limit above which the schemes of Davidchack 2015 stop resolving a body's fast rotation
+// (measured; docs/CONVENTIONS.md).
 const double resolutionLimit = 0.1;
-// Davidchack 2015, section VI: Langevin A breaks down above about these, 1/ps.
+// Davidchack 2015, section VI: Langevin A breaks down above about these rates, 1/ps.
 const double langevinAGammaLimit = 100, langevinARotationalLimit = 200;
 
 }  // namespace

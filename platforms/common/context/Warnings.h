@@ -8,10 +8,12 @@ namespace RigidHIPlugin {
 
 class Scene;
 
-/** What the user should know about the settings. A cause is told once, though its numbers may
- * change from step to step. */
+/**
+ * Warnings about the settings. A user gets each cause once, though its numbers may change from step
+ * to step.
+ */
 enum class WarningCause { OmittedDrift, UnresolvedRotation, LargeFriction, DriftFactorSpread };
-/** The spread of drift factors above which they are no small correction any more. */
+/** The spread of drift factors above which they are not a small correction any more. */
 constexpr double driftFactorLimit = 0.3;
 std::map<WarningCause, std::string> findWarnings(const Scene& scene);
 

@@ -1,4 +1,4 @@
-// Fluid: what is refused, and the Context's side of groups.
+// Fluid: checks that refuse a scene, and the groups as the Context sees them.
 
 #include "fluid/Fluid.h"
 
@@ -75,8 +75,8 @@ void Fluid::checkInertia(const BodySet& bodies) const {
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++) {
             if (!group->bodies.hasNullVector(e)) continue;
-            // The null twist must be one that the body has no momentum for: rotation about dead
-            // axes only.
+            // The null twist (the rotation about the line of a linear body's blobs) must have no
+            // momentum: it is a rotation about dead axes only.
             const VectorXd& twist = group->bodies.getNullVector_body(e);
             const BodyInertia& inertia = bodies.inertia(elements[e].body);
             double momentum = twist.head<3>().norm();
@@ -93,8 +93,10 @@ void Fluid::checkInertia(const BodySet& bodies) const {
     }
 }
 
-/** The power of a wrench on the twist about the line, relative to what rounding of forces at the
- * sites leaves. */
+/**
+ * Check the power of a wrench on the rotation about the line, relative to the rounding that forces
+ * at the sites leave.
+ */
 void Fluid::checkTorque(const FluidGroup& group, int e, const Matrix<double, 6, 1>& wrench_body,
                         double siteForces) const {
     if (!group.bodies.hasNullVector(e)) return;
@@ -102,7 +104,7 @@ void Fluid::checkTorque(const FluidGroup& group, int e, const Matrix<double, 6, 
     const double power = group.bodies.getNullVector_body(e).dot(wrench_body);
     double size = 0;
     for (const Vector3d& site : element.sites) size = max(size, site.norm());
-    // Site forces may cancel in the wrench, but not in its rounding.
+    // Site forces may cancel in the wrench, but their rounding errors do not.
     const double scale =
         wrench_body.tail<3>().norm() + size * (wrench_body.head<3>().norm() + siteForces);
     if (abs(power) <= torqueTolerance * scale) return;
@@ -195,7 +197,7 @@ void Fluid::continueFrom(const Fluid& before) {
     numSquareRoots = before.numSquareRoots;
     productsBefore = before.numProducts();
     matricesBefore = before.numMatrices();
-    // Both may share a grid, whose seconds this one has already.
+    // Both fluids may share a grid, whose times this fluid counts already.
     gridSecondsBefore = {};
     const GridSeconds own = getGridSeconds();
     gridSecondsBefore = before.getGridSeconds();

@@ -1,4 +1,4 @@
-// Fluid: what users ask for, and what it says about itself.
+// Fluid: answers to users, and descriptions of the fluid.
 
 #include <sstream>
 
@@ -55,8 +55,8 @@ MatrixXd Fluid::friction(const BodySet& bodies, const vector<OpenMM::Vec3>& posi
             scatterBlocks(friction, group->bodies, result);
             continue;
         }
-        // Free particles are force-free, so this is the inverse of the bodies' part of the
-        // mobility: Schur's complement.
+        // Free particles are force-free. The friction is therefore the inverse of the bodies' part
+        // of the mobility: Schur's complement.
         vector<int> bodyRows, freeRows;
         for (size_t e = 0; e < elements.size(); e++)
             for (int i = 0; i < elements[e].numRows(); i++)
@@ -93,7 +93,8 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies,
                     checkTorque(*group, e, twoRotations(mobility.getTurn(e)).transpose() * wrench,
                                 0);
             }
-        // Exact ones where nothing is gained: rounding to floats gains little in one product.
+        // Products are exact where the model has no fast ones: rounding to floats gains little in
+        // one product.
         const bool fast = group->bodies.hasModel() &&
                           group->bodies.getModel().hasFastProducts(force.getSolverTolerance());
         mobility.multiply(f, u, fast ? force.getSolverTolerance() : 0);
@@ -142,7 +143,7 @@ int Fluid::numInteracting() const {
 }
 
 GridSeconds Fluid::getGridSeconds() const {
-    // Models of several groups share a grid, whose seconds each of them has.
+    // Models of several groups share a grid, and each reports the grid's times.
     GridSeconds seconds;
     for (const auto& group : groups)
         if (group->bodies.hasModel()) seconds.raise(group->bodies.getModel().getGridSeconds());

@@ -220,7 +220,7 @@ Fluid::FlowOfGroup& Fluid::findFlow(FluidGroup& group, const FlowQuestion& quest
     return result;
 }
 
-/** Calls add(mobility at its poses, sources, weight) for each share of the flow. */
+/** Call add(mobility at its poses, sources, weight) for each share of the flow. */
 template <class Add>
 void Fluid::forSources(FluidGroup& group, FlowOfGroup& flowOfGroup, const Add& add) const {
     BodyMobility& mobility = *group.overdamped.mobility;
@@ -338,7 +338,7 @@ SchemeMemory Fluid::getLastStep() const {
 }
 
 bool Fluid::isLastStepOf(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const {
-    // That of another scheme serves nobody.
+    // The last step of another scheme is of no use.
     return !saved.groups.empty() && saved.scheme == traitsOf(scheme).name &&
            traitsOf(scheme).isOverdamped();
 }
@@ -361,7 +361,7 @@ void Fluid::checkLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Sc
             if (i > 2 && i < 3 + numStages && entry.needsForces(i - 3))
                 fits = fits && numbers[i].cols() == 1;
         }
-        // The step and its kT, and what are whole numbers of 32 bits.
+        // Check the step size and kT, and the numbers that are integers of 32 bits.
         fits = fits && numbers[0](0) > 0 && numbers[0](1) >= 0;
         for (int i : {4, 6, 7, 8})
             fits = fits && numbers[0](i) >= 0 && numbers[0](i) <= 4294967295.0;

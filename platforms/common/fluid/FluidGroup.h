@@ -11,18 +11,23 @@
 
 namespace RigidHIPlugin {
 
-/** The last step of a group without momenta: what it can be done again from, by those who ask for
- * the flow of the fluid in it. */
+/**
+ * The last step of a group without momenta. Users who ask for the flow of the fluid in this step
+ * have it done again from these data.
+ */
 struct LastStep {
     bool isKnown = false;
     OverdampedStep step;
     BoxVectors box = {};
     std::vector<Pose> start, end;
-    std::vector<Eigen::MatrixXd> forces;  // of each stage; empty: it has none
-    std::vector<Eigen::MatrixXd> memory;  // of the scheme, at its start
+    std::vector<Eigen::MatrixXd> forces;  // of each stage; empty: the stage has none
+    std::vector<Eigen::MatrixXd> memory;  // of the scheme, at the start of the step
 };
 
-/** What a scheme without momenta needs of a group, and how far it is in the present step. */
+/**
+ * The data of a group for a scheme without momenta, and the progress of the group in the present
+ * step.
+ */
 struct OverdampedProgress {
     BodyMobility* mobility = nullptr;
     std::unique_ptr<OverdampedMove> move;  // made at the first step without momenta
@@ -31,15 +36,15 @@ struct OverdampedProgress {
     LastStep last;
     int stage = 0;                                  // stages of the present step that are done
     uint32_t attempt = 0;                           // of the present step
-    std::string objection;                          // to where the last part led
-    bool isFinite = true;                           // where it led
+    std::string objection;                          // against the poses after the last stage
+    bool isFinite = true;                           // whether these poses are finite
     std::vector<std::vector<Pose>> placesOfForces;  // where those of each stage are evaluated
-    long long squareRoots = 0, iterations = 0, randomNumbers = 0;  // of the last part
+    long long squareRoots = 0, iterations = 0, randomNumbers = 0;  // of the last stage
 };
 
 /**
- * What feels each other: the bodies of a replica, or one body under FreeDraining. For each of three
- * purposes it has the strategy that is best (GroupBuilder); they may be the same.
+ * Elements that feel each other: the bodies of a replica, or one body under FreeDraining. The group
+ * has the best strategy for each of three purposes (GroupBuilder). The strategies may be the same.
  */
 struct FluidGroup {
     FluidGroup(const std::vector<FluidElement>& elements,
@@ -50,14 +55,14 @@ struct FluidGroup {
     BodyMobilities mobilities;
     std::vector<int> freeIndex;  // of each element in FreeParticles, -1: a body
     bool hasNullVectors = false;
-    bool isThermostat = false;  // its tensor is a Thermostat: nothing is to be done by LangevinHI
-    double drag_t = 0, drag_r[3] = {0, 0, 0};  // then
-    std::unique_ptr<Relaxation> relaxation;    // LangevinHI; none if it is a thermostat
-    OverdampedProgress overdamped;             // schemes without momenta
-    BodyMobility* answering = nullptr;         // what users ask for
+    bool isThermostat = false;  // its tensor is a Thermostat, so that LangevinHI has nothing to do
+    double drag_t = 0, drag_r[3] = {0, 0, 0};  // if it is a thermostat
+    std::unique_ptr<Relaxation> relaxation;    // for LangevinHI; null if it is a thermostat
+    OverdampedProgress overdamped;             // for schemes without momenta
+    BodyMobility* answering = nullptr;         // for requests of users
     std::vector<Pose> poses;
 
-    /** Where its elements are. */
+    /** Read the poses of the elements. */
     void readPoses(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions,
                    std::vector<Pose>& to) const;
     const std::vector<Pose>& readPoses(const BodySet& bodies,

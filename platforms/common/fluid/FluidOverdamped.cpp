@@ -18,16 +18,20 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** The default of setFiniteDifferenceStep(): rounding of 1e-16 against the error of the difference.
+/**
+ * The default of setFiniteDifferenceStep(), a balance of rounding of 1e-16 and the error of the
+ * difference.
  */
 const double denseDifference = 1e-5;
 
-/** Of iterations of a tolerance t the difference is wrong by t/step, beside step^2: t^(1/3), and
- * not so large that bodies leave the neighbourhood in which the mobility is smooth, with solves to
- * a part of the tolerance. */
+/**
+ * For iterations of a tolerance t the difference has an error of t/step, beside step^2. The step is
+ * therefore t^(1/3). It is not so large that bodies leave the neighbourhood in which the mobility
+ * is smooth. Solves go to a part of the tolerance.
+ */
 const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
 
-/** Drifts below this part of mobility/length are rounding of a body's symmetry. */
+/** Drifts below this part of mobility/length are rounding errors of a symmetric body. */
 const double zeroDrift = 1e-12;
 
 }  // namespace
@@ -38,21 +42,21 @@ OverdampedMove& Fluid::moveOf(FluidGroup& group) const {
     return *group.overdamped.move;
 }
 
-/** Whether a scheme differences what iterations give, to a tolerance only. */
+/** Whether a scheme differences results of iterations, which have a tolerance. */
 bool Fluid::differencesIterate(const FluidGroup& group, const SchemeTraits& scheme) const {
     const BodyMobility& mobility = *group.overdamped.mobility;
     if (group.overdamped.move->driftIsKnown()) return false;
     switch (scheme.differenced) {
         case Differenced::Products: return mobility.productsIterate();
         case Differenced::Solves: return mobility.solvesIterate();
-        // The divergence of a random field takes no differences of roots.
+        // The divergence of a random field needs no differences of roots.
         case Differenced::Roots: return mobility.rootsIterate() && !mobility.divergenceIsOfField();
         case Differenced::Nothing: break;
     }
     return false;
 }
 
-/** Of what iterates in a step with this finite-difference step. */
+/** Set the tolerance of iterations in a step with this finite-difference step. */
 void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme, double difference) const {
     const bool iterate = differencesIterate(group, scheme);
     const bool isDifferenced =
@@ -62,7 +66,7 @@ void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme, double d
         iterate && difference < largestDifference, isDifferenced);
 }
 
-/** The finite-difference step: as set, or by the errors of what is differenced. */
+/** The finite-difference step: as set, or chosen by the errors of the differenced results. */
 double Fluid::differenceOf(const FluidGroup& group, const SchemeTraits& scheme,
                            double wanted) const {
     if (wanted > 0) return wanted;
@@ -154,7 +158,7 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT,
     return {{"stochastic drift", drift.str()}, {"finite differences", differences.str()}};
 }
 
-/** Forces and torques as last gathered, at the poses that the bodies have. */
+/** Take the forces and torques last gathered, at the present poses of the bodies. */
 void Fluid::takeForces(FluidGroup& group, const BodySet& bodies,
                        const FreeParticles& freeParticles) const {
     const auto& elements = group.bodies.getElements();
@@ -177,7 +181,9 @@ void Fluid::takeForces(FluidGroup& group, const BodySet& bodies,
     }
 }
 
-/** A scheme's poses become the bodies'. Forces stay those of where they were evaluated, in the lab.
+/**
+ * Write a scheme's poses to the bodies. Forces stay those of the poses where they were evaluated,
+ * in the lab frame.
  */
 bool Fluid::writePlaces(const FluidGroup& group, const vector<Pose>& places, BodySet& bodies,
                         vector<OpenMM::Vec3>& positions) const {
@@ -353,7 +359,7 @@ void Fluid::showStage(int stage, BodySet& bodies, vector<OpenMM::Vec3>& position
 }
 
 double Fluid::getDriftFactorSpread() const {
-    // A standard deviation of so many is known to a tenth.
+    // The standard deviation of so many values is known to a tenth.
     const int enough = 50;
     double spread = 0;
     for (const auto& group : groups) {

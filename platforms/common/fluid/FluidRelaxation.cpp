@@ -1,4 +1,4 @@
-// Fluid: what it does to momenta in a step of LangevinHI.
+// Fluid: the effect on momenta in a step of LangevinHI.
 
 #include <functional>
 

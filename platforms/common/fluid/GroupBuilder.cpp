@@ -19,14 +19,18 @@ namespace {
     throw OpenMM::OpenMMException("MobilityForce: " + message);
 }
 
-/** Up to this many rows Auto decomposes matrices, beyond it takes Lanczos: 30 spheres, where this
- * wins at the default tolerance. */
+/**
+ * Up to this many rows Auto decomposes matrices, beyond it uses Lanczos. The number is that of 30
+ * spheres, where Lanczos becomes faster at the default tolerance.
+ */
 const int largestDenseRows = 180;
-/** Likewise for the particles of multiblobs, whose matrix is factorised. */
+/** The same limit for the particles of multiblobs, whose matrix is factorised. */
 const int largestDenseParticleRows = 1500;
 
-/** For schemes without momenta, whose iterations are few: 8 boomerangs of 15 blobs, where both take
- * as long at the default tolerance. */
+/**
+ * The same limit for schemes without momenta, which need few iterations: 8 boomerangs of 15 blobs,
+ * where both methods take as long at the default tolerance.
+ */
 const int largestDenseOverdampedRows = 360;
 
 /** Rounding that a product of rotations leaves in a tensor. */
@@ -54,8 +58,8 @@ bool isThermostatTensor(const MatrixXd& friction) {
 }  // namespace
 
 /**
- * Who feels whom, in the order of the groups' labels; without interaction every body is a group of
- * its own. Elements lack what needs the shapes of bodies: sites and own tensors.
+ * Form the groups, in the order of their labels. Without interaction every body is a group of its
+ * own. The elements still lack what needs the shapes of bodies: sites and own tensors.
  */
 GroupBuilder::GroupBuilder(const MobilityForce& force,
                            CustomRigidHIIntegrator::WallRejection wallRejection,
@@ -133,7 +137,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force,
         indexOfFree[freeParticles.getParticles()[i]] = i;
 }
 
-/** Add the sites of particles, and what the body's own tensor is in the inner frame. */
+/** Add the sites of particles, and the body's own tensor in the inner frame. */
 void GroupBuilder::addShape(FluidElement& element, const vector<BodyGeometry>& geometries,
                             const BodySet& bodies) const {
     if (element.isFree()) {
@@ -168,7 +172,8 @@ void GroupBuilder::checkModels() const {
         if (particles.size() == 0) continue;
         const auto model = makeModel(particles, false);
         if (flow.hasWave()) model->checkWave(defaultBox, flow.waveAxis, flow.waveVectorIndex);
-        // Of one element in a uniform fluid the tensor is constant, so that nothing is ever solved.
+        // The tensor of one element in a uniform fluid is constant, so that no solve is ever
+        // needed.
         const bool isAlone =
             entry.second.size() == 1 && model->isHomogeneous() && model->isIsotropic();
         if (force.getSolver() == MobilityForce::MatrixFree && !model->hasProducts() && !isAlone)
@@ -210,7 +215,7 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
                                     : krylov                        ? BodyMobility::Krylov
                                                                     : BodyMobility::Dense);
     };
-    // One element alone: a constant tensor, perhaps so simple that it is a thermostat.
+    // One element alone has a constant tensor, which may be simple enough for a thermostat.
     if (coupled.isAloneInUniformFluid()) {
         BodyMobility& mobility = strategy(false);
         mobility.setPoses({Pose()});
@@ -230,8 +235,8 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     };
     const int particleRows = coupled.getNumParticleRows();
     group.overdamped.mobility = &strategy(takesKrylov(particleRows > largestDenseOverdampedRows));
-    // What users ask for knows no inertia: as with the masses that go with the fluid, whatever the
-    // bodies have.
+    // Answers to users do not depend on inertia. They are computed as with masses that fit the
+    // fluid, whatever masses the bodies have.
     int rows = coupled.getNumRows();
     for (size_t e = 0; e < coupled.getElements().size(); e++) rows -= coupled.hasNullVector(e);
     group.answering =

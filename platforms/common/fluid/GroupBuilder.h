@@ -14,25 +14,30 @@
 namespace RigidHIPlugin {
 
 /**
- * Reads a MobilityForce, bodies and free particles into groups, refuses what is wrong, and chooses
- * each group's strategies: constant where the tensor is so; else dense or matrix-free, by the
- * number of rows only, so that a resumed run chooses the same.
+ * Makes groups from a MobilityForce, bodies and free particles, and refuses what is wrong. It also
+ * chooses each group's strategies: constant where the tensor is constant, else dense or
+ * matrix-free. The choice depends on the number of rows only, so that a resumed run chooses the
+ * same.
  */
 class GroupBuilder {
 public:
     /**
      * @param wallRejection  whether surfaces of particles may reach through a wall
-     * @throws OpenMMException for radii that are not one per particle, a body without hydrodynamic
-     * particles, tensors and groups of other numbers of bodies
+     * @throws OpenMMException for radii that are not one per particle, for a body without
+     *     hydrodynamic particles, and for tensors and groups that do not match the number of bodies
      */
     GroupBuilder(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
                  const OpenMM::System& system,
                  const std::vector<std::vector<int>>& particlesOfBodies,
                  const FreeParticles& freeParticles, PlatformLoops& loops);
-    /** What the model refuses, as far as that does not depend on the shapes of bodies. @throws
-     * OpenMMException */
+    /**
+     * Check what the model refuses, as far as that does not depend on the shapes of bodies. @throws
+     * OpenMMException
+     */
     void checkModels() const;
-    /** @throws OpenMMException  likewise, and for what the shapes of bodies make wrong */
+    /**
+     * @throws OpenMMException  as checkModels(), and for errors that depend on the shapes of bodies
+     */
     std::vector<std::unique_ptr<FluidGroup>> build(const std::vector<BodyGeometry>& geometries,
                                                    const BodySet& bodies) const;
 

@@ -11,12 +11,12 @@
 namespace RigidHIPlugin {
 
 /**
- * Momenta of a group in the units in which their relaxation is symmetric: Z = K^(1/2) (p, l), K the
- * inverse masses and moments, l in the body frame. Of each element three rows for p, then one for
- * each live axis.
+ * Momenta of a group in the units in which their relaxation is symmetric: Z = K^(1/2) (p, l), with
+ * K the inverse masses and moments, and l in the body frame. Each element has three rows for p,
+ * then one row for each live axis.
  *
- * T scales velocities, T V = Z for the momenta of bodies with these velocities: it has m^(1/2) and
- * I_k^(1/2) (A e_k)^T.
+ * T scales velocities: T V = Z for the momenta of bodies with the velocities V. It has the blocks
+ * m^(1/2) and I_k^(1/2) (A e_k)^T.
  */
 class MomentumScaling {
 public:
@@ -26,12 +26,17 @@ public:
     int getNumRows() const { return numRows; }
     int firstRow(int element) const { return firstRows[element]; }
     int getNumLive(int element) const { return numLive[element]; }
-    /** Whether bodies lack just those moments about whose axes the fluid does not hold them. */
+    /**
+     * Whether the axes without moments are exactly those about which the fluid does not resist
+     * rotation.
+     */
     bool deadAxesAreNull() const { return deadAxesAreNull_; }
     const std::vector<int>& getFreeIndex() const { return freeIndex; }
 
-    /** S = T^-T xi T^-1, or its inverse, T N T^T, at the poses that the mobility has; S^-1 only if
-     * deadAxesAreNull(). */
+    /**
+     * S = T^-T xi T^-1, or its inverse, T N T^T, at the poses of the mobility. The inverse needs
+     * deadAxesAreNull().
+     */
     void matrix(bool inverse, BodyMobility& mobility, const BodySet& bodies,
                 const FreeParticles& freeParticles, Eigen::MatrixXd& S);
     /** wrenches = T^T x, and x = T twists, for columns. */

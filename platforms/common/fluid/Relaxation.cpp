@@ -12,12 +12,13 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** How much more exactly than the tolerance Lanczos' products are taken where they are solves
- * themselves. */
+/** Products of Lanczos that are solves themselves have this part of the tolerance. */
 const double innerTolerance = 0.05;
 
-/** One body's constant process: its matrices are known in the body's frame, for each step size and
- * inertia scale. */
+/**
+ * The constant process of one body. Its matrices are known in the body's frame, for each step size
+ * and inertia scale.
+ */
 class ConstantRelaxation : public Relaxation {
 public:
     using Relaxation::Relaxation;
@@ -33,7 +34,7 @@ protected:
             knownH = step.h;
             knownInertiaScale = step.bodies.getInertiaScale();
         }
-        // l is in the body's frame already, p is turned there and back.
+        // l is in the body's frame already. p is turned to it and back.
         Z.segment<3>(0) = (A.transpose() * Z.segment<3>(0)).eval();
         change.noalias() = decay * Z;
         if (step.kT > 0) {
@@ -53,15 +54,15 @@ private:
     FluidOrnsteinUhlenbeck process;
 };
 
-/** By an eigendecomposition of S. */
+/** The process by an eigendecomposition of S. */
 class DenseRelaxation : public Relaxation {
 public:
     using Relaxation::Relaxation;
 
 protected:
     void evolve(const RelaxationStep& step) override {
-        // A dead axis makes S a part of K^(1/2) xi K^(1/2), whose inverse is not that part of the
-        // mobility.
+        // A dead axis makes S a part of K^(1/2) xi K^(1/2). The inverse of this part is not the
+        // same part of the mobility.
         const bool inverse = scaling.deadAxesAreNull() && !mobility.getBodies().prefersFriction();
         scaling.matrix(inverse, mobility, step.bodies, step.freeParticles, S);
         process.decompose(S, inverse);
@@ -73,7 +74,7 @@ private:
     FluidOrnsteinUhlenbeck process;
 };
 
-/** By Lanczos on S^-1 = T N T^T, of which products are enough. */
+/** The process by Lanczos on S^-1 = T N T^T, which needs products only. */
 class KrylovRelaxation : public Relaxation {
 public:
     KrylovRelaxation(BodyMobility& mobility, const MomentumScaling& scaling, double tolerance)
@@ -97,7 +98,8 @@ protected:
             columns.col(1) = sqrt(step.kT) * chi;
             functions.push_back(SpectralFunction::decayNoise(step.h));
         }
-        // Of multiblobs a product is a solve, whose own products are rough where that serves.
+        // For multiblobs a product is a solve, whose own products are rough where that is accurate
+        // enough.
         const bool hasRough = mobility.getBodies().multipliesWithoutIterations() &&
                               mobility.getBodies().getModel().hasRoughProducts();
         lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum,
@@ -143,7 +145,7 @@ void Relaxation::takeMomentaOfFlow(const RelaxationStep& step) {
     scaling.scaled(twists, mobility, step.bodies, step.freeParticles, Z_flow);
 }
 
-/** Z = K^(1/2) (p, l), and as many random numbers. */
+/** Set Z = K^(1/2) (p, l), and draw as many random numbers. */
 void Relaxation::takeMomenta(const RelaxationStep& step) {
     const auto& elements = mobility.getBodies().getElements();
     const BodySet& bodies = step.bodies;
@@ -166,8 +168,8 @@ void Relaxation::takeMomenta(const RelaxationStep& step) {
         const BodyInertia& inertia = bodies.inertia(b);
         Z.segment<3>(z) =
             Vector3d(bodies.p[0][s], bodies.p[1][s], bodies.p[2][s]) / sqrt(inertia.mass);
-        // Langevin C's numbers, so that with constant isotropic friction this is Langevin C
-        // (CONVENTIONS.md).
+        // The random numbers are those of Langevin C, so that with constant isotropic friction this
+        // scheme is Langevin C (CONVENTIONS.md).
         if (step.kT > 0) {
             for (int k = 0; k < 3; k++)
                 step.noise.pair(NoiseStream::FirstDraw, b, k, numbers[2 * k], numbers[2 * k + 1]);

@@ -24,11 +24,11 @@ struct RelaxationStep {
 };
 
 /**
- * What the fluid does to the momenta of one group in a step of LangevinHI (Davidchack 2017, eq.
- * 26): the exact Ornstein-Uhlenbeck process of Z at the present poses; in a driven flow of the
- * momenta relative to those of bodies that go with the flow without forces (about axes without
- * moments bodies turn with the flow). How is a class of its own for each strategy of BodyMobility,
- * made by makeRelaxation().
+ * The effect of the fluid on the momenta of one group in a step of LangevinHI (Davidchack 2017, eq.
+ * 26): the exact Ornstein-Uhlenbeck process of Z at the present poses. In a driven flow the process
+ * is that of the momenta relative to those of bodies that go with the flow without forces (about
+ * axes without moments bodies turn with the flow). Each strategy of BodyMobility has a class of its
+ * own, made by makeRelaxation().
  */
 class Relaxation {
 public:
@@ -36,8 +36,10 @@ public:
         : mobility(mobility), scaling(scaling) {}
     virtual ~Relaxation() {}
     BodyMobility& getMobility() const { return mobility; }
-    /** Momenta of bodies and velocities of free particles over the time h. @param poses  of the
-     * elements */
+    /**
+     * Change momenta of bodies and velocities of free particles over the time h. @param poses  of
+     * the elements
+     */
     void relax(const std::vector<Pose>& poses, const RelaxationStep& step);
     /** Of the last step. */
     long long getNumRandomNumbers() const { return randomNumbers; }
@@ -58,12 +60,12 @@ private:
     void takeMomenta(const RelaxationStep& step);
     void giveMomenta(const RelaxationStep& step) const;
     void takeMomentaOfFlow(const RelaxationStep& step);
-    Eigen::MatrixXd twists, Z_flow;  // of bodies that are free of forces in the flow
+    Eigen::MatrixXd twists, Z_flow;  // of force-free bodies in the flow
     long long randomNumbers = 0;
 };
 
 /**
- * The one for this strategy.
+ * Make the Relaxation for the strategy of this mobility.
  *
  * @param tolerance  of KrylovMobility, as the user has set it
  */

@@ -11,7 +11,7 @@
 
 namespace RigidHIPlugin {
 
-/** The flow that users drive, as a MobilityForce has it: without a box yet. */
+/** The flow that users drive, as a MobilityForce describes it, without a box. */
 struct UserFlow {
     explicit UserFlow(const MobilityForce& force);
     bool hasWave() const { return f0 != 0; }
@@ -19,7 +19,7 @@ struct UserFlow {
     bool isAny() const { return hasWave() || hasBackground(); }
     /** @throws OpenMMException if the boundary has no such flow */
     void check() const;
-    /** It in a box; without its wave where there is none yet. */
+    /** The flow in a box; without its wave where there is no box yet. */
     DrivenFlow inBox(const BoxVectors& box) const;
 
     double f0;

@@ -15,7 +15,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-// Where variables are among the values of a force; parameters follow
+// The places of variables among the values of a force. Parameters follow
 // (CustomBodyForce::variableNames()).
 const int X = 0, Q = 3, V = 7, T = 10, firstParameter = 11;
 
@@ -88,8 +88,10 @@ bool BodyForces::isOn(int groups) const {
     return false;
 }
 
-/** The velocities that expressions see: those after a kick of so long with the forces that the
- * bodies have. */
+/**
+ * Set the velocities that expressions see: those after a kick of this length with the present
+ * forces on the bodies.
+ */
 void BodyForces::setVelocities(const BodySet& bodies, double lookAhead) {
     velocity.resize(bodies.getNumBodies());
     for (int b = 0; b < bodies.getNumBodies(); b++) {

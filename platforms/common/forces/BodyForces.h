@@ -12,31 +12,33 @@
 namespace RigidHIPlugin {
 
 /**
- * All CustomBodyForces of a Context, ready to be evaluated. A Context without any costs nothing:
- * isOn() is false then, and nothing else needs to be called.
+ * All CustomBodyForces of a Context, ready to be evaluated. In a Context without such forces,
+ * isOn() is false, no other method needs to be called, and there is no cost.
  */
 class BodyForces {
 public:
     BodyForces();
     ~BodyForces();
-    /** Find the forces of a Context and compile their expressions. @throws OpenMMException for one
-     * that cannot be */
+    /**
+     * Find the forces of a Context and compile their expressions. @throws OpenMMException for an
+     * expression that cannot be compiled
+     */
     explicit BodyForces(OpenMM::ContextImpl& context);
     BodyForces& operator=(BodyForces&&);
 
     /** Whether any force of these groups acts on any body. */
     bool isOn(int groups) const;
-    /** Whether any expression depends on time, or on velocities. */
+    /** Whether any expression depends on time; whether any depends on velocities. */
     bool usesTime() const { return time; }
     bool usesVelocities() const { return velocities; }
-    /** Which force depends on velocities, for messages. */
+    /** The force that depends on velocities, for messages. */
     std::string velocityDependence() const;
     /**
      * Add forces and torques to those that the bodies have.
      *
-     * @param t         time, ps
-     * @param lookAhead velocities are those that the present momenta have after a kick of so long,
-     * ps; 0: the present ones
+     * @param t          time, ps
+     * @param lookAhead  velocities are those of the present momenta after a kick of this length,
+     *     ps; 0: the present ones
      * @return whether all forces and torques are finite
      */
     bool add(OpenMM::ContextImpl& context, BodySet& bodies, int groups, double t, double lookAhead);

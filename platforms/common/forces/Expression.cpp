@@ -16,7 +16,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-// What OpenMM's expressions know (Lepton), and muParser calls.
+// The functions of OpenMM's expressions (Lepton), which muParser calls.
 double sec(double x) { return 1 / cos(x); }
 double csc(double x) { return 1 / sin(x); }
 double cot(double x) { return 1 / tan(x); }
@@ -39,7 +39,7 @@ const map<string, Function1> functions1 = {
     {"square", square}, {"cube", cube}, {"recip", recip}, {"floor", floor}, {"ceil", ceil}};
 const map<string, Function2> functions2 = {{"atan2", atan2}, {"min", smaller}, {"max", larger}};
 
-/** How many arguments a function has; 0: there is none of that name. */
+/** The number of arguments of a function; 0: there is no function of that name. */
 int numArguments(const string& function) {
     return functions1.count(function)   ? 1
            : functions2.count(function) ? 2
@@ -47,9 +47,9 @@ int numArguments(const string& function) {
                                         : 0;
 }
 
-/** Deeper nesting is refused, before it could exhaust the stack. */
+/** Deeper nesting is refused, before it can exhaust the stack. */
 const int maximumDepth = 1000;
-/** Longer texts are evaluated in pieces: muParser takes up to mu::MaxLenExpression characters. */
+/** Longer texts are evaluated in pieces. muParser takes up to mu::MaxLenExpression characters. */
 const size_t longText = 4000;
 
 bool isSpace(char c) { return isspace(static_cast<unsigned char>(c)) != 0; }
@@ -83,7 +83,7 @@ struct Node {
 class Parser {
 public:
     explicit Parser(const string& text) : text(text) {
-        // The last definition comes first: each may use those to its right.
+        // The last definition comes first, because each may use the definitions to its right.
         string_view rest = this->text;
         for (size_t at = rest.rfind(';'); at != string::npos; at = rest.rfind(';')) {
             const string piece = trimmed(string(rest.substr(at + 1)));
@@ -148,7 +148,7 @@ private:
                 while (i < part.size() && !isOperator(part[i]) && !isSpace(part[i]) &&
                        string("(),").find(part[i]) == string::npos)
                     i++;
-                // A function and its parenthesis are one, with no space between them.
+                // A function and its parenthesis are one token, with no space between them.
                 if (i < part.size() && part[i] == '(') {
                     tokens.push_back({Token::Function, part.substr(start, i - start)});
                     i++;
@@ -259,7 +259,7 @@ private:
 
 }  // namespace
 
-/** One text for muParser, and where its value goes. */
+/** One text for muParser, and the place of its value. */
 struct Expression::Piece {
     mu::Parser parser;
     double result = 0;
@@ -268,10 +268,11 @@ struct Expression::Piece {
 namespace {
 
 /**
- * Writes what the parser found for muParser.
+ * Writes the parser's result for muParser.
  *
- * A chain of definitions may be as long as memory allows, so what is being written is on a stack of
- * our own. The cost is linear in the text: each piece's parser knows only what that piece uses.
+ * A chain of definitions may be as long as memory allows, so that the nodes being written are kept
+ * on an explicit stack. The cost is linear in the text, because the parser of each piece knows only
+ * the names that the piece uses.
  */
 template <class Piece>
 class Compiler {
@@ -283,7 +284,7 @@ public:
         for (size_t i = 0; i < names.size(); i++) indexOfName.emplace(names[i], i);
     }
 
-    /** The last piece becomes the value of everything. */
+    /** The last piece becomes the value of the whole expression. */
     void compile() { addPiece(write(parser.root)); }
 
 private:
@@ -310,7 +311,7 @@ private:
         }
     }
 
-    /** The node that is to be written before a node goes on, or -1. */
+    /** The operand that must be written before the node goes on, or -1. */
     int nextOperand(const Writing& now) const {
         const Node& node = *now.node;
         if (node.kind == Node::Definition)
@@ -369,7 +370,7 @@ private:
                 while (i < text.size() && isDigit(text[i])) i++;
                 const string name = text.substr(start, i - start);
                 const int index = stoi(name.substr(1));
-                // muParser only reads through these pointers: there are no assignments.
+                // muParser only reads through these pointers, because there are no assignments.
                 if (kind == 'v') p.DefineVar(name, const_cast<double*>(values + index));
                 if (kind == 'c') p.DefineConst(name, constants[index]);
                 if (kind == 'p') p.DefineVar(name, &pieces[index]->result);

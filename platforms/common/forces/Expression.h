@@ -12,18 +12,18 @@ namespace RigidHIPlugin {
  *
  * The language is that of OpenMM's Custom forces, no more: numbers, names, + - * / ^, unary minus,
  * functions with exactly as many arguments as they have, and definitions after semicolons ("a^2 +
- * b; b = 2*a; a = x"), each of which may use those to its right. muParser's own grammar differs
- * (-x^2, log, ?:, built-in constants, ...), so the text is parsed here, and muParser gets it in one
- * unambiguous form with functions of ours. A definition is evaluated once, however often it is
- * used.
+ * b; b = 2*a; a = x"). Each definition may use those to its right. muParser's own grammar differs
+ * (-x^2, log, ?:, built-in constants, ...). The text is therefore parsed here, and muParser gets it
+ * in one unambiguous form with functions of this plugin. A definition is evaluated once, however
+ * often it is used.
  */
 class Expression {
 public:
     /**
      * @param text    the expression
-     * @param names   what it may use
+     * @param names   names that it may use
      * @param values  the values of these names at every evaluation; must outlive this object
-     * @throws OpenMMException with the expression, what is wrong with it, and the remedy
+     * @throws OpenMMException with the expression, its error, and the remedy
      */
     Expression(const std::string& text, const std::vector<std::string>& names,
                const double* values);
@@ -31,9 +31,9 @@ public:
     Expression(Expression&&);
     /** The value at the present values of the names. Does not allocate. */
     double evaluate();
-    /** Whether a name (by index) occurs in what is evaluated. */
+    /** Whether a name (by index) occurs in the evaluated part of the expression. */
     bool uses(int name) const { return used[name]; }
-    /** Whether it is the number 0, whatever the values. */
+    /** Whether the expression is the number 0, whatever the values. */
     bool isZero() const { return zero; }
 
 private:

@@ -1,7 +1,7 @@
 // The loops over bodies, for one body at a time (Real = double) or a SIMD pack of bodies.
 //
-// A Real brings: arithmetic, construction from double, sincos, squareRoot, maximum
-// (Quaternion-inl.h), and the functions load, store, lanes and noisePairs below.
+// A Real has arithmetic, construction from double, sincos, squareRoot, maximum (Quaternion-inl.h),
+// and the functions load, store, lanes and noisePairs below.
 
 #if defined(RIGIDHI_BODY_LOOPS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_BODY_LOOPS_INL_H_
@@ -19,7 +19,7 @@
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
 
-// The scalar members of the family.
+// The scalar versions of these functions.
 inline void load(const double* from, double& x) { x = *from; }
 inline void store(double x, double* to) { *to = x; }
 inline int lanes(double) { return 1; }
@@ -53,7 +53,7 @@ inline Real loadScalar(const std::vector<double>& v, int slot) {
 }
 
 /**
- * One body (or pack) on its way through a step: the moves that schemes are made of.
+ * One body (or pack) on its way through a step. The members are the moves that schemes are made of.
  */
 template <class Real>
 class BodyFlow {
@@ -105,7 +105,7 @@ public:
         p = loadScalar<Real>(bodies.decay_p, slot) * p;
         l = multiply(loadVector<Real>(bodies.decay_l, slot), l);
     }
-    /** p and l receive noise: random numbers number `draw` of this step. */
+    /** Add noise to p and l, with the random numbers of set `draw` of this step. */
     void addNoise(int draw) {
         if (!block.hasNoise) return;
         Vector3<Real> xi, eta;
@@ -153,8 +153,8 @@ public:
         storeVector(torque_body, bodies.torque_body, slot);
     }
     /**
-     * Momentum and angular momentum that go with the velocities of the members: p = sum m v and, in
-     * the body frame, l = sum m s x v times the inertia scale.
+     * Momentum and angular momentum from the velocities of the members: p = sum m v and, in the
+     * body frame, l = sum m s x v times the inertia scale.
      */
     void gatherMomenta(const double* velocities) {
         const int lane = slot % BodySet::blockSize;
@@ -262,8 +262,10 @@ private:
     const BodySet::Block& block;
 };
 
-/** Call action(flow) for every body (or pack) of a range of blocks; it returns whether what it saw
- * was finite. */
+/**
+ * Call action(flow) for every body (or pack) of a range of blocks. The action returns whether its
+ * numbers were finite.
+ */
 template <class Real, class Action>
 inline LoopResult forEachBody(BodySet& bodies, const StepSettings& settings, int firstBlock,
                               int endBlock, Action action) {
@@ -293,8 +295,10 @@ struct BeforeForces {
     }
 };
 
-/** The part of a step before the fluid changes momenta, where this needs poses in between: new
- * poses. */
+/**
+ * The part of a step before the fluid changes momenta, where the fluid needs poses in the middle of
+ * the step: new poses.
+ */
 template <class Real, class Scheme>
 struct BeforeFriction {
     const StepSettings& settings;
@@ -306,7 +310,7 @@ struct BeforeFriction {
     }
 };
 
-/** From there to new positions of the particles. */
+/** The part of a step from there to new positions of the particles. */
 template <class Real, class Scheme>
 struct AfterFriction {
     const StepSettings& settings;
@@ -334,7 +338,7 @@ struct AfterForces {
     }
 };
 
-/** The loops in which no scheme takes part. */
+/** The loops that do not depend on the scheme. */
 template <class Real>
 struct SchemelessLoop {
     BodyLoop loop;

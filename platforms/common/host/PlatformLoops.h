@@ -13,7 +13,7 @@ namespace RigidHIPlugin {
 
 struct MobilityScene;
 
-/** The part of a step that platforms do each in their own way: how to loop. */
+/** The part of a step that platforms do in different ways: the loops. */
 class PlatformLoops {
 public:
     virtual ~PlatformLoops() {}
@@ -27,13 +27,15 @@ public:
     /** Call task(first, end) over ranges that cover 0 ... count - 1; ranges may run at the same
      * time. */
     virtual void forRanges(int count, const std::function<void(int, int)>& task) = 0;
-    /** Call task(i) for i = 0 ... count - 1, each large enough for a thread of its own; several may
-     * run at the same time. */
+    /**
+     * Call task(i) for i = 0 ... count - 1. Each task is large enough for a thread of its own, and
+     * several may run at the same time.
+     */
     virtual void forTasks(int count, const std::function<void(int)>& task) = 0;
     /**
      * The model of a MobilityForce, with its boundary, for particles that feel each other.
      *
-     * @param mayUseThreads  false for models that are used inside of forTasks()
+     * @param mayUseThreads  false for models that are used inside forTasks()
      */
     virtual std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force,
                                                           const MobilityScene& scene,

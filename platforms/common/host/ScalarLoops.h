@@ -7,7 +7,7 @@ namespace RigidHIPlugin {
 
 class GridFluid;
 
-/** One thread, one body after the other. */
+/** Loops with one thread, one body after the other. */
 class ScalarLoops : public PlatformLoops {
 public:
     LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
@@ -25,7 +25,7 @@ public:
     std::string describe() const override { return "one thread, one body at a time"; }
 
 private:
-    std::weak_ptr<GridFluid> gridFluid;  // what models share while there are any
+    std::weak_ptr<GridFluid> gridFluid;  // shared by models while there are any
 };
 
 }  // namespace RigidHIPlugin

@@ -1,5 +1,5 @@
-// The loops over bodies, compiled once for each instruction set; the best is chosen at run time
-// (Highway).
+// The loops over bodies, compiled once for each instruction set. Highway chooses the best one at
+// run time.
 
 #include "host/SimdTargets.h"  // must precede foreach_target.h
 

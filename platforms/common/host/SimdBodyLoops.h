@@ -13,7 +13,7 @@ void fillSimdNoise(const NoiseStream& noise, uint32_t purpose, const int* index,
                    double* xi);
 /** The instruction set that was chosen, such as "AVX3". */
 const char* simdTargetName();
-/** Doubles in a pack. */
+/** Number of doubles in a pack. */
 int simdWidth();
 
 }  // namespace RigidHIPlugin

@@ -1,5 +1,6 @@
 // Pack: a number type for the templates of platforms/common that holds one double of each of
-// several bodies. Built on Google Highway; compiled once per instruction set (rigidbody/Target.h).
+// several bodies. It is built on Google Highway and compiled once per instruction set
+// (rigidbody/Target.h).
 
 #if defined(RIGIDHI_SIMD_REAL_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_SIMD_REAL_INL_H_
@@ -63,8 +64,10 @@ HWY_INLINE bool isFinite(const Pack& x) {
     return hn::AllTrue(Doubles(), hn::Eq(hn::Sub(x.v, x.v), hn::Zero(Doubles())));
 }
 
-/** Floats, as many as fit where the doubles of a Pack do: of two packs, for sums of which six
- * digits are enough. */
+/**
+ * As many floats as the doubles of two Packs, in the same space. They are for sums of which six
+ * digits are enough.
+ */
 #if HWY_TARGET == HWY_SCALAR
 typedef hn::Rebind<float, Doubles> Floats;
 #else
@@ -112,8 +115,10 @@ HWY_INLINE bool allGreater(const SinglePack& a, const SinglePack& b) {
     return hn::AllTrue(Floats(), hn::Gt(a.v, b.v));
 }
 HWY_INLINE void round(const Pack (&x)[1], Pack& to) { to = x[0]; }
-/** What is too large for a float becomes 1e30: times 0, as a factor of the distance 0 is, it must
- * not make a NaN. */
+/**
+ * Numbers that are too large for a float become 1e30. Their product with 0, as a factor of the
+ * distance 0 is, must not be NaN.
+ */
 HWY_INLINE void round(const Pack (&x)[SinglePack::packs], SinglePack& to) {
     const Doubles d;
     const auto bounded = [&](const Pack& a) {
@@ -160,7 +165,7 @@ HWY_MAYBE_UNUSED static HWY_NOINLINE void sincosOfLarge(const Pack& x, Pack& sin
 }
 
 /**
- * Sine and cosine of |x| <= pi/4: the Taylor series to x^15 and x^16 leave out less than x^16/17! =
+ * Sine and cosine of |x| <= pi/4. The Taylor series to x^15 and x^16 leave out less than x^16/17! =
  * 6e-17 of sin x/x and x^18/18! = 2e-18 of cos x, below rounding.
  */
 HWY_INLINE void sincosOfSmall(DoubleVec x, DoubleVec& sine, DoubleVec& cosine) {
@@ -198,9 +203,9 @@ HWY_INLINE void sincos(const Pack& x, Pack& sine, Pack& cosine) {
 }
 
 /**
- * Philox4x32-10, one counter a lane, for `count` independent sets of counters: bit for bit what
- * Random123 gives (a test compares them). A set is one long chain of dependent operations, so sets
- * are interleaved.
+ * Philox4x32-10, one counter a lane, for `count` independent sets of counters. The results are bit
+ * for bit those of Random123 (a test compares them). A set is one long chain of dependent
+ * operations, so that sets are interleaved.
  */
 template <int count>
 HWY_INLINE void philox(WordVec (&c)[count][4], uint32_t key0, uint32_t key1) {
@@ -221,7 +226,7 @@ HWY_INLINE void philox(WordVec (&c)[count][4], uint32_t key0, uint32_t key1) {
     for (int round = 0; round < 10; round++) {
         for (auto& set : c) {
             const WordVec p0 = product(m0, set[0]), p1 = product(m1, set[2]);
-            // Upper halves of the 64-bit lanes are never looked at, so they may hold anything.
+            // Upper halves of the 64-bit lanes are never read, so that they may hold anything.
             set[0] = hn::Xor(hn::Xor(hn::ShiftRight<32>(p1), set[1]), hn::Set(d, key0));
             set[1] = p1;
             set[2] = hn::Xor(hn::Xor(hn::ShiftRight<32>(p0), set[3]), hn::Set(d, key1));
@@ -234,8 +239,8 @@ HWY_INLINE void philox(WordVec (&c)[count][4], uint32_t key0, uint32_t key1) {
 }
 
 /**
- * Sine and cosine of 2 pi v for v in [0, 1): the nearest quarter turn is taken off exactly, and on
- * the eighth of a turn that is left the series serve.
+ * Sine and cosine of 2 pi v for v in [0, 1). The nearest quarter turn is subtracted exactly, and
+ * the series serve for the remaining eighth of a turn.
  */
 HWY_INLINE void sincosOfTurn(DoubleVec v, DoubleVec& sine, DoubleVec& cosine) {
     const Doubles d;

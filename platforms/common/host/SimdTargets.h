@@ -1,8 +1,8 @@
 #ifndef RIGIDHI_SIMD_TARGETS_H_
 #define RIGIDHI_SIMD_TARGETS_H_
 
-// On x86-64 these remain: scalar, SSE4, AVX2 with FMA, AVX-512. Packs are members of structs, which
-// SVE and RVV forbid.
+// On x86-64 these targets remain: scalar, SSE4, AVX2 with FMA, AVX-512. Packs are members of
+// structs, which SVE and RVV do not allow.
 #ifdef RIGIDHI_FEW_SIMD_TARGETS  // sanitizer builds: instrumenting every set takes a quarter of an
                                  // hour to compile
 #define HWY_DISABLED_TARGETS                                                            \

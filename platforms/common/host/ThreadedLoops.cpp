@@ -14,11 +14,11 @@ using namespace OpenMM;
 
 namespace RigidHIPlugin {
 
-// Waking a sleeping thread takes 10 to 90 microseconds (benchmarks/README.md); a block of bodies
+// Waking a sleeping thread takes 10 to 90 microseconds (benchmarks/README.md). A block of bodies
 // takes half a microsecond a loop, a free particle ten nanoseconds a move.
 static const int minimumBlocksPerThread = 128, minimumParticlesPerThread = 4096;
 
-/** Every element is computed on its own, so the division does not show in the results. */
+/** Every element is computed on its own, so that results do not depend on the division. */
 template <class Task>
 void ThreadedLoops::split(int count, int minimum, Task task) {
     const int parts = std::max(1, std::min(pool.getNumThreads(), count / minimum));
@@ -26,7 +26,8 @@ void ThreadedLoops::split(int count, int minimum, Task task) {
         task(0, count, 0);
         return;
     }
-    // An exception must not leave a thread of the pool: the first part's goes to the caller.
+    // An exception must not leave a thread of the pool. The caller gets the exception of the first
+    // part that has one.
     std::vector<std::exception_ptr> errors(parts);
     pool.execute([&](ThreadPool&, int thread) {
         if (thread >= parts) return;

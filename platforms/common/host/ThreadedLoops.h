@@ -9,7 +9,7 @@ namespace RigidHIPlugin {
 
 class GridFluid;
 
-/** SIMD packs of bodies, spread over threads of their own. */
+/** Loops over SIMD packs of bodies, spread over threads of their own. */
 class ThreadedLoops : public PlatformLoops {
 public:
     explicit ThreadedLoops(int threads) : pool(threads) {}
@@ -28,8 +28,7 @@ public:
 private:
     template <class Task>
     void split(int count, int minimum, Task task);
-    // What models share while there are any: with threads, and for groups that are spread over
-    // threads.
+    // shared by models while there are any: with threads; for groups that are spread over threads
     std::weak_ptr<GridFluid> gridFluid, gridFluidOfOne;
     OpenMM::ThreadPool pool;
 };

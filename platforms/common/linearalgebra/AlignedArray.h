@@ -11,25 +11,27 @@
 
 namespace RigidHIPlugin {
 
-/** Numbers that begin where a cache line does, as packs and transforms want them. Not initialised.
- * Large ones ask for large pages. */
+/**
+ * An array that begins at a cache line, as packs and transforms need it. It is not initialised. A
+ * large array asks for large pages.
+ */
 template <typename T>
 class AlignedArrayOf {
 public:
-    /** What was in it is lost if the size changes. */
+    /** The contents are lost if the size changes. */
     void resize(size_t newSize) {
         if (newSize == count) return;
         memory.reset();
         count = 0;
         const size_t bytes = newSize * sizeof(T);
-        // Where pages are small, looking them up takes as long as the numbers in strides through a
-        // grid.
+        // With small pages, looking up pages takes as long as reading the numbers in strides
+        // through a grid.
         const bool large = bytes >= 2 * largePage;
         const auto alignment = static_cast<std::align_val_t>(large ? largePage : cacheLine);
         T* const made = static_cast<T*>(::operator new(bytes, alignment));
         memory = std::unique_ptr<T, Free>(made, Free{alignment});
 #ifdef __linux__
-        if (large) madvise(made, bytes / largePage * largePage, MADV_HUGEPAGE);  // a wish, no more
+        if (large) madvise(made, bytes / largePage * largePage, MADV_HUGEPAGE);  // a request only
 #endif
         count = newSize;
     }

@@ -3,7 +3,7 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 
-// OpenBLAS has LAPACK in it; its header would bring C++-hostile complex types.
+// OpenBLAS contains LAPACK. Its header would bring complex types that C++ does not accept.
 extern "C" {
 void dpotrf_(const char* triangle, const int* n, double* a, const int* lda, int* info);
 void dtrsm_(const char* side, const char* triangle, const char* transposed, const char* diagonal,
@@ -15,8 +15,10 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** From this many rows on LAPACK is faster than Eigen, and from so many columns its triangular
- * solves are. */
+/**
+ * From this many rows on LAPACK is faster than Eigen; from this many columns on its triangular
+ * solves are faster too.
+ */
 const int lapackRows = 32, lapackColumns = 4;
 
 }  // namespace
@@ -30,7 +32,7 @@ bool CholeskyFactor::compute(Eigen::MatrixXd& matrix) {
     }
     int info = 0;
     dpotrf_("L", &n, factor.data(), &n, &info);
-    // A matrix of NaNs may pass.
+    // `info` may be 0 for a matrix of NaNs.
     return info == 0 && std::isfinite(factor.diagonal().sum());
 }
 

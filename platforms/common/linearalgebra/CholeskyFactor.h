@@ -6,14 +6,16 @@
 namespace RigidHIPlugin {
 
 /**
- * A = L L^T of a symmetric positive definite matrix: by Eigen where it is small, else by LAPACK,
- * which takes half the time (benchmarks/README.md). Nothing is allocated or copied: matrix and
- * factor exchange their memory.
+ * The Cholesky factor, A = L L^T, of a symmetric positive definite matrix: by Eigen where the
+ * matrix is small, else by LAPACK, which takes half the time (benchmarks/README.md). Nothing is
+ * allocated or copied: matrix and factor exchange their memory.
  */
 class CholeskyFactor {
 public:
-    /** @param matrix  its lower triangle is read; it has no meaning afterwards. @return whether it
-     * is positive definite */
+    /**
+     * @param matrix  its lower triangle is read; its contents are undefined afterwards
+     * @return whether the matrix is positive definite
+     */
     bool compute(Eigen::MatrixXd& matrix);
     auto L() const { return factor.triangularView<Eigen::Lower>(); }
     auto U() const { return factor.transpose().triangularView<Eigen::Upper>(); }

@@ -20,14 +20,14 @@ namespace {
 
 // Rounding errors of the iteration are those of a matrix that differs from A by this share of its
 // norm (full reorthogonalisation is backward stable), and of a result that differs by this share.
-// TestLanczos compares with errors seen; with 4, and without the second share, one case in twenty
-// exceeded its estimate.
+// TestLanczos compares them with measured errors. With 4, and without the second share, one case in
+// twenty exceeded its estimate.
 const double roundingError = 8 * DBL_EPSILON;
 
 /** (f(a) - f(b))/(a - b), and f'(a) for a = b. */
 double slope(const std::function<double(double)>& f, double a, double f_a, double b, double f_b) {
-    const double separated = 1e-6;  // below it the difference quotient loses half of the digits;
-                                    // then it is the derivative
+    const double separated = 1e-6;  // below it the difference quotient loses half of the digits,
+                                    // and the derivative is used
     if (std::abs(a - b) > separated * std::max(a, b)) return (f_a - f_b) / (a - b);
     return (f(a * (1 + separated)) - f(a * (1 - separated))) / (2 * separated * a);
 }
@@ -90,7 +90,7 @@ void Lanczos::iterate(const Product& multiply, const Product& rough, const Matri
         numProducts += active;
         for (int c = 0, i = 0; c < count; c++)
             if (columns[c].active) extend(columns[c], output.col(i++));
-        // Until the next products may be rough, every iterate is looked at to see whether they may.
+        // Until the next products may be rough, every iterate is checked for that.
         const bool mayBecomeRough = rough && !isRough;
         const bool last = k >= maxIterations;
         const auto isDue = [&](const Column& column) {
@@ -125,7 +125,8 @@ void Lanczos::iterate(const Product& multiply, const Product& rough, const Matri
 
 /**
  * Errors of the products so far enter the result with factors that shrink about as fast as its
- * coefficients; so the next ones together do not exceed a few times what the last one would do.
+ * coefficients. The next products together therefore do not exceed a few times the effect of the
+ * last one.
  */
 bool Lanczos::allowsRoughProducts(const Column& column) const {
     const double shareOfRough = 0.25;  // of the rounding that isConverged() allows
@@ -144,7 +145,7 @@ void Lanczos::start(Column& column, const VectorXd& x) {
     column.scale = 0;
     column.active = column.norm > 0;
     column.exact = false;
-    column.nextLook = 3;  // before that, Ritz values say too little about where the others are
+    column.nextLook = 3;  // before that, Ritz values say too little about the other eigenvalues
     column.lastLook = 0;
     column.form = Value;
     column.error = 0;
@@ -185,7 +186,7 @@ void Lanczos::extend(Column& column, const VectorXd& product) {
 /** f of the tridiagonal matrix. */
 void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
     const int k = column.alpha.size();
-    // Scaled to about 1: Eigen's test for zeros beside the diagonal is made for that.
+    // The matrix is scaled to about 1, as Eigen's test for zeros beside the diagonal assumes.
     Eigen::SelfAdjointEigenSolver<MatrixXd> solver;
     solver.computeFromTridiagonal(
         Eigen::Map<const VectorXd>(column.alpha.data(), k) / column.scale,
@@ -223,8 +224,7 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
                                                     ritzValues[j], functionValues[j]);
         const double steepest =
             slopes.cwiseAbs().colwise().maxCoeff().transpose().cwiseProduct(firstRow).norm();
-        // An error of the j-th product is a change of what the j-th basis vector becomes, and
-        // nothing else.
+        // An error of the j-th product only changes what the j-th basis vector becomes.
         double ofRough = 0;
         for (int j = 0; j < k; j++) {
             weights = solver.eigenvectors().row(j).transpose().cwiseProduct(firstRow);
@@ -249,16 +249,16 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
  *     beta_k (u.v_k+1) sum_i S_ki S_1i f[theta_i, x]
  *
  * with Ritz values theta and eigenvectors S of the tridiagonal matrix (compare f(A) v_1 with the
- * polynomial that takes f's values at theta). So the largest magnitude of this sum over an interval
- * that holds all eigenvalues bounds the error. The interval: extreme Ritz values and their
- * residuals.
+ * polynomial that takes f's values at theta). The largest magnitude of this sum over an interval
+ * that holds all eigenvalues therefore bounds the error. The interval comes from the extreme Ritz
+ * values and their residuals.
  */
 double Lanczos::largestFactor(const std::function<double(double)>& f,
                               const VectorXd& functionValues, const VectorXd& firstRow,
                               const VectorXd& lastRow, double beta) const {
-    // An eigenvalue lies within one residual of each Ritz value, but the extreme one may be farther
-    // out. At first residuals say nothing yet; then this is as far as the interval reaches towards
-    // zero.
+    // An eigenvalue lies within one residual of each Ritz value, but the extreme eigenvalue may be
+    // farther out. At first residuals say nothing yet; then `least` limits how far the interval
+    // reaches towards zero.
     const double residuals = 3, least = 0.01;
     const int k = ritzValues.size();
     const double low =
@@ -279,12 +279,11 @@ double Lanczos::largestFactor(const std::function<double(double)>& f,
 
 bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure measure,
                           MatrixXd& result) {
-    // The promise is five tolerances: so much is for the iteration's error (which the bound
-    // exceeds), so much for rounding, and the rest for the interval that eigenvalues are thought to
-    // be in.
+    // The error must be below five tolerances. This many of them are for the error of the iteration
+    // (which the bound exceeds), this many for rounding, and the rest for the estimated interval of
+    // the eigenvalues.
     const double shareOfIteration = 3, shareOfRounding = 1;
-    // A result this much smaller than its vector is nothing: squares of its elements are not
-    // numbers any more.
+    // A result this much smaller than its vector counts as zero: squares of its elements underflow.
     const double nothing = 1e-140;
     const Iterate& iterate = column.iterate[column.form];
     // No bound can be smaller than the rounding error in computing it.
@@ -322,8 +321,8 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
 }
 
 /**
- * A look costs k^3 operations, so: seldom while the error is far too large, but no iteration too
- * many in the end.
+ * Plan the next check, which costs k^3 operations. Checks are rare while the error is far too
+ * large, but in the end no iteration is one too many.
  *
  * @param excess  error over what is allowed
  */
@@ -339,7 +338,7 @@ void Lanczos::planNextLook(Column& column, double excess) const {
     column.excess = excess;
 }
 
-/** The vector that the last iterate stands for. */
+/** Write the vector of the last iterate into a column. */
 void Lanczos::put(const Column& column, MatrixXd& result, int c) const {
     const VectorXd& y = column.iterate[column.form].coefficients;
     result.col(c).noalias() = column.norm * (column.basis.leftCols(y.size()) * y);

@@ -10,10 +10,10 @@ namespace RigidHIPlugin {
 /** A function of the eigenvalues of a matrix. */
 struct SpectralFunction {
     std::function<double(double)> value;
-    /** value - 1 without cancellation; empty: never wanted. */
+    /** value - 1 without cancellation; empty: never needed. */
     std::function<double(double)> minusOne;
 
-    /** exp(-h/x) and expm1(-h/x): what is left after h of a decay at the rate 1/x. */
+    /** exp(-h/x) and expm1(-h/x): the remainder after h of a decay at the rate 1/x. */
     static SpectralFunction decay(double h);
     /** sqrt(1 - exp(-2 h/x)): the noise that keeps such a decay at unit variance. */
     static SpectralFunction decayNoise(double h);
@@ -30,31 +30,35 @@ struct SpectralFunction {
  * alone.
  *
  * Method:    Lanczos with full reorthogonalisation. Every column has a Krylov space of its own, but
- * all columns that have not converged are multiplied in one call. (One space for all columns
- * together, block Lanczos, saves 15 % of the products at best, and takes more where columns
- * converge at different times: measured.) Accuracy:  the error of a column, in the 2-norm, is at
- * most five times `tolerance` times the norm of what is returned (or times 1e-140 of the column
- * itself); if that cannot be reached, an error. The error is bounded, not guessed from how iterates
- * move, so plateaus do no harm: see largestFactor(). What is guessed is how far eigenvalues reach
- *            beyond those of the Krylov space; of 36,000 cases with random vectors one, of 12 rows,
- * was wrong: by 6 tolerances. At the dimension of the matrix, or of an invariant subspace, the
- * result is exact but for rounding. Rounding, which ill-conditioned matrices magnify, is estimated
- * too. A vector with hardly any component along an eigenvector that f magnifies can hide it from
- * the Krylov space: a multiple of its component is then missing. Cost:      for k iterations of n
- * rows: k products, 4 n k^2 operations, n k numbers of memory for each column, and about ten
- * eigensystems of tridiagonal k x k matrices. Reference: Saad, SIAM J. Numer. Anal. 29, 209 (1992);
- * Chow, Saad, SIAM J. Sci. Comput. 36, A588 (2014).
+ *            all columns that have not converged are multiplied in one call. (One space for all
+ *            columns together, block Lanczos, saves 15 % of the products at best, and needs more
+ *            where columns converge at different times: measured.)
+ * Accuracy:  the error of a column, in the 2-norm, is at most five times `tolerance` times the norm
+ *            of the result (or times 1e-140 of the column itself). If that cannot be reached, there
+ *            is an error. The error is bounded and not estimated from the change of iterates, so
+ *            that plateaus do no harm: see largestFactor(). How far eigenvalues reach beyond those
+ *            of the Krylov space is an estimate. Of 36,000 cases with random vectors one, of 12
+ *            rows, was wrong: by 6 tolerances. At the dimension of the matrix, or of an invariant
+ *            subspace, the result is exact except for rounding. Rounding, which ill-conditioned
+ *            matrices magnify, is estimated too. A vector with hardly any component along an
+ *            eigenvector that f magnifies can hide it from the Krylov space: a multiple of its
+ *            component is then missing.
+ * Cost:      for k iterations of n rows: k products, 4 n k^2 operations, n k numbers of memory for
+ *            each column, and about ten eigensystems of tridiagonal k x k matrices.
+ * Reference: Saad, SIAM J. Numer. Anal. 29, 209 (1992); Chow, Saad, SIAM J. Sci. Comput. 36, A588
+ * (2014).
  *
- * Rough products, if there are any, are used from where their errors do no harm: an error in the
- * k-th product enters the result as the k-th basis vector does, so from the first product on at
- * coarse tolerances, after a few at fine ones. They are counted with rounding; if that makes too
- * much of them, all is done again with exact ones.
+ * Rough products, if there are any, are used from the iteration on where their errors do no harm.
+ * An error in the k-th product enters the result as the k-th basis vector does. Rough products are
+ * therefore used from the first product on at coarse tolerances, and after a few at fine ones.
+ * Their errors are counted with rounding. If this makes the estimate too large, the computation is
+ * repeated with exact products.
  *
- * No clock and no random numbers: the same input gives the same bits.
+ * There are no measured times and no random numbers: the same input gives the same bits.
  */
 class Lanczos {
 public:
-    /** y = A x for several columns; y comes with any size. */
+    /** y = A x for several columns; y may have any size before. */
     typedef std::function<void(const Eigen::MatrixXd& x, Eigen::MatrixXd& y)> Product;
     /** What the tolerance is relative to: each column's own norm, or (not for increments, see
      * apply()) that of their sum. */
@@ -63,31 +67,31 @@ public:
     static constexpr int defaultIterations = 1000;
     /**
      * @param maxIterations  bounds memory and time; at the matrix's dimension results are exact
-     * @param wanted         the tolerance that the user has set, for messages, if only a part of it
-     * is left for this; else 0
+     * @param wanted         the tolerance that the user has set, for messages, where `tolerance` is
+     *     a part of it; else 0
      */
     explicit Lanczos(double tolerance, int maxIterations = defaultIterations, double wanted = 0);
 
     /**
-     * result.col(c) = f_c(A) x.col(c), or (f_c - 1)(A) x.col(c) if f_c has `minusOne` and this is
-     * smaller, which isIncrement(c) tells: then the increment is what is accurate, and the caller
-     * adds x.col(c).
+     * result.col(c) = f_c(A) x.col(c). If f_c has `minusOne` and the increment (f_c - 1)(A)
+     * x.col(c) is smaller, the result is the increment, which isIncrement(c) tells. The increment
+     * is then what is accurate, and the caller adds x.col(c).
      *
-     * NormOfSum is for columns that the caller adds up: a column with `minusOne` that has decayed
-     * may then be as wrong as `tolerance` times the norm of the sum of all results. Increments and
+     * NormOfSum is for columns that the caller adds up. The error of a column with `minusOne` that
+     * has decayed may then be `tolerance` times the norm of the sum of all results. Increments and
      * columns without `minusOne` are always relative to themselves.
      *
-     * @param rough  if not empty: products as of MobilityAt::applyRoughly()
-     * @throws OpenMMException  tolerance not reached in maxIterations or because of rounding (with
-     * what was reached and what helps); A not positive definite; numbers that are not finite
+     * @param rough  if not empty: products as in MobilityAt::applyRoughly()
+     * @throws OpenMMException  if the tolerance is not reached in maxIterations or because of
+     *     rounding (with what was reached and what helps); if A is not positive definite; for
+     *     numbers that are not finite
      */
     void apply(const Product& multiply, const Eigen::MatrixXd& x,
                const std::vector<SpectralFunction>& functions, Eigen::MatrixXd& result,
                Measure measure = OwnNorm, const Product& rough = Product());
 
     bool isIncrement(int column) const { return columns[column].form == Increment; }
-    /** Error relative to what the tolerance is relative to, as estimated when the column was
-     * finished. */
+    /** Error, relative as the tolerance is, as estimated when the column was finished. */
     double getErrorEstimate(int column) const { return columns[column].error; }
     /** Products of A with one vector in the last apply(). */
     int getNumProducts() const { return numProducts; }
@@ -95,7 +99,7 @@ public:
     int getNumIterations() const { return numIterations; }
 
 private:
-    /** Rough products will not do. */
+    /** Thrown where rough products are not accurate enough. */
     struct TooRough {};
     /** @param rough  empty: exact products only */
     void iterate(const Product& multiply, const Product& rough, const Eigen::MatrixXd& x,
@@ -106,20 +110,19 @@ private:
     struct Iterate {
         Eigen::VectorXd coefficients;  // of the basis
         double norm, bound, roundoff;  // bound: of the error of the iteration
-        double lastFactor;  // what an error of the last product is multiplied by in the result, at
-                            // most
+        double lastFactor;  // the largest factor of an error of the last product in the result
     };
     struct Column {
         double norm;            // of x
         Eigen::MatrixXd basis;  // v_1 ... v_k, v_k+1
         std::vector<double> alpha, beta;
-        std::vector<char> wasRough;  // each product
+        std::vector<char> wasRough;  // for each product
         double scale;  // the largest number in the tridiagonal matrix, about the norm of A
         double smallest, largest;  // Ritz values
         Iterate iterate[2];
         bool active, exact;
-        int lastLook, nextLook;  // iterations after which the result is looked at
-        double excess;           // at the last look: the error over what is allowed
+        int lastLook, nextLook;  // iterations after which the result is checked
+        double excess;           // at the last check: the error over what is allowed
         Form form;
         double error;
     };

@@ -4,17 +4,18 @@
 namespace RigidHIPlugin {
 
 /**
- * One BLAS thread in the whole process while any of these lives, so that results do not depend on
- * their number.
+ * Keeps one BLAS thread in the whole process while any object of this class exists, so that results
+ * do not depend on the number of threads.
  *
- * The number is the process's, not a thread's: Contexts that step at the same time hold it
- * together, whichever platform they are on. The first holder saves it, the last one restores it. If
- * somebody else sets another number than 1 meanwhile, then that is what is restored, but what
- * holders compute until the next one comes may depend on it.
+ * The number belongs to the process, not to a thread. Contexts that step at the same time hold it
+ * together, whichever platform they are on. The first holder saves the number, and the last one
+ * restores it. If other code sets a number other than 1 meanwhile, that number is restored. Results
+ * of the holders until the next one comes may then depend on it.
  *
  * OpenBLAS reads the number once a call, so that calls in progress in other threads keep theirs.
  *
- * To be made by the thread that starts a step, not inside of tasks that run at the same time.
+ * The object must be made by the thread that starts a step, not inside tasks that run at the same
+ * time.
  */
 class OneBlasThread {
 public:

@@ -7,13 +7,13 @@
 namespace RigidHIPlugin {
 
 /**
- * matrix = V diag(values) V^T of a symmetric matrix: by Eigen where it is small, else by LAPACK's
- * divide and conquer (dsyevd; callers hold a OneBlasThread), which is faster from a few tens of
- * rows on. Cost about 9 n^3 flops.
+ * The eigendecomposition matrix = V diag(values) V^T of a symmetric matrix: by Eigen where the
+ * matrix is small, else by LAPACK's divide and conquer (dsyevd; callers hold a OneBlasThread),
+ * which is faster from a few tens of rows on. Cost: about 9 n^3 flops.
  */
 class SymmetricEigen {
 public:
-    /** @throws OpenMMException if it does not converge (a non-finite matrix) */
+    /** @throws OpenMMException if the decomposition does not converge (a non-finite matrix) */
     void compute(const Eigen::MatrixXd& matrix);
     const Eigen::VectorXd& values() const { return eigenvalues; }    // ascending
     const Eigen::MatrixXd& vectors() const { return eigenvectors; }  // columns

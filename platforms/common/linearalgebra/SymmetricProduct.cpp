@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-// OpenBLAS; its header would bring C++-hostile complex types.
+// dsyrk is in OpenBLAS. Its header would bring complex types that C++ does not accept.
 extern "C" void dsyrk_(const char* triangle, const char* transposed, const int* n, const int* k,
                        const double* alpha, const double* a, const int* lda, const double* beta,
                        double* c, const int* ldc);

@@ -5,12 +5,13 @@
 
 namespace RigidHIPlugin {
 
-/** The lower triangle of `sum` <- that of sum + factor A A^T; of A the first `columns` are taken.
- * By BLAS. */
+/**
+ * Add factor A A^T to the lower triangle of `sum`, with the first `columns` columns of A, by BLAS.
+ */
 void addProductOfRows(const Eigen::MatrixXd& A, int columns, double factor, Eigen::MatrixXd& sum);
-/** Likewise with A^T A. */
+/** Add factor A^T A to the lower triangle of `sum`, by BLAS. */
 void addProductOfColumns(const Eigen::MatrixXd& A, double factor, Eigen::MatrixXd& sum);
-/** The upper triangle becomes the mirrored lower one. */
+/** Mirror the lower triangle into the upper one. */
 void mirrorLower(Eigen::MatrixXd& matrix);
 
 }  // namespace RigidHIPlugin

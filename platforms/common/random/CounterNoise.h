@@ -11,9 +11,9 @@ namespace RigidHIPlugin {
 
 /**
  * Random numbers without state: a function of (seed, step, attempt, purpose, index, component)
- * through Random123's Philox4x32-10 (Salmon et al., SC'11). So a run does not depend on the number
- * of threads or the order of bodies, a resumed run continues the interrupted one, and a step that
- * is redone (another attempt) gets new numbers.
+ * through Random123's Philox4x32-10 (Salmon et al., SC'11). A run therefore does not depend on the
+ * number of threads or the order of bodies. A resumed run continues the interrupted one, and a step
+ * that is redone (another attempt) gets new numbers.
  */
 struct NoiseStream {
     enum Law { Gaussian = 0, ThreePoint = 1, TwoPoint = 2 };
@@ -33,11 +33,13 @@ struct NoiseStream {
 
     uint32_t seed = 1;
     int64_t step = 0;
-    /** Below 2^16: CustomRigidHIIntegrator::setMaximumRejections() sees to it. */
+    /** Below 2^16, as CustomRigidHIIntegrator::setMaximumRejections() guarantees. */
     uint32_t attempt = 0;
     Law law = Gaussian;
-    /** Which of several random fields in one Context, each with its own numbers for the same modes;
-     * 0 for everything else. */
+    /**
+     * The number of one of several random fields in one Context. Each field has its own numbers for
+     * the same modes. 0 for everything else.
+     */
     uint32_t field = 0;
 
     /** The counter of one block of two numbers. */
@@ -49,8 +51,10 @@ struct NoiseStream {
     uint32_t lastWord(uint32_t purpose, uint32_t block) const {
         return purpose << 24 | (attempt & 0xffffu) << 8 | block;
     }
-    /** The second word of the Philox key; it only sets this plugin's numbers apart from other users
-     * of the same seed. */
+    /**
+     * The second word of the Philox key. It only separates this plugin's numbers from those of
+     * other users of the same seed.
+     */
     static const uint32_t keyWord = 0x52484931u;
 
     /** Two independent numbers of mean 0 and variance 1. */
@@ -68,8 +72,8 @@ struct NoiseStream {
             b = discrete(v);
         }
     }
-    // Of a mode of a random field on a grid, with the integer wave numbers |nx|, |ny| < 4096, 0 <=
-    // nz < 4096: the arguments of pair().
+    // The index of a mode of a random field on a grid, with the integer wave numbers |nx|, |ny| <
+    // 4096, 0 <= nz < 4096. It is an argument of pair().
     static uint32_t indexOfMode(int nx, int ny, int nz) {
         return static_cast<uint32_t>(nx + 4096) << 19 | static_cast<uint32_t>(ny + 4096) << 6 |
                static_cast<uint32_t>(nz) >> 6;

@@ -31,52 +31,54 @@ struct MobilityCosts {
 
 /**
  * Coupled bodies at one configuration: the particles' mobility there, and the matrices of the
- * bodies, made when first asked for. Several may live at once; what is known lives as long as the
- * poses, the memory longer.
+ * bodies, made when first asked for. Several objects may exist at once. Results are kept as long as
+ * the poses are, and memory longer.
  */
 class BodiesAt {
 public:
     BodiesAt(const CoupledBodies& bodies, MobilityCosts& costs) : bodies(bodies), costs(costs) {}
     /**
-     * One pose an element; a free particle's q is not used. @throws what the model's at() throws,
-     * and for two particles of one radius at one place
+     * Set one pose an element; a free particle's q is not used. @throws as the model's at(), and
+     * for two particles of one radius at one place
      *
-     * @param nearby  these are a small displacement from accepted ones: near() of the model
+     * @param nearby  the poses are a small displacement from accepted ones: near() of the model
      */
     void setPoses(const std::vector<Pose>& newPoses, bool nearby = false);
     const std::vector<Eigen::Matrix3d>& getTurns() const { return turns; }
     const Placement& getPlacement() const { return placement; }
     const std::vector<Pose>& getPoses() const { return poses; }
-    /** Whether they were set as such. */
+    /** Whether the poses were set as nearby ones. */
     bool isNearby() const { return nearbyPoses; }
     /**
-     * These will be small displacements from the poses of the other, and are compared with each
-     * other. A model that keeps something of the placement before (MobilityModel::isAnchored()) is
-     * brought there first.
+     * Poses of this object will be small displacements from those of the other, and results are
+     * compared. A model that keeps data of an earlier placement (MobilityModel::isAnchored()) is
+     * brought to that placement first.
      */
     void anchorTo(const BodiesAt& other);
     MobilityAt& particles() { return *place; }
-    /** Slips of particles in a driven flow, with what their stresslets do. */
+    /** The slips of particles in a driven flow, with the effect of their stresslets. */
     void follow(const DrivenFlow& flow, Eigen::MatrixXd& slips);
     /** BodyMobility::powerOn() */
     double powerOn(const DrivenFlow& flow, const FlowSources& sources) const;
     /**
-     * The twists of bodies without forces whose particles have these slips, (K^T M^-1 K)^-1 K^T
-     * M^-1 s, by matrices; own tensors have no part in it.
+     * The twists of force-free bodies whose particles have these slips, (K^T M^-1 K)^-1 K^T M^-1 s,
+     * by matrices. Own tensors have no effect.
      *
-     * @param nullTwists  those of the friction K^T M^-1 K
+     * @param nullTwists  of the friction K^T M^-1 K
      */
     void forceFreeTwists(const Eigen::MatrixXd& slips, const NullTwists& nullTwists,
                          Eigen::MatrixXd& twists);
-    /** The forces of particles, M^-1 (K U - s), of bodies with these wrenches and slips (one column
-     * each), U = (K^T M^-1 K)^-1 (F + K^T M^-1 s); likewise. */
+    /**
+     * The forces of particles, M^-1 (K U - s), of bodies with these wrenches and slips (one column
+     * each), U = (K^T M^-1 K)^-1 (F + K^T M^-1 s). Own tensors have no effect.
+     */
     void particleForces(const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips,
                         const NullTwists& nullTwists, Eigen::MatrixXd& forces);
-    /** Of all products so far: MobilityAt::getSecondsOfGrid(). */
+    /** Time of all products so far: MobilityAt::getSecondsOfGrid(). */
     double getSecondsOfGrid() const { return place ? place->getSecondsOfGrid() : 0; }
     /** N, computed when first asked for. */
     const Eigen::MatrixXd& mobility();
-    /** Its (pseudo-)inverse, likewise. */
+    /** The (pseudo-)inverse of N, computed when first asked for. */
     const Eigen::MatrixXd& friction();
 
 private:

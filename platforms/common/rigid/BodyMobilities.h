@@ -8,19 +8,21 @@
 namespace RigidHIPlugin {
 
 /**
- * The strategies for one group of bodies: which class serves which way is known here only. Each is
- * made when it is first asked for, and shared by all who ask for it: they set poses and tolerance
- * before use.
+ * The strategies for one group of bodies. Only this class knows which class implements which
+ * strategy. Each strategy is made when it is first asked for, and shared by all callers, who set
+ * poses and tolerance before use.
  */
 class BodyMobilities {
 public:
-    /** @param tolerance  of the matrix-free way, as the user has set it */
+    /** @param tolerance  of the matrix-free strategy, as the user has set it */
     BodyMobilities(const CoupledBodies& bodies, double tolerance)
         : bodies(bodies), tolerance(tolerance) {}
-    /** @param way  Constant only where the bodies are so (CoupledBodies), Krylov only where the
-     * model has products */
+    /**
+     * @param way  Constant is only for constant bodies (CoupledBodies), Krylov only for models with
+     *     products
+     */
     BodyMobility& get(BodyMobility::Way way);
-    /** Of all of them. */
+    /** The costs of all strategies together. */
     MobilityCosts getCosts() const;
 
 private:

@@ -99,14 +99,16 @@ void BodyMobility::slipsOf(RandomField& field, MatrixXd& slips) {
 
 double BodyMobility::divergenceOf(RandomField& field) {
     bool known = field.hasGradients();
-    // Of the angular velocity of a sphere they are not known; about its centre it plays no part.
+    // Angular velocities of spheres are not known. For a sphere about its centre they play no part.
     for (const FluidElement& element : bodies.getElements())
         known = known && !(element.isSphere() && element.sites[0] != Vector3d::Zero());
     return known ? divergenceByGradients(field) : divergenceByDifferences(field);
 }
 
-/** The nearest twist of a body is A P A^T v, with P in its frame: shifted, v changes; turned, v and
- * A do. The trace is of its own coordinates. */
+/**
+ * The nearest twist of a body is A P A^T v, with P in the body's frame. If the body is displaced, v
+ * changes; if it is turned, v and A change. The trace is over the body's own coordinates.
+ */
 double BodyMobility::divergenceByGradients(RandomField& field) {
     BodiesAt& here = particlesHere();
     field.slipsAt(here.getPlacement(), here.isNearby(), fieldSlips);
@@ -136,8 +138,8 @@ double BodyMobility::divergenceByGradients(RandomField& field) {
 
 double BodyMobility::divergenceByDifferences(RandomField& field) {
     BodiesAt& here = particlesHere();
-    // The field's slips are exact functions of positions, so central differences are right to
-    // delta^2 and rounding/delta.
+    // The field's slips are exact functions of positions, so that the errors of central differences
+    // are delta^2 and rounding/delta.
     const double delta = 1e-5;
     const auto& elements = bodies.getElements();
     double sum = 0;

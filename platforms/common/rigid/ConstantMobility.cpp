@@ -64,7 +64,7 @@ void ConstantMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Ma
     if (slips.size() > 0) twists += slips;
 }
 
-/** The body's own tensor knows how it turns about the line of its blobs, these do not. */
+/** The body's own tensor resists rotation about the line of the blobs, the blobs do not. */
 const NullTwists& ConstantMobility::nullTwistsOfBlobs() {
     const FluidElement& element = bodies.getElements()[0];
     if (!lineOfBlobs.any() && element.ownMobility.size() > 0 && element.particles.size() > 1)
@@ -92,7 +92,7 @@ void ConstantMobility::forceFreeTwists(const DrivenFlow& flow, const MatrixXd& s
     twist_body.noalias() = forceFree_body * slips_body;
     twists.noalias() = twoRotations(A) * twist_body;
     if (!lineOfBlobs.any()) return;
-    // So about that line it goes with the flow.
+    // About that line the body therefore goes with the flow.
     const Matrix<double, 6, 1> n = twoRotations(A) * lineOfBlobs.inBody(0);
     twists.col(0) +=
         n.tail<3>().dot(flow.angularVelocityAt(poses[0].R, {})) / n.tail<3>().squaredNorm() * n;

@@ -6,8 +6,10 @@
 
 namespace RigidHIPlugin {
 
-/** Of a body alone in a uniform fluid: its tensor, its own or what the model makes of it, is known
- * once in its frame, and turns with it. */
+/**
+ * The mobility of a body alone in a uniform fluid. The tensor, the body's own or the model's, is
+ * known once in the body's frame, and turns with the body.
+ */
 class ConstantMobility : public BodyMobility {
 public:
     explicit ConstantMobility(const CoupledBodies& bodies);
@@ -23,7 +25,7 @@ public:
     void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) override {
         thermalWrench(W, forces);
     }
-    // Slips live on the body, whose inverse is the friction.
+    // Slips belong to the body, and the inverse mobility is the friction.
     void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override {
         forces = friction() * slips;
     }
@@ -46,11 +48,11 @@ private:
     CholeskyFactor factor_body;  // of the friction, lifted
     std::vector<Pose> poses;
     std::vector<Eigen::Matrix3d> turns;
-    BodiesAt particles;  // of which nothing is needed but by applyToParticles()
+    BodiesAt particles;  // needed by applyToParticles() only
     MatrixXd N, xi, wrenchesOfSolve, thermal;
     MatrixXd forceFree_body, slips_body,
-        twist_body;               // of forceFreeTwists(), known when first needed
-    NullTwists lineOfBlobs{{0}};  // likewise, of blobs of a body with a tensor of its own
+        twist_body;               // of forceFreeTwists(); computed when first needed
+    NullTwists lineOfBlobs{{0}};  // likewise; of the blobs of a body with an own tensor
 };
 
 }  // namespace RigidHIPlugin

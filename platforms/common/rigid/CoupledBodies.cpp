@@ -33,7 +33,7 @@ CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFa
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
         const bool hasOwnTensor = element.ownMobility.size() > 0;
-        // A tensor that is taken as it is holds the body about its line too.
+        // A constant own tensor resists rotation about the line of the blobs too.
         if (element.particles.size() > 1 && !(constant && hasOwnTensor)) {
             checkSites(e);
             nullTwists.find(e, element.sites);
@@ -52,7 +52,7 @@ CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFa
             ownTensors.set(e, elements[e].ownMobility, modelMobilityAlone(e));
 }
 
-/** What the model makes of a body by itself in unbounded fluid, body frame. */
+/** The model's mobility of a body by itself in unbounded fluid, body frame. */
 MatrixXd CoupledBodies::modelMobilityAlone(int e) const {
     const FluidElement& element = getElements()[e];
     MatrixXd M;
@@ -67,7 +67,7 @@ MatrixXd CoupledBodies::modelMobilityAlone(int e) const {
     return generalisedInverse(0.5 * (xi + xi.transpose()), VectorXd());
 }
 
-/** The sites of a body's blobs are constant: this is known once for all. */
+/** The sites of a body's blobs are constant, so that one check is enough. */
 void CoupledBodies::checkSites(int e) const {
     const FluidElement& element = getElements()[e];
     CoincidenceCheck().check(particlesOf({element}), sitesOf(element), 1);

@@ -15,13 +15,13 @@
 namespace RigidHIPlugin {
 
 /**
- * Rigid bodies that feel each other through the fluid: what does not depend on where they are.
- * BodiesAt are the same at a place.
+ * Rigid bodies that feel each other through the fluid: the data that do not depend on where the
+ * bodies are. BodiesAt has the same bodies at one configuration.
  *
- * Their mobility is made from that of their particles, N = (K^T M^-1 K)^-1, where the rows of K
- * give the velocities of the particles from V and W of their body (Westwood 2022, eqs. 7 to 10). A
- * sphere carries force and torque, the blobs of a multiblob forces only. Where all blobs of a body
- * are on a line its mobility is the generalised inverse that NullTwists describes.
+ * The mobility of the bodies is made from that of their particles, N = (K^T M^-1 K)^-1, where the
+ * rows of K give the velocities of the particles from V and W of their body (Westwood 2022, eqs. 7
+ * to 10). A sphere carries force and torque, the blobs of a multiblob forces only. Where all blobs
+ * of a body are on a line, its mobility is the generalised inverse that NullTwists describes.
  *
  * Rows: six a body (V, W about its origin; lab frame), then three a free particle, in the order of
  * the elements.
@@ -31,10 +31,10 @@ public:
     typedef std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles&)>
         ModelFactory;
     /**
-     * @param elements      what feels each other
-     * @param makeModel     makes the model of given particles
-     * @param mayBeConstant false: the tensor of a body that is alone in a uniform fluid is made
-     * anew at every pose too
+     * @param elements       elements that feel each other
+     * @param makeModel      makes the model of given particles
+     * @param mayBeConstant  false: the tensor of a body that is alone in a uniform fluid is also
+     *     computed at every pose
      */
     CoupledBodies(const std::vector<FluidElement>& elements, const ModelFactory& makeModel,
                   bool mayBeConstant = true);
@@ -47,39 +47,47 @@ public:
     const RigidMotion& getMotion() const { return motion; }
     const NullTwists& getNullTwists() const { return nullTwists; }
     const OwnTensors& getOwnTensors() const { return ownTensors; }
-    /** Of all particles. */
+    /** The model of all particles. */
     const MobilityModel& getModel() const { return *model; }
-    /** Whether there are particles; if not, a tensor of its own is all that is known of a body. */
+    /** Whether there are particles. If not, a body has its own tensor only. */
     bool hasModel() const { return model != nullptr; }
-    /** The null vector of element's friction in its frame (unit length), if its blobs are on a
-     * line. */
+    /**
+     * Whether the element's friction has a null vector: whether its blobs are on a line.
+     * getNullVector_body() gives this vector in the element's frame (unit length).
+     */
     bool hasNullVector(int element) const { return nullTwists.has(element); }
     const Eigen::VectorXd& getNullVector_body(int element) const {
         return nullTwists.inBody(element);
     }
-    /** Longest distance between points of the element's particles, nm: what finite differences
-     * scale translations with. */
+    /**
+     * Longest distance between points of the element's particles, nm. Finite differences scale
+     * translations with it.
+     */
     double length(int element) const;
 
-    /** The vectors of the periodic box, from the next poses on; zeros: there is none. */
+    /** Set the vectors of the periodic box, from the next poses on; zeros: there is none. */
     void setBox(const BoxVectors& vectors) { box = vectors; }
     const BoxVectors& getBox() const { return box; }
 
-    // ---- What strategies are chosen by
+    // ---- Properties that strategies are chosen by
     /** Whether there is one element only in a fluid that is the same everywhere. */
     bool isAloneInUniformFluid() const { return aloneInUniformFluid; }
-    /** Whether the tensor is that of one body in a homogeneous fluid, known once for all in its own
-     * frame. */
+    /**
+     * Whether the tensor is that of one body in a homogeneous fluid, which is known once in the
+     * body's frame.
+     */
     bool isConstantInBodyFrame() const { return aloneInUniformFluid && !getElements()[0].isFree(); }
     /**
-     * Whether div N = 0 at all poses: spheres about their centres do not feel how they are turned,
-     * so the divergence is that of the particles' mobility.
+     * Whether div N = 0 at all poses. Spheres about their centres do not depend on orientations, so
+     * that the divergence is that of the particles' mobility.
      */
     bool isDivergenceFree() const {
         return motion.isIdentity() && !ownTensors.any() && model && model->isDivergenceFree();
     }
-    /** Whether slips live on bodies because there is no M: one body with a constant tensor, own
-     * tensors, models made from friction. */
+    /**
+     * Whether slips belong to bodies because there is no M: one body with a constant tensor, own
+     * tensors, models made from friction.
+     */
     bool slipsAreOfBodies() const {
         return isConstantInBodyFrame() || ownTensors.any() || !model || model->isMadeFromFriction();
     }
@@ -87,12 +95,14 @@ public:
     bool prefersFriction() const {
         return !motion.isIdentity() || (model && model->isMadeFromFriction());
     }
-    /** Whether N can be multiplied by without a matrix: the model has products. */
+    /** Whether the model has products, so that N can be multiplied by without a matrix. */
     bool hasProducts() const { return model && model->hasProducts(); }
-    /** Whether that has no iterations, and so no error: spheres. */
+    /** Whether products with N need no iterations, and so have no error of iterations: spheres. */
     bool multipliesWithoutIterations() const { return motion.isIdentity() && hasProducts(); }
-    /** Whether N takes less time by iterations, column by column, than by factors. By numbers of
-     * rows only, so that it is so on any machine. */
+    /**
+     * Whether N takes less time by iterations, column by column, than by factors. The answer
+     * depends on numbers of rows only, so that it is the same on any machine.
+     */
     bool isWorthIterations() const {
         return hasProducts() && !motion.isIdentity() &&
                getNumParticleRows() > model->rowsWorthIterations() * getNumRows();

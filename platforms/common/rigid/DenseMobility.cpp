@@ -14,8 +14,10 @@ void DenseMobility::setPoses(const vector<Pose>& poses, bool nearby) {
     isFactorised = false;
 }
 
-/** The friction of bodies, in the lower triangle of `lifted`, lifted along null twists, as its
- * Cholesky factor. */
+/**
+ * Compute the Cholesky factor of the friction of bodies, in the lower triangle of `lifted`, lifted
+ * along null twists.
+ */
 void DenseMobility::factoriseFriction() {
     bodies.getNullTwists().lift(here.getTurns(), lifted);
     if (!xi.compute(lifted)) refuseIndefiniteFriction(bodies.getElements().size());

@@ -7,8 +7,9 @@
 namespace RigidHIPlugin {
 
 /**
- * By matrices: Cholesky's factors of M and of the friction K^T M^-1 K (of the friction alone where
- * slips live on bodies, of M alone where K = 1), once a configuration, when first needed.
+ * The mobility by matrices: Cholesky's factors of M and of the friction K^T M^-1 K. Where slips
+ * belong to bodies only the friction is factorised, and where K = 1 only M. Factors are computed
+ * once a configuration, when first needed.
  */
 class DenseMobility : public BodyMobility {
 public:
@@ -43,8 +44,8 @@ private:
     bool isFactorised = false;
     CholeskyFactor M, xi;
     MatrixXd LK;                           // L^-1 K
-    MatrixXd mobilityOfParticles, lifted;  // before they are factorised
-    /** Of a solve(), kept for each number of columns. */
+    MatrixXd mobilityOfParticles, lifted;  // before factorisation
+    /** Arrays of a solve(), kept for each number of columns. */
     struct Columns {
         MatrixXd halfSlips, halfForces, wrenches;  // L^-1 s, L^T lambda
     };

@@ -8,7 +8,7 @@
 
 namespace RigidHIPlugin {
 
-/** What the fluid sees of a body, or of a free particle. */
+/** A body, or a free particle, as the fluid sees it. */
 struct FluidElement {
     int body = -1;               // index of the body, -1: a free particle
     std::vector<int> particles;  // hydrodynamic particles, indices in the System
@@ -18,7 +18,7 @@ struct FluidElement {
     Eigen::MatrixXd ownMobility;  // 6 x 6, body frame, or empty: setBodyMobility()
 
     bool isFree() const { return body < 0; }
-    /** One hydrodynamic particle takes force and torque; those of a multiblob take forces only. */
+    /** One hydrodynamic particle takes force and torque. Those of a multiblob take forces only. */
     bool isSphere() const { return !isFree() && particles.size() == 1; }
     int numRows() const { return isFree() ? 3 : 6; }
     int numParticleRows() const { return (isSphere() ? 6 : 3) * particles.size(); }
@@ -26,7 +26,7 @@ struct FluidElement {
 
 /** The hydrodynamic particles of elements, in their order. */
 HydrodynamicParticles particlesOf(const std::vector<FluidElement>& elements);
-/** Where those of one element are in its own frame. */
+/** The positions of one element's particles in the element's own frame. */
 std::vector<OpenMM::Vec3> sitesOf(const FluidElement& element);
 
 }  // namespace RigidHIPlugin

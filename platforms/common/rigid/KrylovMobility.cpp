@@ -23,7 +23,7 @@ KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
 }
 
 void KrylovMobility::setTolerance(double relative, bool exactProducts, bool exactSolves) {
-    // The tolerance is in the norm of the friction there, in which errors of products were up to a
+    // The tolerance is in the norm of the friction. In this norm errors of products were up to a
     // hundred times as large.
     const double part = 0.01;
     toleranceOfProducts = exactProducts ? 0 : relative;
@@ -136,8 +136,10 @@ void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& f
     costs.products += forces.cols();
 }
 
-/** result = f(S) W for a matrix S that stands for M: that of MultiblobSolver, or ownScale M
- * ownScale for spheres. */
+/**
+ * result = f(S) W for the matrix S that stands for M: that of MultiblobSolver, or ownScale M
+ * ownScale for spheres.
+ */
 void KrylovMobility::applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result) {
     const Solving timed(*this);
     if (!lanczos)
@@ -171,7 +173,7 @@ void KrylovMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
         wrench = ownScale.asDiagonal() * scratch;
     else
         solverAt(here).wrenchesFromScaled(scratch, wrench);
-    // N = B N_model B^T, so a wrench on the bodies is B^-T times one in the model.
+    // N = B N_model B^T, so that a wrench on the bodies is B^-T times a wrench in the model.
     bodies.getOwnTensors().wrenchesFromModel(here.getTurns(), wrench);
 }
 
@@ -226,7 +228,8 @@ void KrylovMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& sl
 
 const MatrixXd& KrylovMobility::mobility() {
     if (!bodies.isWorthIterations()) return here.mobility();
-    // So many columns share what products compute of each pair; more take memory only.
+    // So many columns share what products compute for each pair. More columns only need more
+    // memory.
     const int batch = 24;
     const int numRows = bodies.getNumRows();
     N.resize(numRows, numRows);

@@ -11,15 +11,17 @@
 namespace RigidHIPlugin {
 
 /**
- * Without any matrix over all bodies: products with the particles' mobility, MultiblobSolver where
- * there are multiblobs, Lanczos for noise, to the tolerance. Lanczos sees M scaled by the
- * particles' own mobilities (multiblobs: own matrices), so that neither units nor unequal radii
- * matter.
+ * The mobility without any matrix over all bodies, to the tolerance: products with the particles'
+ * mobility, MultiblobSolver where there are multiblobs, and Lanczos for noise. Lanczos sees M
+ * scaled by the particles' own mobilities (multiblobs: own matrices), so that neither units nor
+ * unequal radii matter.
  */
 class KrylovMobility : public BodyMobility {
 public:
-    /** @param tolerance  relative, as the user has set it: iterations may be wanted to a part of it
-     * by setTolerance() */
+    /**
+     * @param tolerance  relative, as the user has set it; setTolerance() may set a part of it for
+     *     iterations
+     */
     KrylovMobility(const CoupledBodies& bodies, double tolerance);
     Way getWay() const override { return Krylov; }
     void setPoses(const std::vector<Pose>& poses, bool nearby = false) override {
@@ -66,15 +68,15 @@ private:
     void forcesFromScaled(const MatrixXd& x, MatrixXd& forces);
     MultiblobSolver& solverAt(const BodiesAt& at);
 
-    const bool spheres;  // K = 1 without own tensors, or with them
+    const bool spheres;  // K = 1, with or without own tensors
     const double wantedTolerance;
     double tolerance, toleranceOfProducts, errorOfSolves = 0;
     BodiesAt here, elsewhere;
     std::unique_ptr<MultiblobSolver> solver;  // made when first needed
-    std::unique_ptr<Lanczos> lanczos;         // likewise, for each tolerance
+    std::unique_ptr<Lanczos> lanczos;         // likewise; one for each tolerance
     Eigen::VectorXd ownScale;  // of rows of spheres: about the root of a particle's own friction
                                // over 6 pi viscosity
-    int solving = 0;           // nested
+    int solving = 0;           // depth of nested calls
     std::chrono::steady_clock::time_point beginOfSolving;
     double gridSecondsBefore = 0;
     MatrixXd scratch, scaled, thermal, wrenchesOfSolve, N, columns, twistsOfColumns;

@@ -15,9 +15,9 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Far more than a mobility matrix needs, whose preconditioned condition number is tens. */
+/** Far more than a mobility matrix needs: its preconditioned condition number is tens. */
 const int maxIterations = 1000;
-/** With rough products; then it is tried with exact ones. */
+/** The limit with rough products. After it the solve is tried with exact ones. */
 const int maxRoughIterations = 100;
 
 }  // namespace
@@ -54,7 +54,7 @@ MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nu
                     "MobilityForce: the mobility matrix of the " + to_string(element.sites.size()) +
                     " blobs of body " + to_string(element.body) +
                     " is not positive definite; look for blobs at the same place");
-            // In the energy norm errors of products grow by the root of the condition number.
+            // In the energy norm, errors of products grow by the root of the condition number.
             roughReduction = max(roughReduction, MobilityAt::roughError / sqrt(shape->M.rcond()));
             shape->K = motion.ofElement_body(e);
             shape->MinvK = shape->M.solve(shape->K);
@@ -72,7 +72,7 @@ void MultiblobSolver::setTurns(const vector<Matrix3d>& ofBodies) {
         if (!shapes[e]->isFree) turns[e] = ofBodies[e];
 }
 
-/** Vectors of blobs (or bodies) between the lab frame and the frames of their bodies. */
+/** Turn vectors of blobs (or bodies) between the lab frame and the frames of their bodies. */
 void MultiblobSolver::turn(Rows kind, bool toBody, const MatrixXd& from, MatrixXd& to) const {
     to.resize(from.rows(), from.cols());
     for (size_t e = 0; e < shapes.size(); e++) {
@@ -87,9 +87,9 @@ void MultiblobSolver::turn(Rows kind, bool toBody, const MatrixXd& from, MatrixX
 }
 
 /**
- * preconditioned = M~^-1 (residual - K u) with K^T preconditioned = 0, M~ the bodies' own matrices:
- * u = N~ K^T M~^-1 residual. The residual hands K u over to the twists: one that goes to zero keeps
- * its digits (Gould et al., section 5).
+ * preconditioned = M~^-1 (residual - K u) with K^T preconditioned = 0, M~ the bodies' own matrices,
+ * and u = N~ K^T M~^-1 residual. K u is moved from the residual to the twists. A residual that goes
+ * to zero then keeps its digits (Gould et al., section 5).
  */
 void MultiblobSolver::project() {
     preconditioned.resize(residual.rows(), residual.cols());
@@ -145,7 +145,7 @@ int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const Ma
     return iterations;
 }
 
-/** The forces of blobs if bodies did not see each other. */
+/** Begin at the forces of blobs for bodies that do not feel each other. */
 void MultiblobSolver::begin(const MatrixXd& wrenches, const MatrixXd& slips,
                             MatrixXd& forces) const {
     forces.resize(numBlobRowsTotal, wrenches.cols());
@@ -172,7 +172,10 @@ void MultiblobSolver::keepGuess(int column) {
     wrenchesOfGuess = wrenches_body.col(column);
 }
 
-/** The change of wrenches and slips makes what it would if bodies did not see each other. */
+/**
+ * Add to the kept forces the response to the change of wrenches and slips, as of bodies that do not
+ * feel each other.
+ */
 void MultiblobSolver::beginFromGuess(const MatrixXd& wrenches, const MatrixXd& slips) {
     product = wrenches - wrenchesOfGuess;
     if (slips.size() > 0)
@@ -183,8 +186,7 @@ void MultiblobSolver::beginFromGuess(const MatrixXd& wrenches, const MatrixXd& s
     lambda += lambdaOfGuess;
 }
 
-/** @return iterations; if products are rough, more than the most there may be if it does not
- * converge */
+/** @return iterations; with rough products, more than their limit if they do not converge */
 int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bool fromGuess) {
     const int columns = wrenches_body.cols();
     const bool withSlips = slips_body.size() > 0;
@@ -205,8 +207,8 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bo
         twists_body.setZero(numRows, columns);
         project();
     };
-    // Rough products bring the residual down to these parts of what it was, one after the other,
-    // with an exact residual in between.
+    // Rough products reduce the residual by these factors, one after the other, with an exact
+    // residual after each.
     const double reduction = max(roughReduction, MobilityAt::leastRoughTolerance);
     const int stages = rough && tolerance < reduction ? ceil(log(tolerance) / log(reduction)) : 1;
     int stage = 1;

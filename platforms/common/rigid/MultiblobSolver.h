@@ -16,51 +16,58 @@ class RigidMotion;
 /**
  * The motion of rigid multiblobs under given forces and torques, without a matrix over all blobs.
  *
- * Equation:  M lambda + s = K U, K^T lambda = F: the blob forces that keep bodies rigid in spite of
- * the slips s (random velocities of blobs), and add up to F; so U = N (F + K^T M^-1 s) (Westwood
- * 2022, eqs. 7-10, 33-36). Method:    lambda minimises lambda^T M lambda / 2 + lambda^T s under K^T
- * lambda = F: conjugate gradients projected onto the constraint (Gould, Hribar, Nocedal, SIAM J.
- * Sci. Comput. 23, 1376 (2001)). The preconditioner is every body's own mobility matrix, factorised
- * once for bodies of one shape, in the body frame; the first guess is the solution for bodies that
- * do not see each other. U are the multipliers. Accuracy:  the energy norm of the error of lambda
- * is below the tolerance times that of lambda, so every U F is right to its square, and U in the
- * norm of the friction to the tolerance; or an error. With slips the tolerance is relative to both
- * together: the square root of lambda^T M lambda + s^T M~^-1 s, M~ the bodies' own matrices.
- * Precision: products are rough ones (MobilityAt::applyRoughly()), which stop the residual from
- * being what it is taken for once it has shrunk by about their error. So it is computed anew from
- * lambda by an exact product each time before that, and the iteration goes on (van der Vorst, Ye,
- * SIAM J. Sci. Comput. 22, 835 (2000)): at 1e-6 one product is exact, at 5e-5 and more none. If
- * rough products do not converge, all is done again with exact ones. Cost:      an iteration has
- * one product with M and one solve with each body's own matrix.
+ * Equation:  M lambda + s = K U, K^T lambda = F. lambda are the blob forces that keep bodies rigid
+ *            in spite of the slips s (random velocities of blobs), and that add up to F. So U = N
+ *            (F + K^T M^-1 s) (Westwood 2022, eqs. 7-10, 33-36).
+ * Method:    lambda minimises lambda^T M lambda / 2 + lambda^T s under K^T lambda = F, by conjugate
+ *            gradients projected onto the constraint (Gould, Hribar, Nocedal, SIAM J. Sci. Comput.
+ *            23, 1376 (2001)). The preconditioner is every body's own mobility matrix, factorised
+ *            once for bodies of one shape, in the body frame. The first guess is the solution for
+ *            bodies that do not feel each other. U are the multipliers.
+ * Accuracy:  the energy norm of the error of lambda is below the tolerance times that of lambda.
+ *            Every U F is therefore right to the square of the tolerance, and U in the norm of the
+ *            friction to the tolerance. Otherwise there is an error. With slips the tolerance is
+ *            relative to both together: the square root of lambda^T M lambda + s^T M~^-1 s, M~ the
+ *            bodies' own matrices.
+ * Precision: products are rough ones (MobilityAt::applyRoughly()). With them, the recursive
+ *            residual is no longer the true one once it has shrunk by about their error. Each time
+ *            before that, the residual is computed anew from lambda by an exact product, and the
+ *            iteration goes on (van der Vorst, Ye, SIAM J. Sci. Comput. 22, 835 (2000)). At a
+ *            tolerance of 1e-6 one product is exact, at 5e-5 and more none. If rough products do
+ *            not converge, the solve is repeated with exact ones.
+ * Cost:      an iteration has one product with M and one solve with each body's own matrix.
  */
 class MultiblobSolver {
 public:
-    /** @param model  whose mobility of a body by itself makes the preconditioner */
+    /** @param model  gives the mobility of a body by itself, which makes the preconditioner */
     MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists,
                     const MobilityModel& model);
     /** Rotations of the bodies; a free particle's is not used. */
     void setTurns(const std::vector<Eigen::Matrix3d>& turns);
-    /** What the user has set, for messages: solves may be wanted to a part of it. 0: not known. */
+    /**
+     * The tolerance that the user has set, for messages, where solves go to a part of it. 0: not
+     * known.
+     */
     double wantedTolerance = 0;
     /**
-     * twists = N wrenches, each column for itself. @throws OpenMMException with what was reached,
-     * if the tolerance is not
+     * twists = N wrenches, each column independent.
      * @return iterations
+     * @throws OpenMMException with the tolerance that was reached, if that is not the wanted one
      */
     int apply(MobilityAt& blobs, const Eigen::MatrixXd& wrenches, double tolerance,
               Eigen::MatrixXd& twists);
     /**
-     * Likewise with slips of the blobs (lab frame; as many columns; empty: none), twists = N
-     * (wrenches + K^T M^-1 slips).
+     * twists = N (wrenches + K^T M^-1 slips), with slips of the blobs (lab frame; as many columns;
+     * empty: none).
      *
-     * @param exactProducts  only
-     * @param fromGuess      there is one column, and keepGuess() has kept a solution for similar
-     * ones: begin there, with the bodies' own answer to what is different
+     * @param exactProducts  use exact products only
+     * @param fromGuess      begin at the solution that keepGuess() has kept, corrected by the
+     *     bodies' own response to the changes; for one column and similar wrenches and slips only
      */
     int solve(MobilityAt& blobs, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips,
               double tolerance, bool exactProducts, Eigen::MatrixXd& twists,
               bool fromGuess = false);
-    /** Keep a column of the last solve: where the bodies go it turns with them. */
+    /** Keep a column of the last solve. It turns with the bodies. */
     void keepGuess(int column);
     /** Products with one vector of the last solve, exact and rough. */
     int getNumProducts() const { return numProducts; }
@@ -69,15 +76,15 @@ public:
     /** The blob forces of the last solve, lab frame. */
     void getBlobForces(Eigen::MatrixXd& lambda_lab) const;
 
-    // With M~ = L L^T in the body frame, T the turn to the lab: the well-conditioned S = L^-1 T^T M
-    // T L^-T stands for M, so that s = T L S^(1/2) W has the covariance M, and K^T T L^-T S^(-1/2)
-    // W that of the friction K^T M^-1 K.
+    // With M~ = L L^T in the body frame and T the turn to the lab frame, the well-conditioned S =
+    // L^-1 T^T M T L^-T stands for M. Then s = T L S^(1/2) W has the covariance M, and K^T T L^-T
+    // S^(-1/2) W that of the friction K^T M^-1 K.
     /** y = S x; `tolerance` as of MobilityAt::applyFor(). */
     void multiplyScaled(MobilityAt& blobs, double tolerance, const Eigen::MatrixXd& x,
                         Eigen::MatrixXd& y);
     /** slips = T L x */
     void slipsFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& slips_lab);
-    /** Its inverse, x = L^-1 T^T slips, and forces = T L^-T x. */
+    /** The inverse, x = L^-1 T^T slips; and forces = T L^-T x. */
     void scaledFromSlips(const Eigen::MatrixXd& slips_lab, Eigen::MatrixXd& x);
     void forcesFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& forces_lab);
     /** wrenches = K^T T L^-T x */

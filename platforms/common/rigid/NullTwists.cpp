@@ -19,8 +19,10 @@ typedef Matrix<double, 6, 1> Vector6d;
  * given to more digits. */
 const double lineTolerance = 1e-9;
 
-/** The twist about a line that leaves all sites where they are, or an empty vector if they are not
- * on one line. */
+/**
+ * The twist about the line of the sites, which leaves all sites where they are; an empty vector if
+ * the sites are not on one line.
+ */
 VectorXd twistAboutLine(const vector<Vector3d>& sites) {
     Vector3d centre = Vector3d::Zero();
     for (const Vector3d& s : sites) centre += s / sites.size();
@@ -36,14 +38,18 @@ VectorXd twistAboutLine(const vector<Vector3d>& sites) {
     return twist / twist.norm();
 }
 
-/** Q twists, in place: the multiple of n subtracted that makes them not turn about the line. */
+/**
+ * Replace twists by Q twists: subtract the multiple of n that leaves no rotation about the line.
+ */
 void removeTurn(const Vector6d& n, Ref<MatrixXd> twists) {
     const Vector3d line = n.tail<3>();
     for (int c = 0; c < twists.cols(); c++)
         twists.col(c) -= line.dot(twists.col(c).tail<3>()) / line.squaredNorm() * n;
 }
 
-/** Q^T wrenches: the torque about the line subtracted that makes them do no work on n. */
+/**
+ * Replace wrenches by Q^T wrenches: subtract the torque about the line that leaves no work on n.
+ */
 void removeTorque(const Vector6d& n, Ref<MatrixXd> wrenches) {
     const Vector3d line = n.tail<3>();
     for (int c = 0; c < wrenches.cols(); c++)

@@ -7,14 +7,17 @@
 namespace RigidHIPlugin {
 
 /**
- * The null vectors of the friction of bodies whose particles are on a line: a twist n = (V, line)
- * that leaves all of them where they are; and the symmetric generalised inverse N of a friction xi
- * with such null vectors (xi N xi = xi, N xi N = N) whose twists do not turn bodies about their
- * lines, W.line = 0. For an origin on the line that is the pseudo-inverse; elsewhere the latter
- * would depend on the origin and on units, and this does not (THEORY.md).
+ * The null vectors of the friction of bodies whose particles are on a line. Such a null vector is a
+ * twist n = (V, line) that leaves all particles where they are: the rotation about the line (the
+ * null vector of K).
  *
- * Method: the friction is lifted along n before it is inverted or factorised, and what is of the
- * lift removed from results.
+ * The inverse of a friction xi with such null vectors is the symmetric generalised inverse N (xi N
+ * xi = xi, N xi N = N) whose twists do not turn bodies about their lines, W.line = 0. For an origin
+ * on the line N is the pseudo-inverse. For any other origin the pseudo-inverse would depend on the
+ * origin and on units, and N does not (THEORY.md).
+ *
+ * Method: the friction is lifted along n before it is inverted or factorised, and the contribution
+ * of the lift is removed from results.
  */
 class NullTwists {
 public:
@@ -27,17 +30,21 @@ public:
     /** In the body frame, of unit length; empty if there is none. */
     const Eigen::VectorXd& inBody(int element) const { return twists_body[element]; }
 
-    /** Add friction along the null twists, as much as the mean of the others, to the matrix of all
-     * bodies. */
+    /**
+     * Add friction along the null twists to the matrix of all bodies: the mean of its diagonal
+     * elements.
+     */
     void lift(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& friction) const;
-    /** Of the inverse of a lifted friction: the generalised inverse. */
+    /** Turn the inverse of a lifted friction into the generalised inverse. */
     void project(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& inverse) const;
-    /** Subtract from twists what turns bodies about their lines. Columns are cases of their own. */
+    /** Remove from twists the rotation of bodies about their lines. Each column is independent. */
     void removeTurns(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& twists) const;
-    /** Subtract from wrenches the torque that does work on the null twists. */
+    /** Remove from wrenches the torque that does work on the null twists. */
     void removeTorques(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& wrenches) const;
-    /** Subtract from wrenches what is along the null twists, as of random ones made with a lifted
-     * friction. */
+    /**
+     * Remove from wrenches the component along the null twists, as in random wrenches made with a
+     * lifted friction.
+     */
     void removeLift(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& wrenches) const;
 
 private:
@@ -49,8 +56,10 @@ private:
     bool hasAny = false;
 };
 
-/** The generalised inverse of one body's friction in its own frame, with at most one null vector
- * (of unit length; or empty). */
+/**
+ * The generalised inverse of one body's friction in its own frame. There is at most one null vector
+ * (of unit length; or empty).
+ */
 Eigen::MatrixXd generalisedInverse(const Eigen::MatrixXd& friction,
                                    const Eigen::VectorXd& nullVector);
 

@@ -7,9 +7,9 @@
 namespace RigidHIPlugin {
 
 /**
- * Tensors of bodies' own enter by congruence: N = B N_model B^T, B = N_own^(1/2) N_alone^(-1/2) of
- * each body in its frame, alone in unbounded fluid: at a wall a body's own tensor then feels the
- * wall as the model's does.
+ * Own tensors of bodies, which enter by congruence: N = B N_model B^T, B = N_own^(1/2)
+ * N_alone^(-1/2). Each B is computed in the frame of its body, alone in unbounded fluid. At a wall
+ * a body's own tensor therefore feels the wall as the model's tensor does.
  *
  * Turns are the rotations of the bodies, body to lab.
  */
@@ -20,22 +20,24 @@ public:
 
     /** @param rows  first row of each element in twists and wrenches */
     explicit OwnTensors(const std::vector<int>& rows) : rows(rows), factors(rows.size()) {}
-    /** @param alone  what the model makes of the body by itself, body frame */
+    /** @param alone  the model's mobility of the body by itself, body frame */
     void set(int element, const Eigen::MatrixXd& own, const Eigen::MatrixXd& alone);
     bool any() const { return hasAny; }
 
     /** N = B N_model B^T, and xi = B^-T xi_model B^-1. */
     void mobility(const Turns& turns, Eigen::MatrixXd& matrix) const;
     void friction(const Turns& turns, Eigen::MatrixXd& matrix) const;
-    /** B twists; B^T wrenches, with which the model is asked; B^-T wrenches, of the model's random
-     * ones. */
+    /**
+     * B twists; B^T wrenches, to be given to the model; B^-T wrenches, for random wrenches of the
+     * model.
+     */
     void twists(const Turns& turns, Eigen::MatrixXd& vectors) const;
     void wrenchesForModel(const Turns& turns, Eigen::MatrixXd& vectors) const;
     void wrenchesFromModel(const Turns& turns, Eigen::MatrixXd& vectors) const;
 
 private:
     enum Kind { B, TransposedB, InverseTransposedB };
-    /** Of an element, in the lab frame. */
+    /** The factor of an element, in the lab frame. */
     Matrix6d factor(int element, Kind kind, const Eigen::Matrix3d& turn) const;
     void congruence(const Turns& turns, Kind kind, Eigen::MatrixXd& matrix) const;
     void multiply(const Turns& turns, Kind kind, Eigen::MatrixXd& vectors) const;

@@ -11,7 +11,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** K of one element at a place in a larger matrix of zeros. */
+/** Write K of one element into a block of a larger matrix of zeros. */
 void placeElement(const FluidElement& element, const Matrix3d& A, MatrixXd& K, int row,
                   int column) {
     for (const Vector3d& site : element.sites) {

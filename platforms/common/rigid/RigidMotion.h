@@ -10,11 +10,11 @@
 namespace RigidHIPlugin {
 
 /**
- * How particles move with their bodies: K, whose rows give the velocities of particles from V and W
- * of their body (Westwood 2022, eqs. 7 to 10), and where bodies put them. Rows of twists and
- * wrenches: six a body (V, W about its origin; lab frame), three a free particle, in the order of
- * the elements; of slips and forces: as HydrodynamicParticles says. Turns are the rotations of the
- * poses.
+ * How particles move with their bodies: the positions of the particles, and K. The rows of K give
+ * the velocities of particles from V and W of their body (Westwood 2022, eqs. 7 to 10). Twists and
+ * wrenches have six rows a body (V, W about its origin; lab frame) and three a free particle, in
+ * the order of the elements. The rows of slips and forces are those of HydrodynamicParticles. Turns
+ * are the rotations of the poses.
  */
 class RigidMotion {
 public:
@@ -23,7 +23,7 @@ public:
     const HydrodynamicParticles& getParticles() const { return particles; }
     int getNumRows() const { return numRows; }
     int firstRow(int element) const { return rows[element]; }
-    /** Of its particles. */
+    /** First row of the element's particles. */
     int firstParticleRow(int element) const { return particleRows[element]; }
     int firstParticle(int element) const { return firstParticles[element]; }
     /** Whether K = 1: spheres about their centres, and free particles. */
@@ -32,12 +32,12 @@ public:
     /** The positions of the particles. */
     void place(const std::vector<Pose>& poses, const std::vector<Eigen::Matrix3d>& turns,
                Placement& placement) const;
-    /** K; without allocation if it has its size already. */
+    /** Fill K, without allocation if K has its size already. */
     void fill(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& K) const;
     /** slips = K U, without the matrix. */
     void slips(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& twists,
                Eigen::MatrixXd& slips) const;
-    /** wrenches = K^T lambda, likewise. */
+    /** wrenches = K^T lambda, without the matrix. */
     void wrenches(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& forces,
                   Eigen::MatrixXd& wrenches) const;
     /** K of one element in its own frame. */
@@ -53,7 +53,7 @@ private:
 
 /** The 6 x 6 matrix diag(A, A) of a rotation. */
 Eigen::Matrix<double, 6, 6> twoRotations(const Eigen::Matrix3d& A);
-/** Rotations of poses, into memory that has their number already after the first time. */
+/** Compute the rotations of poses, without allocation from the second call on. */
 void setTurns(const std::vector<Pose>& poses, std::vector<Eigen::Matrix3d>& turns);
 
 }  // namespace RigidHIPlugin

@@ -9,9 +9,9 @@
 namespace RigidHIPlugin {
 
 /**
- * What slips (random velocities) live on: hydrodynamic particles, three rows each, six for a
- * sphere; or bodies, where there is no M (CoupledBodies::slipsAreOfBodies()). On bodies, and on
- * spheres about their centres, K = 1.
+ * Whether slips (random velocities) belong to hydrodynamic particles or to bodies. Slips of
+ * particles have three rows each, six for a sphere. Slips belong to bodies where there is no M
+ * (CoupledBodies::slipsAreOfBodies()). For bodies, and for spheres about their centres, K = 1.
  */
 class SlipSpace {
 public:
@@ -25,8 +25,10 @@ public:
                     Eigen::MatrixXd& slips);
     void totalWrenches(const std::vector<Pose>& poses, const Eigen::MatrixXd& lambda,
                        Eigen::MatrixXd& wrenches);
-    /** The twists (K^T K)^-1 K^T s nearest to slips (Westwood 2022, eq. 38). @param turns rotations
-     * of the bodies */
+    /**
+     * The twists (K^T K)^-1 K^T s nearest to slips (Westwood 2022, eq. 38). @param turns  rotations
+     * of the bodies
+     */
     void nearestTwists(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& slips,
                        Eigen::MatrixXd& twists) const;
     /** The matrix (K^T K)^-1 K^T of an element in its frame; empty where K = 1. */

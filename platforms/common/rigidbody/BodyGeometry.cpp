@@ -30,7 +30,7 @@ struct PrincipalFrame {
             centre += x[i] * masses[i];
         }
         centre /= mass;
-        // The second-moment tensor has the same axes; its eigenvalues keep the thin directions of
+        // The second-moment tensor has the same axes. Its eigenvalues keep the thin directions of
         // needles accurate, where the inertia tensor would subtract large numbers.
         Eigen::MatrixXd scaled(3, x.size());
         for (size_t i = 0; i < x.size(); i++)
@@ -48,10 +48,12 @@ struct PrincipalFrame {
     Vec3 toOutside(const Vec3& s) const { return toVec3(axes * toEigen(s)) + centre; }
 };
 
-/** How exactly a shape has the lengths of its constraints, relative: six digits are what force
- * fields give. */
+/**
+ * The relative accuracy with which a shape has the lengths of its constraints: force fields give
+ * six digits.
+ */
 const double constraintTolerance = 1e-6;
-/** Where a virtual site is, relative to the body's size: far above rounding. */
+/** The tolerance of a virtual site's position, relative to the body's size: far above rounding. */
 const double virtualSiteTolerance = 1e-9;
 
 }  // namespace
@@ -85,7 +87,7 @@ bool massesMake(const BodyGeometry& geometry, const vector<double>& masses) {
         if (abs(moment - live.moments[k]) >
             tolerance * (live.isLive(k) ? live.moments[k] : largest))
             return false;
-        // Off-diagonal elements couple two axes: measure them by both.
+        // Off-diagonal elements couple two axes, so that they are compared with both.
         if (second(a, b) * second(a, b) > tolerance * tolerance *
                                               max(live.moments[a], tolerance * largest) *
                                               max(live.moments[b], tolerance * largest))
@@ -128,7 +130,7 @@ BodyGeometryBuilder::BodyGeometryBuilder(const System& system,
             hasOtherMassless = true;
     }
     if (massive.empty()) {
-        // A body without mass, for schemes without momenta: its frame is that of equal weights.
+        // A body without mass is for schemes without momenta. Its frame is that of equal weights.
         massless = true;
         fixedByConstraints = hasOtherMassless = false;
         for (size_t i = 0; i < particles.size(); i++)
@@ -137,7 +139,7 @@ BodyGeometryBuilder::BodyGeometryBuilder(const System& system,
         return;
     }
     const size_t n = massive.size();
-    map<pair<int, int>, double> distanceOf;  // of pairs, the larger place first
+    map<pair<int, int>, double> distanceOf;  // of pairs; the larger index first
     for (const auto& place : placeOfParticle)
         constraints.forEach(place.first, [&](int c) {
             int a, b;
@@ -147,8 +149,8 @@ BodyGeometryBuilder::BodyGeometryBuilder(const System& system,
             if (ia == placeOfParticle.end() || ib == placeOfParticle.end() || distance == 0) return;
             distanceOf[minmax(ia->second, ib->second, greater<int>())] = distance;
         });
-    // The matrix of a large body would be larger than all the rest: it is made only where all of it
-    // is known.
+    // The matrix of a large body would be larger than all other data. It is made only where all
+    // distances are known.
     fixedByConstraints = distanceOf.size() == n * (n - 1) / 2;
     if (!fixedByConstraints) return;
     distances.assign(n, vector<double>(n, 0.0));
@@ -158,12 +160,14 @@ BodyGeometryBuilder::BodyGeometryBuilder(const System& system,
 }
 
 bool BodyGeometryBuilder::needsPositions() const {
-    // Distances leave the handedness of four and more points open.
+    // Distances do not determine the handedness of four and more points.
     return !fixedByConstraints || hasOtherMassless || massive.size() > 3;
 }
 
-/** Coordinates, about the centre of mass, with the given distances; mirrored to fit the positions
- * where that matters. */
+/**
+ * Coordinates, about the centre of mass, with the given distances; mirrored to fit the positions
+ * where handedness matters.
+ */
 vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& members) const {
     const int n = massive.size();
     vector<Vec3> x(n);
@@ -208,7 +212,7 @@ vector<Vec3> BodyGeometryBuilder::shapeFromDistances(const vector<Vec3>& members
                     to_string(particles[massive[i]]) + " and " + to_string(particles[massive[j]]) +
                     " and the others cannot be satisfied in three dimensions" + remedy);
         }
-    double handedness = 0;  // of the positions against the coordinates: sign of det sum x y^T
+    double handedness = 0;  // of the positions relative to the coordinates: sign of det sum x y^T
     Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
     Vec3 centre;
     for (int i = 0; i < n; i++) centre += members[massive[i]] / n;
@@ -276,8 +280,8 @@ BodyGeometry BodyGeometryBuilder::build(const vector<Vec3>& members) const {
     for (size_t i = 0; i < massive.size(); i++)
         siteOfParticle[particles[massive[i]]] = geometry.sites[massive[i]] = frame.toBody(shape[i]);
     if (hasOtherMassless) {
-        // Place them by the rotation that takes the massive members from their positions into the
-        // body frame.
+        // Place the other members by the rotation that takes the massive members from their
+        // positions into the body frame.
         Vec3 centre;
         for (size_t i = 0; i < massive.size(); i++) centre += actual[i] * (masses[i] / frame.mass);
         Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();

@@ -18,15 +18,19 @@ struct BodyGeometry {
     std::vector<OpenMM::Vec3> sites;
 };
 
-/** A moment below this fraction of the largest is taken as zero: rounding of positions leaves about
- * 1e-26 of a line's. */
+/**
+ * A moment below this fraction of the largest is taken as zero. Rounding of positions leaves about
+ * 1e-26 for the sites of a line.
+ */
 constexpr double zeroMomentFraction = 1e-13;
 
-/** The inertia that the schemes use: moments that count as zero set to zero. */
+/** The inertia that the schemes use, with moments that count as zero set to zero. */
 BodyInertia liveInertia(double mass, const OpenMM::Vec3& moments);
 
-/** The constraints of a System, by particle: bodies ask for their own, and each is looked at a few
- * times only. */
+/**
+ * The constraints of a System, by particle. Bodies look up their own constraints, so that each
+ * constraint is visited a few times only.
+ */
 class ConstraintsOfParticles {
 public:
     explicit ConstraintsOfParticles(const OpenMM::System& system);
@@ -42,9 +46,9 @@ private:
 };
 
 /**
- * Whether point masses at the sites have the mass and moments of a geometry, its origin as their
- * centre and its axes as principal axes, to 1e-10: far above rounding, far below any intended
- * difference.
+ * Whether point masses at the sites have the mass and moments of a geometry, with its origin as
+ * their centre and its axes as principal axes. The tolerance is 1e-10: far above rounding, far
+ * below any intended difference.
  */
 bool massesMake(const BodyGeometry& geometry, const std::vector<double>& masses);
 
@@ -52,31 +56,31 @@ bool massesMake(const BodyGeometry& geometry, const std::vector<double>& masses)
  * The shape, mass and inertia of a body that was given by its particles alone.
  *
  * The massive members' shape comes from the System's constraints where these fix it (one pair, a
- * triangle, or all pairs), else from positions; virtual sites come from their definitions; other
- * massless members from positions. The body frame has its origin at the centre of mass and its axes
- * along the principal axes, smallest moment first. A body of massless members has the frame of
- * equal weights, and no inertia.
+ * triangle, or all pairs), else from positions. Virtual sites come from their definitions, and
+ * other massless members from positions. The body frame has its origin at the centre of mass and
+ * its axes along the principal axes, smallest moment first. A body of massless members has the
+ * frame of equal weights, and no inertia.
  */
 class BodyGeometryBuilder {
 public:
     /**
      * @param constraints  those of the System, one object for all bodies
-     * @param name         what to call the body in error messages, such as "body 3"
+     * @param name         the body's name in error messages, such as "body 3"
      */
     BodyGeometryBuilder(const OpenMM::System& system, const ConstraintsOfParticles& constraints,
                         const std::vector<int>& particles, const std::string& name);
-    /** Whether positions are needed, or the System alone fixes the geometry. */
+    /** Whether positions are needed. If not, the System alone fixes the geometry. */
     bool needsPositions() const;
     /**
-     * @param members  positions of the body's particles in any frame, nm; not looked at unless
-     * needsPositions()
+     * @param members  positions of the body's particles in any frame, nm; not read unless
+     *     needsPositions()
      * @throws OpenMMException if constraints cannot be satisfied, or positions are not finite
      */
     BodyGeometry build(const std::vector<OpenMM::Vec3>& members) const;
     /**
-     * The geometry by the System as it is now, of a body whose shape was found earlier: the known
-     * one to the last bit where the System still says the same; otherwise built anew, with the
-     * known sites as positions.
+     * The geometry, by the present System, of a body whose shape was found earlier. It is the known
+     * one to the last bit where the System still says the same. Otherwise it is built anew, with
+     * the known sites as positions.
      */
     BodyGeometry update(const BodyGeometry& known) const;
 
@@ -86,7 +90,7 @@ private:
     const OpenMM::System& system;
     const std::vector<int>& particles;
     std::string name;
-    std::vector<int> massive;  // places in `particles`
+    std::vector<int> massive;  // indices into `particles`
     std::vector<double> masses;
     std::vector<std::vector<double> >
         distances;  // between massive members, if constraints fix all of them
@@ -96,9 +100,9 @@ private:
 /**
  * The position of a virtual site, of a kind that turnsWithItsParents().
  *
- * @param system     the System
- * @param particle   index of the virtual site
- * @param position   gives the position of a particle that is none, by its index
+ * @param system    the System
+ * @param particle  index of the virtual site
+ * @param position  gives the position of a particle that is not a virtual site, by its index
  */
 template <class PositionOf>
 OpenMM::Vec3 virtualSitePosition(const OpenMM::System& system, int particle, PositionOf position);

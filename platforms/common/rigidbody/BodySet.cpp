@@ -67,7 +67,7 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
 
     const int numSlots = bodyOfSlot.size();
     drawsNoise.assign(numSlots, false);
-    // An item a line would be hard to read.
+    // An entry a line would be hard to read.
     // clang-format off
     for (auto* v : {&R[0], &R[1], &R[2], &q[1], &q[2], &q[3], &p[0], &p[1], &p[2], &l[0], &l[1], &l[2], &force_lab[0],
                     &force_lab[1], &force_lab[2], &torque_body[0], &torque_body[1], &torque_body[2], &inverseMass,

@@ -25,32 +25,34 @@ struct BodyState {
  * All rigid bodies of a Context as structure of arrays, so that the same loops run over one body or
  * a SIMD pack of bodies.
  *
- * Bodies are kept in *slots*, sorted by how they rotate and padded to whole blocks with bodies that
- * do nothing. Inside, the body frame has its axes in the order of the moments, I_1 <= I_2 <= I_3
- * (FreeRotor-inl.h says why); getState() and setState() translate to and from the user's body
- * frame.
+ * Bodies are kept in *slots*, sorted by how they rotate. Slots are padded to whole blocks with
+ * inactive bodies. In slots, the body frame has its axes in the order of the moments, I_1 <= I_2 <=
+ * I_3 (FreeRotor-inl.h gives the reason). getState() and setState() translate to and from the
+ * user's body frame.
  */
 class BodySet {
 public:
-    /** Bodies a block; a multiple of every SIMD width in doubles. Fixed, so that results do not
-     * depend on the width. */
+    /**
+     * Bodies a block, a multiple of every SIMD width in doubles. It is fixed, so that results do
+     * not depend on the width.
+     */
     static const int blockSize = 8;
     struct Block {
         RotorKind rotor = RotorKind::Point;
         bool hasNoise = false;
         bool massesMakeTheBodies =
-            false;  // of every body: its sites' masses are its mass and inertia
+            false;  // for every body: its sites' masses make its mass and inertia
         int firstSite = 0, numSites = 0;
     };
 
     BodySet() = default;
     /**
-     * @param geometries      one per body
-     * @param particles       the particles of each body
-     * @param siteMasses      the mass of each particle of each body, where these masses add up to
-     * the body's mass and inertia about its origin; an empty list for other bodies
-     * @param carriesForce    for each particle of each body, whether its force counts (a virtual
-     * site's does not: OpenMM has already given it to the parents)
+     * @param geometries    one per body
+     * @param particles     the particles of each body
+     * @param siteMasses    the mass of each particle of each body, where these masses add up to the
+     *     body's mass and inertia about its origin; an empty list for other bodies
+     * @param carriesForce  for each particle of each body, whether its force counts (a virtual
+     *     site's does not: OpenMM has already given it to the parents)
      */
     BodySet(const std::vector<BodyGeometry>& geometries,
             const std::vector<std::vector<int> >& particles,
@@ -61,29 +63,33 @@ public:
     int getNumBlocks() const { return blocks.size(); }
     int slot(int body) const { return slotOfBody[body]; }
     RotorKind rotor(int body) const { return blocks[slotOfBody[body] / blockSize].rotor; }
-    /** Mass and moments in ascending order, zero moments marked; the moments times the inertia
-     * scale. */
+    /**
+     * Mass and moments in ascending order, with zero moments marked. The moments are multiplied by
+     * the inertia scale.
+     */
     const BodyInertia& inertia(int body) const { return inertias[body]; }
     /**
-     * Let the dynamics have the moments of the geometries times this factor: the one place where
-     * moments are scaled. Angular velocities stay, angular momenta follow. Thermostats are the
-     * caller's to set anew.
+     * Set the factor by which the dynamics multiplies the moments of the geometries. Moments are
+     * scaled here only. Angular velocities stay, and angular momenta follow. The caller must set
+     * thermostats anew.
      */
     void setInertiaScale(double factor);
     double getInertiaScale() const { return inertiaScale; }
 
     BodyState getState(int body) const;
     void setState(int body, const BodyState& state);
-    /** R, q, p, l of one body exactly as they are stored (inner frame), for saving and resuming bit
-     * for bit. */
+    /**
+     * R, q, p, l of one body exactly as they are stored (inner frame), for saving and resuming bit
+     * for bit.
+     */
     std::array<double, 13> getStoredState(int body) const;
     void setStoredState(int body, const std::array<double, 13>& values);
-    /** A vector of the user's body frame in the inner one. */
+    /** Turn a vector of the user's body frame into the inner frame. */
     OpenMM::Vec3 toInner(int body, const OpenMM::Vec3& v_user) const;
-    /** Force (lab) and torque (lab) on a body as last gathered. */
+    /** Force (lab) and torque (lab) on a body as gathered last. */
     OpenMM::Vec3 getForce_lab(int body) const;
     OpenMM::Vec3 getTorque_lab(int body) const;
-    /** Add to force and torque (lab). */
+    /** Add a force and a torque (lab) to those of a body. */
     void addForceAndTorque_lab(int body, const OpenMM::Vec3& force_lab,
                                const OpenMM::Vec3& torque_lab);
     /** Angular velocity in the lab frame from l, and back (components about dead axes are dropped).
@@ -96,13 +102,13 @@ public:
     /** About the axes of the smallest, middle and largest moment. */
     OpenMM::Vec3 rotationalKineticEnergies() const;
 
-    /** Keep / bring back what a step changes. */
+    /** The state that a step changes, to be kept and restored. */
     struct Snapshot {
         std::vector<double> values;
     };
     void save(Snapshot& snapshot) const;
     void restore(const Snapshot& snapshot);
-    /** Likewise of one body. */
+    /** Restore one body. */
     void restore(const Snapshot& snapshot, int body);
 
     // Arrays over slots; [3] and [4] are components. l and torque_body are in the inner body frame.
@@ -123,7 +129,7 @@ public:
 private:
     std::vector<int> slotOfBody;
     double inertiaScale = 1;
-    std::vector<BodyInertia> ownInertias;  // of the geometries, moments ascending
+    std::vector<BodyInertia> ownInertias;  // of the geometries, with moments ascending
     std::vector<BodyInertia> inertias;     // of the dynamics: these moments times the inertia scale
     std::vector<std::array<int, 3> > axisOrder;  // inner axis k is the user's axis axisOrder[k] ...
     std::vector<std::array<double, 3> > axisSign;   // ... times axisSign[k]

@@ -2,9 +2,8 @@
 //
 // Equation:  dq/dt = q (0, w)/2, dl/dt = l x w, w_k = l_k / I_k (body frame).
 // Order:     2 in t (symmetric splitting); exact for linear bodies.
-// Reference: Miller et al., J. Chem. Phys. 116, 8649 (2002); Davidchack et al. 2015, eqs. 17
-// and 18. There the conjugate
-//            momentum is pi = 2 S(q)(0, l), and chi_l t is half the angle used here.
+// Reference: Miller et al., J. Chem. Phys. 116, 8649 (2002); Davidchack et al. 2015, eqs. 17 and
+// 18. There the conjugate momentum is pi = 2 S(q)(0, l), and chi_l t is half the angle used here.
 
 #if defined(RIGIDHI_FREE_ROTOR_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_FREE_ROTOR_INL_H_
@@ -32,8 +31,10 @@ inline Quaternion<Real> turnAboutAxis(const Quaternion<Real>& q, const Real& sin
             cosine * q.z + sine * q.w};
 }
 
-/** Psi_{t,axis} of eq. 17: rotation about one body axis only; l in the body frame turns the other
- * way. */
+/**
+ * Psi_{t,axis} of eq. 17: rotation about one body axis only; l turns the other way in the body
+ * frame.
+ */
 template <int axis, class Real>
 inline void rotateAboutAxis(Quaternion<Real>& q, Vector3<Real>& l,
                             const Vector3<Real>& inverseMoments, double t) {
@@ -69,8 +70,8 @@ inline void rotateFreely(Quaternion<Real>& q, Vector3<Real>& l, const Vector3<Re
 }
 
 /**
- * The exact rotation of a linear body (I_1 = 0, l_1 = 0, I_2 = I_3): about l itself, which stays.
- * The splitting above would let l_1, which no friction holds, drift away from 0.
+ * The exact rotation of a linear body (I_1 = 0, l_1 = 0, I_2 = I_3): about l, which is constant.
+ * The splitting above would let l_1, which has no friction, drift away from 0.
  */
 template <class Real>
 inline void rotateLinearBodyFreely(Quaternion<Real>& q, const Vector3<Real>& l,

@@ -16,7 +16,7 @@ inline Eigen::Matrix3d rotationOf(const scalar::Quaternion<double>& q) {
     return A;
 }
 
-/** Where a body is and how it is turned. */
+/** The position and the orientation of a body. */
 struct Pose {
     Eigen::Vector3d R = Eigen::Vector3d::Zero();
     scalar::Quaternion<double> q = {1, 0, 0, 0};  // body frame to lab frame

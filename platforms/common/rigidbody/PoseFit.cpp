@@ -15,8 +15,8 @@ namespace {
 const double rankTolerance = 1e-10;
 
 /**
- * The principal frame of weighted sites about their centre. Not by eigenvalues of the second
- * moments: their rounding is the square root of what singular values have.
+ * The principal frame of weighted sites about their centre. It does not come from eigenvalues of
+ * the second moments, whose rounding is the square root of that of singular values.
  */
 struct Principal {
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
@@ -36,7 +36,7 @@ struct Principal {
             scaled.col(i) = sqrt(weights[i]) * (sites[i] - centre);
         const Eigen::JacobiSVD<Eigen::Matrix3Xd> svd(scaled, Eigen::ComputeFullU);
         const auto& values =
-            svd.singularValues();  // descending, the lesser of 3 and the number of sites
+            svd.singularValues();  // descending; their number is at most 3 and that of the sites
         if (values.size() == 0 || !(values[0] > 0)) return;
         rank = values.size() > 1 && values[1] > rankTolerance * values[0] ? 2 : 1;
         second.head(values.size()) = values.cwiseAbs2();
@@ -45,7 +45,7 @@ struct Principal {
     }
 };
 
-/** The smallest turn that takes the direction a to b. */
+/** The smallest rotation that takes the direction a to b. */
 Eigen::Quaterniond smallestTurn(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
     return Eigen::Quaterniond::FromTwoVectors(a, b);  // any perpendicular axis where b = -a
 }
@@ -115,8 +115,8 @@ double PoseFit::fitPose(const vector<Vec3>& positions, BodyState& state, int& wo
             correlation += weights[i] * (toEigen(positions[i]) - centre) *
                            (sites[i] - centre_body).transpose();
         q = bestTurn(correlation);
-        // The eigenvector has an error of 1e-16 over the relative thinness of the body;
-        // Gauss-Newton steps, which work on small differences, remove it.
+        // The eigenvector has an error of 1e-16 over the relative thinness of the body.
+        // Gauss-Newton steps, which work on small differences, remove this error.
         for (int iteration = 0; iteration < 2; iteration++) {
             const Eigen::Matrix3d toPrincipal = (q.toRotationMatrix() * axes).transpose();
             Eigen::Vector3d moment = Eigen::Vector3d::Zero();
@@ -129,7 +129,7 @@ double PoseFit::fitPose(const vector<Vec3>& positions, BodyState& state, int& wo
         }
     }
     q.normalize();
-    // Of q and -q take the one near the last orientation, so that orientations stay continuous.
+    // Of q and -q the one near the last orientation is taken, so that orientations stay continuous.
     if (q.w() * state.q[0] + q.x() * state.q[1] + q.y() * state.q[2] + q.z() * state.q[3] < 0)
         q.coeffs() = -q.coeffs();
     const Eigen::Matrix3d A = q.toRotationMatrix();

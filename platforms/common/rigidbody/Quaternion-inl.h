@@ -1,6 +1,5 @@
-// Vectors and quaternions over a number type: `double`, or a SIMD pack of bodies.
-// Quaternions are (w, x, y, z); a body's q turns body-frame vectors into lab-frame ones: v_lab = q
-// v_body q^-1.
+// Vectors and quaternions over a number type: `double`, or a SIMD pack of bodies. Quaternions are
+// (w, x, y, z). A body's q turns body-frame vectors into lab-frame ones: v_lab = q v_body q^-1.
 
 #if defined(RIGIDHI_QUATERNION_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_QUATERNION_INL_H_
@@ -16,7 +15,7 @@
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
 
-// The scalar member of the family of functions that a number type must bring.
+// The scalar version of a function that every number type must have.
 inline void sincos(double x, double& sine, double& cosine) {
     sine = std::sin(x);
     cosine = std::cos(x);
@@ -83,8 +82,8 @@ inline Quaternion<Real> conjugate(const Quaternion<Real>& q) {
  */
 template <class Real>
 inline Quaternion<Real> exponential(const Vector3<Real>& v) {
-    // Below this length v itself is lost beside 1, and dividing by it instead of |v| only avoids
-    // 0/0.
+    // Below this length v itself is negligible beside 1. Dividing by `tiny` instead of |v| only
+    // avoids 0/0.
     const double tiny = 1e-150;
     const Real length = squareRoot(dot(v, v));
     Real sine, cosine;
@@ -94,8 +93,8 @@ inline Quaternion<Real> exponential(const Vector3<Real>& v) {
 }
 
 /**
- * Pull |q| back to 1. Every step multiplies q by unit quaternions, so |q| - 1 is a random walk of
- * rounding errors; one Newton step for 1/sqrt keeps it at rounding level for any number of steps,
+ * Restore |q| = 1. Every step multiplies q by unit quaternions, so that |q| - 1 is a random walk of
+ * rounding errors. One Newton step for 1/sqrt keeps it at rounding level for any number of steps,
  * and changes nothing else.
  */
 template <class Real>

@@ -10,18 +10,20 @@
 
 namespace RigidHIPlugin {
 
-/** Whether a virtual site moves and turns rigidly with the particles that define it: the kinds of
- * OpenMM 7.7 do. */
+/**
+ * Whether a virtual site moves and turns rigidly with the particles that define it. The kinds of
+ * OpenMM 7.7 do.
+ */
 bool turnsWithItsParents(const OpenMM::VirtualSite& site);
 
-/** The class of a virtual site, as users call it. */
+/** The class of a virtual site, as users know it. */
 std::string kindOf(const OpenMM::VirtualSite& site);
 
 template <class PositionOf>
 OpenMM::Vec3 virtualSitePosition(const OpenMM::System& system, int particle, PositionOf position) {
     using namespace OpenMM;
     const VirtualSite& site = system.getVirtualSite(particle);
-    // From OpenMM 8.2 on a virtual site may depend on others, but not in circles.
+    // From OpenMM 8.2 on a virtual site may depend on other virtual sites, but not in circles.
     auto parent = [&](int i) {
         const int p = site.getParticle(i);
         return system.isVirtualSite(p) ? virtualSitePosition(system, p, position)
@@ -49,7 +51,7 @@ OpenMM::Vec3 virtualSitePosition(const OpenMM::System& system, int particle, Pos
         y += parent(i) * yWeights[i];
     }
     Vec3 z = x.cross(y);
-    // Parents on a line (colinear lone pairs of CHARMM) leave axes zero, and OpenMM does so, too.
+    // Parents on a line (colinear lone pairs of CHARMM) leave axes zero, as they do in OpenMM.
     const double xLength = std::sqrt(x.dot(x)), zLength = std::sqrt(z.dot(z));
     if (xLength > 0) x /= xLength;
     if (zLength > 0) z /= zLength;

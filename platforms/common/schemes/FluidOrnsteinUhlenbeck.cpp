@@ -9,8 +9,10 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Eigenvalues above -this times the largest are zeros with rounding: friction of a rotation that
- * the fluid does not see. */
+/**
+ * Eigenvalues above -this times the largest one are zeros with rounding: the friction of a rotation
+ * that the fluid does not resist.
+ */
 const double roundingOfZero = 1e-12;
 
 }  // namespace
@@ -37,7 +39,7 @@ void FluidOrnsteinUhlenbeck::decompose(const Eigen::MatrixXd& matrix, bool isInv
 void FluidOrnsteinUhlenbeck::step(double h, double kT, Eigen::VectorXd& Z,
                                   const Eigen::VectorXd& chi) {
     // Where nothing decays much, Z + (exp(-S h) - 1) Z keeps the digits of Z that V V^T Z would
-    // cost.
+    // lose.
     const int n = rates.size();
     if (n == 0) return;
     const bool weak = rates.maxCoeff() * h < 0.5;

@@ -10,21 +10,25 @@ namespace RigidHIPlugin {
 /**
  * The exact Ornstein-Uhlenbeck process of coupled momenta over a time h, at a constant symmetric S:
  *
- *   dZ = -S Z dt + sqrt(2 kT) S^(1/2) dW,   Z(h) = exp(-S h) Z(0) + sqrt(kT) sqrt(1 - exp(-2 S h))
- * chi.
+ *   dZ = -S Z dt + sqrt(2 kT) S^(1/2) dW,
+ *   Z(h) = exp(-S h) Z(0) + sqrt(kT) sqrt(1 - exp(-2 S h)) chi.
  *
- * Z = K^(1/2) (p, l) and S = K^(1/2) xi K^(1/2), K the inverse masses and moments. With Z so scaled
- * both matrices are symmetric functions of S, so that one eigendecomposition serves both, at any h
- * S: Davidchack 2017, eq. 26, without its matrix exponentials of non-symmetric matrices and its
- * Cholesky factor of a nearly singular one.
+ * Z = K^(1/2) (p, l) and S = K^(1/2) xi K^(1/2), K the inverse masses and moments. With this
+ * scaling both matrices are symmetric functions of S. One eigendecomposition serves both, at any h
+ * S. This is Davidchack 2017, eq. 26, without its matrix exponentials of non-symmetric matrices and
+ * its Cholesky factor of a nearly singular one.
  */
 class FluidOrnsteinUhlenbeck {
 public:
-    /** @param matrix  S, or its inverse: decomposed as it is. @throws OpenMMException if it is not
-     * positive semidefinite */
+    /**
+     * @param matrix  S, or its inverse: decomposed as it is
+     * @throws OpenMMException if it is not positive semidefinite
+     */
     void decompose(const Eigen::MatrixXd& matrix, bool isInverse);
-    /** Z(0) becomes Z(h); without noise if kT is 0. Cost: two or three products of the eigenvectors
-     * with a vector. */
+    /**
+     * Z(0) becomes Z(h), without noise if kT is 0. Cost: two or three products of the eigenvectors
+     * with a vector.
+     */
     void step(double h, double kT, Eigen::VectorXd& Z, const Eigen::VectorXd& chi);
     /** The two matrices themselves: exp(-S h) - 1 and sqrt(1 - exp(-2 S h)). */
     void matrices(double h, Eigen::MatrixXd& decayMinusOne, Eigen::MatrixXd& noise);

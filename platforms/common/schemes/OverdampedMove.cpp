@@ -18,12 +18,16 @@ scalar::Quaternion<double> rotated(const scalar::Quaternion<double>& q, const Ve
            q;
 }
 
-/** Of the flow of a known drift, in body lengths and radians: rounding of 1e-16 against the error
- * of the difference. */
+/**
+ * The step of the differences for the flow of a known drift, in body lengths and radians: rounding
+ * of 1e-16 against the error of the difference.
+ */
 const double recordedDifference = 1e-5;
 
-/** How often a finite difference is tried with a tenth of its step, where the model has no mobility
- * at its ends. */
+/**
+ * How often a finite difference is tried again with a tenth of its step, where the model has no
+ * mobility at its ends.
+ */
 const int maxShrinks = 3;
 
 }  // namespace
@@ -194,8 +198,10 @@ void OverdampedMove::addKnownDrift(double factor, Vectors& twists) {
     if (recorded) recordKnownDrift(factor);
 }
 
-/** Where the fluid is elsewhere its divergence is not that of the body: coordinate by coordinate,
- * since cost is no concern here. */
+/**
+ * Away from the body, the divergence of the fluid's flow is not that of the body. It is computed
+ * coordinate by coordinate, since its cost does not matter here.
+ */
 void OverdampedMove::recordKnownDrift(double factor) {
     vector<Pose> displaced;
     Vectors wrench, twists;
@@ -262,7 +268,7 @@ void OverdampedMove::displaceBothWays(double& step) {
         displaceBy(-0.5 * step, -1, backward);
         if (isAccepted(forward) && isAccepted(backward)) return;
     }
-    // One-sided, where one side only is in the model's domain.
+    // The difference is one-sided where only one side is in the model's domain.
     for (double sign : {1.0, -1.0}) {
         displaceBy(sign * step, -1, forward);
         displaceBy(0, -1, backward);

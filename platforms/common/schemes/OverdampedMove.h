@@ -13,7 +13,7 @@
 
 namespace RigidHIPlugin {
 
-/** What one step of a scheme without momenta is about. */
+/** The settings of one step of a scheme without momenta, and the flow that it is in. */
 struct OverdampedStep {
     double h = 0, kT = 0;
     double difference = 0;  // setFiniteDifferenceStep(), in body lengths and radians
@@ -23,32 +23,34 @@ struct OverdampedStep {
 };
 
 /**
- * What the flow of the fluid in a step is made of, whose mean is that of the flow which moves the
- * bodies: shares of forces at poses, and so many times the model's random field. Where there is
- * none, forces that would make the particles' thermal slips take its place: they give the mean of a
- * random field with these slips.
+ * The sources of the flow of the fluid in a step. The mean of this flow is that of the flow which
+ * moves the bodies. The sources are shares of forces at poses, and a multiple of the model's random
+ * field. A model without a random field has, in its place, forces that would make the particles'
+ * thermal slips (random surface velocities). They give the mean of a random field with these slips.
  */
 struct FlowOfStep {
     struct Share {
         double weight;
         std::vector<Pose> poses;
-        Eigen::MatrixXd forces;  // where slips live: BodyMobility::flowSources()
-        bool inFlow;             // whether they come from a solve in the driven flow
+        Eigen::MatrixXd forces;  // where slips act: BodyMobility::flowSources()
+        bool inFlow;             // whether the forces come from a solve in the driven flow
     };
     std::vector<Share> shares;
     double fieldWeight = 0, flowWeight = 1;  // of the random and the driven flow
-    double solveWeight = 0;                  // of solves that give velocities of bodies
-    /** @throws OpenMMException if solves and driven flow do not have the same weight: the scheme
-     * recorded another velocity than it moved with, or none */
+    double solveWeight = 0;                  // sum over solves that give velocities of bodies
+    /**
+     * @throws OpenMMException if solves and driven flow do not have the same weight: the scheme
+     *     recorded another velocity than the one it moved with, or none
+     */
     void check(const std::string& scheme) const;
 };
 
 /**
- * One group of bodies on its way through a step without momenta: the moves that schemes are made
- * of.
+ * One group of bodies on its way through a step without momenta. The members are the moves that
+ * schemes are made of.
  *
- * Schemes (OverdampedScheme.h) are written in these. Vectors are columns of a MatrixXd: wrenches
- * (force, torque about the origin) and twists (V, W) have six rows a body and three a free
+ * Schemes (OverdampedScheme.h) are written in these moves. Vectors are columns of a MatrixXd.
+ * Wrenches (force, torque about the origin) and twists (V, W) have six rows a body and three a free
  * particle, lab frame. Orientations move by rotations only: q <- exp(W t/2) q (Delong 2015, eq.
  * 13).
  */
@@ -61,12 +63,12 @@ public:
     explicit OverdampedMove(BodyMobility& mobility);
 
     // ---- The engine's side
-    /** Where a step starts, to be set before, and where it is. */
+    /** Where a step starts, to be set before the step, and where the bodies are at present. */
     std::vector<Pose> start, present;
     void begin(const OverdampedStep& step);
-    /** Record the flow of the step that begins, or (null) not. */
+    /** Record the flow of the step that begins in flowOfStep; null: do not record. */
     void record(FlowOfStep* flowOfStep) { recorded = flowOfStep; }
-    /** The model's random field, where the step has drawn it. */
+    /** The model's random field, where the step has drawn one. */
     RandomField* getField() const { return slipsAreOfField ? field.get() : nullptr; }
     BodyMobility& getMobility() { return mobility; }
     long long randomNumbers = 0;  // of this step
@@ -75,108 +77,126 @@ public:
     double h = 0, kT = 0;
     /** Forces and torques where they were evaluated last. */
     Vectors force;
-    /** U = N F, or with slips N (F + K^T M^-1 s), at the present poses. */
+    /** U = N F, or with slips s N (F + K^T M^-1 s), at the present poses. */
     void solve(const Vectors& wrenches, Vectors& twists) { mobility.solve(wrenches, twists); }
     void solve(const Vectors& wrenches, const Vectors& slips, Vectors& twists) {
         mobility.solve(wrenches, slips, twists);
     }
-    /** Keep the forces of a column of the last solve(), and begin another's iterations there, at
-     * poses a step away at most. Within a step: nothing is carried to the next. */
+    /**
+     * Keep the forces of a column of the last solve(). The iterations of the next solve begin at
+     * these forces, at poses a step away at most. The forces are kept within a step only.
+     */
     void keepForces(int column = 0) { mobility.keepForces(column); }
     void solveFromKept(const Vectors& wrenches, const Vectors& slips, Vectors& twists) {
         mobility.solveFromKept(wrenches, slips, twists);
     }
     /**
-     * slips += those of the flow that users drive, at the present poses, in one of so many columns:
-     * of a solve that gives velocities of bodies, not of one for directions. Where there is no flow
-     * nothing is done; slips without rows are none so far.
+     * Add the slips of the flow that users drive, at the present poses, to one of the `columns`
+     * columns of `slips`. The column must be that of a solve that gives velocities of bodies, not
+     * of one with random directions. Without a flow nothing is done. `slips` without rows means
+     * that there are none so far.
      */
     void addFlow(Vectors& slips, int column = 0, int columns = 1);
-    // The following say what the flow is that the scheme moves bodies with: for users who ask. They
-    // do nothing in a step that nobody has asked about.
+    // The following methods record the flow with which the scheme moves bodies, for users who ask
+    // for it. They do nothing in a step whose flow nobody has asked for.
     /**
-     * It has `weight` times what comes from the forces of the last solve, a column of it. The
-     * weights of those that give velocities of bodies sum up to 1.
+     * The flow has `weight` times the flow of the forces of the last solve, of one column. The
+     * weights of the solves that give velocities of bodies sum up to 1.
      *
-     * @param givesVelocity  whether it does, and so has had addFlow(); if not, it is one for
-     * directions
+     * @param givesVelocity  whether the solve gives velocities of bodies, and so has had addFlow();
+     *     false for a solve with random directions
      */
     void recordSolve(double weight, int column = 0, bool givesVelocity = true);
-    /** It has `weight` times the random flow whose slips the last thermalSlip() gave, at the
-     * present poses. */
+    /**
+     * The flow has `weight` times the random flow whose slips the last thermalSlip() gave, at the
+     * present poses.
+     */
     void recordThermalSlip(double weight);
-    /** It has kT times the change along the directions of what comes from the forces of
-     * drawTractions(). */
+    /**
+     * The flow has kT times the change along the directions of the flow of the forces of
+     * drawTractions().
+     */
     void recordTractions(double kT);
-    /** All of it is multiplied by nu. */
+    /** The whole flow is multiplied by nu. */
     void recordFactor(double nu);
-    /** N^(-1/2) W at the present poses: of covariance N^-1. */
+    /** N^(-1/2) W at the present poses, of covariance N^-1. */
     void thermalWrench(Draw draw, Vectors& wrench);
-    /** Draw what thermalSlip() is made of, which then depends on poses only until the next drawing:
-     * the model's random field, or W. */
+    /**
+     * Draw the random numbers of thermalSlip(): the model's random field, or W. Until the next
+     * drawing thermalSlip() depends on poses only.
+     */
     void drawForSlips(Draw draw);
-    /** Whether drawForSlips() draws a random field of the model's, so that slips take no square
-     * root. */
+    /**
+     * Whether drawForSlips() draws a random field of the model, so that slips take no square root.
+     */
     bool slipsWillBeOfField() const { return mobility.slipsAreOfField(); }
-    /** Of covariance M: the field's, or M^(1/2) W. */
+    /** Slips of covariance M: those of the field, or M^(1/2) W. */
     void thermalSlip(Vectors& slips);
 
-    /** Whether div N is 0 or known without differences; then addKnownDrift() adds it. */
+    /** Whether div N is 0 or known without differences. If so, addKnownDrift() adds it. */
     bool driftIsKnown() const { return mobility.isUniform() || mobility.isDivergenceFree(); }
-    /** Whether it is 0 while N changes with poses: spheres. What makes a drift by noise at other
-     * poses is then to be left out. */
+    /**
+     * Whether div N is 0 while N changes with poses, as for spheres. A scheme then leaves out noise
+     * at other poses that would make a drift.
+     */
     bool driftIsZero() const { return !mobility.isUniform() && mobility.isDivergenceFree(); }
-    /** U += factor div N, where that is known; recorded with its flow. Before the start is left. */
+    /**
+     * U += factor div N, where div N is known; the flow of this drift is recorded. To be called
+     * before the start is left.
+     */
     void addKnownDrift(double factor, Vectors& twists);
     /**
-     * Random directions for finite differences: W~ of unit covariance, whose displacements delta W~
-     * are lengths through each body's length L, and which as wrenches are divided by it:
-     * `directions` = (W~_t / L, W~_r).
+     * Draw random directions W~ of unit covariance for finite differences. Displacements delta W~
+     * are turned into lengths by each body's length L. As wrenches the directions are divided by
+     * it: `directions` = (W~_t / L, W~_r).
      */
     void drawDirections();
     Vectors directions;
     /**
-     * What the differences of K and M along the directions do to the blob forces lambda of the last
-     * solve (its first column, of the directions as wrenches): forces -(K^T(Q+) - K^T(Q-)) lambda /
-     * delta and slips (M(Q+) - M(Q-)) lambda / delta, Q+- = the start displaced by +-delta/2.
+     * Compute how the differences of K and M along the directions act on the blob forces lambda of
+     * the last solve (its first column, for the directions as wrenches). Forces are -(K^T(Q+) -
+     * K^T(Q-)) lambda / delta and slips are (M(Q+) - M(Q-)) lambda / delta, where Q+- is the start
+     * displaced by +-delta/2.
      */
     void drawTractions(Vectors& forces, Vectors& slips);
-    /** (K(Q+) - K(Q-)) U / delta at the same Q+-. */
+    /** (K(Q+) - K(Q-)) U / delta at the Q+- of drawTractions(). */
     void rigidSlipDifference(const Vectors& twists, Vectors& slips);
     /**
      * The poses that are `step` directions away from the start: R + step L W~_t, Rotate(q, step
-     * W~_r). If the model has no mobility there but has one the other way, `step` changes its sign;
-     * if neither, it is made smaller.
-     * @throws OpenMMException if nothing helps
+     * W~_r). If the model has no mobility there but has one the other way, `step` changes its sign.
+     * If it has none either way, `step` is made smaller.
+     * @throws OpenMMException if no attempt succeeds
      */
     void displace(double& step, std::vector<Pose>& poses);
-    /** Likewise along one coordinate (a row of twists) only. */
+    /** The same displacement along one coordinate (a row of twists) only. */
     void displaceAlong(int row, double& step, std::vector<Pose>& poses);
     /** The relative finite-difference step. */
     double differenceStep() const { return differenceStep_; }
     /** Each row's length: L for translations, 1 for rotations. */
     double lengthOfRow(int row) const { return lengths[row]; }
     int getNumRows() const { return mobility.getBodies().getNumRows(); }
-    /** Do everything at the start, at the present poses, or at displaced ones from now on. */
+    /**
+     * From now on everything is computed at the start, at the present poses, or at displaced ones.
+     */
     void atStart() { mobility.setPoses(start); }
     void atPresent() { mobility.setPoses(present); }
     void at(const std::vector<Pose>& poses) { mobility.setPoses(poses, true); }
     /** Move to Q^n + t U: Rotate(q, t W). */
     void goFromStart(double t, const Vectors& twists);
     /**
-     * Whether divergenceOfField() is known, so that no differences are needed: slips are of the
-     * model's random field, which is one flow.
+     * Whether divergenceOfField() is known, so that no differences are needed. It is where slips
+     * are of the model's random field, which is one flow.
      */
     bool knowsDivergence() const { return slipsAreOfField && mobility.divergenceIsOfField(); }
     /**
-     * The divergence by the bodies' coordinates of the twists nearest to the field's slips, at the
-     * present poses; of a field of unit temperature and time. The twists of a body depend on its
-     * own pose only, so all bodies are displaced at once.
+     * The divergence, by the bodies' coordinates, of the twists nearest to the field's slips, at
+     * the present poses, for a field of unit temperature and time. The twists of a body depend on
+     * its own pose only, so that all bodies are displaced at once.
      */
     double divergenceOfField();
-    /** What nu multiplies: everything, or the slips only. */
+    /** Whether nu multiplies the whole step; otherwise it multiplies the slips only. */
     bool driftFactorScalesAll() const { return driftFactorScalesAll_; }
-    /** For the warning about its fluctuations. */
+    /** Note a drift factor, for the warning about its fluctuations. */
     void noteDriftFactor(double nu);
     double driftFactorSpread() const {
         return numDriftFactors == 0 ? 0 : std::sqrt(driftFactorSquares / numDriftFactors);
@@ -188,8 +208,10 @@ public:
     }
 
 private:
-    /** The start displaced by half a step both ways, for a central difference; one-sided where only
-     * one side is possible. */
+    /**
+     * Displace the start by half a step both ways, for a central difference. It is one-sided where
+     * only one side is possible.
+     */
     void displaceBothWays(double& step);
     void displaceBy(double step, int onlyRow, std::vector<Pose>& poses) const;
     void recordKnownDrift(double factor);
@@ -202,8 +224,8 @@ private:
     BodyMobility& mobility;
     std::vector<double> lengths;  // of rows
     std::vector<Pose> forward, backward;
-    double centralStep = 0;   // between these two
-    Vectors lambdas, lambda;  // of all columns, of the first
+    double centralStep = 0;   // between the two poses
+    Vectors lambdas, lambda;  // of all columns; of the first
     Vectors wrenchAtOtherEnd, slipAtOtherEnd;
     Vectors W, W_slip;
     std::unique_ptr<RandomField> field;

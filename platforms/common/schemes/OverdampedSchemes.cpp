@@ -17,7 +17,7 @@ OverdampedEntry entry() {
 }  // namespace
 
 const OverdampedEntry& overdampedScheme(CustomRigidHIIntegrator::Scheme scheme) {
-    // By number; others have an empty entry.
+    // By the number of the scheme. Schemes of other kinds have an empty entry.
     static const OverdampedEntry entries[] = {
 #define RIGIDHI_ENTRY_Thermostat(name) OverdampedEntry()
 #define RIGIDHI_ENTRY_FluidThermostat(name) OverdampedEntry()

@@ -18,7 +18,9 @@ struct OverdampedEntry {
     bool needsForces(int stage) const { return forcesAt[stage] >= 0; }
 };
 
-/** The entry of a scheme of the kind Overdamped: all files of schemes/overdamped, found by CMake.
+/**
+ * The entry of a scheme of the kind Overdamped. The schemes are all files of schemes/overdamped,
+ * found by CMake.
  */
 const OverdampedEntry& overdampedScheme(CustomRigidHIIntegrator::Scheme scheme);
 

@@ -54,7 +54,10 @@ inline void setOrnsteinUhlenbeck(double inertia, double rate, double kT, double 
     noise = std::sqrt(-inertia * kT * std::expm1(-2 * rate * t));
 }
 
-/** That process of the momentum and the live angular momenta of a body, at these rates. */
+/**
+ * The factors of that process for the momentum and the live angular momenta of a body, at these
+ * rates.
+ */
 inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, double rate_p,
                                                 const double (&rates_l)[3], double kT, double t) {
     Thermostat c;
@@ -65,7 +68,7 @@ inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, double 
     return c;
 }
 
-/** Likewise with a heat bath's frictions: gamma, and Gamma M/(4 I_k). */
+/** The same factors with a heat bath's frictions: gamma, and Gamma M/(4 I_k). */
 inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, const HeatBath& bath,
                                                 double t) {
     double rates[3] = {0, 0, 0};

@@ -1,4 +1,4 @@
-// Which scheme an enumerator is: all files of schemes/thermostats, found by CMake.
+// Which scheme an enumerator is. The schemes are all files of schemes/thermostats, found by CMake.
 
 #if defined(RIGIDHI_THERMOSTATS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_THERMOSTATS_INL_H_
@@ -15,7 +15,7 @@
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
 
-/** action(S()) for the scheme S of this name, of the kinds Thermostat and FluidThermostat. */
+/** Call action(S()) for the scheme S of this name, of the kinds Thermostat and FluidThermostat. */
 template <class Action>
 inline auto withThermostat(CustomRigidHIIntegrator::Scheme scheme, Action action) {
     switch (scheme) {
@@ -34,7 +34,7 @@ inline auto withThermostat(CustomRigidHIIntegrator::Scheme scheme, Action action
     throw std::logic_error("a scheme without momenta in a fluid runs by OverdampedSchemes.h");
 }
 
-/** Likewise of the kind FluidThermostat. */
+/** Call action(S()) for a scheme of the kind FluidThermostat. */
 template <class Action>
 inline auto withFluidThermostat(CustomRigidHIIntegrator::Scheme scheme, Action action) {
     switch (scheme) {

@@ -10,7 +10,7 @@ void BrownianStep::take() {
     Fluid& fluid = *scene.fluid.get();
     const OverdampedEntry& scheme = overdampedScheme(scene.settings.scheme);
     fluid.beginOverdamped(
-        scene.settings.scheme);  // first: whatever fails from here on puts back what this keeps
+        scene.settings.scheme);  // first: whatever fails from here on restores what this keeps
     if (scheme.needsForces(0)) fluid.checkTorques(scene.bodies, scene.arrays->forces());
     for (int stage = 0; stage < scheme.numStages(); stage = fluid.nextStage()) {
         if (stage > 0) {
@@ -26,7 +26,10 @@ void BrownianStep::take() {
     scene.settings.warnOfDriftFactor(scene);
 }
 
-/** Groups that were led to where the model has no mobility are at the start of the step again. */
+/**
+ * Run a stage. Groups that it led to where the model has no mobility are then at the start of the
+ * step again.
+ */
 void BrownianStep::runStage(int stage) {
     Scene& scene = parts.scene;
     const double start = StepCounters::now();
@@ -34,7 +37,7 @@ void BrownianStep::runStage(int stage) {
         stage, scene.settings, scene.bodies, *scene.freeParticles, scene.arrays->positions());
     scene.counters.seconds_mobility += StepCounters::now() - start;
     scene.counters.randomNumbers += result.randomNumbers;
-    parts.forces.drop();  // poses are others now
+    parts.forces.drop();  // poses have changed
     if (!result.finite) reportNonFinite(scene, "position");
     const Fluid::Rejections rejected = scene.fluid->takeBackRejected(
         parts.start.bodies(), parts.start.freeParticles(), scene.bodies, *scene.freeParticles,

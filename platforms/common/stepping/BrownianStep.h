@@ -8,12 +8,13 @@ namespace RigidHIPlugin {
 /**
  * A step without momenta (Brownian dynamics): the stages of the scheme, each with its forces. A
  * group of bodies that is led to where the model has no mobility is redone by itself with new
- * noise, so that what a step costs does not grow faster than the number of groups. The Fluid counts
- * the attempts of each.
+ * noise. The cost of a step therefore does not grow faster than the number of groups. The Fluid
+ * counts the attempts of each group.
  *
- * Groups that are redone want the forces of later stages again, and OpenMM evaluates those of all:
- * the others stand where theirs were evaluated then, and keep what they have reached. If OpenMM
- * forces act between groups, these have felt the poses that were rejected.
+ * Groups that are redone need the forces of later stages again, and OpenMM evaluates the forces of
+ * all groups. The other groups are then placed where their forces of that stage were evaluated, and
+ * keep their results. If OpenMM forces act between groups, the other groups have felt the poses
+ * that were rejected.
  */
 class BrownianStep : public Step {
 public:

@@ -28,7 +28,8 @@ void CurrentSettings::update(Scene& scene) {
     if (takenOver == wanted) return;
     checkScheme(scene.system, scene.definitions.underPresentScheme(), scene.stock);
     scene.fluid.adoptWallRejection();
-    // What a scheme keeps for its next step is of no use once another has moved the bodies.
+    // Data that a scheme keeps for its next step are of no use after another scheme has moved the
+    // bodies.
     if (scheme != integrator.getScheme() && scene.fluid) scene.fluid->forgetMemory();
     scheme = integrator.getScheme();
     scene.adoptInertiaScale();

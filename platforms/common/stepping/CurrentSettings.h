@@ -10,17 +10,27 @@
 
 namespace RigidHIPlugin {
 
-/** The integrator's settings as steps use them. They are taken over when users have changed any,
- * with the thermostats that follow. */
+/**
+ * The integrator's settings as steps use them. They are taken over when users have changed any,
+ * together with the thermostats that depend on them.
+ */
 class CurrentSettings : public StepSettings {
 public:
-    /** Check and take over, if anything was changed since the last time. @throws OpenMMException */
+    /**
+     * Check and take over the settings, if any was changed since the last time. @throws
+     * OpenMMException
+     */
     void update(Scene& scene);
-    /** What the settings stand on (bodies, fluid) has changed: the next update() takes them over
-     * whatever they are. */
+    /**
+     * Bodies or fluid, which the settings depend on, have changed. The next update() takes the
+     * settings over in any case.
+     */
     void forget() { takenOver.reset(); }
 
-    /** The warning about drift factors, which takes steps to be known; after each of them. */
+    /**
+     * Give the warning about drift factors, which depends on the steps so far. To be called after
+     * each step.
+     */
     void warnOfDriftFactor(const Scene& scene);
 
 private:

@@ -24,7 +24,8 @@ string FluidStep::attempt() {
     if (!found.empty()) return found;
     finish();
     scene.fluid->checkTorques(scene.bodies, scene.arrays->forces());
-    // The next step's friction is taken half a step ahead, which no noise of that step can change.
+    // The next step takes the friction half a step ahead, and no noise of that step can change the
+    // poses there.
     return scene.fluid->mayObject() ? objectionHalfAStepAhead() : string();
 }
 
@@ -37,7 +38,7 @@ string FluidStep::objection() const {
 
 string FluidStep::objectionHalfAStepAhead() {
     Scene& scene = parts.scene;
-    // The next step starts with forces for the velocities that the bodies have now, not for the
+    // The next step starts with forces for the present velocities of the bodies, not for the
     // predicted ones.
     parts.forces.renewVelocityDependent(scene.arrays->getTime() + scene.settings.h);
     scene.bodies.save(aheadBodies);
@@ -50,14 +51,15 @@ string FluidStep::objectionHalfAStepAhead() {
     return found;
 }
 
-/** Up to the force evaluation: half a step, the fluid at the poses there, the other half. */
+/** Move up to the force evaluation: half a step, the fluid at the poses there, the other half. */
 void FluidStep::moveThroughFluid() {
     Scene& scene = parts.scene;
     const StepSettings& settings = scene.settings;
     LoopResult result = parts.mirror.run(BodyLoop::BeforeFriction);
     result.add(moveFree(&FreeParticles::beforeFriction));
     if (!result.finite) reportNonFinite(scene, "position");
-    // After a good step this is known to be empty; here what users set is judged.
+    // After an accepted step the poses ahead are known to be acceptable. Here poses that users set
+    // are checked.
     const string ahead = objection();
     if (!ahead.empty()) {
         parts.start.show();

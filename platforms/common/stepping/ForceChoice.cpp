@@ -34,7 +34,7 @@ bool ForceChoice::isNonbonded(int index, const Force& force) {
 }
 
 void ForceChoice::note(int number) {
-    // The list grows at the first call, and where a Force was added to the System meanwhile.
+    // The list grows at the first call, and after a Force was added to the System.
     if (next == (int)last.size()) last.push_back(~number);
     differs = differs || last[next] != number;
     last[next++] = number;

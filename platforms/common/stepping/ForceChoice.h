@@ -12,19 +12,19 @@ class System;
 namespace RigidHIPlugin {
 
 /**
- * Which forces of a Context an evaluation counts in: the integrator's groups and the group of every
- * Force.
+ * The forces of a Context that an evaluation includes: the integrator's groups and the group of
+ * every Force.
  *
- * Both may be set between steps, and OpenMM tells nobody; its own integrators see it because they
- * evaluate forces in every step.
+ * Both may be set between steps, and OpenMM does not report it. OpenMM's own integrators see the
+ * change because they evaluate forces in every step.
  */
 class ForceChoice {
 public:
-    /** @return whether the choice is another one than at the last call, or this is the first */
+    /** @return whether the choice differs from that of the last call, or this call is the first */
     bool changed(const OpenMM::System& system, int integrationForceGroups);
 
 private:
-    /** What the class of a Force is, asked once. */
+    /** Properties of the class of a Force, found once. */
     struct Kind {
         const std::type_info* type = nullptr;
         bool isNonbonded = false;

@@ -64,7 +64,7 @@ void Forces::renewVelocityDependent(double time) {
 }
 
 void Forces::stepFailed() {
-    // What velocities and time those of CustomBodyForces belong to is lost.
+    // The velocities and the time of the present CustomBodyForces are not known any more.
     if (scene.settings.forcesAreGathered) drop();
 }
 

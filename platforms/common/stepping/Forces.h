@@ -9,31 +9,34 @@
 namespace RigidHIPlugin {
 
 /**
- * Forces on bodies and free particles: OpenMM's, and what CustomBodyForces add.
+ * Forces on bodies and free particles: OpenMM's, and those of CustomBodyForces.
  *
- * Those at the end of a step serve the next one, unless anything changed in between.
+ * The forces at the end of a step serve the next one, unless anything changed meanwhile.
  */
 class Forces {
 public:
     Forces(OpenMM::ContextImpl& context, Scene& scene, ContextMirror& mirror)
         : context(context), scene(scene), mirror(mirror) {}
-    /** A step begins: make sure that there are the forces with which its scheme begins. */
+    /** A step begins: make sure that the forces that its scheme begins with are there. */
     void prepare();
-    /** Evaluate and gather them at the present positions. @param time  of CustomBodyForces, ps */
+    /**
+     * Evaluate and gather forces at the present positions. @param time  for CustomBodyForces, ps
+     */
     void evaluate(double time);
     /**
-     * Likewise for the AfterForces loop, which itself gathers forces on bodies where no
+     * Evaluate forces for the AfterForces loop. This loop gathers forces on bodies itself where no
      * CustomBodyForce adds to them.
-     * @param lookAhead  BodyForces::add()
+     * @param lookAhead  as in BodyForces::add()
      */
     void evaluateForAfterForces(double time, double lookAhead);
-    /** Forces that depend on velocities are evaluated anew with the present ones; the others stay.
+    /**
+     * Evaluate forces that depend on velocities anew with the present velocities. The other forces
+     * stay.
      */
     void renewVelocityDependent(double time);
-    /** They belong to no configuration that a step may begin with. */
+    /** The forces belong to no configuration that a step may begin with. */
     void drop() { evaluatedAfter = -1; }
-    /** A step is given up, and bodies and free particles are to have the forces with which it
-     * began. */
+    /** A step is given up. Bodies and free particles get the forces that it began with. */
     void stepFailed();
 
 private:

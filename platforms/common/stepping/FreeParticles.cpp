@@ -32,12 +32,12 @@ FreeParticles::FreeParticles(const System& system, const vector<int>& particles,
     };
     forEach([&](int, int, double) { numConstraints++; });
     if (numConstraints == 0) return;
-    // To make OpenMM's algorithm takes a time that is quadratic in constraints: where there are no
-    // others, the Context's serves.
+    // The time to make OpenMM's algorithm is quadratic in constraints. Where there are no other
+    // constraints, the Context's algorithm is used.
     constraints = ofContext;
     if (constraints && numConstraints == system.getNumConstraints()) return;
-    // The Context's own constraints would also hold every rigid body's, so give OpenMM's algorithms
-    // a System of ours.
+    // The Context's own constraints would also hold every rigid body's. OpenMM's algorithms
+    // therefore get a System made here.
     constraintSystem.reset(new System());
     for (int i = 0; i < system.getNumParticles(); i++)
         constraintSystem->addParticle(system.getParticleMass(i));
@@ -54,7 +54,7 @@ FreeParticles::~FreeParticles() = default;
 
 void FreeParticles::setThermostats(const vector<Thermostat>& perParticle) {
     thermostats = perParticle;
-    // The fluid draws for those that it couples itself: nothing is drawn twice.
+    // The fluid draws noise for particles that it couples itself. No noise is drawn twice.
     noisyParticles.clear();
     noiseOf.assign(particles.size(), -1);
     for (size_t i = 0; i < particles.size(); i++)
@@ -107,8 +107,9 @@ void FreeParticles::restore(const Snapshot& snapshot, int i, vector<Vec3>& posit
     positions[particles[i]] = snapshot.positions[i];
 }
 
-/** The moves that schemes are made of, for all free particles; velocities take the place of
- * momenta. */
+/**
+ * The moves that schemes are made of, for all free particles. Velocities take the place of momenta.
+ */
 class FreeParticles::Flow {
 public:
     Flow(FreeParticles& owner, const StepSettings& settings, PlatformLoops& loops,

@@ -18,16 +18,16 @@ namespace RigidHIPlugin {
 
 /**
  * The massive particles that are in no body. They take the same schemes as bodies, as point
- * particles; constraints among them hold positions after every drift and velocities after every
- * move. Their state lives in the Context's arrays.
+ * particles. Constraints among them hold positions after every drift and velocities after every
+ * move. Their state is in the Context's arrays.
  */
 class FreeParticles {
 public:
     FreeParticles() = default;
     /**
-     * @param particles    indices of the massive particles that are in no body
-     * @param ofContext    OpenMM's constraints of the whole System, which outlive this object;
-     * null: there are none
+     * @param particles  indices of the massive particles that are in no body
+     * @param ofContext  OpenMM's constraints of the whole System, which outlive this object; null:
+     *     there are none
      */
     FreeParticles(const OpenMM::System& system, const std::vector<int>& particles,
                   OpenMM::ReferenceConstraints* ofContext);
@@ -36,12 +36,16 @@ public:
     int getNumConstraints() const { return numConstraints; }
     const std::vector<int>& getParticles() const { return particles; }
 
-    /** The part of a step before the force evaluation, and the part after it. @return finite,
-     * random numbers */
+    /**
+     * The part of a step before the force evaluation, and the part after it. @return whether
+     * results are finite, random numbers drawn
+     */
     LoopResult beforeForces(const StepSettings& settings, PlatformLoops& loops,
                             std::vector<OpenMM::Vec3>& positions,
                             std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
-    /** LangevinHI: the part before forces in two, between which the fluid changes velocities. */
+    /**
+     * LangevinHI: the part before forces in two parts, between which the fluid changes velocities.
+     */
     LoopResult beforeFriction(const StepSettings& settings, PlatformLoops& loops,
                               std::vector<OpenMM::Vec3>& positions,
                               std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
@@ -51,7 +55,9 @@ public:
     LoopResult afterForces(const StepSettings& settings, PlatformLoops& loops,
                            std::vector<OpenMM::Vec3>& positions,
                            std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
-    /** Keep the forces, which others may overwrite in the Context. @return whether they are finite
+    /**
+     * Keep the forces, since other code may overwrite them in the Context. @return whether they are
+     * finite
      */
     bool gatherForces(const std::vector<OpenMM::Vec3>& contextForces);
     void setThermostats(const std::vector<Thermostat>& perParticle);
@@ -66,7 +72,7 @@ public:
               const std::vector<OpenMM::Vec3>& velocities) const;
     void restore(const Snapshot& snapshot, std::vector<OpenMM::Vec3>& positions,
                  std::vector<OpenMM::Vec3>& velocities);
-    /** Position and force of one of them. */
+    /** Restore position and force of one particle. */
     void restore(const Snapshot& snapshot, int i, std::vector<OpenMM::Vec3>& positions);
 
 private:
@@ -75,13 +81,13 @@ private:
     std::vector<double> masses;
     std::vector<Thermostat> thermostats;
     std::vector<int> noisyParticles,
-        noiseOf;  // those with noise; of each particle its place among them, or -1
+        noiseOf;  // particles with noise; for each particle its index among them, or -1
     std::vector<OpenMM::Vec3> forces;
     std::vector<double> noise;
     int numConstraints = 0;
     std::unique_ptr<OpenMM::System> constraintSystem;
     std::unique_ptr<OpenMM::ReferenceConstraints> ownConstraints;
-    OpenMM::ReferenceConstraints* constraints = nullptr;  // these, or the Context's
+    OpenMM::ReferenceConstraints* constraints = nullptr;  // their own, or the Context's
     std::vector<double>
         inverseMasses;  // of all particles of the System; 0 where constraints must not act
     std::vector<OpenMM::Vec3> before, after;

@@ -5,8 +5,10 @@ namespace RigidHIPlugin {
 
 class Scene;
 
-/** A step met a force, position or velocity that is not finite. @throws OpenMMException naming the
- * body or particle */
+/**
+ * Report a force, position or velocity of a step that is not finite. @throws OpenMMException naming
+ * the body or particle
+ */
 [[noreturn]] void reportNonFinite(Scene& scene, const char* what);
 
 }  // namespace RigidHIPlugin

@@ -5,17 +5,22 @@
 
 namespace RigidHIPlugin {
 
-/** Bodies and free particles by themselves: the thermostats, and LangevinHI where the fluid couples
- * nothing. One attempt always does. */
+/**
+ * A step of bodies and free particles without coupling by the fluid: the thermostats, and
+ * LangevinHI where the fluid couples nothing. One attempt is always enough.
+ */
 class PlainStep : public Step {
 public:
     explicit PlainStep(const StepParts& parts) : parts(parts) {}
     void take() override;
 
 protected:
-    /** New poses are there: the forces at their positions, and the rest of the scheme. */
+    /**
+     * Finish the step from the new poses: the forces at their positions, and the rest of the
+     * scheme.
+     */
     void finish();
-    /** What free particles do is called in the same way in every part of a step. */
+    /** Do one part of a step for the free particles. All parts are called in the same way. */
     template <class Part>
     LoopResult moveFree(Part part) {
         Scene& scene = parts.scene;

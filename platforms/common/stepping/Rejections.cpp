@@ -13,7 +13,7 @@ void Rejections::count(int number, int attempts, const string& objection) {
     if (scene.settings.kT > 0 && attempts <= limit) return;
     const string step = "step " + to_string(scene.arrays->getStepCount() + 1) + ": ",
                  where = step + objection;
-    // Schemes that ask for no mobility at the start have not refused it.
+    // Schemes that need no mobility at the start have not refused it.
     const string atStart = scene.fluid->objection(scene.bodies, scene.arrays->positions());
     if (!atStart.empty()) fail(step + "it starts where the model has no mobility: " + atStart);
     if (scene.settings.kT == 0)

@@ -5,15 +5,16 @@
 
 namespace RigidHIPlugin {
 
-/** What a step began with, to which it goes back if it is redone or given up. */
+/** The state at the start of a step, which is restored if the step is redone or given up. */
 class StartOfStep {
 public:
     StartOfStep(Scene& scene, ContextMirror& mirror) : scene(scene), mirror(mirror) {}
     void save();
-    /** Bodies, free particles and the fluid's memory go back, and the Context's particles with
-     * them. */
+    /**
+     * Restore bodies, free particles and the fluid's memory, and with them the Context's particles.
+     */
     void putBack();
-    /** Bodies and free particles only: to see what was there. */
+    /** Restore bodies and free particles only, so that the start can be examined. */
     void show();
     const BodySet::Snapshot& bodies() const { return bodySnapshot; }
     const FreeParticles::Snapshot& freeParticles() const { return freeSnapshot; }

@@ -7,7 +7,7 @@
 
 namespace RigidHIPlugin {
 
-/** What steps are made of. */
+/** The parts that steps are made of. */
 struct StepParts {
     Scene& scene;
     ContextMirror& mirror;
@@ -21,8 +21,8 @@ class Step {
 public:
     virtual ~Step() {}
     /**
-     * From the forces with which the scheme begins to new poses, positions and velocities.
-     * @throws OpenMMException; then the caller puts everything back to the start
+     * Go from the forces that the scheme begins with to new poses, positions and velocities.
+     * @throws OpenMMException; the caller then restores the start of the step
      */
     virtual void take() = 0;
 };

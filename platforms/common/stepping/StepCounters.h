@@ -5,8 +5,10 @@
 
 namespace RigidHIPlugin {
 
-/** What steps have taken so far. Plain numbers: a step must not allocate (getStepStatistics() gives
- * them names). */
+/**
+ * Counters of steps so far. They are plain numbers, since a step must not allocate
+ * (getStepStatistics() gives them names).
+ */
 struct StepCounters {
     long long steps = 0, forceEvaluations = 0, randomNumbers = 0, rejectedSteps = 0;
     double seconds_forces = 0, seconds_mobility = 0, seconds_scheme = 0;

@@ -6,15 +6,17 @@
 
 namespace RigidHIPlugin {
 
-/** What the loops over bodies need to know about one step. */
+/** The settings of one step for the loops over bodies. */
 struct StepSettings {
     CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC;
     double h = 0, kT = 0;
-    /** LangevinHI: some bodies feel each other, so that a step has a part before and one after the
-     * fluid's. */
+    /**
+     * LangevinHI: some bodies feel each other, so that a step has a part before and a part after
+     * the fluid's.
+     */
     bool fluidCouplesBodies = false;
     NoiseStream noise;
-    bool forcesAreGathered = false;  // before AfterForces, with what CustomBodyForces add
+    bool forcesAreGathered = false;  // before AfterForces, with the forces of CustomBodyForces
     double difference = 0;           // setFiniteDifferenceStep()
     CustomRigidHIIntegrator::DriftCorrectorScaling driftCorrectorScaling =
         CustomRigidHIIntegrator::SlipOnly;
@@ -22,15 +24,17 @@ struct StepSettings {
     bool hasMomenta() const { return traits().hasMomenta; }
 };
 
-/** The Context's arrays, three doubles a particle, and the copies of what this plugin wrote to them
- * last. */
+/**
+ * The Context's arrays, three doubles a particle, and copies of what this plugin wrote to them
+ * last.
+ */
 struct ParticleArrays {
     double *positions, *velocities;
     const double* forces;
     double *lastPositions, *lastVelocities;
 };
 
-/** What a loop over bodies found. */
+/** The result of a loop over bodies. */
 struct LoopResult {
     bool finite = true;
     long long randomNumbers = 0;
@@ -44,7 +48,7 @@ struct LoopResult {
 enum class BodyLoop {
     BeforeForces,       // the scheme up to the force evaluation; new positions to the particles
     BeforeFriction,     // LangevinHI: the scheme up to the fluid's part; new poses
-    AfterFriction,      // ... from there up to the force evaluation; new positions to the particles
+    AfterFriction,      // from there up to the force evaluation; new positions to the particles
     AfterForces,        // forces from the particles; the rest of the scheme; new velocities to the
                         // particles
     GatherForces,       // forces from the particles only

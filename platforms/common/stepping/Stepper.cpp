@@ -11,14 +11,14 @@ Stepper::Stepper(ContextImpl& context, Scene& scene, ContextMirror& mirror)
       withFluid({scene, mirror, forces, start, rejections}),
       overdamped({scene, mirror, forces, start, rejections}) {}
 
-/** The arrays are told when work on them begins and, whatever is thrown, when it ends. */
+/** Tell the arrays when work on them begins and when it ends, whatever is thrown. */
 template <class Work>
 void Stepper::withArrays(const Work& work) {
     scene.arrays->beginSteps();
     try {
         work();
     } catch (...) {
-        // What went wrong first is what the user is to know.
+        // The user must see the first error.
         try {
             scene.arrays->endSteps();
         } catch (...) {
@@ -39,7 +39,7 @@ void Stepper::evaluateForces() {
     withArrays([&] {
         if (scene.isBuilt()) scene.updateSettings();
         takeInChanges();
-        // What the next step begins with it evaluates itself, as if nobody had asked.
+        // The next step evaluates its forces itself, so that this call does not change it.
         try {
             forces.evaluate(scene.arrays->getTime());
         } catch (...) {
@@ -89,8 +89,10 @@ Step& Stepper::kindOfStep() {
     return plain;
 }
 
-/** The scheme: from the forces with which it begins to new positions and velocities; or an
- * exception and nothing changed. */
+/**
+ * The scheme: from the forces that it begins with to new positions and velocities; or an exception
+ * and nothing changed.
+ */
 void Stepper::advance() {
     scene.settings.noise.attempt = 0;
     start.save();

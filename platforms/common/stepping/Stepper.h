@@ -13,12 +13,14 @@ class Stepper {
 public:
     Stepper(OpenMM::ContextImpl& context, Scene& scene, ContextMirror& mirror);
     /**
-     * Steps, each of them: others' changes are taken in -> forces -> scheme -> new poses, momenta,
-     * particle positions and velocities. Or an exception, and bodies and particles as they were
-     * before the scheme began.
+     * Take steps. Each step goes: changes by others are taken in -> forces -> scheme -> new poses,
+     * momenta, particle positions and velocities. If there is an exception, bodies and particles
+     * are as they were before the scheme began.
      */
     void takeSteps(int number);
-    /** Forces at the present poses and time, gathered for bodies and free particles. */
+    /**
+     * Evaluate forces at the present poses and time, and gather them for bodies and free particles.
+     */
     void evaluateForces();
 
 private:

@@ -8,15 +8,15 @@
 namespace RigidHIPlugin {
 
 /**
- * Who holds the number of BLAS threads, which is one number for the whole process.
+ * The holders of the number of BLAS threads, which is one number for the whole process.
  *
- * Each platform's library has its own copy of the numerics and of what is static in them. So this
- * is in the API library, which is loaded once.
+ * Each platform's library has its own copy of the numerics and of their static data. This struct is
+ * therefore in the API library, which is loaded once.
  */
 struct BlasThreads {
     std::mutex mutex;  // for all members, and for changes of the number
     int holders = 0;
-    int wanted = 0;  // by others than holders: the number when there are none
+    int wanted = 0;  // set by code other than the holders: the number when there are no holders
 };
 OPENMM_EXPORT_RIGIDHI BlasThreads& blasThreads();
 

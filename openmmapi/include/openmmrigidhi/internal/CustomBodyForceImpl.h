@@ -12,17 +12,19 @@
 namespace RigidHIPlugin {
 
 /**
- * A CustomBodyForce in a Context. It computes nothing: the integrator's kernel, which has the
- * bodies, finds it among the Context's ForceImpls and evaluates it. It holds the entries as they
- * are in this Context.
+ * A CustomBodyForce in a Context. It computes nothing itself. The integrator's kernel, which has
+ * the bodies, finds it among the Context's ForceImpls and evaluates it. It holds the entries as
+ * they are in this Context.
  */
 class OPENMM_EXPORT_RIGIDHI CustomBodyForceImpl : public OpenMM::ForceImpl {
 public:
     explicit CustomBodyForceImpl(const CustomBodyForce& owner);
     void initialize(OpenMM::ContextImpl& context) override;
     const CustomBodyForce& getOwner() const override;
-    /** Changes nothing; OpenMM's default says that forces are invalid, and every step would
-     * evaluate them twice. */
+    /**
+     * Changes nothing. OpenMM's default reports that forces are invalid, so that every step would
+     * evaluate them twice.
+     */
     void updateContextState(OpenMM::ContextImpl& context, bool& forcesInvalid) override {}
     double calcForcesAndEnergy(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy,
                                int groups) override {

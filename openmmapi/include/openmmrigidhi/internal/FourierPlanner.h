@@ -8,10 +8,10 @@
 namespace RigidHIPlugin {
 
 /**
- * To be held while FFTW makes or destroys plans, which is not safe for threads.
+ * The mutex to hold while FFTW makes or destroys plans, which is not thread-safe.
  *
- * One for the process: each platform's library has its own copy of the numerics and of what is
- * static in them, so this is in the API library, which is loaded once.
+ * There is one mutex for the process. Each platform's library has its own copy of the numerics and
+ * of their static data, so the mutex is in the API library, which is loaded once.
  */
 OPENMM_EXPORT_RIGIDHI std::mutex& fourierPlanner();
 

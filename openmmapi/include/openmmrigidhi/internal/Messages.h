@@ -10,12 +10,11 @@
 
 namespace RigidHIPlugin {
 
-/** A value in a message that names it: with as many digits as tell two values apart that do not
- * agree. */
+/** A value as text for messages, with enough digits to tell apart two values that do not agree. */
 template <class T>
 std::string text(const T& value, int precision = 12) {
-    // Checks name what they look at whether it is right or not, and a stream takes a microsecond to
-    // make.
+    // Checks make this text whether their value is right or not, and a stream takes a microsecond
+    // to make.
     if constexpr (std::is_integral_v<T>) return std::to_string(value);
     std::ostringstream stream;
     stream.precision(precision);
@@ -27,7 +26,7 @@ inline std::string text(const OpenMM::Vec3& v) {
     return "(" + text(v[0]) + ", " + text(v[1]) + ", " + text(v[2]) + ")";
 }
 
-/** A number in a sentence, where six digits serve. */
+/** A number in a sentence, where six digits are enough. */
 inline std::string number(double x) { return text(x, 6); }
 
 inline bool isFinite(const OpenMM::Vec3& v) {

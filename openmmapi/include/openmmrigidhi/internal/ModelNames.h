@@ -27,12 +27,12 @@ template <size_t count>
 constexpr int numberOf(const char* const (&)[count]) {
     return count;
 }
-/** Of an enumerator; empty for a value that is none. */
+/** The name of an enumerator; empty for a value that is none. */
 template <size_t count>
 const char* nameIn(const char* const (&names)[count], int value) {
     return value >= 0 && value < (int)count ? names[value] : "";
 }
-/** All of them, separated by commas. */
+/** All names, separated by commas. */
 template <size_t count>
 std::string listOf(const char* const (&names)[count]) {
     std::string list;

@@ -2,20 +2,24 @@
 #define OPENMMRIGIDHI_SCHEME_LIST_H_
 
 /**
- * The one list of schemes, in the order of their numbers: a new one is a line at its end. From it
- * come the enumeration in C++ and Python, names in XML and messages, checks, the loops that run a
- * scheme, docstrings, the table of the user guide, and the lists in the tests.
+ * The one list of schemes, in the order of their numbers. A new scheme is a line at the end. The
+ * list generates the enumeration in C++ and Python, names in XML and messages, checks, the loops
+ * that run a scheme, docstrings, the table of the user guide, and the lists in the tests.
  *
  * ROW(name, kind, momenta, weakOrder, coldOrder, forces, differenced, drift, description)
  *   name         of the enumerator, of the struct or class that is the scheme, and of its file in
- * platforms/common/schemes kind         Thermostat: moves and forces in turn, without a fluid;
- * FluidThermostat: the fluid changes momenta in its middle; Overdamped: without momenta, in a fluid
- *   momenta      whether bodies have them
- *   weakOrder    of averages at a temperature, coldOrder of trajectories at temperature 0
+ *                platforms/common/schemes
+ *   kind         Thermostat: moves and forces in turn, without a fluid; FluidThermostat: the fluid
+ *                changes momenta in the middle of the step; Overdamped: without momenta, in a fluid
+ *   momenta      whether bodies have momenta
+ *   weakOrder    of averages at a temperature
+ *   coldOrder    of trajectories at temperature 0
  *   forces       force evaluations a step
- *   differenced  what it takes finite differences of where the divergence of the mobility is not
- * known (Differenced) drift        how it makes the stochastic drift kT div N; empty: it has none
- * to make, or omits it description  a sentence or two for docstrings and tables, with the paper
+ *   differenced  what the scheme takes finite differences of where the divergence of the mobility
+ *                is not known (Differenced)
+ *   drift        how the scheme makes the stochastic drift kT div N; empty: it has none to make, or
+ *                omits it
+ *   description  a sentence or two for docstrings and tables, with the paper
  */
 #define RIGIDHI_SCHEMES(ROW)                                                                       \
     ROW(LangevinA, Thermostat, true, 2, 2, 1, Nothing, "",                                         \

@@ -13,7 +13,7 @@
 namespace RigidHIPlugin {
 
 /**
- * Reads properties of a SerializationNode and objects to anything that is not wholly a number:
+ * Reads properties of a SerializationNode and refuses anything that is not wholly a number.
  * OpenMM's own getters turn "abc" into 0 and "1x" into 1.
  */
 class StrictNode {
@@ -27,7 +27,7 @@ public:
         return node.getStringProperty(property);
     }
     double number(const std::string& property) const { return parse<double>(property, "a number"); }
-    /** @tparam T  int by default; a longer or an unsigned type takes its own range */
+    /** @tparam T  int by default; a longer or an unsigned type has its own range */
     template <class T = int>
     T integer(const std::string& property) const {
         return parse<T>(property,
@@ -43,8 +43,10 @@ public:
             if (child.getName() == name) return StrictNode(child, className);
         fail("the element '" + name + "' is missing", "it must be there");
     }
-    /** Check that there are as many children as a property of this node says: a truncated file has
-     * fewer. */
+    /**
+     * Check that there are as many children as a property of this node says. A truncated file has
+     * fewer.
+     */
     void checkChildren(const std::string& countProperty) const {
         const int expected = integer(countProperty);
         const int found = node.getChildren().size();
@@ -72,7 +74,7 @@ private:
     T parse(const std::string& property, const std::string& expected) const {
         const std::string& value = text(property);
         T result{};
-        // Independent of the locale, unlike streams and strtod.
+        // from_chars is independent of the locale, unlike streams and strtod.
         const auto parsed = std::from_chars(value.data(), value.data() + value.size(), result);
         if (parsed.ec != std::errc() || parsed.ptr != value.data() + value.size())
             wrongValue(property, expected);

@@ -1,28 +1,32 @@
 // The generalised drifter-corrector (gDC), with finite differences (DriftCorrectorFD) or random
 // ones (DriftCorrectorRFD).
 //
-// Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N, N = (K^T M^-1 K)^-1, N^(1/2) = N
-// K^T M^-1 M^(1/2) (Westwood 2022, eqs. 26, 36). Method:    Westwood 2022, eqs. 37 to 44, with v =
-// sqrt(2 kT/h) M^(1/2) W of the same W throughout:
-//            V~ = (K^T K)^-1 K^T v at Q^n,   nu = 1 + (h/2) div V~,   Q^m = Rotate(Q^n, h V~/2),
-//            U = N (F + nu K^T M^-1 v) at Q^m,   Q^{n+1} = Rotate(Q^n, h U);
-//            setDriftCorrectorScaling(Whole) is the paper's U = N (F + K^T M^-1 v),   Q^{n+1} =
-//            Rotate(Q^n, nu h U). Both have the drift: <nu v> is that of <(nu - 1) v>, and F gets
-//            none on average. FD:  div V~ = sum_i (V~_i(Q^n + delta e_i) - V~_i) / delta, one-sided
-//            (eq. 39; error O(delta)); Random fields (fluids on grids): the same field is looked at
-//            everywhere, and its divergence needs no square roots and no solves. RFD: div V~ =
-//            W~.(V~(Q^n + delta W~) - V~) / delta (eq. 40). Translations are displaced by delta
-//            times the body's length.
+// Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N, N = (K^T M^-1 K)^-1,
+//            N^(1/2) = N K^T M^-1 M^(1/2) (Westwood 2022, eqs. 26, 36).
+// Method:    Westwood 2022, eqs. 37 to 44, with v = sqrt(2 kT/h) M^(1/2) W of the same W
+//            throughout:
+//              V~ = (K^T K)^-1 K^T v at Q^n,   nu = 1 + (h/2) div V~,   Q^m = Rotate(Q^n, h V~/2),
+//              U = N (F + nu K^T M^-1 v) at Q^m,   Q^{n+1} = Rotate(Q^n, h U).
+//            setDriftCorrectorScaling(Whole) is the paper's
+//              U = N (F + K^T M^-1 v),   Q^{n+1} = Rotate(Q^n, nu h U).
+//            Both have the drift: <nu v> is that of <(nu - 1) v>, and F gets none on average.
+//            FD:  div V~ = sum_i (V~_i(Q^n + delta e_i) - V~_i) / delta, one-sided (eq. 39; error
+//                 O(delta)).
+//            RFD: div V~ = W~.(V~(Q^n + delta W~) - V~) / delta (eq. 40). Translations are
+//            displaced by delta times the body's length.
+//            Random fields (fluids on grids): V~ at every pose is that of the same field, whose
+//            divergence needs no square roots and no solves.
 // Order:     weak 1; 1 at T = 0 (the mid-point follows the noise only).
-// Cost:      one force evaluation (at t + h/2), one solve; square roots of M: two, and one for each
-// row of the twists (FD) or one (RFD). Zero drift: spheres in an unbounded fluid (K = 1, div N = 0)
-// have v of Q^n at Q^m too, and nu = 1: U = N F + v. The mid-point of the noise
-//            alone would make the drift kT (d_j A_ik) A_jk, A = M^(1/2), and nu alone kT A_ik d_j
-//            A_jk; these cancel without being 0. One square root. A body alone in a uniform fluid:
-//            div V~ = 0, nu = 1; v turns with the body, which makes its drift.
+// Cost:      one force evaluation (at t + h/2), one solve. Square roots of M: two, and one for each
+//            row of the twists (FD) or one (RFD).
+// Zero drift: spheres in an unbounded fluid (K = 1, div N = 0) keep v of Q^n at Q^m, and nu = 1: U
+// = N F + v, with one square root. The mid-point of the noise alone would make the drift kT (d_j
+// A_ik) A_jk, A = M^(1/2), and nu alone kT A_ik d_j A_jk. These two cancel without being 0.
+// Known drift: a body alone in a uniform fluid has div V~ = 0 and nu = 1. Its v turns with the
+// body, which makes its drift.
 // Reference: Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022), eqs. 37 to 44.
 // Limits:    as random finite differences. Square roots must be smooth: Cholesky's factor, or
-// Lanczos' to its tolerance, with a delta to match.
+//            Lanczos' to its tolerance, with a delta to match.
 
 #ifndef RIGIDHI_DRIFT_CORRECTOR_H_
 #define RIGIDHI_DRIFT_CORRECTOR_H_
@@ -50,8 +54,8 @@ private:
             m.drawForSlips(OverdampedMove::First);
             m.atStart();
             velocities(m, U);
-            // Known: for one body in a uniform fluid V~ turns with it and div V~ = 0; spheres
-            // without drift keep V~ in correct().
+            // The drift is known in two cases. For one body in a uniform fluid V~ turns with it and
+            // div V~ = 0. Spheres without drift keep V~ in correct().
             if (!m.driftIsKnown()) {
                 scale += 0.5 * m.h * divergence(m);
                 m.noteDriftFactor(scale);

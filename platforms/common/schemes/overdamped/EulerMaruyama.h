@@ -1,13 +1,14 @@
 // Euler-Maruyama.
 //
 // Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N (Delong 2015, eq. 34), without its
-// last term, the stochastic drift. Method:    U = N F + sqrt(2 kT/h) N^(1/2) W;  Q^{n+1} =
-// Rotate(Q^n, h U): Delong 2015, eq. 37. Order:     weak 1 where div N = 0 (constant N; spheres in
-// an unbounded fluid); elsewhere none: it samples exp(-U/kT)/N instead of
-//            exp(-U/kT). 1 at T = 0.
-// Cost:      one force evaluation, one mobility problem and one square root a step; a random field
-// of the model's instead of the root. Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys.
-// 143, 144107 (2015), eq. 37. Limits:    right averages only where div N = 0.
+//            last term, the stochastic drift.
+// Method:    U = N F + sqrt(2 kT/h) N^(1/2) W;  Q^{n+1} = Rotate(Q^n, h U): Delong 2015, eq. 37.
+// Order:     weak 1 where div N = 0 (constant N; spheres in an unbounded fluid). Elsewhere none: it
+//            samples exp(-U/kT)/N instead of exp(-U/kT). 1 at T = 0.
+// Cost:      one force evaluation, one mobility problem and one square root a step. A random field
+//            of the model takes the place of the square root where there is one.
+// Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), eq. 37.
+// Limits:    right averages only where div N = 0.
 
 #ifndef RIGIDHI_EULER_MARUYAMA_H_
 #define RIGIDHI_EULER_MARUYAMA_H_
@@ -33,9 +34,9 @@ public:
 
 protected:
     /**
-     * total = F + sqrt(2 kT/h) N^(-1/2) W: N total is the velocity without drift. Where the model
-     * has a random field, its slips are the noise instead, which cost no square root: total = F,
-     * thermalSlips = sqrt(2 kT/h) v.
+     * total = F + sqrt(2 kT/h) N^(-1/2) W, so that N total is the velocity without drift. Where the
+     * model has a random field, its slips (random surface velocities) are the noise and cost no
+     * square root: total = F, thermalSlips = sqrt(2 kT/h) v.
      */
     void sumUpWrenches(OverdampedMove& m) {
         total = m.force;
@@ -53,7 +54,7 @@ protected:
     }
     /**
      * U = N total + kT div N at the start, where the drift is known without differences.
-     * @return whether it is: if not, `total` and `thermalSlips` are ready, and nothing else is done
+     * @return whether the drift is known; if not, only `total` and `thermalSlips` are computed
      */
     bool findVelocity(OverdampedMove& m) {
         m.atStart();

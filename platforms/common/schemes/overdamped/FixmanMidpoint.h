@@ -1,22 +1,21 @@
 // Fixman's midpoint scheme.
 //
-// Equation:  dQ/dt = N F + sqrt(2 kT) N o N^(-1/2) dW/dt: what is before o is taken at the
-// mid-point, what is after it at the start of the
-//            step, which makes the stochastic drift kT div N (Delong 2015, eq. 38).
+// Equation:  dQ/dt = N F + sqrt(2 kT) N o N^(-1/2) dW/dt. The factor before o is taken at the
+//            mid-point and the factor after it at the start of the step, which makes the stochastic
+//            drift kT div N (Delong 2015, eq. 38).
 // Method:    Delong 2015, eqs. 41 and 44, with (N^(-1/2))^n = N^-1 N^(1/2) (not its transpose:
-// docs/THEORY.md, corrections):
+//            docs/THEORY.md, corrections):
 //            predictor  U = N F + sqrt(4 kT/h) N^(1/2) W_1,  Q^{n+1/2} = Rotate(Q^n, h U/2);
 //            corrector  U = N F + sqrt(kT/h) N (N^(-1/2))^n (W_1 + W_2) at Q^{n+1/2},  Q^{n+1} =
-//            Rotate(Q^n, h U).
+//                       Rotate(Q^n, h U).
 // Order:     weak 1 (2 for linear equations with constant noise); 2 at T = 0.
 // Cost:      two force evaluations (the second at t + h/2), two mobility problems, two square roots
-// a step. It has no terms for the drift, so
-//            none is left out where div N = 0: mid-point and both square roots are what its order
-//            needs.
+//            a step. The scheme has no terms for the drift, so that none is left out where div N =
+//            0. Its order needs the mid-point and both square roots.
 // Reference: Delong, Balboa Usabiaga, Donev, J. Chem. Phys. 143, 144107 (2015), eqs. 41 and 44.
-// Limits:    two square roots a step, by iterations too where the model has a random field:
-// (N^(-1/2))^n W is wanted by itself, and
-//            K^T M^-1 times the field's slips takes as many iterations.
+// Limits:    two square roots a step, by iterations too where the model has a random field. The
+//            scheme needs (N^(-1/2))^n W by itself, and K^T M^-1 times the field's slips takes as
+//            many iterations.
 
 #ifndef RIGIDHI_FIXMAN_MIDPOINT_H_
 #define RIGIDHI_FIXMAN_MIDPOINT_H_

@@ -1,20 +1,24 @@
 // Traction Euler-Maruyama (EM-T).
 //
 // Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N (Delong 2015, eq. 34), N = (K^T M^-1
-// K)^-1. Method:    the difference of N in the random finite difference, expressed through those of
-// K and M, which need no solves. A solve with
-//            a random wrench W~ gives blob forces lambda and twists U_R: K^T lambda = W~, M lambda
-//            = K U_R. With Q+- = Rotate(Q^n, +-delta W~/2),
-//              F_D = -(kT/delta) (K^T(Q+) - K^T(Q-)) lambda,   s_D = (kT/delta) [(M(Q+) - M(Q-))
-//              lambda - (K(Q+) - K(Q-)) U_R], U = N (F + F_D + K^T M^-1 s_D) + sqrt(2 kT/h) N^(1/2)
-//              W,   Q^{n+1} = Rotate(Q^n, h U):
+//            K)^-1.
+// Method:    the difference of N in the random finite difference is expressed by differences of K
+//            and M, which need no solves. A solve with a random wrench W~ gives blob forces lambda
+//            and twists U_R:
+//              K^T lambda = W~, M lambda = K U_R.
+//            With Q+- = Rotate(Q^n, +-delta W~/2),
+//              F_D = -(kT/delta) (K^T(Q+) - K^T(Q-)) lambda,
+//              s_D = (kT/delta) [(M(Q+) - M(Q-)) lambda - (K(Q+) - K(Q-)) U_R],
+//              U = N (F + F_D + K^T M^-1 s_D) + sqrt(2 kT/h) N^(1/2) W,   Q^{n+1} = Rotate(Q^n, h
+//              U):
 //            Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017);
 //            docs/THEORY.md.
 // Order:     weak 1; 1 at T = 0.   Bias of the drift: O(delta^2).
 // Cost:      one force evaluation, two solves at one configuration, two products with M, one square
-// root a step. Reference: Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103
-// (2017). Limits:    as random finite differences: where the divergence is known or 0, one solve,
-// no products, no directions.
+//            root a step.
+// Reference: Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017).
+// Limits:    as random finite differences: where the divergence is known or 0, one solve, no
+//            products, no directions.
 
 #ifndef RIGIDHI_TRACTION_EULER_MARUYAMA_H_
 #define RIGIDHI_TRACTION_EULER_MARUYAMA_H_

@@ -1,22 +1,23 @@
 // Trapezoidal slip (T-S).
 //
 // Equation:  dQ/dt = N F + sqrt(2 kT) N^(1/2) dW/dt + kT div N (Delong 2015, eq. 34), N = (K^T M^-1
-// K)^-1, N^(1/2) = N K^T M^-1 M^(1/2). Method:    F_D = -(kT/delta) (K^T(Q+) - K^T(Q-)) lambda and
-// s_D = (kT/delta) (M(Q+) - M(Q-)) lambda as in TractionEulerMaruyama.h;
+//            K)^-1, N^(1/2) = N K^T M^-1 M^(1/2).
+// Method:    F_D = -(kT/delta) (K^T(Q+) - K^T(Q-)) lambda and s_D = (kT/delta) (M(Q+) - M(Q-))
+//            lambda as in TractionEulerMaruyama.h;
 //            s = sqrt(2 kT/h) M^(1/2) W at Q^n;
 //            predictor  U^n = N (F + K^T M^-1 s),  Q* = Rotate(Q^n, h U^n);
 //            corrector  U* = N* (F* + 2 F_D + K*^T M*^-1 (s + 2 s_D)),  Q^{n+1} = Rotate(Q^n, h
-//            (U^n + U*)/2): Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103
-//            (2017); docs/THEORY.md.
+//                       (U^n + U*)/2):
+//            Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017);
+//            docs/THEORY.md.
 // Order:     weak 1; 2 at T = 0.   Bias of the drift: O(delta^2).
 // Cost:      two force evaluations (the second at t + h), three solves at two configurations, two
-// products with M, one square root a step.
-//            Iterations of the corrector's solve begin at the predictor's forces.
+//            products with M, one square root a step. Iterations of the corrector's solve begin at
+//            the predictor's forces.
 // Reference: Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017).
 // Limits:    as random finite differences. Where the divergence is known or 0, kT div N takes the
-// place of F_D and s_D: two solves, no
-//            products, no directions. Of spheres K = 1, and s is no other at Q*: the average over
-//            both ends makes no drift either.
+//            place of F_D and s_D: two solves, no products, no directions. For spheres K = 1 and s
+//            is the same at Q*, so that the average over both ends makes no drift either.
 
 #ifndef RIGIDHI_TRAPEZOIDAL_SLIP_H_
 #define RIGIDHI_TRAPEZOIDAL_SLIP_H_
@@ -57,7 +58,7 @@ private:
                 drift.setZero(m.getNumRows(), 1);
                 m.addKnownDrift(m.kT, drift);
             } else {
-                // The solves for F + s and for the random wrench in one.
+                // One solve with two columns: F + s and the random wrench.
                 m.drawDirections();
                 both.resize(m.getNumRows(), 2);
                 both << m.directions, m.force;

@@ -1,12 +1,12 @@
 // The gradient (Brownian) thermostat.
 //
 // Equation:  dR = upsilon/m f dt + sqrt(2 upsilon kT/m) dw,
-//            dQ = Upsilon/M F dt + sqrt(2 Upsilon kT/M) sum_l S_l Q * dW_l (Stratonovich), M = 4 /
-//            sum_k 1/I_k.
-// Method:    Euler for R; Q <- exp(Y) Q, Y = h Upsilon/M (F Q^T - Q F^T) + sqrt(2 h Upsilon kT/M)
-// sum_l eta_l S_l.
-//            A skew 4x4 matrix is a left plus a right quaternion product, and these commute: with F
-//            = 2 Q (0, tau_body), exp(Y) Q = exp(a tau_lab) Q exp(a tau_body + b eta), a = h
+//            dQ = Upsilon/M F dt + sqrt(2 Upsilon kT/M) sum_l S_l Q * dW_l (Stratonovich),
+//            M = 4 / sum_k 1/I_k.
+// Method:    Euler for R; Q <- exp(Y) Q,
+//            Y = h Upsilon/M (F Q^T - Q F^T) + sqrt(2 h Upsilon kT/M) sum_l eta_l S_l.
+//            A skew 4x4 matrix is a left plus a right quaternion product, and these two commute.
+//            With F = 2 Q (0, tau_body), exp(Y) Q = exp(a tau_lab) Q exp(a tau_body + b eta), a = h
 //            Upsilon/M, b = sqrt(2 h Upsilon kT/M). This is the Rodrigues formula of the paper's
 //            Appendix E without its degenerate cases.
 // Order:     weak 1.   Cost: one force evaluation a step. No momenta.

@@ -1,13 +1,15 @@
 // Langevin A.
 //
 // Equation:  dR = P/m dt,  dP = f dt - gamma P dt + sqrt(2 m gamma kT) dw;
-//            dl_k = (l x w)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(M Gamma kT/2) dW_k, Gamma_k =
-//            Gamma M/(4 I_k), M = 4 / sum_k 1/I_k over the axes with a non-zero moment (body frame;
-//            the paper's pi is 2 S(q)(0, l)).
+//            dl_k = (l x w)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(M Gamma kT/2) dW_k,
+//            Gamma_k = Gamma M/(4 I_k), M = 4 / sum_k 1/I_k over the axes with a non-zero moment
+//            (body frame; the paper's pi is 2 S(q)(0, l)).
 // Method:    (Hamiltonian + noise) between two half steps of exact damping. The same random numbers
-// serve both kicks. Order:     weak 2.   Cost: one force evaluation a step. Reference: Davidchack,
-// Ouldridge, Tretyakov 2015, eq. 20. Limits:    breaks down above gamma ~ 100/ps, Gamma ~ 200/ps in
-// water, because the noise sits in the kicks.
+//            serve both kicks.
+// Order:     weak 2.   Cost: one force evaluation a step.
+// Reference: Davidchack, Ouldridge, Tretyakov 2015, eq. 20.
+// Limits:    breaks down above gamma ~ 100/ps, Gamma ~ 200/ps in water, because the noise sits in
+//            the kicks.
 
 #if defined(RIGIDHI_LANGEVIN_A_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_LANGEVIN_A_INL_H_

@@ -2,11 +2,11 @@
 //
 // Equation:  as Langevin A (schemes/thermostats/LangevinA-inl.h).
 // Method:    half a step of the exact Ornstein-Uhlenbeck process, a step of the Hamiltonian system,
-// half a step of the
-//            process again ("OBABO").
+//            half a step of the process again ("OBABO").
 // Order:     weak 2; kinetic temperatures are the most accurate of the three.   Cost: one force
-// evaluation a step. Reference: Davidchack, Ouldridge, Tretyakov 2015, eq. 27. Limits:    any
-// gamma, Gamma.
+//            evaluation a step.
+// Reference: Davidchack, Ouldridge, Tretyakov 2015, eq. 27.
+// Limits:    any gamma, Gamma.
 
 #if defined(RIGIDHI_LANGEVIN_B_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_LANGEVIN_B_INL_H_

@@ -2,11 +2,11 @@
 //
 // Equation:  as Langevin A (schemes/thermostats/LangevinA-inl.h).
 // Method:    half a step of the Hamiltonian system, a step of the exact Ornstein-Uhlenbeck process,
-// half a step of the
-//            Hamiltonian system again ("BAOAB").
+//            half a step of the Hamiltonian system again ("BAOAB").
 // Order:     weak 2; configurational averages are the most accurate of the three.   Cost: one force
-// evaluation a step. Reference: Davidchack, Ouldridge, Tretyakov 2015, eq. 28. Limits:    any
-// gamma, Gamma.
+//            evaluation a step.
+// Reference: Davidchack, Ouldridge, Tretyakov 2015, eq. 28.
+// Limits:    any gamma, Gamma.
 
 #if defined(RIGIDHI_LANGEVIN_C_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_LANGEVIN_C_INL_H_

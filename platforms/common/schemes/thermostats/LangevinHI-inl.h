@@ -1,20 +1,17 @@
 // Langevin with hydrodynamic interactions.
 //
-// Equation:  dR = p/m dt, dp = f dt - (xi V)_t dt + noise, dL = tau dt - (xi V)_r dt + noise, free
-// rotation in between;
-//            xi(R, q) the friction matrix of all bodies, noise of covariance 2 kT xi (Davidchack
-//            2017, eqs. 16 to 18).
+// Equation:  dR = p/m dt, dp = f dt - (xi V)_t dt + noise, dL = tau dt - (xi V)_r dt + noise, and
+//            free rotation. xi(R, q) is the friction matrix of all bodies, and the noise has
+//            covariance 2 kT xi (Davidchack 2017, eqs. 16 to 18).
 // Method:    Langevin C with its Ornstein-Uhlenbeck part replaced by the coupled one (eqs. 26 and
-// 27), symmetrised:
-//            schemes/FluidOrnsteinUhlenbeck.h. Bodies whose friction is isotropic and constant are
-//            done by ornsteinUhlenbeck(), exactly as in Langevin C.
+//            27), symmetrised: schemes/FluidOrnsteinUhlenbeck.h. ornsteinUhlenbeck() does bodies
+//            whose friction is isotropic and constant, exactly as in Langevin C.
 // Order:     weak 2.   Cost: one force evaluation and one friction evaluation a step.
 // Reference: Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 147, 224103 (2017), eq. 27; the free
-// rotation is the symmetric
-//            one of Davidchack 2015, eq. 18.
-// Limits:    any friction; no inertia about axes about which the fluid does not hold a body.
-// Noise:     acts on momenta, friction depends on poses: Ito's and Stratonovich's readings
-// coincide, no drift term is due.
+// rotation is the symmetric one of Davidchack 2015, eq. 18.
+// Limits:    any friction; no inertia about axes about which the fluid does not resist rotation.
+// Noise:     it acts on momenta, and the friction depends on poses. Ito's and Stratonovich's
+//            readings therefore coincide, and there is no drift term.
 
 #if defined(RIGIDHI_LANGEVIN_HI_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_LANGEVIN_HI_INL_H_
@@ -33,14 +30,14 @@ struct LangevinHI {
     static void beforeFriction(Flow& flow, double h) {
         flow.kick(h / 2);           // P_1 = P_k + h/2 f,  Pi_1 = Pi_k + h/2 F
         flow.drift(h / 2);          // R_1 = R_k + h/(2m) P_1,  (Q_1, Pi_2) = Psi_{h/2}(Q_k, Pi_1)
-        flow.ornsteinUhlenbeck(0);  // P_2, Pi_3 of what the fluid does not couple; the Fluid does
-                                    // the rest at (R_1, Q_1)
+        flow.ornsteinUhlenbeck(0);  // P_2, Pi_3 of bodies that the fluid does not couple; Fluid
+                                    // does the others at (R_1, Q_1)
     }
     template <class Flow>
     static void afterFriction(Flow& flow, double h) {
         flow.drift(h / 2);  // R_{k+1} = R_1 + h/(2m) P_2,  (Q_{k+1}, Pi_4) = Psi_{h/2}(Q_1, Pi_3)
     }
-    /** Both in one, where the fluid couples nothing. */
+    /** Both parts in one, where the fluid couples nothing. */
     template <class Flow>
     static void beforeForces(Flow& flow, double h) {
         beforeFriction(flow, h);
@@ -50,7 +47,9 @@ struct LangevinHI {
     static void afterForces(Flow& flow, double h) {
         flow.kick(h / 2);  // P_{k+1} = P_2 + h/2 f_{k+1},  Pi_{k+1} = Pi_4 + h/2 F_{k+1}
     }
-    /** Of free particles that the fluid does not see; Fluid has those of all others. */
+    /**
+     * Factors of free particles that the fluid does not see. Fluid has the factors of all others.
+     */
     static Thermostat coefficients(const BodyInertia& body, const HeatBath& bath, double h) {
         return ornsteinUhlenbeckCoefficients(body, bath, h);
     }
