@@ -39,7 +39,7 @@ def scene(seed):
     integrator.setScheme(integrator.TrapezoidalSlip)
     integrator.setRandomNumberSeed(seed)
     repulsion = openmm.CustomNonbondedForce(
-        '50/(1 + exp((r - a1 - a2)/10))')  # within a body this cancels
+        '25*(1 - tanh((r - a1 - a2)/20))')  # within a body this cancels
     repulsion.addPerParticleParameter('a')
     positions = []
     for sites, radius, origin in SHAPES:
