@@ -1,4 +1,5 @@
 """openmmrigidhi.ensemble: nothing is lost when workers die, and numbers do not depend on who computes them."""
+import contextlib
 import importlib.util
 import json
 import math
@@ -52,14 +53,32 @@ def marks(folderOfMarks):
 
 
 @pytest.fixture(scope='module')
-def cluster(folderOfMarks):
-    """Two workers behind a scheduler that has an address."""
+def clusters(folderOfMarks):
+    """The clusters that were made, of which the last one is in use."""
     if distributed is None:
         pytest.skip('dask.distributed is not installed')
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1,
-                                  dashboard_address='127.0.0.1:0', memory_limit=0,
-                                  silence_logs=50) as made:
-        yield made
+    with contextlib.ExitStack() as made:
+        yield made, []
+
+
+@pytest.fixture
+def cluster(clusters):
+    """Two workers behind a scheduler that has an address.
+
+    Tests kill workers. Where these do not come back on a busy machine, the next test gets another
+    cluster.
+    """
+    made, last = clusters
+    deadline = time.monotonic() + 20
+    while last and len(last[-1].scheduler.workers) < 2 and time.monotonic() < deadline:
+        time.sleep(0.1)
+    if not last or len(last[-1].scheduler.workers) < 2:
+        last.append(
+            made.enter_context(
+                distributed.LocalCluster(n_workers=2, threads_per_worker=1,
+                                         dashboard_address='127.0.0.1:0', memory_limit=0,
+                                         silence_logs=50)))
+    return last[-1]
 
 
 @pytest.fixture
@@ -132,7 +151,9 @@ def test_a_task_goes_on_from_what_is_in_its_directory(where, tmp_path):
     outcomes = tasks.run(ensemble_tasks.countInDirectory, range(2), 2, where,
                          directory=str(tmp_path/'own'), quiet=True)
     assert [outcome.get() for outcome in outcomes] == [3, 0]
-    assert [outcome.attempts for outcome in outcomes] == [2, 1]
+    assert outcomes[0].attempts == 2
+    # A result that still lay on the worker that died is computed again.
+    assert outcomes[1].attempts in (1, 2)
     assert (tmp_path/'own'/'0'/'count').read_text() == '6'
 
 
@@ -201,7 +222,10 @@ def test_a_cluster_that_does_not_answer(listens):
 def test_a_cluster_without_workers():
     scheduler = {
         'cls': distributed.Scheduler,
-        'options': {'host': '127.0.0.1', 'dashboard_address': '127.0.0.1:0'}
+        'options': {
+            'host': '127.0.0.1',
+            'dashboard_address': '127.0.0.1:0'
+        }
     }
     with distributed.SpecCluster(scheduler=scheduler, workers={}, silence_logs=50) as empty:
         with pytest.raises(ConnectionError, match='no worker came within 0.5 s'):
@@ -328,8 +352,9 @@ def test_extension_equals_one_long_run(undisturbed, tmp_path):
     """Longer, more replicas, more settings; what was there stays as it is."""
     directory = str(tmp_path/'study')
     begun = small(length=1.0, replicas=2).run(directory, quiet=True)
-    larger = ensemble.Study.load(directory, 0.0).extended(length=3.0, replicas=3,
-                                                          settings=[{'temperature': 280.0}])
+    larger = ensemble.Study.load(directory, 0.0).extended(length=3.0, replicas=3, settings=[{
+        'temperature': 280.0
+    }])
     result = larger.run(directory, extend=True, quiet=True)
     of = samples(result)
     assert all(np.array_equal(of[key][:20], values) for key, values in samples(begun).items())
@@ -360,10 +385,12 @@ def test_observables_of_the_sample_before_go_on(tmp_path):
     """msd compares with the sample before, also where that was measured by a process that is gone."""
     def run(directory, *lengths):
         for length in lengths:
-            study = ensemble.Study('boomerang',
-                                   [{'replicas': 2, 'blobsPerArm': 1, 'stepSize': 500.0}], 1,
-                                   length, ['height', 'msd'], platform='Reference',
-                                   equilibration=0.0, sampleInterval=5000.0)
+            study = ensemble.Study('boomerang', [{
+                'replicas': 2,
+                'blobsPerArm': 1,
+                'stepSize': 500.0
+            }], 1, length, ['height', 'msd'], platform='Reference', equilibration=0.0,
+                                   sampleInterval=5000.0)
             result = study.run(str(directory), extend=True, quiet=True)
         return result.series('msd', 0, 0)
 
@@ -415,9 +442,12 @@ def test_a_scene_is_kept_with_its_study(undisturbed, tmp_path):
 
 
 def test_functions_may_return_parts_and_the_integrator_can_be_set(tmp_path):
-    study = ensemble.Study(ensemble_tasks.bare,
-                           [{'scheme': 'LangevinA', 'stepSize': 0.001}, {'stepSize': 0.004}], 1,
-                           1.0, ['potential_energy'], platform='Reference', sampleInterval=0.1)
+    study = ensemble.Study(ensemble_tasks.bare, [{
+        'scheme': 'LangevinA',
+        'stepSize': 0.001
+    }, {
+        'stepSize': 0.004
+    }], 1, 1.0, ['potential_energy'], platform='Reference', sampleInterval=0.1)
     result = study.run(str(tmp_path/'study'), quiet=True)
     assert result.isComplete
     assert [taskfiles.load(task.path).about['step_size'] for task in result.tasks] == [0.001, 0.004]
@@ -602,8 +632,12 @@ def test_a_worker_that_does_not_see_the_directory(tmp_path):
                     (dict(length=math.inf), 'it must be a finite time above 0, in ps'),
                     (dict(checkpointInterval=-1), 'it must be a finite time above or at 0, in s'),
                     (dict(settings=[]), 'the list is empty; there must be one'),
-                    (dict(settings=[{'size': 3}]), "got 'size', which the scene trap has not"),
-                    (dict(settings=[{'bodies': 3}]*2), 'is there already; settings must differ')])
+                    (dict(settings=[{
+                        'size': 3
+                    }]), "got 'size', which the scene trap has not"),
+                    (dict(settings=[{
+                        'bodies': 3
+                    }]*2), 'is there already; settings must differ')])
 def test_wrong_studies_are_refused(wrong, text):
     with pytest.raises(ValueError, match=text):
         ensemble.Study(**{'scene': 'trap', 'length': 1.0, **wrong})
@@ -619,9 +653,9 @@ def test_settings_must_be_what_json_takes():
 
 def test_means_and_errors_of_a_scene_whose_averages_are_known(tmp_path):
     """Student's t of 6 replicas, two exact means: each beyond 6.9 (5 degrees) once in 1000."""
-    study = ensemble.Study('trap', [{'bodies': 20}], 6, 10.0,
-                           ['energy_group_0', 'translational_temperature'], platform='Reference',
-                           seed=3)
+    study = ensemble.Study('trap', [{
+        'bodies': 20
+    }], 6, 10.0, ['energy_group_0', 'translational_temperature'], platform='Reference', seed=3)
     result = study.run(str(tmp_path/'study'), 2, 'processes', quiet=True)
     for row in result.rows:
         exact = 300.0 if row['exact'] is None else row['exact']
@@ -805,8 +839,9 @@ def test_the_command_line_begins_continues_and_extends(tmp_path, capsys):
     assert 'complete, 2 ps' in capsys.readouterr().err
     assert command(directory, '--show') == 0
     result = ensemble.read(directory)
-    assert result.definition['settings'][2] == {'temperature': 300} and len(
-        result.tasks) == 6 and result.isComplete
+    assert result.definition['settings'][2] == {
+        'temperature': 300
+    } and len(result.tasks) == 6 and result.isComplete
 
 
 @pytest.mark.parametrize(
