@@ -31,6 +31,8 @@ from common import RESULTS, describeMachine, ownSeconds, save  # noqa: E402
 
 NUMBERS = (10, 30, 100, 300, 1000, 3000, 10000, 30000, 100000)
 TOLERANCE = 1e-3
+#: The table of a page stands between these.
+BEGIN, END = '<!-- table of benchmarks/growth.py -->', '<!-- end of the table -->'
 #: Series: (what, model, boundary, solver).
 SERIES = tuple(('spheres', *each) for each in (
     ('FreeDraining', 'Unbounded', 'Auto'), ('RotnePragerYamakawa', 'Unbounded', 'Dense'),
@@ -98,8 +100,9 @@ def scene(what, model, boundary, solver, count):
     if solver == 'MatrixFree':
         fluid.setSolverTolerance(TOLERANCE)
     if boundary == 'SlipChannel':
-        fluid.setChannelWalls(0, float(box[1]))
-        box[1] += spacing  # the box must be longer than the channel is wide
+        low, high = positions[:, 1].min() - 2, positions[:, 1].max() + 2
+        fluid.setChannelWalls(float(low), float(high))
+        box[1] = high - low + 1  # the box must be longer than the channel is wide
     system.addForce(fluid)
     if boundary in ('Periodic', 'SlipChannel'):
         system.setDefaultPeriodicBoxVectors(*np.diag(box))
@@ -205,6 +208,8 @@ def main():
     parser.add_argument('--largest', type=int, default=NUMBERS[-1])
     parser.add_argument('--boundaries', nargs='*', help='only these; the JSON keeps the others')
     parser.add_argument('--draw', action='store_true', help='from the JSON, without measuring')
+    parser.add_argument('--page', type=pathlib.Path,
+                        help='put the table between its comments there')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
     file = arguments.output/'growth.json'
@@ -268,6 +273,10 @@ def main():
             save(arguments.output, file.name, machine, result)
     draw(result, arguments.output/'growth.png')
     print(table(result))
+    if arguments.page:
+        before, rest = arguments.page.read_text().split(BEGIN)
+        arguments.page.write_text(before + BEGIN + '\n' + table(result) + '\n' + END +
+                                  rest.split(END)[1])
 
 
 if __name__ == '__main__':
