@@ -9,7 +9,7 @@ the tolerance 1e-3. One thread; times are those of seconds_mobility + seconds_sc
 getStepStatistics(), or the process's CPU time if that is less (a busy machine). A series ends
 where a step is refused, or would take more than --limit seconds by the growth so far.
 
-The exponent is that of a line through the times from 1000 particles on (dense: 300), what
+The exponent is that of a line through the times from 1000 particles on (dense: 100), what
 dominates is the largest part of the last number.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/growth.py
@@ -49,8 +49,7 @@ SERIES = tuple(('spheres', *each) for each in (
                                       ('RotnePragerYamakawa', 'NoSlipWall', 'Dense'),
                                       ('RotnePragerYamakawa', 'NoSlipWall', 'MatrixFree'),
                                       ('RotnePragerYamakawa', 'Periodic', 'MatrixFree'),
-                                      ('ForceCoupling', 'Periodic', 'MatrixFree'),
-                                      ('ForceCoupling', 'SlipChannel', 'MatrixFree')))
+                                      ('ForceCoupling', 'Periodic', 'MatrixFree')))
 COLOURS = {
     'FreeDraining': 'tab:gray',
     'RotnePragerYamakawa': 'tab:blue',
@@ -102,7 +101,7 @@ def scene(what, model, boundary, solver, count):
     if boundary == 'SlipChannel':
         low, high = positions[:, 1].min() - 2, positions[:, 1].max() + 2
         fluid.setChannelWalls(float(low), float(high))
-        box[1] = high - low + 1  # the box must be longer than the channel is wide
+        box[1] = max(box[1], high - low + 1)  # the box must be longer than the channel is wide
     system.addForce(fluid)
     if boundary in ('Periodic', 'SlipChannel'):
         system.setDefaultPeriodicBoxVectors(*np.diag(box))
@@ -132,9 +131,9 @@ def measure(what, model, boundary, solver, count, seconds):
     return row
 
 
-def exponent(rows, least):
-    """Of a line through logarithms of the rows from a number on; None where there are fewer than three."""
-    rows = [row for row in rows if row['number'] >= least]
+def exponent(rows, solver):
+    """Of a line through logarithms, for large numbers; None where there are fewer than three."""
+    rows = [row for row in rows if row['number'] >= (100 if solver == 'Dense' else 1000)]
     if len(rows) < 3:
         return None
     slope = np.polyfit(np.log([row['number'] for row in rows]),
@@ -145,7 +144,7 @@ def exponent(rows, least):
 def draw(result, file):
     """The times of all series against the number, doubly logarithmic, spheres beside blobs."""
     from matplotlib.figure import Figure
-    figure = Figure((11, 5.2), layout='constrained')
+    figure = Figure((11, 7), layout='constrained')
     axes = figure.subplots(1, 2, sharey=True)
     for series in result['series']:
         panel = axes[int(series['what'] == 'blobs')]
@@ -167,7 +166,7 @@ def draw(result, file):
                        va='center')
         panel.set(title=title, xlabel='number of spheres or blobs')
         panel.grid(color='0.92')
-        panel.legend(fontsize=6.5, loc='upper left')
+        panel.legend(fontsize=7.5, loc='upper center', bbox_to_anchor=(0.5, -0.12), ncols=2)
     axes[0].set_ylabel('seconds a step, one thread')
     figure.savefig(file, dpi=110)
 
@@ -206,7 +205,8 @@ def main():
     parser.add_argument('--limit', type=float, default=60, help='seconds of a step, at most')
     parser.add_argument('--seconds', type=float, default=0.3, help='of steps for each time')
     parser.add_argument('--largest', type=int, default=NUMBERS[-1])
-    parser.add_argument('--boundaries', nargs='*', help='only these; the JSON keeps the others')
+    parser.add_argument('--bodies', nargs='*', help='only these series; the JSON keeps the others')
+    parser.add_argument('--boundaries', nargs='*', help='likewise')
     parser.add_argument('--draw', action='store_true', help='from the JSON, without measuring')
     parser.add_argument('--page', type=pathlib.Path,
                         help='put the table between its comments there')
@@ -215,22 +215,25 @@ def main():
     file = arguments.output/'growth.json'
     if arguments.draw:
         result = json.loads(file.read_text())
+        for series in result['series']:
+            series['exponent'] = exponent(series['rows'], series['solver'])
+        file.write_text(json.dumps(result, indent=1) + '\n')
     else:
         machine = describeMachine()
         result = {'tolerance': TOLERANCE, 'limit_seconds': arguments.limit, 'series': []}
         wanted = [
-            each for each in SERIES
-            if arguments.boundaries is None or each[2] in arguments.boundaries
+            each for each in SERIES if (not arguments.bodies or each[0] in arguments.bodies) and (
+                not arguments.boundaries or each[2] in arguments.boundaries)
         ]
-        if arguments.boundaries is not None:
+        if len(wanted) < len(SERIES):
             kept = json.loads(file.read_text())
-            result['refusals'] = {
-                name: text
-                for name, text in kept.get('refusals', {}).items()
-                if name.split(', ')[2] not in arguments.boundaries
-            }
+            result['refusals'] = kept.get('refusals', {})
+            for each in wanted:
+                for name in [n for n in result['refusals'] if n.startswith(', '.join(each))]:
+                    del result['refusals'][name]
             result['series'] = [
-                each for each in kept['series'] if each['boundary'] not in arguments.boundaries
+                each for each in kept['series']
+                if (each['what'], each['model'], each['boundary'], each['solver']) not in wanted
             ]
         progress = tqdm.tqdm(total=len(wanted)*len(NUMBERS), desc='Steps')
         for what, model, boundary, solver in wanted:
@@ -255,13 +258,12 @@ def main():
                     progress.update(len(NUMBERS) - index)
                     break
                 progress.update()
-            power = exponent(rows, 300 if solver == 'Dense' else 1000)
             result['series'].append({
                 'what': what,
                 'model': model,
                 'boundary': boundary,
                 'solver': solver,
-                'exponent': power,
+                'exponent': exponent(rows, solver),
                 'end': end,
                 'rows': rows
             })
@@ -269,7 +271,7 @@ def main():
                 (each['what'], each['model'], each['boundary'], each['solver'])))
             tqdm.tqdm.write(f'{what} {model} {boundary} {solver}: ' +
                             ', '.join(f'{row["number"]}: {duration(row["seconds"])}'
-                                      for row in rows) + f'; {power} {end}')
+                                      for row in rows) + f'; {end}')
             save(arguments.output, file.name, machine, result)
     draw(result, arguments.output/'growth.png')
     print(table(result))

@@ -1,4 +1,6 @@
 """README and docs: their Python snippets run, their links lead somewhere, their commands exist."""
+import importlib
+import json
 import pathlib
 import re
 import shutil
@@ -88,3 +90,12 @@ def test_cpp_reference_builds_without_warnings(tmp_path):
     finished = subprocess.run(['doxygen', '-'], input=settings, cwd=ROOT, capture_output=True,
                               text=True)
     assert finished.returncode == 0 and finished.stderr == ''
+
+
+def test_the_table_of_growing_cost_is_that_of_its_json(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT/'benchmarks'))
+    growth = importlib.import_module('growth')
+    result = json.loads(read('benchmarks/results/growth.json'))
+    page = read('docs/how_cost_grows.md')
+    between = page.split(growth.BEGIN)[1].split(growth.END)[0]
+    assert between.strip() == growth.table(result)
