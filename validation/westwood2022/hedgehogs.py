@@ -146,8 +146,7 @@ class Run:
                           for name in self.ARRAYS})
 
     def make(self):
-        """The Context, with a seed that depends on the steps done: a continued run has new
-        noise."""
+        """The Context; its seed depends on the steps done, so a continued run has new noise."""
         if self.hedgehogs is None:
             self.hedgehogs = model.Hedgehogs(self.bodies, self.potential, self.bare, self.tolerance,
                                              seed=seedOf(self.name, self.steps) % 2**31)
@@ -179,8 +178,7 @@ class Run:
         self.save()
 
     def estimate(self, amplitudes):
-        """Viscosity over the fluid's and shear rate, each with its error, or why they are
-        refused."""
+        """Viscosity over the fluid's and shear rate with errors, or why they are refused."""
         try:
             found = viscosityFromAmplitudes(self.make().context,
                                             np.concatenate([amplitudes, 0*amplitudes], axis=1))

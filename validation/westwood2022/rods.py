@@ -344,8 +344,7 @@ class Runs:
                                                                           for run in runs)
 
     def summary(self, reference, chains):
-        """Densities, means and their changes since the start, and their differences from Monte
-        Carlo.
+        """Densities, means, their changes since the start, and differences from Monte Carlo.
 
         Standard errors come from the spread of the runs. This spread is hardly known from fewer
         than FEWEST_TRUSTED runs. Then Chains.spread() is taken where it is larger. For densities it
@@ -567,11 +566,11 @@ def tables(data):
             ]
             for name in ('y', 'theta'):
                 found, change = run[name]['against_monte_carlo'], run[name]['change']
+                expected = change['expected_mean_z2']
+                expected = format(expected, '.1f') if expected else '–'
                 cells += [
                     str(found['bins']), f'{found["mean_z2"]:.2f}', f'{found["largest_z"]:.1f}',
-                    f'{change["mean_z2"]:.1f} ' + '({})'.format(
-                        format(change["expected_mean_z2"], '.1f'
-                               ) if change["expected_mean_z2"] else '–')
+                    f'{change["mean_z2"]:.1f} ({expected})'
                 ]
             yield '| ' + ' | '.join(cells) + ' |'
 
