@@ -1,8 +1,9 @@
 #!/usr/bin/python3
-"""What a Brownian step in a slip channel takes on a grid, and where its time goes.
+"""The time of a Brownian step in a slip channel on a grid, and where the time goes.
 
-Cubes of eight touching blobs on a lattice between the walls, volume fraction 0.2, DriftCorrectorFD,
-one process for each case, one thread, the smallest CPU time of five steps.
+Cubes of eight touching blobs are on a lattice between the walls, at a volume fraction of 0.2, with
+DriftCorrectorFD. Each case runs in one process of its own, on one thread. The smallest CPU time of
+five steps counts.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/channel_steps.py
 """
@@ -29,7 +30,7 @@ TIMES = ('seconds_spreading', 'seconds_fft', 'seconds_averaging', 'seconds_solve
 
 
 def measure(cells, tolerance, steps=5):
-    """Seconds of steps, where they went, and iterations."""
+    """Seconds of a step, its parts, and iterations."""
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.DriftCorrectorFD)

@@ -1,4 +1,4 @@
-"""What the benchmarks share: where they run, how results are kept, and a box of water."""
+"""What the benchmarks share: a description of the machine, saving of results, and scenes."""
 import datetime
 import json
 import os
@@ -16,7 +16,7 @@ RESULTS = pathlib.Path(__file__).parent/'results'
 
 
 def describeMachine():
-    """The machine and the versions, for the results; load averages tell whether others were using it."""
+    """The machine and the versions; load averages tell whether others were using the machine."""
     processors = [
         line.split(':')[1].strip() for line in open('/proc/cpuinfo')
         if line.startswith('model name')
@@ -34,14 +34,14 @@ def describeMachine():
 
 
 def save(output, name, machine, result):
-    """Write a result as JSON, with the machine described at its start and the load at its end."""
+    """Write a result as JSON, with the description made at the start, and the load at the end."""
     output.mkdir(parents=True, exist_ok=True)
     machine = dict(machine, load_average_after=round(os.getloadavg()[0], 2))
     (output/name).write_text(json.dumps({'machine': machine, **result}, indent=1) + '\n')
 
 
 def spread(values):
-    """Median and quartiles."""
+    """Median and quartiles of values."""
     low, middle, high = np.percentile(values, (25, 50, 75))
     return {
         'median': round(float(middle), 6),
@@ -50,12 +50,16 @@ def spread(values):
 
 
 def show(values, digits=3):
-    """A spread as text."""
-    return f'{values["median"]:.{digits}f} ({values["quartiles"][0]:.{digits}f} ... {values["quartiles"][1]:.{digits}f})'
+    """A result of spread() as text."""
+    return (f'{values["median"]:.{digits}f} ({values["quartiles"][0]:.{digits}f} ... '
+            f'{values["quartiles"][1]:.{digits}f})')
 
 
 def waterBox(molecules, density=989.85):
-    """TIP4P-Ew molecules on a lattice, randomly oriented: (topology, positions); density in kg/m^3."""
+    """(topology, positions) of TIP4P-Ew molecules on a lattice, at random orientations.
+
+    The density is in kg/m^3.
+    """
     forceField = app.ForceField('tip4pew.xml')
     random = np.random.default_rng(1)
     edge = (molecules*18.01528/(density*0.602214076))**(1/3)  # nm
@@ -83,11 +87,11 @@ def waterBox(molecules, density=989.85):
 
 
 def spheresAtRandom(count, fraction=0.1, seed=1):
-    """Centres of spheres of radius 1 around a cubic lattice, without overlap: (count, 3)."""
+    """Centres (count, 3) of spheres of radius 1 near points of a cubic lattice, without overlap."""
     spacing = (4*np.pi/3/fraction)**(1/3)
     side = int(np.ceil(count**(1/3) - 1e-9))
     cells = np.array(list(np.ndindex(side, side, side)))[:count]
-    # Displaced so far that neighbours have a gap of at least 0.02.
+    # The displacements leave gaps of at least 0.02 between neighbours.
     reach = (spacing - 2.02)/2
     return spacing*cells + np.random.default_rng(seed).uniform(-reach, reach, (count, 3))
 
@@ -95,10 +99,18 @@ def spheresAtRandom(count, fraction=0.1, seed=1):
 def fluidScene(centres, model=None, blobs=0, temperature=300, rate_step=1.0, free=False,
                solver=None, tolerance=None, lubrication=True, scheme=None, platform='CPU',
                threads=1, density=1000.0):
-    """Spheres of radius 1 nm in water: (integrator, Context, what it runs in). rate_step: Stokes friction over mass, times step.
+    """Spheres of radius 1 nm in water: (integrator, Context).
 
-    blobs: of each sphere, a multiblob then; free: spheres that are no bodies and do not rotate;
-    scheme: default LangevinHI, any other is without a fluid.
+    Parameters
+    ----------
+    blobs : int
+        number of blobs of each sphere, which is a multiblob then
+    rate_step : float
+        Stokes friction over mass, times the time step
+    free : bool
+        whether spheres are free particles, which do not rotate
+    scheme : int, optional
+        default: LangevinHI; any other scheme runs without a fluid
     """
     from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
     fluid, system = MobilityForce(), openmm.System()
@@ -135,9 +147,10 @@ def fluidScene(centres, model=None, blobs=0, temperature=300, rate_step=1.0, fre
 
 
 def ownSeconds(integrator, steps, threads=1):
-    """Seconds a step, forces apart: seconds_mobility + seconds_scheme of the next steps. With one thread the process's CPU time, if
-    that is less: both are upper bounds, and on a busy machine the clock goes on while others
-    compute.
+    """Seconds a step without force evaluations: seconds_mobility + seconds_scheme.
+
+    With one thread, the process's CPU time if it is less. Both times are upper bounds: on a busy
+    machine the clock also counts what other processes compute.
     """
     before, cpu = integrator.getStepStatistics(), time.process_time()
     integrator.step(steps)
@@ -147,6 +160,6 @@ def ownSeconds(integrator, steps, threads=1):
 
 
 def stepsFor(integrator, seconds):
-    """How many steps take that long. Makes a few steps."""
+    """How many steps take this time. Makes a few steps."""
     integrator.step(2)
     return int(min(2000, max(1, round(seconds/max(1e-7, ownSeconds(integrator, 1))))))

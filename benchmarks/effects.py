@@ -1,24 +1,27 @@
 #!/usr/bin/python3
-"""The price of each effect on one scene: what a LangevinHI step costs without it, and with more.
+"""The price of each effect on one scene: a LangevinHI step with the effect and without it.
 
-Spheres at volume fraction 0.1, friction/mass times step 1. The variants take turns in one process;
-times are seconds_mobility + seconds_scheme of getStepStatistics(), so without OpenMM's force
-evaluations, or CPU time if that is less (a busy machine). Ratios are taken within a round.
+Spheres are at volume fraction 0.1, with friction/mass times step equal to 1. The variants take
+turns in one process. Times are seconds_mobility + seconds_scheme of getStepStatistics(), without
+OpenMM's force evaluations, or CPU time if it is less (on a busy machine). Ratios are taken within a
+round.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/effects.py
 """
 import os
 
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
-import argparse  # noqa: E402  (one thread of BLAS must be said before numpy comes)
+import argparse  # noqa: E402  (the number of BLAS threads must be set before numpy is imported)
 import pathlib  # noqa: E402
 
 import tqdm  # noqa: E402
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce  # noqa: E402
 
-from common import RESULTS, describeMachine, fluidScene, ownSeconds, save, show, spheresAtRandom, spread, stepsFor  # noqa: E402
+from common import (  # noqa: E402
+    RESULTS, describeMachine, fluidScene, ownSeconds, save, show, spheresAtRandom, spread, stepsFor)
 
-FREE, RPY, SD = MobilityForce.FreeDraining, MobilityForce.RotnePragerYamakawa, MobilityForce.StokesianDynamics
+FREE, RPY = MobilityForce.FreeDraining, MobilityForce.RotnePragerYamakawa
+SD = MobilityForce.StokesianDynamics
 DENSE, KRYLOV = MobilityForce.Dense, MobilityForce.MatrixFree
 VARIANTS = {
     'LangevinC, no fluid': dict(scheme=CustomRigidHIIntegrator.LangevinC),
@@ -35,7 +38,7 @@ VARIANTS = {
             solver=DENSE), 'multiblob 12, FreeDraining': dict(model=FREE, blobs=12),
     'multiblob 12, matrix-free, 1e-3': dict(model=RPY, blobs=12, solver=KRYLOV, tolerance=1e-3),
 }
-#: (effect, with it, without it).
+#: (effect, variant with it, variant without it).
 PRICES = (('noise, FreeDraining', 'FreeDraining',
            'FreeDraining, no noise'), ('noise, RPY dense', 'RPY, dense', 'RPY, dense, no noise'),
           ('noise, RPY matrix-free', 'RPY, matrix-free, 1e-3', 'RPY, matrix-free, 1e-3, no noise'),
@@ -58,7 +61,8 @@ def main():
     parser.add_argument('--bodies', type=int, default=27)
     parser.add_argument('--platform', default='CPU', choices=('CPU', 'Reference'))
     parser.add_argument('--rounds', type=int, default=20)
-    parser.add_argument('--seconds', type=float, default=0.02, help='of each variant in a round')
+    parser.add_argument('--seconds', type=float, default=0.02,
+                        help='time of each variant in a round')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
     machine = describeMachine()
@@ -66,10 +70,10 @@ def main():
     runs, effects = {}, {}
     for name, options in VARIANTS.items():
         integrator, context = fluidScene(centres, platform=arguments.platform, **options)
-        # Where the scene starts and goes back to in each round.
+        # The state in which every round starts.
         state = context.getState(getPositions=True, getVelocities=True)
         steps = stepsFor(integrator, arguments.seconds)
-        # Without noise velocities decay, and products with nothing are free.
+        # Without noise velocities decay, and products with a zero vector cost nothing.
         runs[name] = integrator, context, state, min(
             steps, 50) if options.get('temperature') == 0 else steps
         effects[name] = {

@@ -1,11 +1,11 @@
 #!/usr/bin/python3
-"""What openmmrigidhi.ensemble costs beside the work itself, and how two workers share it.
+"""The overhead of openmmrigidhi.ensemble, and the gain of two workers over one.
 
-Overhead: tasks of half a minute, one after the other on one worker, from the moment the first
-begins to the end of the last, over the time of their steps and samples, which the tasks' own files
-tell; checkpoints are in it, starting the workers is not and is given by itself. Scaling: as many
-tasks on two workers, in turns with one. Both by the clock, so the machine must be quiet: the JSON
-has its load.
+Overhead: tasks of half a minute run one after the other on one worker. The time from the beginning
+of the first task to the end of the last is divided by the time of their steps and samples, which
+the files of the tasks record. Checkpoints count as overhead. Starting the workers does not count;
+its time is given separately. Scaling: as many tasks on two workers, in turns with one. Both are
+measured by the clock, so the machine must be quiet. The JSON has its load.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/ensemble.py
 """
@@ -22,16 +22,16 @@ from openmmrigidhi import ensemble
 from common import RESULTS, describeMachine, save
 
 OBSERVABLES = ['potential_energy', 'translational_temperature', 'rotational_temperature_1']
-#: ps of a task that calibrates the others.
+#: Length, ps, of a first task, whose speed sets the length of the others.
 TRIAL = 20.0
 
 
 def study(length, tasks, checkpoint):
-    """
-    Bodies in a trap on the Reference platform: steps, samples, checkpoints. (The CPU platform
-    computes in a thread of its own even where it is to have one: a worker alone then wakes one
-    processor from another at every step, two workers stay on theirs, and two seem three times as
-    fast as one.)
+    """Bodies in a trap on the Reference platform: steps, samples, checkpoints.
+
+    The Reference platform is chosen because the CPU platform computes in a thread of its own, even
+    with one thread. On the CPU platform a worker alone wakes one processor from another at every
+    step, while two workers stay on theirs. Two workers then seem three times as fast as one.
     """
     return ensemble.Study('trap', [{'bodies': 400, 'stepSize': 0.002}], tasks, length, OBSERVABLES,
                           platform='Reference', equilibration=0.0, checkpointInterval=checkpoint)
@@ -49,7 +49,10 @@ def work(result):
 
 
 def run(length, tasks, jobs, cluster, checkpoint):
-    """One study: seconds until the first task's beginning, of the work of each task, and until their ends, in the order of these."""
+    """One study: when the first task began, the work of each task, and when each task ended.
+
+    All are in seconds. Tasks are in the order of their ends.
+    """
     ends = []
     with tempfile.TemporaryDirectory() as folder:
         began = time.time()
@@ -59,7 +62,7 @@ def run(length, tasks, jobs, cluster, checkpoint):
         assert result.isComplete
         seconds = work(result)
         ends = sorted(ends)
-        # The first task that ended began its own work before.
+        # The first task to end has done its own work before.
         return {
             'begun': ends[0][0] - began - seconds[ends[0][1]],
             'work': [seconds[replica] for _, replica in ends],
@@ -70,8 +73,9 @@ def run(length, tasks, jobs, cluster, checkpoint):
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--seconds', type=float, default=30, help='of a task (30)')
-    parser.add_argument('--tasks', type=int, default=4, help='of each study, an even number (4)')
+    parser.add_argument('--seconds', type=float, default=30, help='length of a task (30)')
+    parser.add_argument('--tasks', type=int, default=4,
+                        help='tasks of each study, an even number (4)')
     parser.add_argument('--checkpoint', type=float, default=10,
                         help='seconds between checkpoints (10; the default of studies is 60)')
     parser.add_argument('--clusters', nargs='+', default=['processes', 'local'])
@@ -84,8 +88,8 @@ def main():
     for cluster in options.clusters:
         one = run(length, options.tasks, 1, cluster, options.checkpoint)
         two = run(length, options.tasks, 2, cluster, options.checkpoint)
-        # From the end of the first task to that of the last: one task less of work, with all that
-        # comes between tasks.
+        # From the end of the first task to the end of the last task: the work of all tasks but one,
+        # and all that happens between tasks.
         between = one['ends'][-1] - one['ends'][0]
         overhead = between/sum(one['work'][1:]) - 1
         scaling = (one['ends'][-1] - one['begun'])/(two['ends'][-1] - two['begun'])

@@ -1,11 +1,15 @@
 #!/usr/bin/python3
-"""What a DriftCorrectorFD step with force coupling on a grid takes, beside FFTW's transforms; and from which number of blobs on it takes less than lattice sums.
+"""The time of a step with force coupling on a grid, beside that of FFTW's transforms.
 
-Cubes of eight touching blobs on a cubic lattice, one process for each case, one thread, CPU time
-where that is less than the clock's. Grid: volume fraction 0.2, tolerance 1e-4; transforms by
-FFTW_MEASURE, before and after, by BenchmarkGridFluid, the smaller of both. Break-even, at the
-default tolerance and several volume fractions: a step of EulerMaruyama of single blobs without
-noise, which is one product; a step with noise, which takes the root of a matrix; DriftCorrectorFD.
+The script also finds from which number of blobs on a grid takes less time than lattice sums.
+
+Cubes of eight touching blobs are on a cubic lattice. Each case runs in a process of its own, on one
+thread. CPU time counts where it is less than the clock's. Grid: steps of DriftCorrectorFD at volume
+fraction 0.2, tolerance 1e-4. Transforms are measured by BenchmarkGridFluid with FFTW_MEASURE before
+and after the steps, and the smaller time counts. Break-even, at the default tolerance and several
+volume fractions, is found for three steps: a step of EulerMaruyama of single blobs without noise,
+which is one product; the same step with noise, which takes the root of a matrix; a step of
+DriftCorrectorFD.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/grid_steps.py
 """
@@ -27,7 +31,7 @@ from common import RESULTS, describeMachine, ownSeconds, save
 
 GRID = (1000, 10000, 22360, 100000)
 PROGRAM = {22360: 22363
-           }  # the number of blobs in BenchmarkGridFluid, where that is no multiple of eight
+           }  # the number of blobs in BenchmarkGridFluid, where it is no multiple of eight
 BREAK_EVEN = {
     'product': (8, 24, 96, 384), 'EulerMaruyama': (24, 96, 192), 'DriftCorrectorFD': (8, 24)
 }
@@ -38,7 +42,7 @@ TIMES = ('seconds_spreading', 'seconds_fft', 'seconds_averaging', 'seconds_solve
 
 
 def measure(count, solver, tolerance, fraction, what, repetitions):
-    """Seconds of steps, where they went, iterations and gigabytes at most beside what Python has."""
+    """Seconds of a step, its parts, iterations, and the peak of memory above Python's, GB."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     system, fluid = openmm.System(), MobilityForce()
     product = what == 'product'
@@ -89,7 +93,7 @@ def apart(*case):
 
 
 def sixTransforms(program, blobs):
-    """Seconds of three transforms there and three back by FFTW_MEASURE."""
+    """Seconds of three forward and three backward transforms by FFTW_MEASURE."""
     with tempfile.TemporaryDirectory() as folder:
         report = pathlib.Path(folder)/'report.json'
         subprocess.run([

@@ -1,10 +1,10 @@
 #!/usr/bin/python3
-"""Langevin C here and in LAMMPS (fix nve/dotc/langevin): ns per free body and step on one thread, and the same physics.
+"""Langevin C here and in LAMMPS (fix nve/dotc/langevin): speed on one thread, and same physics.
 
-LAMMPS needs its packages ASPHERE and CG-DNA; Debian's build lacks the latter. Without such an
-executable the comparison is skipped with a message. In both programs a body is one ellipsoid with
-mass 1 amu, semi-axes 0.5, 0.4, 0.3 nm, kT = 1 kJ/mol (LAMMPS's reduced units with nm, amu and
-kJ/mol; the time unit is then 1 ps).
+Speed is in ns per free body and step. LAMMPS needs its packages ASPHERE and CG-DNA; Debian's build
+lacks CG-DNA. Without such an executable the comparison is skipped with a message. In both programs
+a body is one ellipsoid with mass 1 amu, semi-axes 0.5, 0.4, 0.3 nm, kT = 1 kJ/mol (LAMMPS's reduced
+units with nm, amu and kJ/mol; the time unit is then 1 ps).
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/lammps_compare.py --lmp lmp
 """
@@ -69,7 +69,7 @@ def moments():
 
 
 def hasFix(lmp):
-    """Whether an executable knows the fix: Debian's does not."""
+    """Whether an executable has the fix; Debian's does not have it."""
     if lmp is None:
         return False
     script = INPUT.format(side=2, mass=MASS, diameters='1 1 1', step=0.01, kT=1, period=1, ratio=1,
@@ -92,7 +92,7 @@ def lammpsInput(side, step, trap=''):
 
 
 def makeOurs(count, step, platformName='CPU', stiffness=0, law='Gaussian'):
-    """The same bodies here: one particle each."""
+    """The same bodies in OpenMM, with one particle each."""
     system = openmm.System()
     integrator = openmmrigidhi.CustomRigidHIIntegrator(KT/unit.MOLAR_GAS_CONSTANT_R._value*1000,
                                                        step)
@@ -121,7 +121,7 @@ def makeOurs(count, step, platformName='CPU', stiffness=0, law='Gaussian'):
 
 
 def compareSpeed(lmp, count, steps, rounds):
-    """Rounds in which each program takes its turn; ns per body and step."""
+    """Nanoseconds per body and step of each program; the programs take turns in each round."""
     side = round(count**(1/3))
     count = side**3
     step = 0.002
@@ -168,11 +168,11 @@ def mean(series, blocks=20):
 
 
 def comparePhysics(lmp, steps, equilibration=500):
-    """Bodies in harmonic traps with h omega = 0.6: kinetic temperatures over kT, in both programs.
+    """Kinetic temperatures over kT of bodies in traps with h omega = 0.6, in both programs.
 
-    For a harmonic oscillator Langevin C gives <p^2/m> = kT (1 - (h omega)^2/4) exactly; rotation is
-    free, and there the kinetic temperature is kT. So the first tells Langevin C from A and B, and
-    the second checks the rotational noise.
+    The traps are harmonic. For a harmonic oscillator Langevin C gives <p^2/m> = kT (1 - (h
+    omega)^2/4) exactly. Rotation is free, so its kinetic temperature is kT. Translation thus tells
+    Langevin C from A and B, and rotation checks the rotational noise.
     """
     side, step, stiffness = 10, 0.1, 36.0
     count = side**3
@@ -184,7 +184,8 @@ def comparePhysics(lmp, steps, equilibration=500):
             PHYSICS.format(steps=steps, file='average.txt'), folder)
         translation, both = np.loadtxt(pathlib.Path(folder)/'average.txt').T[1:]
     first = equilibration // 10
-    # compute temp counts 3N - 3 degrees, compute temp/asphere 6N - 3; the traps leave none out.
+    # compute temp divides by 3N - 3 degrees of freedom, compute temp/asphere by 6N - 3. The traps
+    # remove none.
     translational = translation*(3*count - 3)
     lammps = {
         'translation': mean(translational[first:]/(3*count)), 'rotation': mean(
@@ -221,7 +222,7 @@ def main():
     parser.add_argument('--lmp', default='lmp', help='LAMMPS with the packages ASPHERE and CG-DNA')
     parser.add_argument('--rounds', type=int, default=7)
     parser.add_argument('--body-steps', type=float, default=5e6,
-                        help='bodies times steps of each turn')
+                        help='bodies times steps of each turn of a program')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
     lmp = shutil.which(arguments.lmp)
@@ -248,7 +249,8 @@ def main():
         result['speed'].append(speed)
         print(f'{speed["bodies"]} free bodies, ns per body and step, median (quartiles):')
         for name, values in speed['ns_per_body_and_step'].items():
-            extra = '' if name == 'LAMMPS' else f'; LAMMPS takes {show(speed["LAMMPS_over_here"][name], 2)} times as long'
+            extra = '' if name == 'LAMMPS' else (
+                f'; LAMMPS takes {show(speed["LAMMPS_over_here"][name], 2)} times as long')
             print(f'  {name:30} {show(values, 1)}{extra}')
     save(arguments.output, 'lammps_compare.json', machine, result)
 

@@ -1,18 +1,19 @@
 #!/usr/bin/python3
-"""A LangevinHI step of RPY spheres: dense as a multiple of one symmetric eigendecomposition, and matrix-free up to 10,000.
+"""A LangevinHI step of RPY spheres: dense, and matrix-free up to 10,000 spheres.
 
-Spheres at volume fraction 0.1, friction/mass times step 1, apart from OpenMM's force evaluations
+A dense step is given as a multiple of one symmetric eigendecomposition. Spheres are at volume
+fraction 0.1, with friction/mass times step equal to 1. Times are without OpenMM's force evaluations
 (seconds_mobility + seconds_scheme of getStepStatistics()). The decomposition is numpy.linalg.eigh
-of the scene's own friction matrix with one BLAS thread, in turns with the steps in one process.
-What has one thread is measured by CPU time where that is less than by the clock: on a busy machine
-the clock goes on while others compute.
+of the scene's own friction matrix with one BLAS thread, in turns with the steps in one process. On
+one thread, CPU time counts where it is less than the clock's: on a busy machine the clock also
+counts what other processes compute.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/langevin_hi.py
 """
 import os
 
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
-import argparse  # noqa: E402  (one thread of BLAS must be said before numpy comes)
+import argparse  # noqa: E402  (the number of BLAS threads must be set before numpy is imported)
 import math  # noqa: E402
 import pathlib  # noqa: E402
 import resource  # noqa: E402
@@ -22,7 +23,8 @@ import numpy as np  # noqa: E402
 import tqdm  # noqa: E402
 from openmmrigidhi import MobilityForce  # noqa: E402
 
-from common import RESULTS, describeMachine, fluidScene, ownSeconds, save, show, spheresAtRandom, spread, stepsFor  # noqa: E402
+from common import (  # noqa: E402
+    RESULTS, describeMachine, fluidScene, ownSeconds, save, show, spheresAtRandom, spread, stepsFor)
 
 GOALS = {2: 3, 10: 3, 50: 1.3, 200: 1.3}
 SECONDS_GOALS = {1000: 0.1, 10000: 6}
@@ -35,7 +37,7 @@ def dense(bodies, platform, rounds, seconds):
     state = context.getState(getPositions=True, getVelocities=True)
     fluid = MobilityForce.cast(context.getSystem().getForce(0))
     matrix = fluid.getFrictionInContext(context)
-    # Scaled as LangevinHI does, mass 1 and moment 0.4.
+    # Scaled as in LangevinHI, with mass 1 and moment of inertia 0.4.
     scale = np.tile([1, 1, 1] + [1/math.sqrt(0.4)]*3, bodies)
     matrix *= np.outer(scale, scale)
     np.linalg.eigh(matrix)
@@ -59,7 +61,7 @@ def dense(bodies, platform, rounds, seconds):
 
 
 def matrixFree(bodies, tolerance, threads, rounds, seconds):
-    """Seconds a step, iterations and the peak of the process's memory so far."""
+    """Seconds a step, iterations, and the peak of the process's memory so far."""
     integrator, context = fluidScene(spheresAtRandom(bodies), MobilityForce.RotnePragerYamakawa,
                                      solver=MobilityForce.MatrixFree, tolerance=tolerance,
                                      threads=threads)
@@ -84,11 +86,11 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--rounds', type=int, default=20)
     parser.add_argument('--seconds', type=float, default=0.05,
-                        help='of steps in a round, at least one step')
-    parser.add_argument('--threads', type=int, default=2, help='of the matrix-free steps')
+                        help='time of the steps in a round, which has at least one step')
+    parser.add_argument('--threads', type=int, default=2, help='threads of the matrix-free steps')
     parser.add_argument('--tolerance', type=float, default=1e-3)
     parser.add_argument('--sizes', type=int, nargs='+', default=[100, 1000, 10000],
-                        help='of the matrix-free scenes')
+                        help='numbers of bodies of the matrix-free scenes')
     parser.add_argument('--only', choices=('dense', 'matrix-free'))
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()

@@ -1,20 +1,22 @@
 #!/usr/bin/python3
-"""Boomerangs above a wall here and in RigidMultiblobsWall, the Python code of the literature: a step of each, in turns.
+r"""A step of boomerangs above a wall here and in RigidMultiblobsWall, in turns.
 
-That code (github.com/stochasticHydroTools/RigidMultiblobsWall) is not part of this repository and
-is taken from where --code says; it needs python3-numba, with which its products run on all threads.
-Without it the comparison is skipped with a message. In both: bodies of 15 blobs lying on a square
-lattice 3 radii above the wall, gravity and a repulsion from it, no forces between bodies, tolerance
-1e-3 where there are many. Theirs is the difference of two runs of different length, so that
-starting and compiling do not count, and has those few forces in it; ours is a step apart from
-OpenMM's forces.
+RigidMultiblobsWall (github.com/stochasticHydroTools/RigidMultiblobsWall) is the Python code of the
+literature. It is not part of this repository; --code names its folder. It needs python3-numba, with
+which its products run on all threads. Without it the comparison is skipped with a message. In both
+codes bodies of 15 blobs lie on a square lattice 3 radii above the wall, with gravity and a
+repulsion from the wall. There are no forces between bodies. The tolerance is 1e-3 where there are
+many bodies. The time of RigidMultiblobsWall is the difference of two runs of different length, so
+that starting and compiling do not count. It includes the few forces. The time of this plugin is a
+step without OpenMM's forces.
 
-    PYTHONPATH=build/python /usr/bin/python3 benchmarks/multiblob_compare.py --code path/to/RigidMultiblobsWall
+    PYTHONPATH=build/python /usr/bin/python3 benchmarks/multiblob_compare.py \
+        --code path/to/RigidMultiblobsWall
 """
 import os
 
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
-import argparse  # noqa: E402  (one thread of BLAS must be said before numpy comes)
+import argparse  # noqa: E402  (the number of BLAS threads must be set before numpy is imported)
 import importlib.metadata  # noqa: E402
 import math  # noqa: E402
 import pathlib  # noqa: E402
@@ -30,7 +32,7 @@ from common import RESULTS, describeMachine, save, show, spread  # noqa: E402
 from overdamped import RADIUS, time  # noqa: E402
 
 TOLERANCE, STEP = 1e-3, 1e-4
-#: (bodies, distance in um, threads, steps timed, {our scheme: theirs})
+#: (bodies, distance in um, threads, steps timed, {scheme here: scheme there})
 CASES = ((64, 4.0, 2, 40, {
     'TrapezoidalSlip': 'stochastic_Slip_Trapz', 'DriftCorrectorRFD': 'stochastic_GDC_RFD'
 }), (64, 2.6, 2, 40, {'TrapezoidalSlip': 'stochastic_Slip_Trapz'}), (1, 4.0, 1, 400, {
@@ -62,7 +64,7 @@ structure {code}/multi_bodies/Structures/boomerang_N_15.vertex bodies.clones
 
 
 def theirSeconds(code, scheme, count, apart, threads, steps):
-    """Seconds a step of the other code."""
+    """Seconds a step of RigidMultiblobsWall."""
     side, atFirst, total = math.ceil(math.sqrt(count)), 5, []
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)

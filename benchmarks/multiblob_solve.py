@@ -1,24 +1,29 @@
 #!/usr/bin/python3
-"""Shells of blobs above a wall here and in RigidMultiblobsWall: one solve and one step of each, in turns, and what a solve and a step are made of.
+r"""Shells of blobs above a wall: a solve and a step here and in RigidMultiblobsWall, in turns.
 
-Shells of 12, 42, 162 and 642 blobs that hold a sphere of radius 1, turned at random, a layer of
-them above the wall, at two distances. A solve is the mobility problem for random forces and
-torques; a step is one of trapezoidal slip, or of the drift-corrector with random finite
-differences. That code (github.com/stochasticHydroTools/RigidMultiblobsWall) is not part of this
-repository and is taken from where --code says; it needs python3-numba, with which its products run
-on all threads. It runs in a process of its own, which both have warmed up; each round times first
-it and then ours, while the other waits. Its preconditioner, the bodies' own matrices with the wall,
-is made anew in each of its steps, as it does by default; its solve is timed without that. It takes
-the last solution for a first guess: solves here are for other forces each time. Times are those of
-the clock, and of processors, which others on a busy machine disturb less. Without --code ours is
-measured alone.
+The script also says what a solve and a step are made of. Shells of 12, 42, 162 and 642 blobs
+represent a sphere of radius 1. They are turned at random, in a layer above the wall, at two
+distances. A solve is the mobility problem for random forces and torques. A step is one of
+trapezoidal slip, or of the drift-corrector with random finite differences.
 
-    PYTHONPATH=build/python /usr/bin/python3 benchmarks/multiblob_solve.py --code path/to/RigidMultiblobsWall
+RigidMultiblobsWall (github.com/stochasticHydroTools/RigidMultiblobsWall) is not part of this
+repository; --code names its folder. It needs python3-numba, with which its products run on all
+threads. It runs in a process of its own. Both processes are warmed up. Each round times first
+RigidMultiblobsWall and then this plugin, while the other waits.
+
+The preconditioner of RigidMultiblobsWall consists of the bodies' own matrices with the wall. By
+default it is made anew in each step, and so it is here; a solve is timed without it.
+RigidMultiblobsWall takes the last solution for a first guess, so each solve here is for other
+forces. Times are given by the clock and by the processors; other processes on a busy machine
+disturb the latter less. Without --code this plugin is measured alone.
+
+    PYTHONPATH=build/python /usr/bin/python3 benchmarks/multiblob_solve.py \
+        --code path/to/RigidMultiblobsWall
 """
 import os
 
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
-import argparse  # noqa: E402  (one thread of BLAS must be said before numpy comes)
+import argparse  # noqa: E402  (the number of BLAS threads must be set before numpy is imported)
 import importlib.metadata  # noqa: E402
 import json  # noqa: E402
 import math  # noqa: E402
@@ -35,17 +40,18 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app  # noqa: E
 
 from common import RESULTS, describeMachine, save, show, spread  # noqa: E402
 
-#: blobs of a shell: how many shells
+#: blobs of a shell: number of shells
 COUNTS = {12: 100, 42: 100, 162: 100, 642: 25}
-#: name: distance of neighbours in the layer, lowest centre and how much higher others are, all in
-#: distances from a centre to the outside of its blobs
+#: name: (distance of neighbours in the layer, height of the lowest centre, range of heights above
+#: it); the unit is the distance from a centre to the outside of its blobs
 LAYERS = {'loose': (3.5, 1.4, 1.0), 'close': (2.3, 1.1, 0.4)}
 TOLERANCES = (1e-3, 1e-6)
-#: ours: theirs
+#: scheme here: scheme there
 STEPS = {'TrapezoidalSlip': 'stochastic_Slip_Trapz', 'DriftCorrectorRFD': 'stochastic_GDC_RFD'}
-KT, VISCOSITY, STEP, DIFFERENCE = 2.494339, 1.0, 0.02, 1e-3  # kJ/mol at 300 K, dalton/(nm ps), ps, of theirs
+# kJ/mol at 300 K; dalton/(nm ps); ps; the finite difference of RigidMultiblobsWall.
+KT, VISCOSITY, STEP, DIFFERENCE = 2.494339, 1.0, 0.02, 1e-3
 GOALS = {'solve': 5, 'step': 8}
-#: What the other code's process does: it reads a line of JSON, and answers with seconds.
+#: The process of RigidMultiblobsWall: it reads a line of JSON, and answers with seconds.
 THEIRS = r'''
 import json, sys, time
 from functools import partial
@@ -66,8 +72,11 @@ for place, turn in zip(places, turns):
 bodies = np.array(bodies)
 blobs = len(bodies)*len(sites)
 integrator = QuaternionIntegrator(bodies, blobs, 'none', tolerance=1e-3, domain='single_wall')
-for name in ('build_block_diagonal_preconditioner', 'build_block_diagonal_preconditioners_det_stoch', 'build_block_diagonal_preconditioners_det_identity_stoch',
-             'get_blobs_r_vectors', 'calc_K_matrix_bodies', 'calc_K_matrix', 'K_matrix_T_vector_prod', 'K_matrix_vector_prod', 'calc_C_matrix_constraints'):
+for name in ('build_block_diagonal_preconditioner',
+             'build_block_diagonal_preconditioners_det_stoch',
+             'build_block_diagonal_preconditioners_det_identity_stoch', 'get_blobs_r_vectors',
+             'calc_K_matrix_bodies', 'calc_K_matrix', 'K_matrix_T_vector_prod',
+             'K_matrix_vector_prod', 'calc_C_matrix_constraints'):
     setattr(integrator, name, getattr(multi_bodies, name))
 integrator.linear_operator = multi_bodies.linear_operator_rigid
 multi_bodies.mobility_vector_prod = multi_bodies.set_mobility_vector_prod('numba')
@@ -76,8 +85,9 @@ integrator.mobility_blobs = multi_bodies.set_mobility_blobs('python')
 integrator.force_torque_calculator = lambda bodies, r: forces.copy()
 integrator.preprocess = integrator.postprocess = lambda bodies: None
 integrator.periodic_length = np.zeros(3)
-integrator.eta, integrator.a, integrator.kT, integrator.rf_delta, integrator.update_PC = eta, a, kT, delta, 1
-integrator.constraints, integrator.articulated, integrator.print_residual, integrator.first_guess = [], [], False, None
+integrator.eta, integrator.a, integrator.kT, integrator.rf_delta = eta, a, kT, delta
+integrator.update_PC, integrator.constraints, integrator.articulated = 1, [], []
+integrator.print_residual, integrator.first_guess = False, None
 random = np.random.default_rng(1)
 np.random.seed(1)
 preconditioner = {}
@@ -97,11 +107,13 @@ for line in sys.stdin:
         seconds.append((time.time() - begin[0], time.process_time() - begin[1]))
     if task['what'] == 'preconditioner':
         begin = begins()
-        integrator.build_block_diagonal_preconditioner(bodies, [], r, blobs, eta, a, step=0, update_PC=1)
+        integrator.build_block_diagonal_preconditioner(bodies, [], r, blobs, eta, a, step=0,
+                                                       update_PC=1)
         passed(begin)
     elif task['what'] == 'solve':
         if not preconditioner:
-            preconditioner['it'] = integrator.build_block_diagonal_preconditioner(bodies, [], r, blobs, eta, a, step=0, update_PC=1)
+            preconditioner['it'] = integrator.build_block_diagonal_preconditioner(
+                bodies, [], r, blobs, eta, a, step=0, update_PC=1)
         for _ in range(task['times']):
             rhs = np.concatenate([np.zeros(3*blobs), -random.normal(size=6*len(bodies))])
             begin = begins()
@@ -119,12 +131,13 @@ for line in sys.stdin:
             begin = begins()
             getattr(integrator, task['what'])(task['step'], step=0)
             passed(begin)
-    print(json.dumps({'seconds': seconds, 'iterations': [integrator.det_iterations_count, integrator.stoch_iterations_count]}), flush=True)
+    iterations = [integrator.det_iterations_count, integrator.stoch_iterations_count]
+    print(json.dumps({'seconds': seconds, 'iterations': iterations}), flush=True)
 '''
 
 
 def layer(count, spacing, lowest, spread_, seed=1):
-    """Centres and orientations (w, x, y, z) of so many spheres of radius 1 in a layer, with gaps of 0.1 at least."""
+    """Centres and orientations (w, x, y, z) of spheres of radius 1 in a layer, with gaps >= 0.1."""
     random, side = np.random.default_rng(seed), math.ceil(math.sqrt(count))
     reach = (spacing - 2.1)/2/math.sqrt(2)
     centres = np.array([(spacing*(b % side), spacing*(b // side), 0.0) for b in range(count)])
@@ -165,7 +178,7 @@ class Ours:
         self.integrator.getBodyPositions()
 
     def solve(self, times):
-        """Seconds of solves, by the clock and of processors."""
+        """Seconds of solves, by the clock and by the processors."""
         seconds = []
         for _ in range(times):
             wrenches = self.random.normal(size=(self.count, 6))
@@ -175,7 +188,10 @@ class Ours:
         return seconds
 
     def step(self, times):
-        """Seconds of steps from the start, by the clock apart from OpenMM's forces and of processors, and what they were made of."""
+        """Seconds of steps from the start, by the clock and by the processors, and their parts.
+
+        The clock's time is without OpenMM's forces.
+        """
         seconds, before = [], self.integrator.getStepStatistics()
         for _ in range(times):
             self.context.setPositions(self.positions)
@@ -191,7 +207,7 @@ class Ours:
 
 
 class Theirs:
-    """The other code in a process of its own, with the same scene."""
+    """RigidMultiblobsWall in a process of its own, with the same scene."""
     def __init__(self, code, sites, radius, centres, turns, forces, threads):
         self.folder = tempfile.TemporaryDirectory()
         path = pathlib.Path(self.folder.name)
@@ -208,7 +224,7 @@ class Theirs:
                                             PYTHONPATH=f'{code}:{code/"multi_bodies"}'))
 
     def ask(self, what, tolerance=1e-3, times=1):
-        """(seconds, iterations of its solver and of its noise in all)"""
+        """(seconds, all iterations of its solver and of its noise)"""
         print(json.dumps({'what': what, 'tolerance': tolerance, 'times': times, 'step': STEP}),
               file=self.process.stdin, flush=True)
         for line in self.process.stdout:
@@ -230,7 +246,7 @@ def timesOf(seconds, wanted):
 
 
 def measure(code, blobs, name, what, tolerance, arguments):
-    """A row: our and their seconds of a solve, or of a step of a scheme."""
+    """A row: seconds of a solve, or of a step of a scheme, here and in RigidMultiblobsWall."""
     sites, radius = (np.array(x._value) if hasattr(x, '_value') else x
                      for x in app.multiblobSphere(blobs, 1.0))
     radius = float(radius)
@@ -282,9 +298,9 @@ def main():
     parser.add_argument('--code', type=pathlib.Path, help='folder of RigidMultiblobsWall')
     parser.add_argument('--rounds', type=int, default=5)
     parser.add_argument('--seconds', type=float, default=0.5,
-                        help='of solves or steps in a round, at least one')
+                        help='seconds of solves or steps in a round, which has at least one')
     parser.add_argument('--long', type=float, default=20,
-                        help='seconds of one of theirs from which on there is one round only')
+                        help='one round only, if one solve or step there takes this many seconds')
     parser.add_argument('--blobs', type=int, nargs='*', default=list(COUNTS))
     parser.add_argument('--layers', nargs='*', default=list(LAYERS))
     parser.add_argument('--what', nargs='*', default=['solve', *STEPS])
@@ -307,7 +323,7 @@ def main():
              for name in arguments.layers for what in arguments.what for tolerance in TOLERANCES]
     for case in tqdm.tqdm(cases):
         rows.append(measure(code, *case, arguments))
-        # After each, since theirs may take hours.
+        # Results are saved after each row, since RigidMultiblobsWall may take hours.
         save(
             arguments.output, 'multiblob_solve.json', machine, {
                 'rounds': arguments.rounds, 'threads': arguments.threads, 'numba': numba,

@@ -1,19 +1,20 @@
 #!/usr/bin/python3
-"""A step of the schemes without momenta above a wall: one boomerang, replicas of it, and 64 that interact.
+"""A step of the schemes without momenta: one boomerang above a wall, replicas of it, and 64.
 
-The boomerang of Delong, Balboa Usabiaga and Donev 2015 (15 blobs), with gravity and a repulsion
-from the wall, apart from OpenMM's force evaluations (seconds_mobility + seconds_scheme of
-getStepStatistics()). What has one thread is measured by CPU time where that is less than by the
-clock: on a busy machine the clock goes on while others compute. The Python code that users have
-(RigidMultiblobsWall) takes 360 to 1500 us a step of one boomerang, and 134 ms a step of 64 with
-trapezoidal slip at tolerance 1e-3: the goals are made of these.
+The 64 boomerangs interact. The boomerang is that of Delong, Balboa Usabiaga and Donev 2015 (15
+blobs), with gravity and a repulsion from the wall. Times are without OpenMM's force evaluations
+(seconds_mobility + seconds_scheme of getStepStatistics()). On one thread, CPU time counts where it
+is less than the clock's: on a busy machine the clock also counts what other processes compute. The
+Python code of the literature (RigidMultiblobsWall) takes 360 to 1500 us a step of one boomerang,
+and 134 ms a step of 64 with trapezoidal slip at tolerance 1e-3. The goals are derived from these
+times.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/overdamped.py
 """
 import os
 
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
-import argparse  # noqa: E402  (one thread of BLAS must be said before numpy comes)
+import argparse  # noqa: E402  (the number of BLAS threads must be set before numpy is imported)
 import math  # noqa: E402
 import pathlib  # noqa: E402
 
@@ -64,7 +65,7 @@ def scene(scheme, count=1, platform='Reference', groups=False, solver=None, tole
 
 
 def time(rounds, seconds, threads=1, **options):
-    """Seconds a step, with what iterations and products there were."""
+    """Seconds a step, with the numbers of iterations and products."""
     integrator, context = scene(threads=threads, **options)
     steps = stepsFor(integrator, seconds)
     before = integrator.getStepStatistics()
@@ -81,8 +82,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--rounds', type=int, default=20)
     parser.add_argument('--seconds', type=float, default=0.05,
-                        help='of steps in a round, at least one step')
-    parser.add_argument('--threads', type=int, default=2, help='of the 64 boomerangs')
+                        help='time of the steps in a round, which has at least one step')
+    parser.add_argument('--threads', type=int, default=2, help='threads for the 64 boomerangs')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
     machine = describeMachine()

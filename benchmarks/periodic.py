@@ -1,8 +1,9 @@
 #!/usr/bin/python3
-"""How long a step of spheres in a periodic box takes, and how much memory, by model and number of spheres.
+"""Time and memory of a step of spheres in a periodic box, by model and number of spheres.
 
-Spheres on a cubic lattice at a volume fraction of 0.1, EulerMaruyama, one process for each case,
-one thread: which numbers dense matrices serve.
+The benchmark tells up to which number of spheres dense matrices are practical. Spheres are on a
+cubic lattice at a volume fraction of 0.1, with EulerMaruyama. Each case runs in a process of its
+own, on one thread.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/periodic.py
 """
@@ -21,13 +22,14 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 from common import RESULTS, describeMachine, save
 
-CASES = [(n, model) for n in (100, 300, 1000) for model in ('RotnePragerYamakawa', 'ForceCoupling', 'StokesianDynamics')] + \
+CASES = [(n, model) for n in (100, 300, 1000)
+         for model in ('RotnePragerYamakawa', 'ForceCoupling', 'StokesianDynamics')] + \
     [(2000, 'RotnePragerYamakawa')]
 FRACTION = 0.1
 
 
 def measure(count, model):
-    """Seconds of a step without and with noise, gigabytes at most."""
+    """Seconds of a step without and with noise, and the peak of memory, GB."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(0, 0.01)

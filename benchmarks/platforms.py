@@ -1,10 +1,11 @@
 #!/usr/bin/python3
-"""What a step of rigid bodies costs on each platform, beside OpenMM's Verlet on the same System in the same run.
+"""The time of a step of rigid bodies on each platform, beside OpenMM's Verlet.
 
-One body without forces, and TIP4P-Ew waters with a reaction field. The two integrators take turns,
-a few steps each, so that what else the machine does hits them alike; medians and quartiles over the
-rounds, in microseconds. On a platform other than Reference and CPU forces are the device's: what is
-more than Verlet's is transfers to and from it, bodies on the host, and what waits for what.
+Scenes are one body without forces, and TIP4P-Ew waters with a reaction field. Both integrators have
+the same System in the same run. They take turns, a few steps each, so that other load on the
+machine affects both alike. Results are medians and quartiles over the rounds, in microseconds. On a
+platform other than Reference and CPU forces are computed on the device. The excess over Verlet
+there consists of transfers to and from the device, of bodies on the host, and of waiting.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/platforms.py
 """
@@ -24,7 +25,7 @@ OURS, VERLET = 'LangevinC', 'Verlet'
 
 
 def oneBody():
-    """A water molecule without forces, held by constraints for Verlet's sake."""
+    """A water molecule without forces; constraints hold it together under Verlet."""
     topology, positions = waterBox(1)
     system = app.ForceField('tip4pew.xml').createSystem(topology, removeCMMotion=False)
     while system.getNumForces():
@@ -42,7 +43,7 @@ def waters(molecules):
 
 
 def measure(scene, platform, properties, rounds, seconds):
-    """Microseconds a step of both integrators, and of ours without the forces."""
+    """Microseconds a step of both integrators, and of the plugin's without the forces."""
     topology, system, positions = scene
     ours = openmmrigidhi.CustomRigidHIIntegrator(TEMPERATURE, STEP)
     ours.setRandomNumberSeed(SEED)
@@ -60,7 +61,7 @@ def measure(scene, platform, properties, rounds, seconds):
     contexts[VERLET].setVelocities(state.getVelocities())
 
     def timed(name, steps):
-        # Kernels of a device are only queued: reading the velocities waits for them.
+        # Kernels of a device are only queued: reading the velocities waits until they have run.
         began = time.perf_counter()
         integrators[name].step(steps)
         contexts[name].getState(getVelocities=True)
@@ -106,7 +107,7 @@ def main():
     parser.add_argument('--molecules', type=int, default=1000)
     parser.add_argument('--rounds', type=int, default=20)
     parser.add_argument('--seconds', type=float, default=0.2,
-                        help='of steps of each integrator in a round, at least one step')
+                        help='time of the steps of each integrator in a round (at least one step)')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
     machine, rows = describeMachine(), []

@@ -1,10 +1,11 @@
 #!/usr/bin/python3
-"""Products with the Rotne-Prager-Yamakawa mobility beside a plain loop over pairs (PlainPairs.h), in one run.
+"""Products with the Rotne-Prager-Yamakawa mobility, beside a plain loop over pairs.
 
-Both in unbounded fluid and above a wall, of blobs and of spheres with torque, one column and two,
-one thread and two, for each instruction set. The smallest of several interleaved repetitions
-counts, of the process's CPU time: on a busy machine the clock goes on while others compute. Two
-threads' CPU time is halved, as if nobody else had used the machine.
+The plain loop is in PlainPairs.h. Both run in turns in one process, in unbounded fluid and above a
+wall, for blobs and for spheres with torque, with one column and two, with one thread and two, for
+each instruction set. The smallest CPU time of several interleaved repetitions counts: on a busy
+machine the clock also counts what other processes compute. Two threads' CPU time is halved, as if
+nobody else had used the machine.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/products.py
 """
@@ -25,7 +26,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--repetitions', type=int, default=7)
     parser.add_argument('--only', default='',
-                        help='a regular expression in names of scenes, as "Blobs_AVX2/n:1000/"')
+                        help='a regular expression for names of scenes, as "Blobs_AVX2/n:1000/"')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     arguments = parser.parse_args()
     program = pathlib.Path(

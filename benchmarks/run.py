@@ -3,7 +3,7 @@
 
     make benchmark
 
-The C++ programs are looked for in the build directory that openmmrigidhi was imported from.
+The C++ programs are in the build directory from which openmmrigidhi was imported.
 """
 import argparse
 import json
@@ -28,7 +28,10 @@ SCRIPTS = (['water_step.py'], ['water_step.py', '--no-cm-motion-removal'],
 
 
 def runProgram(program, repetitions, output, name, only=None):
-    """Run a Google Benchmark program, or what of it a regular expression says; keep medians and the quantities it counts, in ns."""
+    """Run a Google Benchmark program, or the part that a regular expression selects.
+
+    Medians of times and of the counted quantities are kept, in ns.
+    """
     machine = describeMachine()
     with tempfile.TemporaryDirectory() as folder:
         report = pathlib.Path(folder)/'report.json'
@@ -44,8 +47,10 @@ def runProgram(program, repetitions, output, name, only=None):
         if run.get('aggregate_name') not in ('median', 'stddev'):
             continue
         key = run['run_name'] + (' ' + run['label'] if 'label' in run else '')
-        values = {counter: 1e9*run[counter] for counter in run if counter.startswith(('time_per', 'own_time_per'))} \
-            or {'time': run['cpu_time']*{'ns': 1, 'us': 1e3, 'ms': 1e6}[run['time_unit']]}
+        values = {
+            counter: 1e9*run[counter]
+            for counter in run if counter.startswith(('time_per', 'own_time_per'))
+        } or {'time': run['cpu_time']*{'ns': 1, 'us': 1e3, 'ms': 1e6}[run['time_unit']]}
         values.update(
             {counter: run[counter]
              for counter in ('error', 'megabytes') if counter in run})
@@ -63,8 +68,8 @@ def main():
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     parser.add_argument('--lmp', default='lmp', help='LAMMPS with the packages ASPHERE and CG-DNA')
     parser.add_argument('--only', choices=('programs', 'scripts'))
-    parser.add_argument('--program', choices=PROGRAMS, help='this one alone')
-    parser.add_argument('--filter', help='of its rows those that this regular expression finds')
+    parser.add_argument('--program', choices=PROGRAMS, help='run this program alone')
+    parser.add_argument('--filter', help='run only the rows that match this regular expression')
     arguments = parser.parse_args()
     directory = pathlib.Path(openmmrigidhi.__file__).parents[2]/'benchmarks'
     if arguments.only != 'scripts':

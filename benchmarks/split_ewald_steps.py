@@ -1,11 +1,13 @@
 #!/usr/bin/python3
-"""Steps with RotnePragerYamakawa in a periodic box, by matrices of lattice sums and by pairs and waves on a grid: from which number on the grid takes less.
+"""From which number of particles on a grid serves RotnePragerYamakawa in a periodic box best.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/split_ewald_steps.py
 
+Steps by matrices of lattice sums are compared with steps by pairs and waves on a grid.
 EulerMaruyama takes a product and a random field, FixmanMidpoint products and two roots of the whole
-matrix. Spheres of radius 1 nm without overlap, or as many free particles; one thread of the CPU
-platform, the smallest CPU time of three steps. Written to split_ewald_steps.json.
+matrix. The scenes are spheres of radius 1 nm without overlap, or as many free particles. The
+smallest CPU time of three steps on one thread of the CPU platform counts. Results are written to
+split_ewald_steps.json.
 """
 import argparse
 import pathlib
@@ -21,7 +23,7 @@ NUMBERS = (10, 20, 40, 80, 160)
 
 
 def places(count, edge, seed):
-    """At random without overlap of spheres of radius 1."""
+    """Places of spheres of radius 1, at random without overlap."""
     random, found = np.random.default_rng(seed), np.empty((0, 3))
     while len(found) < count:
         place = random.uniform(0, edge, 3)

@@ -1,8 +1,9 @@
 #!/usr/bin/python3
-"""A whole step of TIP4P-Ew water with PME: rigid bodies under Langevin C, OpenMM's LangevinMiddle with SETTLE, and Verlet.
+"""A whole step of TIP4P-Ew water with PME, by three integrators.
 
-The three take turns in one process, a few steps each, so that what else the machine does hits them
-alike. Printed and kept: medians and quartiles over the rounds, of times and of ratios within a
+They are rigid bodies under Langevin C, OpenMM's LangevinMiddle with SETTLE, and Verlet. The three
+take turns in one process, a few steps each, so that other load on the machine affects all alike.
+The script prints and saves medians and quartiles over the rounds, of times and of ratios within a
 round, and the integrators' own shares of a step.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/water_step.py
@@ -82,7 +83,7 @@ def main():
     schemes, forces = [], []
     names = list(integrators)
     for number in tqdm.trange(arguments.rounds, desc='Rounds'):
-        # Another one begins each time.
+        # Each round begins with another integrator.
         for name in names[number % 3:] + names[:number % 3]:
             before = own()
             times[name].append(

@@ -1,4 +1,8 @@
-"""Pages of every public class and function: of the Python package from its docstrings, of the C++ headers from Doxygen's XML by Breathe."""
+"""Pages of every public class and function.
+
+Those of the Python package come from its docstrings, those of the C++ headers from Doxygen's XML by
+Breathe.
+"""
 import contextlib
 import enum
 import importlib
@@ -37,7 +41,7 @@ def _heading(text, line='='):
 
 
 def _first_sentence(thing):
-    """What a table says of something: the first sentence of its docstring."""
+    """The text for a thing in a table: the first sentence of its docstring."""
     return _sentence(' '.join((inspect.getdoc(thing) or '').split('\n\n')[0].split()))
 
 
@@ -77,7 +81,7 @@ def _index():
 
 
 def _pages_of_package(package):
-    """One page for the package, one for each thing that it exports, one for each module that it exports."""
+    """One page for the package, and one for each thing and each module that it exports."""
     name = package.__name__
     short = name.rsplit('.', 1)[1]
     exported = [(each, getattr(package, each)) for each in package.__all__]
@@ -124,14 +128,14 @@ def _page_of_module(module, elsewhere):
 
 
 def _class(module, name, type_):
-    """A class with its methods; what a tuple's fields are its docstring says."""
+    """A class with its methods; the docstring of a tuple describes its fields."""
     fields = getattr(type_, '_fields', None) or getattr(type_, '__dataclass_fields__', ())
     without = f'\n   :exclude-members: {", ".join(fields)}' if fields else ''
     return f'.. autoclass:: {module}.{name}\n   :members:{without}\n'
 
 
 def _command_line(package):
-    """What a package's own program says of itself."""
+    """The help of a package's own program."""
     try:
         cli = importlib.import_module(package.__name__ + '.cli')
     except ModuleNotFoundError:
@@ -154,7 +158,7 @@ def _command_line(package):
 
 
 def _page_of_large_class(type_, documents):
-    """A class with a table of its methods by purpose, its enumerations, and then all of it."""
+    """A class with a table of its methods by purpose, its enumerations, then everything."""
     name = type_.__name__
     full = f'openmmrigidhi.{name}'
     text = _heading(name) + f'.. currentmodule:: openmmrigidhi\n\n{_first_sentence(type_)}\n\n'
@@ -207,7 +211,7 @@ def _meaning(member, documents):
 
 
 def _enumerators_of_cpp(folder):
-    """What the headers say of the enumerators, class by class."""
+    """The documentation of enumerators in the headers, class by class."""
     found = {}
     for name in CLASSES:
         tree = xml.etree.ElementTree.parse(folder/f'classRigidHIPlugin_1_1{name}.xml')

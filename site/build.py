@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""Build the site: `make site`. It needs no network, and neither do its pages. Whatever Sphinx warns of, and whatever check.py finds, is an error."""
+"""Build the site: `make site`. Neither this script nor the pages need a network.
+
+Every warning of Sphinx and everything that check.py finds is an error.
+"""
 import argparse
 import importlib.util
 import pathlib
@@ -14,7 +17,7 @@ import collect
 import gallery
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-#: Where Debian has what browsers need.
+#: The directory where Debian has what browsers need.
 SCRIPTS = pathlib.Path('/usr/share/javascript')
 KATEX = SCRIPTS/'katex'
 
@@ -26,7 +29,7 @@ def version():
 
 
 def describe_cpp(folder):
-    """Let Doxygen write what it knows of the public headers as XML."""
+    """Let Doxygen write its XML of the public headers."""
     folder.mkdir(parents=True, exist_ok=True)
     headers = ' '.join(f'{ROOT}/{name}'
                        for name in collect.git_files('openmmapi/include/openmmrigidhi/*.h')
@@ -45,7 +48,7 @@ XML_PROGRAMLISTING = NO
 
 
 def copy_formula_fonts(folder):
-    """Copy what draws formulas, and leave what was built for old browsers."""
+    """Copy what draws formulas, without the files for old browsers."""
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copy(KATEX/'katex.min.js', folder/'katex.js')
     shutil.copy(KATEX/'contrib'/'auto-render.js', folder)
@@ -56,17 +59,18 @@ def copy_formula_fonts(folder):
 
 
 def mend_theme(html):
-    """Debian's furo is not quite as its authors' bundle: three things are put right in what was copied."""
+    """Correct three things in Debian's furo, which differs from the bundle of its authors."""
     styles, scripts = html/'_static'/'styles', html/'_static'/'scripts'
-    # A style sheet of another package is asked of a server; pages that are read from files need it
-    # beside them.
+    # A style sheet of another package is fetched from a server. Pages that are read from files need
+    # it beside them.
     shutil.copy(SCRIPTS/'normalize.css'/'normalize.css', styles)
     style = (styles/'furo.css').read_text().replace(
         '@import url(/javascript/normalize.css/normalize.css)', '@import url(normalize.css)')
     # The colours of readers whose system prefers dark pages were lost, as a query within a query.
     if 'prefers-color-scheme' not in style:
         dark = re.search(r'body\[data-theme="dark"\] \{(.*?)\}', style, flags=re.S)[1]
-        style += f'\n@media (prefers-color-scheme: dark) {{ body:not([data-theme="light"]) {{{dark}}} }}\n'
+        style += ('\n@media (prefers-color-scheme: dark) '
+                  f'{{ body:not([data-theme="light"]) {{{dark}}} }}\n')
     (styles/'furo.css').write_text(style)
     # The script is a module that imports another one, but pages load it as a plain script.
     script = (scripts/'furo.js').read_text()

@@ -1,6 +1,9 @@
 #!/usr/bin/env python3
-"""Look for what is wrong on built pages: links that lead nowhere, pictures that are missing or have no text in their place, things fetched from elsewhere,
-scripts that do not run."""
+"""Find faults on built pages.
+
+Faults are links that lead nowhere, pictures that are missing or have no text alternative, things
+fetched from elsewhere, and scripts that do not run.
+"""
 import argparse
 import html.parser
 import pathlib
@@ -14,7 +17,7 @@ FETCHED = {('img', 'src'), ('script', 'src'), ('link', 'href'), ('source', 'src'
 
 
 class _Page(html.parser.HTMLParser):
-    """What a page refers to, and where one can jump to on it."""
+    """The links of a page, and the anchors on it."""
     def __init__(self):
         super().__init__()
         self.links, self.fetched, self.anchors, self.silent, self.scripts = [], [], set(), [], []
@@ -37,7 +40,7 @@ class _Page(html.parser.HTMLParser):
 
 
 def _says_something(attributes):
-    """Has a picture a text in its place, other than its own name?"""
+    """Whether a picture has a text alternative other than its own name."""
     text = (attributes.get('alt') or '').strip()
     return bool(text) and not text.endswith(
         ('.png', '.gif', '.jpg', '.svg')) and text != attributes.get('src')

@@ -1,4 +1,7 @@
-"""The site's pages are the repository's Markdown files. They are copied into one tree, where their links still lead to what they lead to in the repository."""
+"""The site's pages are the repository's Markdown files.
+
+They are copied into one tree, where their links have the same targets as in the repository.
+"""
 import os
 import pathlib
 import re
@@ -8,8 +11,8 @@ import subprocess
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PICTURES = ('.png', '.gif', '.jpg', '.jpeg', '.svg')
 
-#: The table of contents: sections with their pages, and the folders whose other pages go there,
-#: too.
+#: The table of contents: sections with their pages, and the folders whose other pages belong to
+#: them, too.
 SECTIONS = [('Begin', ['README', 'docs/INSTALL', 'gallery'], []),
             ('Use', [
                 'docs/USER_GUIDE', 'docs/schemes/README', 'docs/models/README', 'docs/CONVENTIONS',
@@ -33,7 +36,7 @@ PARENTS = {'examples': 'gallery'}
 
 
 def git_files(*patterns):
-    """Files that are in the repository, or would be if they were added, as paths relative to its root."""
+    """Files that are in the repository, or would be if added, as paths relative to its root."""
     command = [
         'git', '-c', f'safe.directory={ROOT}', 'ls-files', '-z', '--cached', '--others',
         '--exclude-standard', '--', *patterns
@@ -43,12 +46,15 @@ def git_files(*patterns):
 
 
 def page_of(name):
-    """The page that a Markdown file becomes: its path without the ending; the site's own are at the top."""
+    """The page of a Markdown file: its path without the ending.
+
+    The site's own pages are at the top.
+    """
     return name.removeprefix('site/').removesuffix('.md')
 
 
 def markdown_files():
-    """All Markdown files that become pages; tables that scripts write are parts of pages at most."""
+    """All Markdown files that become pages; tables that scripts write become parts of pages."""
     return [
         name for name in git_files('*.md')
         if not name.startswith(('.', 'tests/')) and '/results' not in name
@@ -56,7 +62,7 @@ def markdown_files():
 
 
 def copy_pages(source):
-    """Copy all Markdown files, and what they link to, and return the pages."""
+    """Copy all Markdown files, and the files that they link to, and return the pages."""
     pages, known = [], markdown_files()
     for name in known:
         text = (ROOT/name).read_text(encoding='utf-8')
@@ -73,12 +79,15 @@ def copy_pages(source):
 
 
 def links_of_the_site(text, name, known, source):
-    """The text of a Markdown file with links as they are on the site. What they lead to and is no page is copied; a folder without a page is no link."""
+    """The text of a Markdown file with links as they are on the site.
+
+    Targets that are no pages are copied. A folder without a page is no link.
+    """
     return _outside_code(text, lambda part: _with_links_of_the_site(part, name, known, source))
 
 
 def _outside_code(text, change):
-    """Apply a change to what is neither in a block of code nor in code within a line."""
+    """Apply a change to text that is neither in a block of code nor in code within a line."""
     parts = re.split(r'(^```.*?^```|``[^\n]+?``|`[^`\n]+`)', text, flags=re.S | re.M)
     # A link's text may have code in it: code comes back in before links are looked for.
     blocks = [part for part in parts if part.startswith('```')]
@@ -126,7 +135,8 @@ def _script_of(name, source):
         return ''
     (source/script).parent.mkdir(parents=True, exist_ok=True)
     shutil.copy(ROOT/script, source/script)
-    return f'\n\n## The script\n`{script}`:\n\n```{{literalinclude}} run.py\n:language: python\n```\n'
+    return (f'\n\n## The script\n`{script}`:\n\n'
+            '```{literalinclude} run.py\n:language: python\n```\n')
 
 
 def _parent(page, pages):
@@ -143,7 +153,10 @@ def _parent(page, pages):
 
 
 def write_contents(source, pages):
-    """Add tables of contents: to the first page that of the whole site, and to a folder's page that of the folder."""
+    """Add tables of contents.
+
+    The first page gets that of the whole site, and a folder's page that of the folder.
+    """
     pages = [page for page in pages if page != 'index']
     named = [page for _, listed, _ in SECTIONS for page in listed]
     children = {}
@@ -162,7 +175,7 @@ def write_contents(source, pages):
 
 
 def _in_order_of_links(source, page, below):
-    """Pages in the order in which another one leads to them; those that it does not name come last."""
+    """Pages in the order of the links on another page; pages without a link come last."""
     file = source/(page + '.md')
     text = file.read_text(encoding='utf-8') if file.exists() else ''
     places = {

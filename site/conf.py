@@ -1,4 +1,8 @@
-"""Settings of Sphinx. site/build.py collects the pages and calls Sphinx; version, static files and Doxygen's XML come from there."""
+"""Settings of Sphinx.
+
+site/build.py collects the pages and calls Sphinx. Version, static files and Doxygen's XML come from
+there.
+"""
 project = 'openmm-rigidhi'
 author = 'The openmm-rigidhi authors'
 copyright = 'the openmm-rigidhi authors, MIT licence'

@@ -1,11 +1,11 @@
-"""The gallery: lists of examples in site/gallery.md become cards with the pictures of the examples."""
+"""The gallery: lists of examples in site/gallery.md become cards with their pictures."""
 import os
 import re
 
 import PIL.Image
 from collect import ROOT, git_files
 
-#: Width of a thumbnail, in pixels: twice what cards have, for screens with small pixels.
+#: Width of a thumbnail in pixels: twice that of cards, for screens with small pixels.
 WIDTH = 560
 ITEM = re.compile(
     r'^- \[(?P<title>[^\]]+)\]\((?P<page>examples/(?P<name>[^/)]+)/README\.md)\): '
@@ -45,7 +45,7 @@ def _opening(page):
 
 
 def write(source):
-    """Make cards of the lists in the gallery's page; examples that it does not name come at its end."""
+    """Make cards of the lists in the gallery's page; examples without a place come at its end."""
     file = source/'gallery.md'
     text = file.read_text(encoding='utf-8')
     named = {found['page'] for found in ITEM.finditer(text)}

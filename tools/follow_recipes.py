@@ -1,26 +1,27 @@
-"""Follow the recipes of CONTRIBUTING.md to the letter, in a copy of the sources, and run what they promise (`make recipes`).
+"""Follow the recipes of CONTRIBUTING.md in a copy of the sources, and test the result.
 
-The pages' code blocks are written where the page says, the copy is built, and the tests that run
-over all schemes and models must pass with the new ones on both platforms. Then every recipe's
-example is spoiled as its page says, and a test must notice: otherwise nothing had tested it.
-Averages over many steps (ctest's label quick-statistics) are left to `make test`: shorter tests run
-the new schemes and models too. The copy and its build stay in build/recipes, so that only what
-changed is built the next time.
+`make recipes` runs this script. The pages' code blocks are written where the page says, and the
+copy is built. The tests that run over all schemes and models must pass with the new ones on both
+platforms. Then every recipe's example is spoiled as its page says, and a test must notice:
+otherwise no test had checked it. Averages over many steps (ctest's label quick-statistics) are left
+to `make test`: shorter tests run the new schemes and models too. The copy and its build stay in
+build/recipes, so that the next run builds only what changed.
 
-A page says in comments, which readers do not see, what a recipe does.
-
-Before a code block, which may not be empty:
-    <!-- recipe: create FILE -->           the block is the file
-    <!-- recipe: add to the list in FILE -->    the block has lines of a macro: the line before them
-                                           gets its backslash
-    <!-- recipe: in FILE before TEXT -->   the block goes before the one line of the file that has
-                                           this text; likewise `after`
+A page says in comments, which readers do not see, what a recipe does. Before a code block, which
+may not be empty:
+    <!-- recipe: create FILE -->
+        the block is the file
+    <!-- recipe: add to the list in FILE -->
+        lines of a macro: the line before them gets its backslash
+    <!-- recipe: in FILE before TEXT -->
+        the block goes before the one line of the file that has this text; likewise `after`
 Anywhere:
-    <!-- recipe: test NAME NAME -->        test programs, as files in tests/unit or tests/platform
-                                           are named, that must pass
-    <!-- recipe: python EXPRESSION -->     it is true after `from openmmrigidhi import *`
-    <!-- recipe: spoil FILE: OLD -> NEW, seen by NAME -->   with this fault the test program must
-                                           fail, on both platforms
+    <!-- recipe: test NAME NAME -->
+        test programs, as files in tests/unit or tests/platform are named, that must pass
+    <!-- recipe: python EXPRESSION -->
+        is true after `from openmmrigidhi import *`
+    <!-- recipe: spoil FILE: OLD -> NEW, seen by NAME -->
+        with this replacement the test program must fail, on both platforms
 """
 import argparse
 import pathlib
@@ -31,7 +32,8 @@ import time
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PAGES = ('CONTRIBUTING.md', 'tests/recipes/AdamsBashforth.md')
-BUILD = 'build'  # within the copy, as in the repository: then a compiler cache knows what is the same
+# Within the copy, as in the repository: a compiler cache then finds what is the same.
+BUILD = 'build'
 RUNTIME = ('OpenMMRigidHIReference', 'OpenMMRigidHICPU', 'OpenMMRigidHIAny', 'RigidHIPythonPackage')
 
 
@@ -40,14 +42,14 @@ class RecipeError(Exception):
 
 
 def tracked_files():
-    """What the repository has, and what is new and not ignored: path -> bytes."""
+    """The files of the repository, and new files that are not ignored: path -> bytes."""
     listed = subprocess.run(['git', 'ls-files', '-z', '--cached', '--others', '--exclude-standard'],
                             cwd=ROOT, check=True, capture_output=True).stdout.decode().split('\0')
     return {name: (ROOT/name).read_bytes() for name in listed if name and (ROOT/name).is_file()}
 
 
 class Recipes:
-    """What all recipes of all pages make of the sources."""
+    """The changes that all recipes of all pages make to the sources."""
     def __init__(self, files):
         self.files = files
         self.programs, self.expressions, self.spoils = [], [], []
@@ -137,7 +139,10 @@ class Recipes:
 
 
 def write_copy(files, folder):
-    """Make the folder hold these files and no others, but for its build. A file that is the same is not written, for it would be compiled again."""
+    """Make the folder hold these files and no others, except for its build.
+
+    A file that is the same is not written, since it would be compiled again.
+    """
     for path in folder.rglob('*'):
         name = path.relative_to(folder)
         if path.is_file() and name.parts[0] != BUILD and str(name) not in files:
@@ -194,10 +199,10 @@ class Copy:
 def main(argv=None):
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--folder', type=pathlib.Path, default=ROOT/'build/recipes',
-                        help='of the copy and its build')
+                        help='folder of the copy and its build')
     parser.add_argument('--jobs', type=int, default=1)
     parser.add_argument('--check', action='store_true',
-                        help='only whether all steps can be followed; build nothing')
+                        help='check only whether all steps can be followed; build nothing')
     arguments = parser.parse_args(argv)
     recipes = Recipes(tracked_files())
     for page in PAGES:

@@ -1,19 +1,20 @@
 #!/usr/bin/python3
-"""Puts every sentence of Markdown files on a line of its own, so that a change of one sentence is a change of one line.
+"""Puts every sentence of Markdown files on a line of its own.
 
-Front matter, code, formulas between lines of `$$`, tables, headings, comments and HTML stay as they
-are.
-The text that a reader sees does not change.
+A change of one sentence is then a change of one line. Front matter, code, formulas between lines of
+`$$`, tables, headings, comments and HTML stay as they are. The text that a reader sees does not
+change.
 
     tools/format_markdown.py FILE...            rewrites the files
-    tools/format_markdown.py --check FILE...    names the files that would change, and exits with 1 if there are any
+    tools/format_markdown.py --check FILE...    names the files that would change; the exit status
+                                                is then 1
 """
 import argparse
 import pathlib
 import re
 import sys
 
-#: what ends with a full stop and does not end a sentence
+#: texts that end with a full stop and do not end a sentence
 ABBREVIATIONS = (
     r'(?:\b(?:e\.g|i\.e|cf|vs|al|[Ee]qs?|[Ff]igs?|[Nn]o|[Ss]ec|[Cc]h|pp?|approx|resp|Phys|Chem|Rev'
     r'|Lett|Mech|Comput|Comm|Math|Sci|Soc|Proc|Acad|Theory|Ann|Mol|Biol|Vol|St|Dr|Trans|Camb|Phil'
@@ -121,7 +122,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('files', nargs='+', type=pathlib.Path)
     parser.add_argument('--check', action='store_true',
-                        help='write nothing, name what would change')
+                        help='write nothing; name the files that would change')
     arguments = parser.parse_args()
     changed = []
     for file in arguments.files:

@@ -1,10 +1,11 @@
-"""Say where below a prefix the Python package is to be installed, and what to do if Python does not look there.
+"""Say where below a prefix the Python package is to be installed, and how Python finds it there.
 
 Usage: python_directory.py [--advise] PREFIX
 
-Without --advise, prints the directory relative to the prefix: the first one below it where this
-Python looks for packages; or that of a virtual environment whose directory the prefix is; or else
-Debian's lib/python3/dist-packages.
+Without --advise, prints the directory relative to the prefix. It is the first directory below the
+prefix where this Python looks for packages. If there is none and the prefix is a virtual
+environment, it is the environment's directory for packages. Otherwise it is Debian's
+lib/python3/dist-packages.
 """
 import os
 import sys

@@ -1,14 +1,16 @@
 #!/usr/bin/python3
-"""Compute the hydrodynamic radii of shells of touching blobs that python/openmmrigidhi/app/shapes.py holds.
+"""Compute the hydrodynamic radii of shells in python/openmmrigidhi/app/shapes.py.
 
-A shell has its blobs at sphereShell(n, 1); their radius is half their smallest distance. The force
-f on blobs that all have the velocity (1, 0, 0) solves M f = u, M the Rotne-Prager-Yamakawa mobility
-of blobs that do not overlap, in unbounded fluid; the radius for translation is the sum of f_x over
-6 pi eta, that for rotation the cube root of the torque of blobs that turn about z over 8 pi eta.
-The shells have the symmetry of an icosahedron, which makes both tensors isotropic.
+The shells are made of touching blobs. A shell has its blobs at sphereShell(n, 1); their radius is
+half their smallest distance. The force f on blobs that all have the velocity (1, 0, 0) solves M f =
+u, with M the Rotne-Prager-Yamakawa mobility of blobs that do not overlap, in unbounded fluid. The
+radius for translation is the sum of f_x over 6 pi eta. The radius for rotation is the cube root of
+the torque of blobs that turn about z over 8 pi eta. The shells have the symmetry of an icosahedron,
+which makes both tensors isotropic.
 
-Solved by conjugate gradients, with products by rows of pairs: 2562 blobs take a minute and no large
-matrix. Written without the plugin's mobilities, of which tests with these radii are a check.
+Conjugate gradients solve the equations, with products by rows of pairs: 2562 blobs take a minute
+and no large matrix. The plugin's mobilities are not used, since tests with these radii check the
+plugin's mobilities.
 
     PYTHONPATH=build/python python3 tools/shell_radii.py [n ...]      # default: 12 42 162 642 2562
 """
@@ -19,7 +21,7 @@ import numpy as np
 from openmmrigidhi import app
 
 VISCOSITY = 1.0
-#: Of the residual; the radii have its square as their error, since they are quadratic forms.
+#: Tolerance of the residual. The error of the radii is its square, since they are quadratic forms.
 TOLERANCE = 1e-9
 ROWS = 200
 
@@ -47,7 +49,7 @@ def product(points, a, forces):
 
 
 def solve(points, a, velocities):
-    """The forces of these velocities, and the number of iterations."""
+    """The forces for these velocities, and the number of iterations."""
     forces, residual = np.zeros_like(velocities), velocities.copy()
     direction, old, iterations = residual.copy(), np.vdot(residual, residual), 0
     stop = TOLERANCE**2*old
@@ -64,7 +66,10 @@ def solve(points, a, velocities):
 
 
 def radii(n):
-    """Hydrodynamic radii for translation and rotation of a shell of geometric radius 1, and iterations."""
+    """Hydrodynamic radii of a shell of geometric radius 1, for translation and rotation.
+
+    The number of iterations follows.
+    """
     points = app.sphereShell(n, 1)._value
     a = smallestDistance(points)/2
     translation = np.tile((1.0, 0, 0), (n, 1))

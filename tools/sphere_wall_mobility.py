@@ -1,22 +1,25 @@
 #!/usr/bin/python3
-"""Fit the resistance of a sphere above a no-slip wall that platforms/common/mobility/models/wall/SphereWall.cpp holds.
+"""Fit the resistance of a sphere above a no-slip wall, for the arrays of SphereWall.cpp.
 
-Exact values: the Stokes flow around a sphere that moves or turns parallel to the wall, in
+The arrays are in platforms/common/mobility/models/wall/SphereWall.cpp.
+
+Exact values: for a sphere that moves or turns parallel to the wall, the Stokes flow is found in
 bispherical coordinates with the ansatz of Dean, O'Neill, Mathematika 10, 13 (1963) and O'Neill,
-Mathematika 11, 67 (1964): pressure Q cos(phi) and velocities from harmonic U0, U2, W; here by
-collocation of the boundary conditions and of div u = 0 on both surfaces. About the normal: Jeffery,
-Proc. Lond. Math. Soc. 14, 327 (1915), a sum. Towards the wall: Brenner, Chem. Eng. Sci. 16, 242
-(1961), a sum.
+Mathematika 11, 67 (1964): pressure Q cos(phi) and velocities from harmonic U0, U2, W. The boundary
+conditions and div u = 0 are collocated on both surfaces. For turns about the normal: Jeffery, Proc.
+Lond. Math. Soc. 14, 327 (1915), a sum. For motion towards the wall: Brenner, Chem. Eng. Sci. 16,
+242 (1961), a sum.
 
-Fits: with u = a/h and the gap's logarithm, leading terms of both ends prescribed (Goldman, Cox,
-Brenner, Chem. Eng. Sci. 22, 637, 1967; towards the wall Cox, Brenner, Chem. Eng. Sci. 22, 1753,
-1967). Prints the arrays for the source, the errors of the fits, of mobilities made of them, values
-for tests, and the errors of the approximations in Delong et al. 2015, eqs. 95 to 97.
+Fits: the variables are u = a/h and the gap's logarithm. The leading terms of both ends are
+prescribed (Goldman, Cox, Brenner, Chem. Eng. Sci. 22, 637, 1967; towards the wall Cox, Brenner,
+Chem. Eng. Sci. 22, 1753, 1967). The script prints the arrays for the source, the errors of the fits
+and of mobilities made of them, values for tests, and the errors of the approximations in Delong et
+al. 2015, eqs. 95 to 97.
 """
 import numpy as np
 
-#: coefficient at contact of 1/gap and of ln(1 - u), power of u, first coefficient far away (but for
-#: that of 1/gap) of each function
+#: For each function: coefficient at contact of 1/gap and of ln(1 - u), power of u, first
+#: coefficient far away (without the part of 1/gap).
 SHAPES = {
     'Ft': (0, -8/15, 1, 9/16), 'Tt': (0, 1/10, 4, -3/32), 'Tr': (0, -2/5, 3, 5/16),
     'Tz': (0, 0, 3, 1/8), 'Fz': (1, -1/5, 1, 1/8)
@@ -39,9 +42,11 @@ def legendre(count, mu):
 
 
 def parallel(gap):
-    """Ft, Tt, Tr: force from moving over 6 pi eta a, torque from moving over 8 pi eta a^2, torque from turning over 8 pi eta a^3.
+    """Ft, Tt, Tr of motion parallel to the wall.
 
-    Signs: of what acts on the sphere from outside, for V along x and W about y; the wall is below.
+    Ft is the force from moving over 6 pi eta a, Tt the torque from moving over 8 pi eta a^2, Tr the
+    torque from turning over 8 pi eta a^3. Signs: of what acts on the sphere from outside, for V
+    along x and W about y; the wall is below.
     """
     alpha = np.arccosh(1 + gap)
     a, N = 1/np.sinh(alpha), int(max(30, 16/alpha))
@@ -53,7 +58,10 @@ def parallel(gap):
     }
 
     def harmonics(m, xi):
-        """Values and derivatives by xi and mu at (xi, mu) of modes that are 1 on the sphere, then of modes that are 1 on the wall."""
+        """Values and derivatives by xi and mu at (xi, mu) of the modes.
+
+        Modes that are 1 on the sphere come first, then modes that are 1 on the wall.
+        """
         n = np.arange(1 if m == 1 else m, N + (1 if m == 1 else m))
         k, X = n + 0.5, np.sqrt(np.cosh(xi) - mu)
         F, G = (p[n]/np.maximum(n, 1.0)[:, None]**m for p in polynomials[m])
@@ -75,7 +83,7 @@ def parallel(gap):
         z_mu, rho_mu = np.sinh(xi)/D**2, (s - mu/s*D)/D**2
         determinant = rho_xi*z_mu - z_xi*rho_mu
         modes = {'Q': harmonics(1, xi), 'U0': harmonics(0, xi), 'U2': harmonics(2, xi)}
-        modes['W'] = [part[:, :N] for part in harmonics(1, xi)]  # it is 0 on the wall
+        modes['W'] = [part[:, :N] for part in harmonics(1, xi)]  # W is 0 on the wall
 
         def gradient(name):
             _, by_xi, by_mu = modes[name]
@@ -147,7 +155,7 @@ def towards_wall(gap):
 
 
 def basis(name, gaps):
-    """What is prescribed, and the functions whose coefficients are fitted."""
+    """The prescribed terms, and the functions whose coefficients are fitted."""
     pole, contact, power, far = SHAPES[name]
     u = 1/(1 + gaps)
     logarithm = np.log(gaps*u)
@@ -158,7 +166,10 @@ def basis(name, gaps):
 
 
 def fit(name, gaps, values):
-    """Coefficients of f = [1 or 0] + [1/gap] + u^power (sum p_k u^k + ln(1 - u) sum l_k (1 - u)^k), both p_0 and l_0 prescribed."""
+    """Coefficients of the fit; both p_0 and l_0 are prescribed.
+
+    f = [1 or 0] + [1/gap] + u^power (sum p_k u^k + ln(1 - u) sum l_k (1 - u)^k).
+    """
     prescribed, functions = basis(name, gaps)
     scale = 1/(np.abs(values) + (1e-3 if name == 'Tt' else 0))
     return np.linalg.lstsq(functions*scale[:, None], (values - prescribed)*scale, rcond=None)[0]
@@ -170,7 +181,10 @@ def fitted(name, solution, gaps):
 
 
 def along(Ft, Tt, Tr):
-    """V along the wall from a force, W from a torque, a W from a force, over the mobilities of free fluid."""
+    """Mobilities along the wall, over those of free fluid.
+
+    They are V from a force, W from a torque, and a W from a force.
+    """
     determinant = Ft*Tr - 4/3*Tt**2
     return Tr/determinant, Ft/determinant, -Tt/determinant
 

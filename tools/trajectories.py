@@ -1,21 +1,21 @@
 #!/usr/bin/python3
 """Record trajectories of many scenes, and compare two recordings bit for bit.
 
-Whoever moves code without changing what it computes records before, and compares after every step
-of the way:
+Use it to move code without changing what it computes: record before, and compare after every
+change:
 
     PYTHONPATH=build/python tools/trajectories.py record before.npz
     PYTHONPATH=build/python tools/trajectories.py record after.npz
     tools/trajectories.py compare before.npz after.npz
 
-Record both in one environment: OPENBLAS_CORETYPE, say, changes last bits of the scenes themselves.
+Record both in one environment: OPENBLAS_CORETYPE, for example, changes the last bits of the scenes.
 
-Scenes: every scheme; water, free particles with constraints, spheres, multiblobs, lines, own
-tensors, walls, replicas, dense and matrix-free solvers, rejected steps, CustomBodyForce with
-velocities and time, a barostat; on Reference, on CPU with one thread, and on CPU with two threads
-where OpenMM's own forces do not depend on their number. Each trajectory is resumed from a
-checkpoint in its middle. Recorded are poses and twists of all bodies, positions and velocities of
-all particles, and the counters.
+Every scheme is recorded. Scenes have water, free particles with constraints, spheres, multiblobs,
+lines, own tensors, walls, replicas, dense and matrix-free solvers, rejected steps, CustomBodyForce
+with velocities and time, and a barostat. They run on Reference, on CPU with one thread, and, where
+OpenMM's own forces do not depend on the number of threads, on CPU with two threads. Each trajectory
+is resumed from a checkpoint in its middle. Recorded are poses and twists of all bodies, positions
+and velocities of all particles, and the counters.
 """
 import argparse
 import os
@@ -39,7 +39,10 @@ def imports():
 
 
 class Scene:
-    """A System, positions, and what builds the integrator; a MobilityForce where there is a fluid."""
+    """A System, positions, and a function that makes the integrator.
+
+    Scenes with a fluid have a MobilityForce.
+    """
     def __init__(self, seed=1, temperature=300, step=0.002):
         self.system, self.positions, self.bodies, self.radii = openmm.System(), [], [], []
         self.random = np.random.default_rng(seed)
@@ -86,7 +89,7 @@ class Scene:
         return self
 
     def boxed(self, *edges):
-        """In a periodic box, or for a channel; walls of a channel are part of the fluid."""
+        """Put the scene into a periodic box, or a channel, whose walls are part of the fluid."""
         self.system.setDefaultPeriodicBoxVectors((edges[0], 0, 0), (0, edges[1], 0),
                                                  (0, 0, edges[2]))
         integrator = Integrator(self.temperature, self.step)
@@ -142,7 +145,10 @@ def water(side=2, barostat=False):
 
 
 def mixed():
-    """Implicit and explicit bodies of every rotor, free particles with a constraint and a virtual site, in a field."""
+    """Implicit and explicit bodies of every rotor, and free particles, in a field.
+
+    The free particles have a constraint and a virtual site.
+    """
     scene = Scene(2)
     shapes = [[(0, 0, 0), (0.1, 0, 0), (0, 0.12, 0)], [(0, 0, 0), (0.1, 0, 0)], [(0, 0, 0)],
               [(0, 0, 0), (0.1, 0, 0), (0, 0.12, 0), (0.05, 0.02, 0.2)],
@@ -202,7 +208,7 @@ TENSOR = np.diag([0.01, 0.012, 0.009, 0.02, 0.03, 0.025]) + 1e-3*np.ones((6, 6))
 
 
 def scenes():
-    """name, function that makes the scene, schemes."""
+    """All scenes, as (name, function that makes the scene, schemes)."""
     I = Integrator
     inertial = [I.LangevinA, I.LangevinB, I.LangevinC]
     overdamped = [s for s in openmmrigidhi.integrator.Scheme if s >= I.EulerMaruyama]
@@ -408,7 +414,7 @@ def main():
     two.add_argument('before')
     two.add_argument('after')
     two.add_argument('--tolerance', type=float, default=0,
-                     help='relative, of the largest number of an array; 0: the same bits')
+                     help='allowed difference over the largest number of an array; 0: same bits')
     arguments = parser.parse_args()
     if arguments.command == 'record':
         record(arguments.file)

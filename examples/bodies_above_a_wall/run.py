@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Bodies of six shapes above a wall, under their weight and their Brownian motion.
+"""Bodies of six shapes move above a wall, under their weight and by Brownian motion.
 
     python3 run.py                     # ten seconds; draws picture.png
 """
@@ -20,7 +20,7 @@ def hedgehog(arm, spacing):
     return np.unique(np.concatenate([np.outer(steps, axis) for axis in np.eye(3)]), axis=0)
 
 
-#: Blobs of each shape, their radius, and where the body starts; all in nm.
+#: Blobs of each shape, the radius of its blobs, and where the body starts; all in nm.
 SHAPES = [(app.multiblobSphere(42, 90)[0]._value, 32, (-40, 100, 320)),
           (app.boomerang(42, 5)._value, 33, (-420, -150, 200)),
           (app.rod(8, 42)._value, 33, (230, -200, 240)), (hedgehog(3, 42), 26, (-330, 200, 330)),
@@ -39,7 +39,7 @@ def scene(seed):
     integrator.setScheme(integrator.TrapezoidalSlip)
     integrator.setRandomNumberSeed(seed)
     repulsion = openmm.CustomNonbondedForce(
-        '25*(1 - tanh((r - a1 - a2)/20))')  # within a body this cancels
+        '25*(1 - tanh((r - a1 - a2)/20))')  # within a body this repulsion cancels
     repulsion.addPerParticleParameter('a')
     positions = []
     for sites, radius, origin in SHAPES:
@@ -58,7 +58,8 @@ def scene(seed):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--steps', type=int, default=250, help='time steps (default 250)')
-    parser.add_argument('--seed', type=int, default=4, help='of the random numbers (default 4)')
+    parser.add_argument('--seed', type=int, default=4,
+                        help='seed of the random numbers (default 4)')
     parser.add_argument('--picture', default='picture.png',
                         help='file to draw (default picture.png)')
     arguments = parser.parse_args()
@@ -70,7 +71,7 @@ def main():
         f'{integrator.getNumRejectedSteps()} steps were done again, because they led into the wall')
     picture = app.show(context, view=(17, -72), title='')
     low, high = picture.get_ylim()
-    picture.set_ylim(low + 80, high - 90)  # without the room that bodies could turn in
+    picture.set_ylim(low + 80, high - 90)  # without the margin that bodies would need to turn
     picture.figure.set_size_inches(9, 5.5)
     picture.figure.savefig(arguments.picture, dpi=130, bbox_inches='tight', pad_inches=0)
 

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""A field turns, and spheres with a dipole follow it, up to the frequency at which friction holds them back.
+"""Spheres with a dipole follow a rotating field, up to a critical frequency.
+
+Above the critical frequency friction holds them back.
 
     python3 run.py                     # seconds; draws picture.png
 """
@@ -15,11 +17,15 @@ ETA, RADIUS = 1.0, 1.0
 STRENGTH = 8*np.pi*ETA*RADIUS**3
 #: The dipole is the body's x axis: in the lab frame (nx, ny), the first column of the rotation
 #: matrix of q. The field turns about z.
-TORQUE = 'strength*(nx*sin(frequency*t) - ny*cos(frequency*t)); nx = q0^2 + q1^2 - q2^2 - q3^2; ny = 2*(q1*q2 + q0*q3)'
+TORQUE = ('strength*(nx*sin(frequency*t) - ny*cos(frequency*t)); nx = q0^2 + q1^2 - q2^2 - q3^2; '
+          'ny = 2*(q1*q2 + q0*q3)')
 
 
 def rates(frequencies, duration, step=0.02):
-    """The mean rate at which a sphere turns in each field, rad/ps. All are in one Context, in a fluid that does not couple them, without noise."""
+    """The mean rate at which a sphere turns in each field, rad/ps.
+
+    All spheres are in one Context, in a fluid that does not couple them, without noise.
+    """
     system, fluid = openmm.System(), MobilityForce()
     fluid.setModel(fluid.FreeDraining)
     fluid.setViscosity(ETA)
@@ -42,12 +48,15 @@ def rates(frequencies, duration, step=0.02):
         w, x, y, z = integrator.getBodyOrientations().T
         angles.append(np.arctan2(2*(x*y + w*z), w*w + x*x - y*y - z*z))
     turned = np.unwrap(angles, axis=0)
-    half = steps // 2  # after the start is forgotten
+    half = steps // 2  # the first half is left out: the spheres still forget their start
     return (turned[-1] - turned[half])/((steps - 1 - half)*step)
 
 
 def theory(frequencies):
-    """A sphere follows a field of at most the critical frequency 1, and slips behind a faster one."""
+    """The rate of a sphere: a field up to the critical frequency 1 is followed exactly.
+
+    Behind a faster field the sphere lags and slips.
+    """
     frequencies = np.asarray(frequencies, dtype=float)
     return frequencies - np.sqrt(np.maximum(frequencies**2 - 1, 0))
 

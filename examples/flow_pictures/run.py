@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""Two flows around bodies, read by MobilityForce.getFlowInContext() and drawn: shells in a wave of force density in a periodic box, a shell in shear above a wall.
+"""Two flows around bodies, read by MobilityForce.getFlowInContext() and drawn.
 
-No force acts on a body, and there is no noise: bodies go with the flow, turn with it, and resist
-its strain.
+One is a periodic box with shells in a wave of force density. The other is a shell in shear above a
+wall. No force acts on a body, and there is no noise: bodies go with the flow, turn with it, and
+resist its strain.
 
     python3 run.py --output results                     # half a minute
 """
@@ -19,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]/'validation'/'common'
 import recording  # noqa: E402
 
 ETA = 1.0
-#: Edge of the box over the radius of shells, f0 of the wave, and where shells are in the plane z =
-#: 0: on both crests, between them, and between crest and zero.
+#: Edge of the box over the radius of shells; f0 of the wave. Then the places of the shells in the
+#: plane z = 0: on both crests, between them, and between crest and zero.
 EDGE, F0 = 12.0, 1.0
 PLACES = ((-3.0, 3.0, 0.0), (2.5, -3.6, 0.0), (3.2, 0.0, 0.0), (-2.2, -1.6, 0.0))
 #: Rate of the shear above the wall z = 0, 1/ps, and the height of the centre over the radius.
@@ -35,9 +36,9 @@ class Flow:
     places : array-like of shape (n, 3)
         centres, nm; hydrodynamic radii are 1 nm
     blobs : int
-        of each shell
+        number of blobs of each shell
     setUp : callable
-        with the MobilityForce and the System
+        called with the MobilityForce and the System
     """
     def __init__(self, places, blobs, setUp):
         self.places = np.asarray(places, float)
@@ -63,7 +64,10 @@ class Flow:
                                            points.reshape(-1, 3))._value.reshape(points.shape)
 
     def twists(self):
-        """Velocities and angular velocities of the shells, (n, 3) each: by a step, which is so short that they hardly move."""
+        """Velocities and angular velocities of the shells, (n, 3) each.
+
+        They are found by one step, which is so short that the shells hardly move.
+        """
         before = self.integrator.getBodyPositions()._value
         self.integrator.step(1)
         q = self.integrator.getBodyOrientations()
@@ -73,7 +77,11 @@ class Flow:
         return found
 
     def slipOfSurface(self, twists, distance=1.0):
-        """Root mean square of the flow relative to the shells at this distance from their centres, over their radius and the rate of strain 1/ps."""
+        """Root mean square of the flow relative to the shells, at points around them.
+
+        The points are at this distance from the centres. The unit is the shells' radius times a
+        rate of strain of 1/ps.
+        """
         sphere = app.multiblobSphere(162, 1.0)[0]._value
         normals = sphere/np.linalg.norm(sphere, axis=1)[:, None]
         squares = [((self.at(place + distance*normals) - V -
@@ -83,7 +91,7 @@ class Flow:
 
 
 def inWave(blobs):
-    """Shells in a periodic box, pushed along x by f0 sin(ky)."""
+    """Shells in a periodic box, with a force density f0 sin(ky) along x on the fluid."""
     def setUp(fluid, system):
         fluid.setBoundary(MobilityForce.Periodic)
         fluid.setSinusoidalForceDensity(F0, 0, 1, 1)
@@ -102,7 +110,7 @@ def aboveWall(blobs):
 
 
 def measure(blobs=162, points=61):
-    """Both flows on points of a plane, and what is known of them: (flows, numbers)."""
+    """Both flows on points of a plane, and numbers about them: (flows, numbers)."""
     crest = F0/(ETA*(2*np.pi/EDGE)**2)
     wave, wall = inWave(blobs), aboveWall(blobs)
     rate = crest*2*np.pi/EDGE
@@ -131,7 +139,7 @@ def measure(blobs=162, points=61):
         'turning_over_undisturbed': numbers['wall']['angular_velocities'][0][1]/(RATE/2),
         'fastest_at_the_wall_over_shear': float(np.abs(found[0]).max()/RATE)
     })
-    # As one sees it who goes with the shell.
+    # Velocities relative to the shell's.
     flows['wall'] = x, z, (found - V)[..., [0, 2]]/RATE
     return flows, numbers
 
@@ -164,9 +172,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--output', type=Path, default=Path(__file__).resolve().parent/'results')
-    parser.add_argument('--blobs', type=int, default=162, help='of a shell (%(default)s)')
+    parser.add_argument('--blobs', type=int, default=162, help='blobs of a shell (%(default)s)')
     parser.add_argument('--points', type=int, default=61,
-                        help='along an edge of the pictures (%(default)s)')
+                        help='points along an edge of the pictures (%(default)s)')
     arguments = parser.parse_args()
     flows, numbers = measure(arguments.blobs, arguments.points)
     recording.save(arguments.output, 'flows.json',

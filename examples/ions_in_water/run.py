@@ -17,7 +17,7 @@ TEMPERATURE = 300*unit.kelvin
 
 
 def scene(edge, seed):
-    """Salt water in a cubic box, 1 mol/l: topology, integrator and Context, after a minimisation."""
+    """Salt water in a cubic box, 1 mol/l, after a minimisation: topology, integrator, Context."""
     forceField = openmmapp.ForceField('amber14/tip4pew.xml')
     modeller = openmmapp.Modeller(openmmapp.Topology(), [])
     random.seed(seed)  # which molecules OpenMM replaces by ions
@@ -31,7 +31,7 @@ def scene(edge, seed):
     integrator.setRotationalFriction(10/unit.picosecond)
     integrator.setRandomNumberSeed(seed)
     app.addRigidWater(integrator, modeller.topology,
-                      system)  # ions are in no body, and so they are free particles
+                      system)  # ions belong to no body, so they are free particles
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'))
     context.setPositions(modeller.positions)
     app.minimize(context, maxIterations=100)
@@ -40,7 +40,10 @@ def scene(edge, seed):
 
 
 def separations(topology, context, ion):
-    """Distances of the oxygens from the ions of a kind, nm, nearest images, and the number of ions and of oxygens."""
+    """Distances of the oxygens from the ions of a kind, with the numbers of ions and oxygens.
+
+    Distances are in nm, between nearest images.
+    """
     elements = [atom.element.symbol if atom.element else '' for atom in topology.atoms()]
     state = context.getState(getPositions=True)
     positions, edge = state.getPositions(
@@ -54,10 +57,11 @@ def separations(topology, context, ion):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('--edge', type=float, default=2.2, help='of the box, nm (default 2.2)')
+    parser.add_argument('--edge', type=float, default=2.2, help='edge of the box, nm (default 2.2)')
     parser.add_argument('--samples', type=int, default=100,
-                        help='of the distances, 20 steps apart (default 100)')
-    parser.add_argument('--seed', type=int, default=1, help='of the random numbers (default 1)')
+                        help='samples of the distances, 20 steps apart (default 100)')
+    parser.add_argument('--seed', type=int, default=1,
+                        help='seed of the random numbers (default 1)')
     parser.add_argument('--picture', default='picture.png',
                         help='file to draw (default picture.png)')
     arguments = parser.parse_args()

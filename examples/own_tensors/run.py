@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Rods whose mobility tensor is given, not computed, fall through a fluid, and glide sideways if they are tilted.
+"""Rods with given mobility tensors fall through a fluid; tilted rods glide sideways.
 
     python3 run.py                     # seconds; draws picture.png
 """
@@ -10,14 +10,14 @@ import openmm
 
 from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForce
 
-#: Mobilities of a slender rod, along it and across it, and about its axes; the weight.
+#: Mobilities of a slender rod along it, across it, and about its axes; then its weight.
 ALONG, ACROSS, TURNING, WEIGHT = 2.0, 1.0, 1.0, 1.0
 
 
 def fall(tilts, duration, steps=50):
-    """Paths (steps + 1, rods, 3) of rods whose long axis is tilted from the vertical by these angles, rad."""
+    """Paths (steps + 1, rods, 3) of rods tilted by these angles from the vertical, rad."""
     system, fluid = openmm.System(), MobilityForce()
-    fluid.setModel(fluid.FreeDraining)  # bodies do not feel each other
+    fluid.setModel(fluid.FreeDraining)  # bodies do not interact through the fluid
     fluid.setViscosity(1.0)
     integrator = CustomRigidHIIntegrator(0, duration/steps)
     integrator.setScheme(integrator.FixmanMidpoint)
@@ -45,7 +45,11 @@ def fall(tilts, duration, steps=50):
 
 
 def theory(tilts):
-    """The velocity of each rod: the weight along it times one mobility, across it times the other."""
+    """The velocity of each rod.
+
+    It is the weight along the rod times one mobility, plus the weight across the rod times the
+    other.
+    """
     axis = np.stack([np.sin(tilts), 0*tilts, np.cos(tilts)], axis=1)
     force = np.array([0, 0, -WEIGHT])
     along = (axis @ force)[:, None]*axis

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""A rigid protein whose diffusion tensor, measured in its equilibrium dynamics, is kT times its mobility.
+"""The diffusion tensor of a rigid protein, measured in equilibrium, is kT times its mobility.
 
-Hen egg-white lysozyme from its PDB entry is one rigid body: a blob of radius 0.61 nm at every
-C-alpha, the mass of every residue there too. One MobilityForce (Rotne-Prager-Yamakawa) makes the
-fluid, LangevinHI the dynamics, with inertia, at 298.15 K in water. Several copies run in one
-Context, each in a hydrodynamic group of its own, so that they do not feel each other.
+Hen egg-white lysozyme from its PDB entry is one rigid body: every C-alpha has a blob of radius 0.61
+nm and the mass of its residue. One MobilityForce (Rotne-Prager-Yamakawa) makes the fluid,
+LangevinHI the dynamics, with inertia, at 298.15 K in water. Several copies run in one Context. Each
+copy is in a hydrodynamic group of its own, so that the copies do not interact.
 
 What is measured: the twist u = (V, W) of a protein in its own frame, as displacements x_k and turns
 over intervals of --sample ps. By the Green-Kubo relation the running sum
@@ -15,7 +15,8 @@ rises over the ballistic time (the slowest relaxation, m D/kT = 0.7 ps) to the 6
 tensor about the centre of mass.
 
     python3 run.py --output results      # 4 minutes on one core
-    python3 run.py --mobility            # matrices only: two proteins at several distances; blobs that carry torques too
+    python3 run.py --mobility            # matrices only: two proteins at several distances;
+                                         # blobs that carry torques too
 """
 import argparse
 import json
@@ -42,19 +43,19 @@ BLOB_RADIUS = 0.61  # nm, one bead a residue: Ortega et al., Biophys. J. 101, 89
 TEMPERATURE = 298.15  # K
 VISCOSITY = 0.890  # mPa s, water at 298.15 K
 GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
-# Average masses of amino acids in a chain, dalton, from the standard atomic weights; a chain has a
-# water more.
+# Average masses of amino acids in a chain, dalton, from the standard atomic weights. A whole chain
+# has a water more.
 RESIDUE_MASS = {
     'GLY': 57.05, 'ALA': 71.08, 'SER': 87.08, 'PRO': 97.12, 'VAL': 99.13, 'THR': 101.10,
     'CYS': 103.14, 'LEU': 113.16, 'ILE': 113.16, 'ASN': 114.10, 'ASP': 115.09, 'GLN': 128.13,
     'LYS': 128.17, 'GLU': 129.12, 'MET': 131.19, 'HIS': 137.14, 'PHE': 147.18, 'ARG': 156.19,
     'TYR': 163.18, 'TRP': 186.21
 }
-# Measured at 20 C, in water: Dubin, Clark and Benedek, J. Chem. Phys. 54, 5158 (1971). cm^2/s, 1/s;
-# value and error.
+# Measured at 20 C, in water: Dubin, Clark and Benedek, J. Chem. Phys. 54, 5158 (1971). Each has its
+# value and its error, in cm^2/s and 1/s.
 MEASURED_D_T, MEASURED_D_R = (10.6e-7, 0.1e-7), (16.7e6, 0.8e6)
 MEASURED_TEMPERATURE, MEASURED_VISCOSITY = 293.15, 1.002
-CM2_PER_S, PER_S = 1e-2, 1e12  # of 1 nm^2/ps, of 1/ps
+CM2_PER_S, PER_S = 1e-2, 1e12  # 1 nm^2/ps in cm^2/s, and 1/ps in 1/s
 
 
 # ---- The scene -----------------------------------------------------------------------------------
@@ -73,7 +74,7 @@ def readProtein(path=STRUCTURE):
 
 def makeContext(places, step, groups=None, temperature=TEMPERATURE, viscosity=VISCOSITY,
                 radius=BLOB_RADIUS, platformName='CPU', seed=1):
-    """A Context with the protein's centre of mass at each of `places`, all turned alike."""
+    """A Context with a protein's centre of mass at each of `places`; all have one orientation."""
     positions, masses = readProtein()
     positions = positions - masses @ positions/masses.sum()
     system = openmm.System()
@@ -101,7 +102,7 @@ def makeContext(places, step, groups=None, temperature=TEMPERATURE, viscosity=VI
 
 # ---- What theory says ----------------------------------------------------------------------------
 def twoRotations(integrator, body=0):
-    """diag(A, A): body frame to lab frame."""
+    """diag(A, A), where A turns the body frame into the lab frame."""
     w, x, y, z = integrator.getBodyOrientations()[body]
     return np.kron(np.eye(2), Rotation.from_quat([x, y, z, w]).as_matrix())
 
@@ -113,12 +114,18 @@ def bodyMobility(context, integrator, fluid):
 
 
 def relaxation(mobility, inertia):
-    """Relaxation times of the twist, ps, and the modes that have them: mobility v = time inverse(inertia) v."""
+    """Relaxation times of the twist, ps, and their modes.
+
+    A mode v and its time solve mobility v = time inverse(inertia) v.
+    """
     return eigh(mobility, np.diag(1/inertia))
 
 
 def diffusionAtStep(mobility, inertia, kT, h):
-    """The diffusion tensor that the scheme has at the step h: each mode's is larger by (h/2 tau) coth(h/2 tau)."""
+    """The diffusion tensor of the scheme at the time step h.
+
+    The part of each mode is larger than kT times mobility by the factor (h/2 tau) coth(h/2 tau).
+    """
     times, modes = relaxation(mobility, inertia)
     x = h/2/times
     left = np.linalg.inv(modes)
@@ -126,7 +133,10 @@ def diffusionAtStep(mobility, inertia, kT, h):
 
 
 def centreOfDiffusion(D):
-    """Where the translational tensor has its smallest trace, and that tensor: D about a point r from the origin."""
+    """The point where the translational tensor has its smallest trace, and the tensor about it.
+
+    D is the tensor about the origin; the point is given relative to the origin.
+    """
     rotation, coupling = D[3:, 3:], D[3:, :3]  # rows W, columns F
     skew = coupling - coupling.T
     # Moving by r makes the coupling C + D_r [r x], whose antisymmetric part is to vanish (Brenner
@@ -146,7 +156,10 @@ def moved(D, r):
 
 # ---- Measurement ---------------------------------------------------------------------------------
 def increments(start, end):
-    """Displacement and turn of bodies from start to end, (n, 6), in the frame half-way; start and end: positions, quaternions."""
+    """Displacements and turns of bodies from start to end, (n, 6), in the frame half-way.
+
+    start and end are each (positions, quaternions).
+    """
     before, after = (Rotation.from_quat(q[:, [1, 2, 3, 0]]) for _, q in (start, end))
     turns = (before.inv()*after).as_rotvec()
     midway = before*Rotation.from_rotvec(turns/2)
@@ -154,7 +167,10 @@ def increments(start, end):
 
 
 def runningSums(x, lags, delta):
-    """D(t) at t = 0, delta, ..., lags delta, (lags + 1, 6, 6), from increments x of shape (samples, bodies, 6)."""
+    """D(t) at t = 0, delta, ..., lags delta, shape (lags + 1, 6, 6).
+
+    x are the increments, of shape (samples, bodies, 6).
+    """
     samples, bodies, _ = x.shape
     terms = []
     for n in range(lags + 1):
@@ -179,11 +195,12 @@ def measure(context, integrator, blocks, samplesPerBlock, stepsPerSample, lags, 
 
 
 def compare(D, expected):
-    """
-    Blocks of measured tensors (blocks, 6, 6) against the expected one, both scaled to
-    expected^(-1/2) . expected^(-1/2), where the expected one is the identity: mean and standard
-    error of the 21 entries, and chi^2 with the errors that theory gives, 2 and 1 times one variance
-    for entries on and off the diagonal, that variance from the blocks' scatter of all of them.
+    """Blocks of measured tensors (blocks, 6, 6) against the expected tensor.
+
+    Both are scaled to expected^(-1/2) . expected^(-1/2), so that the expected tensor becomes the
+    identity. The result has the mean and the standard error of the 21 entries, and chi^2. Theory
+    gives the errors: they are 2 times one variance for entries on the diagonal, and 1 times it for
+    entries off the diagonal. This variance comes from the scatter of all entries over the blocks.
     """
     values, vectors = np.linalg.eigh(expected)
     scale = vectors @ np.diag(values**-0.5) @ vectors.T
@@ -203,7 +220,10 @@ def compare(D, expected):
 
 def diffusion(copies=64, step=0.01, sample=0.1, window=5.0, blockTime=200.0, total=1e6,
               platformName='CPU', seed=1, quiet=False):
-    """Measure and compare; `total` is in ps, summed over copies. Returns a dict and the running sums of all blocks."""
+    """Measure and compare: a dict of results, and the running sums of all blocks.
+
+    `total` is in ps, summed over copies.
+    """
     stepsPerSample = round(sample/step)
     lags, samplesPerBlock = round(window/sample), round(blockTime/sample)
     blocks = max(8, round(total/copies/blockTime))
@@ -223,7 +243,7 @@ def diffusion(copies=64, step=0.01, sample=0.1, window=5.0, blockTime=200.0, tot
     mean, error = D.mean(0), D.std(0, ddof=1)/np.sqrt(blocks)
     _, central = centreOfDiffusion(mean)
     _, centralExpected = centreOfDiffusion(expected)
-    # The isotropic averages, with the errors that the scatter of the blocks has.
+    # Averages over the axes, with errors from the scatter of the blocks.
     averages = {}
     for name, part, factor in (('translational', slice(0, 3), CM2_PER_S), ('rotational', slice(
             3, 6), PER_S)):
@@ -258,7 +278,10 @@ def diffusion(copies=64, step=0.01, sample=0.1, window=5.0, blockTime=200.0, tot
 
 
 def pair(distances=(3.5, 4.0, 5.0, 7.0, 10.0, 20.0)):
-    """Two proteins, turned alike, their centres on the x axis: how one moves when the other is pulled or turned."""
+    """Two proteins in one orientation: how one moves when the other is pulled or turned.
+
+    Their centres are on the x axis, at these distances in nm.
+    """
     rows = []
     for distance in distances:
         context, integrator, fluid = makeContext([(0, 0, 0), (distance, 0, 0)], 0.01,
@@ -278,7 +301,10 @@ def pair(distances=(3.5, 4.0, 5.0, 7.0, 10.0, 20.0)):
 
 
 def torqueCarryingBlobs():
-    """D_t in cm^2/s and D_r in 1/s, means of axes, if every blob were a sphere with torque that turns with the protein."""
+    """D_t in cm^2/s and D_r in 1/s, means of axes, if every blob carried a torque too.
+
+    Every blob is then a sphere with torque that turns with the protein.
+    """
     positions, masses = readProtein()
     positions = positions - masses @ positions/masses.sum()
     system = openmm.System()
@@ -286,7 +312,7 @@ def torqueCarryingBlobs():
     fluid.setViscosity(VISCOSITY*1e-3*unit.pascal*unit.second)
     integrator = CustomRigidHIIntegrator(TEMPERATURE, 0.01)
     integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
-    motion = []  # of every sphere, from that of the protein
+    motion = []  # of every sphere, from the motion of the protein
     for k, (x, y, z) in enumerate(positions):
         system.addParticle(1)
         fluid.addParticle(BLOB_RADIUS)
@@ -347,15 +373,15 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--copies', type=int, default=64)
-    parser.add_argument('--step', type=float, default=0.01, help='ps')
-    parser.add_argument('--sample', type=float, default=0.1, help='ps')
+    parser.add_argument('--step', type=float, default=0.01, help='time step, ps')
+    parser.add_argument('--sample', type=float, default=0.1, help='interval of a sample, ps')
     parser.add_argument('--window', type=float, default=5.0,
-                        help='ps over which the running sum goes')
-    parser.add_argument('--total', type=float, default=1e6, help='ps, summed over copies')
+                        help='time over which the running sum goes, ps')
+    parser.add_argument('--total', type=float, default=1e6, help='run time, ps, summed over copies')
     parser.add_argument('--platform', default='CPU')
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--mobility', action='store_true',
-                        help='only matrices: two proteins, blobs with torques')
+                        help='compute only matrices: two proteins, blobs with torques')
     parser.add_argument('--output', type=pathlib.Path, default=pathlib.Path('rigid_protein_output'))
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""Rigid proteins, all their atoms with PME, in a periodic fluid: saved, resumed, and what the fluid costs beside the forces.
+"""Rigid proteins with all their atoms and PME in a periodic fluid: runs, resumed runs, costs.
 
 Eight villin headpieces (from the PDB file that comes with OpenMM, with all hydrogens) are in a box
-of 7.2 nm. Between atoms act the charges and Lennard-Jones parameters of amber14, by NonbondedForce
-with PME; charges are divided by sqrt(78.4), so that Coulomb's law is that in water, which is not
-there as molecules. Each protein is one rigid body. In the same box a MobilityForce makes water
-around them: ForceCoupling with periodic images, a blob at every C-alpha, on a grid. They move by
-LangevinHI, with inertia, and by DriftCorrectorFD, without.
+of 7.2 nm. NonbondedForce with PME acts between atoms, with the charges and Lennard-Jones parameters
+of amber14. Water molecules are left out: charges are divided by sqrt(78.4), so that Coulomb's law
+is the law in water. Each protein is one rigid body. In the same box a MobilityForce stands for the
+water around the proteins: ForceCoupling with periodic images, a blob at every C-alpha, on a grid.
+The proteins move by LangevinHI, with inertia, and by DriftCorrectorFD, without inertia. The script
+checks that saved runs resume exactly, and measures what the fluid costs beside the forces.
 
     python3 run.py --output results      # half an hour on one core
     python3 run.py --quick               # seconds: three proteins
@@ -38,9 +39,9 @@ BLOB_RADIUS = 0.61  # nm, one bead a residue: Ortega et al., Biophys. J. 101, 89
 TEMPERATURE = 298.15  # K
 VISCOSITY = 0.890  # mPa s, water at 298.15 K
 PERMITTIVITY = 78.4  # of water at 298.15 K
-SPACING = 3.6  # nm between the places that proteins start from; a villin is 3.0 nm long
+SPACING = 3.6  # nm between the places where proteins start; a villin is 3.0 nm long
 CUTOFF = 1.0  # nm
-TOLERANCE = 1e-3  # of the fluid: the grid, and iterations
+TOLERANCE = 1e-3  # tolerance of the fluid: of the grid and of the iterations
 STEP = {'LangevinHI': 0.02, 'DriftCorrectorFD': 0.05
         }  # ps; momenta relax in 0.24 ps (translation) and 0.04 ps (rotation)
 SAMPLE = 0.1  # ps
@@ -53,7 +54,10 @@ def isCAlpha(atom):
 
 
 def readProtein(path=STRUCTURE):
-    """Topology and positions (atoms, 3) in nm of the protein in a PDB file, with hydrogens, about its middle."""
+    """Topology and positions of the protein in a PDB file, with hydrogens.
+
+    Positions have the shape (atoms, 3), in nm, relative to their mean.
+    """
     pdb = app.PDBFile(str(path))
     protein = app.Modeller(pdb.topology, pdb.positions)
     protein.delete([
@@ -68,7 +72,10 @@ def readProtein(path=STRUCTURE):
 
 @functools.lru_cache(maxsize=None)
 def makeSystem(cells, structure):
-    """Topology and System of one protein for each cell, with a NonbondedForce alone; and the charge of all, e."""
+    """Topology and System of one protein for each cell, and the charge of all atoms, e.
+
+    The System has a NonbondedForce alone.
+    """
     topology, shape = readProtein(structure)
     model = app.Modeller(topology, shape*unit.nanometer)
     for _ in range(int(np.prod(cells)) - 1):
@@ -85,7 +92,7 @@ def makeSystem(cells, structure):
 
 
 def putIntoWater(force):
-    """Divide charges by the root of water's permittivity; the charge of all, e, as it was."""
+    """Divide charges by the root of water's permittivity; return the sum of the old charges, e."""
     total = 0
     for i in range(force.getNumParticles()):
         charge, sigma, epsilon = force.getParticleParameters(i)
@@ -98,10 +105,12 @@ def putIntoWater(force):
 
 
 class Scene:
-    """Proteins on a lattice of cells[0] x cells[1] x cells[2] places, each turned at random, in a periodic box.
+    """Proteins on a lattice in a periodic box, each turned at random.
 
     Parameters
     ----------
+    cells : tuple of int
+        numbers of places of the lattice along x, y and z
     scheme : str
         'LangevinHI', 'DriftCorrectorFD', or 'LangevinC', which is without the fluid
     solver : int
@@ -138,7 +147,7 @@ class Scene:
             self.fluid.setViscosity(VISCOSITY*1e-3*unit.pascal*unit.second)
             for atom in self.topology.atoms():
                 self.fluid.addParticle(
-                    BLOB_RADIUS if isCAlpha(atom) else 0)  # 0: the fluid does not see it
+                    BLOB_RADIUS if isCAlpha(atom) else 0)  # 0: not seen by the fluid
             self.system.addForce(self.fluid)
         properties = {'Threads': '1'} if platformName == 'CPU' else {}
         self.simulation = app.Simulation(self.topology, self.system, self.integrator,
@@ -157,7 +166,10 @@ class Scene:
 
 # ---- Saved and resumed ---------------------------------------------------------------------------
 def resumed(cells, scheme, platformName, steps, seed, structure):
-    """Whether runs that go on from what was saved are the uninterrupted run: the largest difference of poses (nm, quaternions) at its end."""
+    """Whether a run that goes on from a State or checkpoint equals the uninterrupted run.
+
+    The result has the largest difference of poses (nm, quaternions) at the end.
+    """
     whole = Scene(cells, scheme, platformName, seed, structure)
     start = whole.poses()
     whole.simulation.step(steps)
@@ -174,7 +186,7 @@ def resumed(cells, scheme, platformName, steps, seed, structure):
     }
     for name in ('State', 'checkpoint'):
         again = Scene(cells, scheme, platformName, seed + 17,
-                      structure)  # another seed: that of the run is saved
+                      structure)  # another seed: the run's seed is in what is saved
         if name == 'State':
             again.context.setState(openmm.XmlSerializer.deserialize(state))
         else:
@@ -205,7 +217,7 @@ def smallestGap(scene):
 
 
 def move(cells, scheme, duration, platformName, seed, structure, quiet):
-    """A run: temperature, energy, displacements against kT times mobility, and where all ended."""
+    """A run: temperature, energy, displacements against kT times mobility; and its final Scene."""
     scene = Scene(cells, scheme, platformName, seed, structure)
     first = diffusionOfBodies(scene)
     every = round(SAMPLE/STEP[scheme])
@@ -243,8 +255,8 @@ def move(cells, scheme, duration, platformName, seed, structure, quiet):
             blocks = np.array([block.mean() for block in np.array_split(values, 8)])
             result[f'{name}_over_kT'] = [blocks.mean(), blocks.std(ddof=1)/8**0.5]
     else:
-        # Without momenta a displacement over a time in which mobility and forces hardly change has
-        # the variance 2 kT N t.
+        # Without momenta a displacement has the variance 2 kT N t, over a time in which mobility
+        # and forces hardly change.
         D = np.array([row['squares'].mean() for row in rows])/(2*every*STEP[scheme])
         result['D_from_displacements_nm2_per_ps'] = [D.mean(), D.std(ddof=1)/len(D)**0.5]
     return result, scene
@@ -254,7 +266,9 @@ def move(cells, scheme, duration, platformName, seed, structure, quiet):
 def prices(cells, rounds, steps, platformName, seed, structure, dense, quiet):
     """Milliseconds of a step with forces alone (Langevin C, no fluid) and with the fluid, in turns.
 
-    On a busy machine the clock goes on while others compute: parts are those of the round that took least, medians stand beside."""
+    Steps are timed by the clock, which also counts what other processes compute. So the parts are
+    those of the fastest round, and medians are given too.
+    """
     kinds = {
         'forces alone, Langevin C': ('LangevinC', MobilityForce.Auto),
         'LangevinHI': ('LangevinHI', MobilityForce.Auto),
@@ -306,7 +320,8 @@ def prices(cells, rounds, steps, platformName, seed, structure, dense, quiet):
 
 
 def priceTable(results):
-    yield '| proteins, atoms | step | ms, least (median) | of it in forces | in the fluid | fluid over forces | in transforms | iterations |'
+    yield ('| proteins, atoms | step | ms, least (median) | of it in forces | in the fluid | '
+           'fluid over forces | in transforms | iterations |')
     yield '|---'*8 + '|'
     for price in results:
         for name, row in price['kinds'].items():
@@ -319,7 +334,7 @@ def priceTable(results):
 
 # ---- Results -------------------------------------------------------------------------------------
 def drawScene(scene, path):
-    """The proteins' blobs where they are now, nearer ones brighter."""
+    """The blobs of the proteins where they are now; nearer blobs are brighter."""
     plt = pyplot()
     from matplotlib.collections import EllipseCollection
     figure, axes = plt.subplots(figsize=(6, 6), constrained_layout=True)
@@ -363,14 +378,14 @@ def drawPrices(results, path):
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--quick', action='store_true', help='seconds: three proteins')
+    parser.add_argument('--quick', action='store_true', help='three proteins, for seconds')
     parser.add_argument('--part', choices=('all', 'runs', 'prices'), default='all')
     parser.add_argument('--duration', type=float, default=200.0,
-                        help='ps by DriftCorrectorFD; a tenth of it by LangevinHI')
-    parser.add_argument('--rounds', type=int, default=9, help='rounds of the prices')
+                        help='run time of DriftCorrectorFD, ps; LangevinHI runs a tenth of it')
+    parser.add_argument('--rounds', type=int, default=9, help='rounds in which costs are measured')
     parser.add_argument('--pdb', type=pathlib.Path, default=STRUCTURE,
-                        help='the protein (the villin that comes with OpenMM)')
-    parser.add_argument('--platform', default='CPU', help='of the runs; one thread on CPU')
+                        help='PDB file of the protein (the villin that comes with OpenMM)')
+    parser.add_argument('--platform', default='CPU', help='platform of the runs; one thread on CPU')
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--output', type=pathlib.Path,
                         default=pathlib.Path('rigid_proteins_output'))

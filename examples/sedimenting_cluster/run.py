@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A cluster of spheres falls in a fluid, twenty times as fast as one sphere alone, and leaves some spheres behind.
+"""A cluster of spheres falls twenty times as fast as one sphere, and leaves some behind.
 
     python3 run.py                     # ten seconds; draws picture.png
 """
@@ -10,8 +10,9 @@ import openmm
 
 from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForce, app
 
-#: Spheres of radius 1 and weight 6 pi eta, so that one sphere alone falls by its radius in a time
-#: of 1; all in OpenMM's units.
+#: The number of spheres, the radius of the cluster, and the weight of a sphere. A sphere has radius
+#: 1 and weight 6 pi eta, so that alone it falls by its radius in a time of 1; all in OpenMM's
+#: units.
 NUMBER, CLUSTER, WEIGHT = 200, 12.0, 6*np.pi
 
 
@@ -49,7 +50,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--steps', type=int, default=80,
                         help='time steps between two pictures (default 80)')
-    parser.add_argument('--seed', type=int, default=1, help='of the positions (default 1)')
+    parser.add_argument('--seed', type=int, default=1, help='seed of the positions (default 1)')
     parser.add_argument('--picture', default='picture.png',
                         help='file to draw (default picture.png)')
     arguments = parser.parse_args()

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Two colloids are pushed together: with lubrication their surfaces never touch, without it they do.
+"""Two colloids are pushed together: their surfaces touch only without lubrication.
 
     python3 run.py                     # seconds; draws picture.png
 """
@@ -11,7 +11,7 @@ from openmm import unit
 
 from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForce
 
-#: Radius of both, nm; the force on each, kJ/mol/nm; the viscosity of water.
+#: Radius of both colloids, nm; the force on each, kJ/mol/nm; the viscosity of water.
 RADIUS, FORCE, VISCOSITY = 10.0, 100.0, 0.89e-3*unit.pascal*unit.second
 #: The models, and whether pairs are lubricated.
 MODELS = {
@@ -22,13 +22,16 @@ MODELS = {
 
 
 def approach(model, lubrication, gap=1.0, duration=2.0, steps=2000):
-    """Times, in that one colloid alone takes for its radius, and gaps between the surfaces in radii, until they touch. There is no noise: T = 0."""
+    """Times and gaps between the surfaces, until these touch, at T = 0, without noise.
+
+    The unit of time is the time in which one colloid alone moves by its radius. Gaps are in radii.
+    """
     system, fluid = openmm.System(), MobilityForce()
     fluid.setModel(model)
     fluid.setLubrication(lubrication)
     fluid.setViscosity(VISCOSITY)
     alone = 6*np.pi*fluid.getViscosity(
-    )._value*RADIUS**2/FORCE  # the time that one colloid alone takes for its radius, ps
+    )._value*RADIUS**2/FORCE  # the time in which one colloid alone moves by its radius, ps
     integrator = CustomRigidHIIntegrator(0, duration*alone/steps)
     integrator.setScheme(integrator.FixmanMidpoint)
     push = CustomBodyForce('push', '0', '0', '0', '0', '0')

@@ -1,9 +1,9 @@
 #!/usr/bin/python3
-"""The main job: a box of TIP4P-Ew water, every molecule one rigid body, under Langevin C.
+"""A box of TIP4P-Ew water, every molecule one rigid body, under Langevin C.
 
     /usr/bin/python3 run.py --output water_demo_output
 
-README.md in this folder goes through it step by step.
+README.md in this folder explains the script step by step.
 """
 import argparse
 import json
@@ -20,23 +20,24 @@ import openmmrigidhi
 
 TEMPERATURE = 300*unit.kelvin
 STEP, EQUILIBRATION_STEP = 2*unit.femtosecond, 4*unit.femtosecond
-FRICTION, ROTATIONAL_FRICTION = 5/unit.picosecond, 10/unit.picosecond  # gamma and Gamma of Davidchack 2015
+# gamma and Gamma of Davidchack 2015.
+FRICTION, ROTATIONAL_FRICTION = 5/unit.picosecond, 10/unit.picosecond
 SEED = 2015
 REPORT_INTERVAL = 25  # steps between lines of the table
 FRAME_INTERVAL = 100  # steps between frames of the DCD and the body-state file
-BLOCKS = 5  # of each half, for the error bars: 2 ps each
+BLOCKS = 5  # blocks of each half, for the error bars: 2 ps each
 GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
 
-# Kinetic temperatures of Langevin C at a finite step h read low by E_A h^2 (Davidchack 2015, Table
-# 1, for the original TIP4P), K/fs^2. Averages over configurations, as U, the pressure or an RDF,
-# are hit far less.
+# Kinetic temperatures of Langevin C at a finite time step h are too low by E_A h^2, with E_A in
+# K/fs^2 (Davidchack 2015, Table 1, for the original TIP4P). Averages over configurations (U, the
+# pressure, an RDF) have much smaller errors.
 TRANSLATIONAL_SLOPE, ROTATIONAL_SLOPE = 0.135, 0.803
 
 # ---- The simulation ------------------------------------------------------------------------------
 
 
 def makeSimulation(topology, forceField, platform, cutoff=0.9*unit.nanometer):
-    """An ordinary OpenMM Simulation but for its integrator."""
+    """An ordinary OpenMM Simulation, except for its integrator."""
     system = forceField.createSystem(topology, nonbondedMethod=app.PME, nonbondedCutoff=cutoff)
     integrator = openmmrigidhi.CustomRigidHIIntegrator(TEMPERATURE, STEP)
     integrator.setScheme(integrator.LangevinC)
@@ -48,7 +49,7 @@ def makeSimulation(topology, forceField, platform, cutoff=0.9*unit.nanometer):
 
 
 def addReporters(simulation, output, append):
-    """A trajectory for viewers, the states of the bodies for analysis, and a table of temperatures and energies."""
+    """Add reporters: a trajectory for viewers, body states for analysis, a table of energies."""
     simulation.reporters = [
         app.DCDReporter(str(output/'trajectory.dcd'), FRAME_INTERVAL, append=append,
                         enforcePeriodicBox=True),
@@ -124,7 +125,7 @@ def require(condition, text):
 
 
 def referenceCheck(topology, positions, forceField, output, steps):
-    """On the Reference platform a run that is stopped and resumed is bit for bit the uninterrupted one."""
+    """Check bit for bit, on Reference, that a resumed run equals the uninterrupted run."""
     edge, margin = 1.5, 0.1  # nm; the margin keeps molecules at opposite faces apart
     modeller = app.Modeller(topology, positions*unit.nanometer)
     modeller.delete([
@@ -162,20 +163,23 @@ def referenceCheck(topology, positions, forceField, output, steps):
 
 
 def mean(series, blocks=BLOCKS):
-    """Mean and its standard error from the scatter of block means, which are nearly independent of each other."""
+    """Mean and its standard error.
+
+    The error comes from the scatter of block means, which are nearly independent of each other.
+    """
     blockMeans = np.array([block.mean() for block in np.array_split(series, blocks)])
     return series.mean(), blockMeans.std(ddof=1)/np.sqrt(blocks)
 
 
 def readTable(file):
-    """The columns of the reporter's table by short names."""
+    """The columns of the reporter's table, by short names."""
     rows = np.genfromtxt(file, delimiter=',', names=True, deletechars='')
     names = dict(zip(('time', 'U', 'T', 'T_trans', 'T_rot1', 'T_rot2', 'T_rot3'), rows.dtype.names))
     return {short: rows[name] for short, name in names.items()}
 
 
 def radialDistributions(states, largest=0.9, bins=180):
-    """g(r) of O-O, O-H and H-H between molecules, from the poses of the bodies in the body-state file."""
+    """g(r) of O-O, O-H and H-H between molecules, from the poses in the body-state file."""
     from scipy.spatial import cKDTree
     sites = np.array([s._value[:3]
                       for s in states.sitePositions])  # O, H, H of each molecule in its body frame
@@ -281,7 +285,7 @@ def expectedTemperatures():
 
 
 def evaluate(table, statistics, seconds, steps, molecules):
-    """Means with errors of both halves together, speed, and the integrator's own share of a step."""
+    """Means with errors of both halves together, speed, and the integrator's share of a step."""
     results = {
         name: mean(table[name], 2*BLOCKS)
         for name in ('T_trans', 'T_rot1', 'T_rot2', 'T_rot3')
@@ -345,7 +349,7 @@ def main():
     parser.add_argument('--output', type=pathlib.Path, default=pathlib.Path('water_demo_output'),
                         help='folder for results')
     parser.add_argument('--short', action='store_true',
-                        help='a few hundred steps only, to test the script')
+                        help='take only a few hundred steps, to test the script')
     arguments = parser.parse_args()
     output = arguments.output
     output.mkdir(parents=True, exist_ok=True)
@@ -362,7 +366,7 @@ def main():
     print(simulation.integrator.describeEffects())
 
     print('2. Minimise, equilibrate')
-    # A few iterations take out what rounding in the file has done; more would only freeze what must
+    # A few iterations remove what rounding in the file has done. More would freeze what must then
     # be warmed up again.
     openmmrigidhi.app.minimize(simulation.context, maxIterations=5)
     simulation.context.setVelocitiesToTemperature(TEMPERATURE, SEED)
@@ -379,7 +383,7 @@ def main():
     statistics = [(before, simulation.integrator.getStepStatistics())]
     save(simulation, output)
     saved, savedEnergy = snapshot(simulation)
-    # A few more steps, not recorded: what an uninterrupted run does.
+    # A few more steps, not recorded: the end of the uninterrupted run.
     simulation.reporters = []
     simulation.step(witnessed)
     uninterrupted, _ = snapshot(simulation)

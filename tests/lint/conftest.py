@@ -11,7 +11,8 @@ CPP_DIRECTORIES = ('openmmapi', 'platforms', 'serialization', 'tests', 'benchmar
 
 
 def git_files(*patterns):
-    """Files that are in the repository, or would be if they were added, as paths relative to its root."""
+    """Files that are in the repository, or would be if they were added, as paths relative to its
+    root."""
     command = [
         'git', '-c', f'safe.directory={ROOT}', 'ls-files', '-z', '--cached', '--others',
         '--exclude-standard', '--', *patterns
@@ -49,7 +50,8 @@ def build_directory(package_directory):
 
 @pytest.fixture
 def run_python():
-    """Run a Python script in a process of its own, with this openmmrigidhi or another; returns the finished process."""
+    """Run a Python script in a process of its own, with this openmmrigidhi or another; returns the
+    finished process."""
     def run(source, cwd, path=None, timeout=120):
         environment = dict(os.environ, MPLBACKEND='Agg',
                            PYTHONPATH=str(path or os.environ.get('PYTHONPATH', '')))

@@ -1,4 +1,5 @@
-"""The C++ headers, the SWIG interface and the Python classes declare the same methods, parameters and constants."""
+"""The C++ headers, the SWIG interface and the Python classes declare the same methods, parameters
+and constants."""
 import enum
 import inspect
 import re

@@ -21,7 +21,8 @@ def modules():
 
 
 def public_objects():
-    """(name, object) of public modules, functions, classes and methods that this package defines."""
+    """(name, object) of public modules, functions, classes and methods that this package defines.
+    """
     for module in modules():
         yield module.__name__, module
         for name, value in vars(module).items():

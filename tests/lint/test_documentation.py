@@ -61,7 +61,8 @@ def test_make_targets_that_are_named_exist():
 
 
 def test_every_public_method_is_in_a_guide_or_documented_reference():
-    """What a user guide need not repeat is in docstrings; but no guide may name a method that is not there."""
+    """What a user guide need not repeat is in docstrings; but no guide may name a method that is
+    not there."""
     import openmmrigidhi
     known = set(dir(openmmrigidhi.CustomRigidHIIntegrator)) | set(dir(openmmrigidhi)) | set(
         dir(openmmrigidhi.app))

@@ -69,7 +69,8 @@ def strip_cpp_comments(text):
 
 
 def literals(text):
-    """The string literals of C++ code; adjacent ones are joined, with GAP where code stands between."""
+    """The string literals of C++ code; adjacent ones are joined, with GAP where code stands
+    between."""
     pieces = re.findall(r'"((?:\\.|[^"\\])*)"(\s*(?=")|)', text)
     joined = ''
     for literal, adjacent in pieces:
@@ -124,7 +125,8 @@ def normalise(text):
 
 
 def test_strings():
-    """All string literals in test files (not of this directory), cut where a pattern leaves room."""
+    """All string literals in test files (not of this directory), cut where a pattern leaves room.
+    """
     found = set()
     for name in git_files('tests/*', 'platforms/*/tests/*'):
         if name.startswith('tests/lint/'):

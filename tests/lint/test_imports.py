@@ -1,4 +1,5 @@
-"""Imports among the modules of the Python package: none goes round in a circle, and none hides in a function."""
+"""Imports among the modules of the Python package: none goes round in a circle, and none hides in a
+function."""
 import ast
 
 import pytest
@@ -24,7 +25,8 @@ def python_modules():
 
 
 def imports(name, source, isPackage, known):
-    """What a module imports of the known ones: (line, imported module, whether within a function)."""
+    """What a module imports of the known ones: (line, imported module, whether within a function).
+    """
     package = name if isPackage else name.rpartition('.')[0]
     found = []
 
@@ -52,14 +54,16 @@ def imports(name, source, isPackage, known):
 
 
 def needs(name, imported):
-    """The modules that run before the importing one goes on: the imported one, and the packages on the way to it that are not its own."""
+    """The modules that run before the importing one goes on: the imported one, and the packages on
+    the way to it that are not its own."""
     parts = imported.split('.')
     chain = ['.'.join(parts[:k]) for k in range(1, len(parts) + 1)]
     return [one for one in chain if one == imported or not (name + '.').startswith(one + '.')]
 
 
 def circles(graph):
-    """Circles of a graph {node: nodes}: for each node that is on one, the shortest from it, each circle once."""
+    """Circles of a graph {node: nodes}: for each node that is on one, the shortest from it, each
+    circle once."""
     found = {}
     for start in graph:
         before, queue = {}, [start]
@@ -110,7 +114,8 @@ def test_reasons_are_still_needed():
 
 
 def test_what_counts_as_a_circle():
-    """Two modules that import each other, also from within a function; two packages by way of what their __init__ imports."""
+    """Two modules that import each other, also from within a function; two packages by way of what
+    their __init__ imports."""
     sources = {
         'p': '', 'p.a': 'from .b import x\ndef f():\n    from . import c', 'p.b': 'import numpy',
         'p.c': 'from . import a', 'p.one': 'from .top import x',

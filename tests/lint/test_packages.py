@@ -1,4 +1,5 @@
-"""packages-debian.txt holds what is imported and included, site/packages-debian.txt what Sphinx is told to use."""
+"""packages-debian.txt holds what is imported and included, site/packages-debian.txt what Sphinx is
+told to use."""
 import ast
 import re
 import sys

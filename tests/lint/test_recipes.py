@@ -1,4 +1,7 @@
-"""The recipes can be followed step by step, and a step that cannot is an error. `make recipes` builds and tests what they make."""
+"""The recipes can be followed step by step, and a step that cannot is an error.
+
+`make recipes` builds and tests what they make.
+"""
 import importlib.util
 
 import pytest

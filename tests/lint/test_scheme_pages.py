@@ -1,4 +1,5 @@
-"""Every scheme and every model has its page: sections in one order, examples, facts that the library and the benchmarks have, too."""
+"""Every scheme and every model has its page: sections in one order, examples, facts that the
+library and the benchmarks have, too."""
 import json
 import re
 

@@ -1,4 +1,5 @@
-"""Every property that has a setter survives XML, copying and pickling with a value that is not its default."""
+"""Every property that has a setter survives XML, copying and pickling with a value that is not its
+default."""
 import copy
 import pickle
 

@@ -1,4 +1,5 @@
-"""The site: it is built without a warning, has a page of everything public, and its check finds what it is there to find."""
+"""The site: it is built without a warning, has a page of everything public, and its check finds
+what it is there to find."""
 import enum
 import importlib.util
 import inspect

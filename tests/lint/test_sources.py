@@ -1,4 +1,5 @@
-"""Sources: layout, self-contained headers, scheme headers, no leftovers, no paths of a particular machine."""
+"""Sources: layout, self-contained headers, scheme headers, no leftovers, no paths of a particular
+machine."""
 import pathlib
 import re
 import shutil
@@ -95,7 +96,8 @@ def test_public_header_compiles_alone(header, tmp_path):
 
 
 def compiled_first():
-    """Headers that some source has as its first line of code: where the build compiled that source, they need nothing before them."""
+    """Headers that some source has as its first line of code: where the build compiled that source,
+    they need nothing before them."""
     sources = git_files('platforms/common/*.cpp')
     first_lines = (re.search(r'^[ ]*[^/\s].*', read(source), flags=re.M) for source in sources)
     included = (re.match(r'#include "([^"]+)"', line.group()) for line in first_lines if line)
@@ -129,7 +131,8 @@ def test_scheme_opens_with_its_description(scheme):
 
 
 def test_pages_know_the_schemes():
-    """The table of the user guide is made from the list of schemes, and every scheme has its equations."""
+    """The table of the user guide is made from the list of schemes, and every scheme has its
+    equations."""
     assert _schemes.markdown() in read('docs/USER_GUIDE.md'), \
         f'put this table into docs/USER_GUIDE.md, "Schemes, and how to choose":\n{_schemes.markdown()}'
     for traits in _schemes.TABLE:
@@ -139,7 +142,8 @@ def test_pages_know_the_schemes():
 
 
 def test_no_scheme_is_known_by_its_number():
-    """What is true of some schemes is a column of the list (SchemeList.h), or a case of a switch without default."""
+    """What is true of some schemes is a column of the list (SchemeList.h), or a case of a switch
+    without default."""
     for source in git_files('openmmapi/*.cpp', 'platforms/*.cpp', 'platforms/*.h',
                             'serialization/*.cpp'):
         assert not re.search(r'[sS]cheme(\(\))?[ ]*[<>]=?[ ]*(CustomRigidHIIntegrator::)?[A-Z]',
@@ -147,7 +151,8 @@ def test_no_scheme_is_known_by_its_number():
 
 
 def test_statistics_that_sanitizers_leave_out_are_tests():
-    """tests/CMakeLists.txt names them; a test that is renamed there must not come back to the sanitizers unnoticed."""
+    """tests/CMakeLists.txt names them; a test that is renamed there must not come back to the
+    sanitizers unnoticed."""
     lists = re.findall(r'^set\(RIGIDHI_STATISTICS\w*\n(.*?)\)$', read('tests/CMakeLists.txt'),
                        flags=re.S | re.M)
     named = re.findall(r'(\w+)\.(\w+)(\*?)', re.sub(r'#.*', '', '\n'.join(lists)))

@@ -130,7 +130,8 @@ def dieOften(x, job):
 
 
 def countTogether(x, job):
-    """How many tasks were at work at a time while this one was; it waits until they are as many as wanted, 20 s at most, then 1 s for more."""
+    """How many tasks were at work at a time while this one was; it waits until they are as many as
+    wanted, 20 s at most, then 1 s for more."""
     wanted, number = x
     mine, seen = os.path.join(os.environ[MARKS], f'working{wanted}_{number}'), 0
     open(mine, 'w').close()

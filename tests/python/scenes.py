@@ -7,7 +7,8 @@ import openmmrigidhi
 
 
 class WaterBox:
-    """TIP4P-Ew waters on a cubic lattice, randomly oriented, at the density of water, with a reaction field."""
+    """TIP4P-Ew waters on a cubic lattice, randomly oriented, at the density of water, with a
+    reaction field."""
     def __init__(self, side, rigidWater=True, nonbondedMethod=app.CutoffPeriodic, seed=1):
         spacing = (18.015/(0.997*602.2))**(1/3)  # nm; 0.997 g/mL
         self.box = side*spacing
@@ -57,7 +58,8 @@ def _lattice(side, spacing, random):
 
 
 def dumbbells(count, spacing=1.0):
-    """A System without forces of two-particle molecules, no constraints, with positions (nm) and explicit definitions.
+    """A System without forces of two-particle molecules, no constraints, with positions (nm) and
+    explicit definitions.
 
     Each entry of the definitions is what addRigidBody() takes.
     """

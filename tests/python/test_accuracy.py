@@ -1,4 +1,5 @@
-"""openmmrigidhi.accuracy: statistics on synthetic numbers, the advice it gives, and known orders on a scene with exact answers.
+"""openmmrigidhi.accuracy: statistics on synthetic numbers, the advice it gives, and known orders on
+a scene with exact answers.
 
 Statistical tests have fixed seeds and print z; the limit of 4.5 is passed by chance with
 probability 7e-6 per comparison.
@@ -38,7 +39,8 @@ def autoregressive(n, rho, rng):
 
 
 def syntheticResult(errors, sigma, reference=100.0, unstable=(), observable='potential_energy'):
-    """A result with given errors: {method: {step in fs: error}}, equal standard errors, 10 ns/day per fs (LangevinMiddle: 8)."""
+    """A result with given errors: {method: {step in fs: error}}, equal standard errors, 10 ns/day
+    per fs (LangevinMiddle: 8)."""
     rows = []
     for method, points in errors.items():
         for fs, error in points.items():
@@ -432,7 +434,8 @@ firstCoordinate.exact = 0.0
 
 
 class TestKnownOrders(unittest.TestCase):
-    """Harmonic trap, w = 100/ps: C has <x^2> exact, T (1 - h^2 w^2/4); B the other way round; rotation per axis stays at T."""
+    """Harmonic trap, w = 100/ps: C has <x^2> exact, T (1 - h^2 w^2/4); B the other way round;
+    rotation per axis stays at T."""
     @classmethod
     def setUpClass(cls):
         cls.scene = accuracy.scenes.trap(bodies=150, gamma=20, Gamma=40)

@@ -1,4 +1,5 @@
-"""openmmrigidhi.accuracy: methods by name with frictions, heavy hydrogens and reciprocal space less often; the dipole moment and diffusion.
+"""openmmrigidhi.accuracy: methods by name with frictions, heavy hydrogens and reciprocal space less
+often; the dipole moment and diffusion.
 
 Statistical tests have fixed seeds and print z; the limit of 4.5 is passed by chance with
 probability 7e-6 per comparison.
@@ -20,7 +21,8 @@ SIDE = 3.0
 
 
 def ions(charges=(-0.8, 0.5, 0.3), bodies=4, temperature=300.0, gamma=5.0, free=False):
-    """Triangles with charges in a periodic box with PME, held by constraints; free: without any force."""
+    """Triangles with charges in a periodic box with PME, held by constraints; free: without any
+    force."""
     shape = np.array([[0, 0, 0], [0.1, 0, 0], [-0.03, 0.09, 0]])
     system = openmm.System()
     system.setDefaultPeriodicBoxVectors(*(SIDE*np.eye(3)))

@@ -1,4 +1,5 @@
-"""openmmrigidhi.accuracy: what a number costs, bias and noise together, on synthetic series and on oscillators with exact correlation times.
+"""openmmrigidhi.accuracy: what a number costs, bias and noise together, on synthetic series and on
+oscillators with exact correlation times.
 
 Statistical tests have fixed seeds; bounds are 4.5 standard deviations of what is counted (passed by
 chance with probability 7e-6), unless said.
@@ -53,7 +54,8 @@ def resultOf(settings, observables=(OBSERVABLE,), rounds=7, clock='wall'):
 
 
 def record(series, interval, seconds, rounds=7, equilibration=1.0, rng=None):
-    """A run: samples by observable, ps between them, seconds that the steps took; 10 % of scatter between the rounds if there is an rng."""
+    """A run: samples by observable, ps between them, seconds that the steps took; 10 % of scatter
+    between the rounds if there is an rng."""
     n = len(next(iter(series.values())))
     scatter = np.ones(rounds) if rng is None else np.exp(0.1*rng.normal(size=rounds))
     return measurement.Record(interval, {name: list(values)
@@ -63,7 +65,8 @@ def record(series, interval, seconds, rounds=7, equilibration=1.0, rng=None):
 
 
 def knownResult(settings, sigma=1e-6, **kwargs):
-    """A result with given numbers: settings are (method, fs, bias, noise in unit^2 ps, equilibration in ps); a step takes 1 ms."""
+    """A result with given numbers: settings are (method, fs, bias, noise in unit^2 ps,
+    equilibration in ps); a step takes 1 ms."""
     result = resultOf([(method, fs,
                         record({OBSERVABLE: REFERENCE + np.random.default_rng(1).normal(size=50)},
                                0.1, 0.001, equilibration=left))
@@ -93,7 +96,8 @@ def test_time_and_error_belong_together():
 
 
 def test_noise_of_a_series_and_what_is_known_of_it():
-    """2 tau variance of autoregressive series of 60 to 100 correlation times: its mean, its spread, coverage of its interval."""
+    """2 tau variance of autoregressive series of 60 to 100 correlation times: its mean, its spread,
+    coverage of its interval."""
     rng, cases, outside = np.random.default_rng(5), 600, 0
     for rho, length in ((0.6, 200), (0.9, 950)):
         tau = 0.5 + rho/(1 - rho)
@@ -233,7 +237,8 @@ def test_a_biased_setting_is_never_recommended_however_fast():
 
 
 def test_coverage_of_times_and_errors():
-    """Series of 80 correlation times with known bias: how often intervals of 95 % hold the true time, and the true error after it.
+    """Series of 80 correlation times with known bias: how often intervals of 95 % hold the true
+    time, and the true error after it.
 
     The bias is known to 0.16 in units of the wanted error, the noise to 0.45 of itself.
     """
@@ -266,7 +271,8 @@ def test_coverage_of_times_and_errors():
 
 
 def test_the_truly_cheapest_is_named():
-    """Two settings, one 1.3 times as dear: the cheaper one is recommended, or said not to be distinguishable; and with long runs recommended."""
+    """Two settings, one 1.3 times as dear: the cheaper one is recommended, or said not to be
+    distinguishable; and with long runs recommended."""
     rng, rho = np.random.default_rng(9), 0.8
     for n, cases, least in ((400, 150, 0), (20000, 60, 55)):
         lost = recommended = 0
@@ -407,7 +413,8 @@ def test_the_documented_prices_are_those_of_the_committed_result():
 
 @pytest.mark.parametrize('scene', ['boomerang', 'suspension'])
 def test_studies_without_momenta_have_prices(scene):
-    """Replicas share the noise: a run of all of them has the standard error that was measured, after its own time."""
+    """Replicas share the noise: a run of all of them has the standard error that was measured,
+    after its own time."""
     result = StudyResult.fromJson(
         os.path.join(STUDIES, 'overdamped', 'results', scene, 'results.json'))
     for observable in result.observables:
@@ -546,7 +553,8 @@ class Friction:
 
 
 def oscillator(gamma, h):
-    """One step of LangevinB for a coordinate in units of its thermal spread, (x, p): the map, and the stationary covariance.
+    """One step of LangevinB for a coordinate in units of its thermal spread, (x, p): the map, and
+    the stationary covariance.
 
     Half an Ornstein-Uhlenbeck step, half a kick, a drift, half a kick, half an Ornstein-Uhlenbeck
     step.
@@ -561,7 +569,8 @@ def oscillator(gamma, h):
 
 
 def exactEnergy(gamma, h, interval):
-    """Mean of x^2 (1 as the step vanishes) and integrated autocorrelation time of x^2 in ps, sampled at an interval of whole steps.
+    """Mean of x^2 (1 as the step vanishes) and integrated autocorrelation time of x^2 in ps,
+    sampled at an interval of whole steps.
 
     For a Gaussian process that of x^2 is the square of that of x.
     """
@@ -577,7 +586,8 @@ def exactEnergy(gamma, h, interval):
 
 @pytest.fixture(scope='module')
 def oscillators():
-    """The trap, with three frictions and two steps; every step is taken to cost 1 ms, so that exact prices are known."""
+    """The trap, with three frictions and two steps; every step is taken to cost 1 ms, so that exact
+    prices are known."""
     scene = accuracy.scenes.trap(bodies=10, frequency=FREQUENCY)
     methods = [accuracy.Method(f'friction {gamma}', Friction(gamma), 2) for gamma in (8, 120, 2500)]
     result = accuracy.StepSizeStudy(scene, methods, [0.002, 0.004, 0.008], platform='Reference',

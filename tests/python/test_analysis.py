@@ -1,4 +1,5 @@
-"""openmmrigidhi.analysis: exact motions, random ones with known answers, and the centres of real mobilities."""
+"""openmmrigidhi.analysis: exact motions, random ones with known answers, and the centres of real
+mobilities."""
 import re
 
 import numpy as np
@@ -110,7 +111,8 @@ def test_frames_beyond_whole_blocks_are_left_out_at_the_start():
 
 
 def test_from_a_file_of_body_states(tmp_path):
-    """What RigidBodyReporter wrote goes in as it is read: a body without forces moves along a straight line."""
+    """What RigidBodyReporter wrote goes in as it is read: a body without forces moves along a
+    straight line."""
     system, integrator = openmm.System(), openmmrigidhi.CustomRigidHIIntegrator(0, 0.002)
     for _ in range(2):
         system.addParticle(10)
@@ -179,7 +181,8 @@ def test_free_diffusion(freeDiffusion, independent):
 
 
 def test_errors_of_overlapping_lags(freeDiffusion):
-    """The variance of a one-dimensional mean over K overlapping lags of n steps (Qian, Sheetz, Elson 1991) is exact."""
+    """The variance of a one-dimensional mean over K overlapping lags of n steps (Qian, Sheetz,
+    Elson 1991) is exact."""
     msd = analysis.translationalMSD(freeDiffusion, still(1000,
                                                          100), 0.5, (0, 0, 0), lags=[1, 3, 10, 24],
                                     numBlocks=20, independentBodies=True).component((1, 0, 0))
@@ -386,7 +389,8 @@ def test_the_planar_angle_diffuses_with_its_mobility(boomerang):
 
 @pytest.fixture(scope='module')
 def brownianBoomerangs(boomerang):
-    """1000 free boomerangs, 1000 frames of 0.05 s, tracked at the centre of mobility: steps of the constant body-frame tensor.
+    """1000 free boomerangs, 1000 frames of 0.05 s, tracked at the centre of mobility: steps of the
+    constant body-frame tensor.
 
     About that point a step from the frame at its start needs no drift. Lengths in um, times in s.
     """

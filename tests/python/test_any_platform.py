@@ -1,4 +1,5 @@
-"""The integrator on a platform that keeps particles on a device: OpenCL, which a processor can be, too, stands for all of them.
+"""The integrator on a platform that keeps particles on a device: OpenCL, which a processor can be,
+too, stands for all of them.
 
 Forces are the device's, all else is the host's, so a few steps differ from those on Reference by
 the rounding of forces and positions.
@@ -20,7 +21,8 @@ REFERENCE = openmm.Platform.getPlatformByName('Reference')
 
 
 def device():
-    """The OpenCL platform, in double precision; a skip that says why where there is no device for it."""
+    """The OpenCL platform, in double precision; a skip that says why where there is no device for
+    it."""
     names = [
         openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())
     ]
@@ -44,7 +46,8 @@ def opencl():
 
 
 def trimers(scheme):
-    """Three bodies that feel each other through a fluid if the scheme wants one, in a trap, one driven."""
+    """Three bodies that feel each other through a fluid if the scheme wants one, in a trap, one
+    driven."""
     system, integrator, momenta = openmm.System(), CustomRigidHIIntegrator(
         300, 0.002), not scheme.isOverdamped
     integrator.setScheme(scheme.number)

@@ -1,4 +1,5 @@
-"""The Python API of CustomRigidHIIntegrator: units, shapes, constants, and that bad input is refused with a reason."""
+"""The Python API of CustomRigidHIIntegrator: units, shapes, constants, and that bad input is
+refused with a reason."""
 import gc
 import os
 import shutil
@@ -496,7 +497,8 @@ def test_body_states_come_back_as_set(platform):
 
 
 def _turn(q, vector):
-    """q (w, x, y, z) turns body-frame vectors into lab-frame ones: v + 2 w (u x v) + 2 u x (u x v)."""
+    """q (w, x, y, z) turns body-frame vectors into lab-frame ones: v + 2 w (u x v) + 2 u x (u x v).
+    """
     w, u = q[0], q[1:]
     return np.array(vector) + 2*w*np.cross(u, vector) + 2*np.cross(u, np.cross(u, vector))
 
@@ -778,7 +780,8 @@ def test_a_library_that_does_not_load_fails_loudly(tmp_path):
 
 
 def test_another_copy_of_the_library_is_not_mixed_in(tmp_path):
-    """The loader would take a library of the same name that is there already: that of a Debian package, say, for a build tree."""
+    """The loader would take a library of the same name that is there already: that of a Debian
+    package, say, for a build tree."""
     copy = shutil.copy(os.path.join(packageDirectory(), 'lib', 'libOpenMMRigidHI.so'), tmp_path)
     result = run(f'import ctypes; ctypes.CDLL({copy!r}); import openmmrigidhi')
     assert f'ImportError: openmmrigidhi: its library libOpenMMRigidHI.so was loaded from {copy}' in result.stderr
@@ -825,7 +828,8 @@ def test_missing_libraries_fail_loudly(tmp_path):
 
 
 def test_a_context_without_our_platform_libraries_says_what_is_missing():
-    """Only the bindings are loaded here, as a C++ program does that forgets the plugin directory."""
+    """Only the bindings are loaded here, as a C++ program does that forgets the plugin directory.
+    """
     result = run(f'''
 import sys, types, openmm
 package = types.ModuleType('openmmrigidhi')

@@ -1,4 +1,5 @@
-"""openmmrigidhi.app: building bodies, minimising, reporters, files, and life with OpenMM's own Simulation."""
+"""openmmrigidhi.app: building bodies, minimising, reporters, files, and life with OpenMM's own
+Simulation."""
 import io
 import os
 
@@ -168,7 +169,8 @@ def test_minimising_a_water_box_lowers_the_energy_and_keeps_shapes(start, waterB
 
 
 def test_the_gradient_is_the_derivative_of_the_energy():
-    """Central differences at a point where bodies have turned far; free waters with springs for constraints among them."""
+    """Central differences at a point where bodies have turned far; free waters with springs for
+    constraints among them."""
     box, simulation = mixedBox(openmm.Platform.getPlatformByName('Reference'))
     search = minimizer._Search(minimizer._Scene(simulation.context), 10, 0, None, None)
     random = np.random.default_rng(4)
@@ -201,7 +203,8 @@ def test_free_constrained_molecules_are_minimised_beside_bodies(platform):
 
 
 def tetheredDumbbell(platform, turn):
-    """A dumbbell whose ends are tied to (0.5, 0, -0.1) and (0.5, 0, 0.1), and a free particle tied to the origin."""
+    """A dumbbell whose ends are tied to (0.5, 0, -0.1) and (0.5, 0, 0.1), and a free particle tied
+    to the origin."""
     system, positions, definitions = dumbbells(1)
     system.addParticle(1.0)
     system.addParticle(0.0)
@@ -313,7 +316,8 @@ def reportTemperatures(simulation, count, prepare):
 
 
 def checkTemperatures(table, expected, degrees):
-    """The mean of n chi-square variables has relative standard deviation sqrt(2/(degrees n)); 5 of it: 6e-7 by chance."""
+    """The mean of n chi-square variables has relative standard deviation sqrt(2/(degrees n)); 5 of
+    it: 6e-7 by chance."""
     for name, count in zip(TEMPERATURES, degrees):
         values = np.array([float(row[name]) for row in table])
         sigma = expected*np.sqrt(2/(count*len(values)))
@@ -330,7 +334,8 @@ def test_temperatures_are_right_at_equilibrium(waterBox, platform):
 
 
 def test_temperatures_are_right_without_centre_of_mass_motion(platform):
-    """A tiny step of a motion remover takes 3 degrees of freedom; half of the mass is in free particles."""
+    """A tiny step of a motion remover takes 3 degrees of freedom; half of the mass is in free
+    particles."""
     box, simulation = mixedBox(platform)
     box.system.addForce(openmm.CMMotionRemover())
     integrator = CustomRigidHIIntegrator(300, 1e-7)
@@ -457,7 +462,8 @@ def test_a_simulation_resumes_bit_for_bit_on_reference(way, tmp_path, waterBox):
 
 
 def test_a_simulation_resumes_on_cpu(tmp_path, waterBox):
-    """OpenMM's own forces differ in the last float bits between runs there, so the states only agree at the resumed step."""
+    """OpenMM's own forces differ in the last float bits between runs there, so the states only
+    agree at the resumed step."""
     cpu = openmm.Platform.getPlatformByName('CPU')
     first, second = waterBox.simulation(cpu), waterBox.simulation(cpu)
     first.context.setVelocitiesToTemperature(300, 3)

@@ -1,4 +1,5 @@
-"""Bad arguments of the integrator: refused where they are given, naming the object, the value, the bound and the remedy."""
+"""Bad arguments of the integrator: refused where they are given, naming the object, the value, the
+bound and the remedy."""
 import re
 
 import numpy as np

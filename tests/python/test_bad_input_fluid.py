@@ -1,4 +1,5 @@
-"""What users may do wrong with a MobilityForce: wrong types are a TypeError, wrong shapes a ValueError, the rest OpenMM's."""
+"""What users may do wrong with a MobilityForce: wrong types are a TypeError, wrong shapes a
+ValueError, the rest OpenMM's."""
 import re
 
 import numpy as np

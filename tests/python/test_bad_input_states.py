@@ -211,7 +211,8 @@ def test_a_force_that_blows_up_within_a_step(scene):
 
 
 def test_a_force_too_large_to_add_up():
-    """Every component is finite, their sum is not; forces on the CPU platform are too short for such numbers."""
+    """Every component is finite, their sum is not; forces on the CPU platform are too short for
+    such numbers."""
     system = openmm.System()
     system.addParticle(1)
     force = openmm.CustomExternalForce('1e308*(x+y+z)')

@@ -1,4 +1,5 @@
-"""Systems that an integrator cannot serve: refused when the Context is created, with the reason and the remedy."""
+"""Systems that an integrator cannot serve: refused when the Context is created, with the reason and
+the remedy."""
 import pathlib
 import re
 import shutil
@@ -292,7 +293,8 @@ def test_platforms_without_our_kernels():
 
 
 def broken_package(tmp_path, damage, then=''):
-    """Import a copy of the package after `damage`, and run a line; returns what Python wrote to standard error."""
+    """Import a copy of the package after `damage`, and run a line; returns what Python wrote to
+    standard error."""
     source = pathlib.Path(openmmrigidhi.__file__).parent
     copy = tmp_path/'openmmrigidhi'
     shutil.copytree(source, copy, symlinks=False)

@@ -302,7 +302,8 @@ def test_order_with_velocities_and_friction(scheme, order):
 
 @pytest.mark.parametrize('expression', ('-x', '-vx', 'cos(t)'))
 def test_one_force_evaluation_a_step(platform, expression):
-    """OpenMM takes the forces for changed after every updateContextState that a ForceImpl does not say is harmless."""
+    """OpenMM takes the forces for changed after every updateContextState that a ForceImpl does not
+    say is harmless."""
     system = openmm.System()
     system.addParticle(1.0)
     force = CustomBodyForce(expression, '0', '0', '0', '0', '0')

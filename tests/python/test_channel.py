@@ -135,7 +135,8 @@ def test_refused():
 @pytest.mark.parametrize('rejection, lowest, highest', [('Overlap', [1, 0.5], [4.5, 5]),
                                                         ('Crossing', [0, 0], [5.5, 5.5])])
 def test_a_sampler_knows_the_walls(rejection, lowest, highest):
-    """Two spheres that the same weight pulls down: y - lowest has an exponential law that ends at the upper wall; they do not see each other."""
+    """Two spheres that the same weight pulls down: y - lowest has an exponential law that ends at
+    the upper wall; they do not see each other."""
     _, integrator, context = channel('Reference', [(3, 1.5, 2), (6, 4, 7)], [1, 0.5],
                                      temperature=300)
     integrator.setWallRejection(getattr(CustomRigidHIIntegrator, rejection))

@@ -24,7 +24,8 @@ def product(a, b):
 
 @pytest.fixture
 def marked(platform):
-    """A body with markers, its Context and integrator; a force along lab y acts on the marker of body x."""
+    """A body with markers, its Context and integrator; a force along lab y acts on the marker of
+    body x."""
     system = openmm.System()
     for _ in MARKERS:
         system.addParticle(0)
@@ -126,7 +127,8 @@ def test_rotation_relaxes_at_the_documented_rate(marked, axis):
 
 
 def test_degrees_of_freedom(platform):
-    """A triangle, a linear molecule, a point, and three free particles with a constraint, without the centre of mass."""
+    """A triangle, a linear molecule, a point, and three free particles with a constraint, without
+    the centre of mass."""
     system = openmm.System()
     for _ in range(9):
         system.addParticle(1)

@@ -1,4 +1,5 @@
-"""Damaged files: whatever a reader does not take is a ValueError that names the file; no memory is filled, nothing crashes."""
+"""Damaged files: whatever a reader does not take is a ValueError that names the file; no memory is
+filled, nothing crashes."""
 import random
 
 import gsd.fl

@@ -1,4 +1,5 @@
-"""The scripts of validation/davidchack2017 run, shortened, and the physics in what they write is right."""
+"""The scripts of validation/davidchack2017 run, shortened, and the physics in what they write is
+right."""
 import argparse
 import importlib
 import json
@@ -140,7 +141,8 @@ def test_lennard_jones(tmp_path):
 
 
 def test_lennard_jones_in_a_periodic_fluid(tmp_path):
-    """StokesianDynamics and RotnePragerYamakawa with images: kinetic temperatures to 2 or 3 %, U/N to 0.005."""
+    """StokesianDynamics and RotnePragerYamakawa with images: kinetic temperatures to 2 or 3 %, U/N
+    to 0.005."""
     result = run('lennard_jones.py', tmp_path, '--periodic')['lennard_jones_periodic.json']
     assert {r['model'] for r in result['runs']} == {'SD periodic', 'RPY periodic'}
     checkLennardJones(result['runs'])
@@ -157,7 +159,8 @@ def scripts(monkeypatch):
 
 
 def test_a_longer_run_goes_on_from_what_is_kept(tmp_path, scripts):
-    """A run of 10 that is made 20 long is the run of 20, to the last bit on Reference; other settings are refused."""
+    """A run of 10 that is made 20 long is the run of 20, to the last bit on Reference; other
+    settings are refused."""
     lennard_jones = scripts('lennard_jones')
 
     def run(duration, job, seed=3):
@@ -200,7 +203,8 @@ def test_a_ring_that_has_settled_need_not_do_so_again(tmp_path, scripts):
 
 
 def test_two_runs_at_a_time(tmp_path):
-    """They are those of one after the other; a second call takes all from what is kept; and --fresh does not."""
+    """They are those of one after the other; a second call takes all from what is kept; and --fresh
+    does not."""
     models = ('--models', 'RPY', 'FTS')
 
     def found(folder, *options):

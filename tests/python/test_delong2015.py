@@ -1,4 +1,5 @@
-"""Bodies above a wall, of validation/delong2015 and validation/westwood2022: the scripts run, shortened; their theory against independent numbers; kept runs go on."""
+"""Bodies above a wall, of validation/delong2015 and validation/westwood2022: the scripts run,
+shortened; their theory against independent numbers; kept runs go on."""
 import json
 import pathlib
 import subprocess
@@ -58,7 +59,8 @@ def test_tetramer(tetramer):
 
 
 def test_schemes_at_a_time(tmp_path, tetramer):
-    """Two at a time are those of one after the other; with --keep those that are not made again stay in the JSON."""
+    """Two at a time are those of one after the other; with --keep those that are not made again
+    stay in the JSON."""
     def means(data):
         return {(r['scheme'], r['step']): r['means']['h']['mean'] for r in data['runs']}
 

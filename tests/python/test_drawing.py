@@ -55,7 +55,8 @@ class Scene:
 
 
 def discs(ax):
-    """Offsets, widths and colours of what spheres are drawn with, from the farthest to the nearest."""
+    """Offsets, widths and colours of what spheres are drawn with, from the farthest to the nearest.
+    """
     collection, = (each for each in ax.collections if type(each).__name__ == 'EllipseCollection')
     return np.array(
         collection.get_offsets()), 2*collection._widths, collection.get_facecolors()[:, :3]
@@ -96,7 +97,8 @@ def test_the_nearest_is_drawn_last(view, first, last):
 
 
 def test_marks_turn_with_a_sphere_and_hide_behind_it():
-    """The axis x of the body is a white mark, z a black one; half a turn about z hides the former, when it pointed to the viewer."""
+    """The axis x of the body is a white mark, z a black one; half a turn about z hides the former,
+    when it pointed to the viewer."""
     scene = Scene()
     for turn, white, black in (((1, 0, 0, 0), False,
                                 False), ((np.sqrt(0.5), 0, 0, -np.sqrt(0.5)), True,
@@ -129,7 +131,8 @@ def test_radii_come_from_the_fluid_or_sigma_or_the_caller():
 
 
 def test_walls_and_boxes():
-    """A wall at z = 0 is a line from the front, and lies below everything; twelve edges are a box."""
+    """A wall at z = 0 is a line from the front, and lies below everything; twelve edges are a box.
+    """
     ax = app.show(Scene(MobilityForce.NoSlipWall).context, view=FRONT)
     wall, = ax.patches
     assert np.allclose(wall.get_xy()[:, 1], 0) and ax.get_ylim()[0] < 0

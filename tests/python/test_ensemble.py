@@ -1,4 +1,5 @@
-"""openmmrigidhi.ensemble: nothing is lost when workers die, and numbers do not depend on who computes them."""
+"""openmmrigidhi.ensemble: nothing is lost when workers die, and numbers do not depend on who
+computes them."""
 import contextlib
 import importlib.util
 import json
@@ -107,7 +108,8 @@ def same(one, other):
 
 @pytest.fixture(scope='module')
 def undisturbed(tmp_path_factory):
-    """What three replicas give, one after the other in this process, without a checkpoint on the way."""
+    """What three replicas give, one after the other in this process, without a checkpoint on the
+    way."""
     study = small()
     study.checkpointInterval = 1e9
     result = study.run(str(tmp_path_factory.mktemp('undisturbed')), quiet=True)
@@ -167,7 +169,8 @@ def test_workers_that_die_are_no_end_where_each_comes_further(where, tmp_path):
 
 @pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
 def test_as_many_at_a_time_as_there_are_jobs(where):
-    """One is one, and three are three, whatever number of processors there is: tasks wait until so many have begun, or a while."""
+    """One is one, and three are three, whatever number of processors there is: tasks wait until so
+    many have begun, or a while."""
     for jobs in (1, 3):
         begun = [
             outcome.get() for outcome in tasks.run(ensemble_tasks.countTogether, [(
@@ -264,7 +267,8 @@ if __name__ == '__main__':
 @pytest.mark.parametrize('what, text', [('workers', 'it has had no worker for 2 s'),
                                         ('scheduler', 'connection to its scheduler was lost')])
 def test_a_cluster_that_goes_away_is_an_error(what, text, tmp_path):
-    """The workers are gone, or the scheduler is: the wait has an end, and what was saved is there."""
+    """The workers are gone, or the scheduler is: the wait has an end, and what was saved is there.
+    """
     script, directory = tmp_path/'cluster.py', tmp_path/'study'
     script.write_text(CLUSTER_SCRIPT)
     process = subprocess.Popen([sys.executable, str(script)], env=dict(
@@ -313,7 +317,8 @@ def test_two_workers_give_the_same_numbers(where, undisturbed, tmp_path):
 
 @pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
 def test_one_of_two_workers_is_killed_and_nothing_is_lost(where, undisturbed, tmp_path, marks):
-    """SIGKILL within a task; another worker goes on from the checkpoint, which the sessions in its file tell."""
+    """SIGKILL within a task; another worker goes on from the checkpoint, which the sessions in its
+    file tell."""
     result = small(['ensemble_tasks:energyOfMortals']).run(str(tmp_path/'study'), 2, where,
                                                            quiet=True)
     assert (marks/'died').exists()
@@ -382,7 +387,8 @@ def test_a_study_goes_on_where_the_whole_program_was_killed(undisturbed, tmp_pat
 
 
 def test_observables_of_the_sample_before_go_on(tmp_path):
-    """msd compares with the sample before, also where that was measured by a process that is gone."""
+    """msd compares with the sample before, also where that was measured by a process that is gone.
+    """
     def run(directory, *lengths):
         for length in lengths:
             study = ensemble.Study('boomerang', [{
@@ -420,7 +426,8 @@ def test_replicas_whose_first_numbers_coincide_get_others(monkeypatch):
 
 
 def test_a_scene_is_kept_with_its_study(undisturbed, tmp_path):
-    """A Scene is no function that could be called again: its XML lies in the directory, and load() needs nothing else."""
+    """A Scene is no function that could be called again: its XML lies in the directory, and load()
+    needs nothing else."""
     scene = scenes.trap(3)
     directory = str(tmp_path/'study')
     first = ensemble.Study(scene, replicas=2, length=1.0, observables=['ensemble_tasks:energy'],
@@ -685,14 +692,18 @@ def autoregressive(count, n, rho, rng):
 
 
 def test_rhat_of_equal_chains_is_one():
-    """Of independent samples R-hat^2 - 1 is (B/W - 1)/n with B/W about F(7, inf): below 1 + 24.3/7/n/2 but for once in 1000; folded likewise."""
+    """Of independent samples R-hat^2 - 1 is (B/W - 1)/n with B/W about F(7, inf): below 1 +
+    24.3/7/n/2 but for once in 1000; folded likewise."""
     value = seriesModule.splitRHat(np.random.default_rng(1).normal(size=(4, 1000)))
     print(f'R-hat {value:.5f}')
     assert 0.999 < value < 1 + (24.3/7 - 1)/500/2 + 1e-3
 
 
 def test_rhat_sees_means_widths_and_drifts():
-    """Shifted by d: halves of normal scores with between-variance B/n. For two groups of chains at -d/2 and d/2, small d: R-hat^2 = 1 + d^2/4 8/7."""
+    """Shifted by d: halves of normal scores with between-variance B/n.
+
+    For two groups of chains at -d/2 and d/2, small d: R-hat^2 = 1 + d^2/4 8/7.
+    """
     rng = np.random.default_rng(2)
     chains = rng.normal(size=(4, 4000))
     d = 0.5
@@ -715,7 +726,8 @@ def test_rhat_sees_means_widths_and_drifts():
 
 
 def test_rhat_by_hand():
-    """Two chains of four: halves (1, 2), (3, 4), (5, 6), (7, 8) have normal scores of ranks themselves."""
+    """Two chains of four: halves (1, 2), (3, 4), (5, 6), (7, 8) have normal scores of ranks
+    themselves."""
     from scipy.stats import norm
     chains = np.arange(1.0, 9).reshape(2, 4)
     z = norm.ppf((np.array([1, 2, 3, 4, 5, 6, 7, 8]) - 0.375)/8.25).reshape(4, 2)
@@ -790,7 +802,8 @@ def test_the_ladder_gives_the_same_numbers_whoever_computes_mobilities(where):
 
 
 def test_times_that_end_where_the_runs_did_not(monkeypatch):
-    """After parallel runs each is timed here from its start, which may explode: then there are no times, and the samples stay."""
+    """After parallel runs each is timed here from its start, which may explode: then there are no
+    times, and the samples stay."""
     advance = Run.advance
 
     def explode(self, samples, record=True, progress=None):

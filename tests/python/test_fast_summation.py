@@ -1,4 +1,5 @@
-"""Products by multipoles, as users meet them: answers and steps of many particles, and how they are turned off."""
+"""Products by multipoles, as users meet them: answers and steps of many particles, and how they are
+turned off."""
 import numpy as np
 import openmm
 import pytest
@@ -7,7 +8,8 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 
 def manySpheres(count, edge, boundary, tolerance, fast, free=False, platform='CPU'):
-    """A Context with spheres at random in a cube above z = 0, bodies or free particles; at T = 0, each pulled."""
+    """A Context with spheres at random in a cube above z = 0, bodies or free particles; at T = 0,
+    each pulled."""
     random = np.random.default_rng(3)
     positions = random.uniform(0, edge, (count, 3)) + (0, 0, 1)
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(0, 0.01)

@@ -1,4 +1,5 @@
-"""examples/flow_pictures: the flows that it draws have no sources, rest at the wall, repeat with the box, and go with the shells; the script runs, shortened."""
+"""examples/flow_pictures: the flows that it draws have no sources, rest at the wall, repeat with
+the box, and go with the shells; the script runs, shortened."""
 import importlib.util
 import json
 import pathlib
@@ -20,7 +21,8 @@ def example():
 
 @pytest.mark.parametrize('name', ('inWave', 'aboveWall'))
 def test_flows_have_no_sources(example, name):
-    """Central differences, off by delta^2/6 of third derivatives, which are below the rate of strain over the radius squared outside of shells."""
+    """Central differences, off by delta^2/6 of third derivatives, which are below the rate of
+    strain over the radius squared outside of shells."""
     flow, delta = getattr(example, name)(12), 1e-3
     points = flow.places[0] + np.array([(1.5, 0.2, 0.3), (-0.4, 1.6, 0.5), (0.3, -0.5, 2.0)])
     gradient = np.stack([(flow.at(points + delta*e) - flow.at(points - delta*e))/(2*delta)
@@ -39,7 +41,8 @@ def test_what_bounds_a_flow(example):
 
 
 def test_shells_go_with_their_flow(example):
-    """What slips on a sphere of their radius is less with more blobs, and small beside what undisturbed fluid would slip, 0.4 to 0.6 of strain rate times radius."""
+    """What slips on a sphere of their radius is less with more blobs, and small beside what
+    undisturbed fluid would slip, 0.4 to 0.6 of strain rate times radius."""
     slips = {}
     for blobs in (12, 42):
         flow = example.aboveWall(blobs)

@@ -103,7 +103,8 @@ def test_random_modes_of_a_grid(platform):
 
 
 def test_the_last_step_is_answered(platform):
-    """What a sphere without neighbours moved with is the flow within it; loaded from a State too."""
+    """What a sphere without neighbours moved with is the flow within it; loaded from a State too.
+    """
     fluid, integrator, context = spheres(platform.getName(), [(1, 2, 3)], [0.8], lambda fluid: None,
                                          temperature=300, step=0.01)
     assert not fluid.getFlowInContext(context, [(1, 2, 3)])._value.any()
@@ -267,7 +268,8 @@ def test_a_context_of_others_has_no_flow():
 
 
 def rotnePrager(r, a, b):
-    """Velocity of a sphere of radius a, or (0) a point of the fluid, from a force on another at the distance r; eta = 1."""
+    """Velocity of a sphere of radius a, or (0) a point of the fluid, from a force on another at the
+    distance r; eta = 1."""
     d = np.linalg.norm(r)
     if d == 0:
         return np.eye(3)/(6*np.pi*b)
@@ -280,7 +282,8 @@ def rotnePrager(r, a, b):
 
 @pytest.mark.parametrize('blobs, left', [(42, 0.6), (162, 1/3)])
 def test_a_shell_of_blobs_leaks(blobs, left):
-    """It is held on average over each blob: what is left of a strain at its centre falls with the distance of blobs, which is halved from one to the next."""
+    """It is held on average over each blob: what is left of a strain at its centre falls with the
+    distance of blobs, which is halved from one to the next."""
     sites, radius = app.multiblobSphere(blobs, 1.0)
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(0, 0.1)

@@ -212,7 +212,8 @@ def test_boundaries_that_do_not_have_the_flow(boundary, setUp, problem):
 
 
 def test_waves_that_boxes_and_grids_do_not_have():
-    """They are refused at Context creation, by the System's box, and when the force density is changed."""
+    """They are refused at Context creation, by the System's box, and when the force density is
+    changed."""
     def onAGrid(index):
         def setUp(fluid):
             fluid.setSolver(fluid.MatrixFree)

@@ -64,7 +64,8 @@ def walkers(energy, count=1000, position=(0, 0, 0), seed=1, burnIn=150, samples=
 
 @pytest.mark.parametrize('largest', [0.2, 1.5, np.pi])
 def test_random_rotations_are_uniform_up_to_the_largest_angle(largest):
-    """Haar's measure has the density 1 - cos(angle), on any axis. chi^2 of 20 x 10 bins: fails by chance once in 1e5."""
+    """Haar's measure has the density 1 - cos(angle), on any axis. chi^2 of 20 x 10 bins: fails by
+    chance once in 1e5."""
     n = 100_000
     q = _moves.uniformRotations(np.random.default_rng(3), np.full(n, largest))
     assert np.allclose(np.linalg.norm(q, axis=1), 1, rtol=0, atol=1e-14)
@@ -113,7 +114,8 @@ def test_the_example_in_the_documentation():
 
 @pytest.mark.parametrize('rejection, lowest', [('Overlap', 0.7), ('Crossing', 0.2)])
 def test_gravitational_height_over_a_wall(rejection, lowest):
-    """A sphere of radius 0.5 over a wall at 0.2: an exponential law from where the wall stops it."""
+    """A sphere of radius 0.5 over a wall at 0.2: an exponential law from where the wall stops it.
+    """
     samples = walkers(lambda R, q: KT/0.8*R[:, 2], position=(0, 0, 2), sitePositions=[(0, 0, 0)],
                       radii=0.5, wallHeight=0.2, rejection=rejection, samples=100)
     z = samples.positions[:, :, 2]
@@ -148,7 +150,8 @@ def test_a_dipole_in_a_field(k):
 
 @pytest.mark.parametrize('k, exact', [(10, 0.6510520512), (0, 0.25)])
 def test_a_well_of_the_quaternion(k, exact):
-    """U = -k/2 q0^2 tells Haar's measure from others most directly: it is that of the angle alone."""
+    """U = -k/2 q0^2 tells Haar's measure from others most directly: it is that of the angle alone.
+    """
     if k:
         x = k/4
         i0, i1, i2 = (scipy.special.iv(n, x) for n in range(3))
@@ -158,7 +161,8 @@ def test_a_well_of_the_quaternion(k, exact):
 
 
 def test_turning_about_a_point_far_from_the_origin_changes_no_distribution():
-    """Origin in a harmonic well, dipole in a field: they are independent, whatever the moves mix."""
+    """Origin in a harmonic well, dipole in a field: they are independent, whatever the moves mix.
+    """
     samples = walkers(lambda R, q: KT*(0.5*8*(R**2).sum(axis=1) - 3*rotationMatrices(q)[:, 2, 2]),
                       trackingPoint=(0.4, -0.3, 0.5), samples=60)
     R = samples.positions._value
@@ -207,7 +211,8 @@ def test_only_the_coordinates_that_are_named_move():
 
 
 def overWall(sites, weights, strength):
-    """Weights, kT/a, on the blobs, and their repulsion strength kT a/(h - a) exp(-2(h - a)/a), in units of a (Delong 2015, eq. 73)."""
+    """Weights, kT/a, on the blobs, and their repulsion strength kT a/(h - a) exp(-2(h - a)/a), in
+    units of a (Delong 2015, eq. 73)."""
     def energy(R, q):
         h = R[:, 2:] + rotationMatrices(q)[:, 2] @ sites.T
         return KT*(h @ weights + (strength/(h - 1)*np.exp(-2*(h - 1))).sum(axis=1))
@@ -220,7 +225,8 @@ def chiSquare(probabilities, errors, exact):
 
 
 def test_the_boomerang():
-    """Delong 2015, section IV.5, g = 1: mean, second moment and bins of quadrature, converged to more digits than are given.
+    """Delong 2015, section IV.5, g = 1: mean, second moment and bins of quadrature, converged to
+    more digits than are given.
 
     Weight 0.18 kT/a and strength 23.08 kT as printed there. 1e5 nearly independent samples: mean
     height to 0.2 %.
@@ -244,7 +250,10 @@ def test_the_boomerang():
 
 
 def test_the_tetramer():
-    """Delong 2015, section IV.3: four weights, edges of 4 a. Means and standard deviations of quadrature."""
+    """Delong 2015, section IV.3: four weights, edges of 4 a.
+
+    Means and standard deviations of quadrature.
+    """
     sites = app.tetramer(4.0)._value
     samples = walkers(overWall(sites, np.array([0.15, 0.1, 0.3, 0.05]), 20), 1500,
                       position=(0, 0, 8), sitePositions=sites, radii=1.0, wallHeight=0,
@@ -270,7 +279,8 @@ def poses(values, independent):
 
 
 def test_errors_know_the_correlation():
-    """A stationary autoregressive process of correlation 0.9: tau = 1/2 (1.9/0.1) = 9.5, and the error of the mean is known."""
+    """A stationary autoregressive process of correlation 0.9: tau = 1/2 (1.9/0.1) = 9.5, and the
+    error of the mean is known."""
     random = np.random.default_rng(5)
     samples, n = 4000, 50
     x = np.empty((samples, n))
@@ -291,7 +301,8 @@ def test_errors_know_the_correlation():
 
 
 def test_bodies_of_one_sample_count_together_or_apart():
-    """Bodies that do the same are as good as one of them; walkers that do not move tell tau = half the samples."""
+    """Bodies that do the same are as good as one of them; walkers that do not move tell tau = half
+    the samples."""
     x = np.random.default_rng(6).normal(size=(1000, 1))
     one, three = poses(x, False).average(x), poses(np.tile(x, 3), False).average(np.tile(x, 3))
     assert three.standardError == pytest.approx(one.standardError) and three.mean == pytest.approx(
@@ -320,7 +331,8 @@ def correlated(samples, n, seed=8):
 
 @pytest.mark.parametrize('independent, n', [(False, 1), (False, 3), (True, 1), (True, 3)])
 def test_averages_are_those_of_all_samples(independent, n):
-    """Bins that cover everything have probabilities that add up to 1, and averages are linear, however many blocks each has."""
+    """Bins that cover everything have probabilities that add up to 1, and averages are linear,
+    however many blocks each has."""
     x = correlated(300, n)
     samples = poses(x, independent)
     edges = np.array([-10, -1, -0.3, 0, 0.5, 1.5, 10])
@@ -336,10 +348,9 @@ def test_averages_are_those_of_all_samples(independent, n):
 
 
 class Scene:
-    """Two bodies with markers on their z axes and a free particle: body 0 in a trap of strength 20 kT/nm^2, the free particle bound to
-    body 0 by 10 kT/nm^2, body 1 in a trap of 5 kT/nm^2 at (0, 0, 3), and -J kT between the bodies'
-    axes.
-    """
+    """Two bodies with markers on their z axes and a free particle: body 0 in a trap of strength 20
+    kT/nm^2, the free particle bound to body 0 by 10 kT/nm^2, body 1 in a trap of 5 kT/nm^2 at (0,
+    0, 3), and -J kT between the bodies' axes."""
     def __init__(self, J=2.0, platform='Reference', wall=None):
         self.system = openmm.System()
         self.integrator = CustomRigidHIIntegrator(300, 0.01)
@@ -468,7 +479,8 @@ def test_further_energy():
 
 
 class OverWall:
-    """A dumbbell of two blobs of radius 0.3, with a marker, over a wall at 1, and a free blob; each with a weight of 2 kT/nm a blob."""
+    """A dumbbell of two blobs of radius 0.3, with a marker, over a wall at 1, and a free blob; each
+    with a weight of 2 kT/nm a blob."""
     def __init__(self, boundary=None):
         self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(
         ), CustomRigidHIIntegrator(300, 0.01)
@@ -491,10 +503,9 @@ class OverWall:
 
 @pytest.mark.parametrize('rejection, stops', [('Overlap', (0.3, 0.5)), ('Crossing', (0, 0))])
 def test_blobs_over_a_wall(rejection, stops):
-    """The dumbbell's z, measured from contact, is the lower blob's height plus |cos|/2, and has the density exp(-4 z) above that: with
-    c = |cos| uniform in 0..1 weighted by exp(-4 c/2), <z> = 1/4 + <c>/2. The marker of radius 0,
-    far below the wall at times, is free.
-    """
+    """The dumbbell's z, measured from contact, is the lower blob's height plus |cos|/2, and has the
+    density exp(-4 z) above that: with c = |cos| uniform in 0..1 weighted by exp(-4 c/2), <z> = 1/4
+    + <c>/2. The marker of radius 0, far below the wall at times, is free."""
     scene = OverWall()
     sampler = analysis.GibbsBoltzmannSampler(scene.context, wallHeight=1*unit.nanometer,
                                              rejection=rejection, seed=2,
@@ -512,7 +523,8 @@ def test_blobs_over_a_wall(rejection, stops):
 
 
 def test_the_wall_of_the_fluid_is_taken(monkeypatch):
-    """Height, radii and rejection come from MobilityForce and integrator where these have a wall."""
+    """Height, radii and rejection come from MobilityForce and integrator where these have a wall.
+    """
     class Name:
         def __init__(self, name):
             self.name = name
@@ -536,7 +548,8 @@ def test_the_wall_of_the_fluid_is_taken(monkeypatch):
 
 
 def test_virtual_sites_follow():
-    """A free particle between two others feels its own weight through them: a site in the middle, -k z, on two free particles in traps."""
+    """A free particle between two others feels its own weight through them: a site in the middle,
+    -k z, on two free particles in traps."""
     system = openmm.System()
     for mass in (1, 1, 0):
         system.addParticle(mass)
@@ -625,7 +638,8 @@ def test_infinity_forbids():
 
 
 def test_driven_flows_are_refused():
-    """Bodies in a flow are not distributed as exp(-U/kT), so a sample of that would be wrong without a word."""
+    """Bodies in a flow are not distributed as exp(-U/kT), so a sample of that would be wrong
+    without a word."""
     def context(drive):
         system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
             300, 0.01)

@@ -1,4 +1,5 @@
-"""Periodic fluids on a grid in Python: every scheme on it, products against lattice sums, boxes, saving, and what is refused."""
+"""Periodic fluids on a grid in Python: every scheme on it, products against lattice sums, boxes,
+saving, and what is refused."""
 import copy
 
 import numpy as np
@@ -16,7 +17,8 @@ BOX = (8, 7, 9)
 
 
 class Scene:
-    """Two spheres, two multiblobs, a free particle, of different radii, across faces of the box and outside of it, pulled; viscosity 1."""
+    """Two spheres, two multiblobs, a free particle, of different radii, across faces of the box and
+    outside of it, pulled; viscosity 1."""
     def __init__(self, platform, scheme='FixmanMidpoint', solver=MobilityForce.MatrixFree,
                  tolerance=1e-3, temperature=0, stepSize=0.05, box=BOX, model='ForceCoupling'):
         self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(
@@ -65,7 +67,8 @@ class Scene:
 
 def spheres(platform, solver, tolerance=1e-3, count=6, radii=(1, 0.7), scheme='FixmanMidpoint',
             temperature=0, stepSize=0.01, side=7.0, model='ForceCoupling'):
-    """Spheres at random, without overlap of spheres of radius 1, viscosity 1: (Context, MobilityForce, integrator)."""
+    """Spheres at random, without overlap of spheres of radius 1, viscosity 1: (Context,
+    MobilityForce, integrator)."""
     rng, places = np.random.default_rng(5), []
     while len(places) < count:
         place = rng.uniform(-side, 2*side, 3)
@@ -104,7 +107,8 @@ def columns(context, fluid, blobs=False):
 
 
 def errorOf(M, exact):
-    """Norm of the error over the roots of own mobilities: of velocities in that norm, relative to forces in that of own frictions."""
+    """Norm of the error over the roots of own mobilities: of velocities in that norm, relative to
+    forces in that of own frictions."""
     root = 1/np.sqrt(np.diag(exact))
     return np.linalg.norm(root[:, None]*(M - exact)*root, 2)
 
@@ -170,7 +174,8 @@ def test_without_temperature_it_is_the_trajectory_of_lattice_sums(platform, sche
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('scheme', OVERDAMPED)
 def test_displacements_have_the_covariance_of_the_mobility(platform, scheme, model):
-    """Spheres that hardly move in a step: each displacement is drawn from 2 kT h N, whose inverse makes 18 squares of it a chi squared."""
+    """Spheres that hardly move in a step: each displacement is drawn from 2 kT h N, whose inverse
+    makes 18 squares of it a chi squared."""
     count, steps, stepSize = 6, 120, 1e-6
     context, fluid, integrator = spheres(platform, MobilityForce.MatrixFree, 1e-2, count,
                                          scheme=scheme, temperature=300, stepSize=stepSize,
@@ -224,7 +229,8 @@ def test_the_box_of_a_step_is_that_of_the_context(platform, scheme):
 
 @pytest.mark.parametrize('scheme', ('DriftCorrectorFD', 'TrapezoidalSlip', 'LangevinHI'))
 def test_a_copy_from_xml_and_a_saved_state_go_on_alike(platform, scheme):
-    """The System and the integrator from XML, a State from XML: as the uninterrupted run, to the last bit."""
+    """The System and the integrator from XML, a State from XML: as the uninterrupted run, to the
+    last bit."""
     once = Scene(platform, scheme, temperature=300, stepSize=1e-3)
     once.fluid.setGridSpacing(0.3)
     once.fluid.updateParametersInContext(once.context)

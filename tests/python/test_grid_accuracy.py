@@ -1,4 +1,5 @@
-"""openmmrigidhi.accuracy, grids of a periodic fluid: what the study measures, against matrices, and what it says."""
+"""openmmrigidhi.accuracy, grids of a periodic fluid: what the study measures, against matrices, and
+what it says."""
 import contextlib
 import copy
 import io
@@ -85,7 +86,8 @@ def test_errors_are_below_tolerances_and_fall_with_them(result):
 
 
 def test_described_tolerances_hold_where_no_node_is_to_spare():
-    """One sphere: its own mobility is all of the error, and a spacing that divides the box leaves no margin."""
+    """One sphere: its own mobility is all of the error, and a spacing that divides the box leaves
+    no margin."""
     result = accuracy.GridStudy(accuracy.scenes.array(0.125), [1e-2], (0.8, 1.5)).run(rounds=1)
     for observable in grid.OBSERVABLES:
         rows = result.select(observable, 'spacing')

@@ -1,4 +1,5 @@
-"""validation/westwood2022/hedgehogs.py: the potentials and the shape are the paper's; four hedgehogs have the same twists and viscosity dense and on a grid; the script runs, shortened."""
+"""validation/westwood2022/hedgehogs.py: the potentials and the shape are the paper's; four
+hedgehogs have the same twists and viscosity dense and on a grid; the script runs, shortened."""
 import json
 import pathlib
 import subprocess
@@ -37,7 +38,8 @@ def test_the_hedgehog(hedgehogs):
 @pytest.mark.parametrize('potential, least, barrier', [('repel-attract', -2.60, 0.27),
                                                        ('repel-attract-repel', -0.49, 4.43)])
 def test_pair_potentials(hedgehogs, potential, least, barrier):
-    """Eqs. 60 to 63, written once more; energy and force go on below contact, where the force is constant; the Context's are the same."""
+    """Eqs. 60 to 63, written once more; energy and force go on below contact, where the force is
+    constant; the Context's are the same."""
     r = np.linspace(1.0, 6.5, 111)
     U = 20*np.exp((2 - r)/0.5) - 5*np.exp(-((r - 3)/0.5)**2) + (5*np.exp(-(
         (r - 3.5)/0.5)**2) if potential == 'repel-attract-repel' else 0)
@@ -75,8 +77,8 @@ def test_pair_potentials(hedgehogs, potential, least, barrier):
 
 @pytest.mark.parametrize('tolerance', [1e-3, 1e-6])
 def test_four_hedgehogs_dense_and_on_a_grid(hedgehogs, tolerance):
-    """In a driven fluid without noise, pushing each other: twists agree to five times the tolerance in the norm of the friction, the viscosity to that too; and bodies move by
-    their twists."""
+    """In a driven fluid without noise, pushing each other: twists agree to five times the tolerance
+    in the norm of the friction, the viscosity to that too; and bodies move by their twists."""
     R = np.array([(3.0, 3, 3), (9.5, 4, 3.5), (4, 9.5, 4), (8.0, 9.0, 9.5)])
     q = np.random.default_rng(4).standard_normal((4, 4))
     q /= np.linalg.norm(q, axis=1)[:, None]
@@ -123,7 +125,8 @@ def run(folder, *arguments, name='hedgehogs.json'):
 
 
 def test_the_script(hedgehogs, tmp_path):
-    """It runs, shortened; again it goes on with what is kept, two runs at a time, and what was there stays; g(r) counts every pair within half the box."""
+    """It runs, shortened; again it goes on with what is kept, two runs at a time, and what was
+    there stays; g(r) counts every pair within half the box."""
     first, text = run(tmp_path, '--quick')
     assert 'repel-attract-repel' in text
     for name in ('hedgehogs_viscosity.png', 'hedgehogs_g.png', 'hedgehogs_potentials.png'):

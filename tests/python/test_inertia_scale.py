@@ -1,4 +1,5 @@
-"""setInertiaScale() as Python users see it: reporters, files, States, the accuracy tool, and a liquid. The dynamics: tests/platform/TestInertiaScale.cpp."""
+"""setInertiaScale() as Python users see it: reporters, files, States, the accuracy tool, and a
+liquid. The dynamics: tests/platform/TestInertiaScale.cpp."""
 import io
 
 import numpy as np
@@ -26,7 +27,8 @@ def state(context):
 
 
 def test_temperatures_are_those_of_the_scaled_moments(platform):
-    """Drawn velocities: every temperature is the wanted one, to 5 standard errors of chi^2, in the reporter and by hand."""
+    """Drawn velocities: every temperature is the wanted one, to 5 standard errors of chi^2, in the
+    reporter and by hand."""
     system, positions, definitions = dumbbells(400)
     integrator = CustomRigidHIIntegrator(300, 0.001)
     for definition in definitions:
@@ -91,7 +93,8 @@ def test_files_have_real_moments_and_angular_velocities(waterBox, platform, tmp_
 
 @pytest.mark.parametrize('way', ['checkpoint', 'State'])
 def test_a_saved_state_goes_on_under_another_factor(waterBox, platform, way):
-    """Equilibrate with slow rotation, produce with the real one: positions and velocities go on, energies of rotation follow the factor."""
+    """Equilibrate with slow rotation, produce with the real one: positions and velocities go on,
+    energies of rotation follow the factor."""
     simulation, slow = waters(waterBox, platform, 8)
     simulation.context.setVelocitiesToTemperature(300, 2)
     simulation.step(3)
@@ -139,7 +142,8 @@ def test_effects_say_that_motion_is_not_the_real_one(waterBox, platform):
 
 
 def test_long_time_diffusion_in_a_fluid_is_the_real_one():
-    """A sphere's mean square turn under LangevinHI: momenta relax more slowly by the factor, D = kT/friction stays.
+    """A sphere's mean square turn under LangevinHI: momenta relax more slowly by the factor, D =
+    kT/friction stays.
 
     <cos> of the angle that an axis turns by in the time t is, once momenta are forgotten, exp(-2 D
     t) but for a time of relaxation: for the moment I and the friction xi, exp(-2 D (t - I/xi (1 -

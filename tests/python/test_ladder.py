@@ -1,4 +1,5 @@
-"""openmmrigidhi.accuracy, the hydrodynamic ladder: known errors of a pair, the advice it gives, scenes, files, command line."""
+"""openmmrigidhi.accuracy, the hydrodynamic ladder: known errors of a pair, the advice it gives,
+scenes, files, command line."""
 import contextlib
 import copy
 import csv
@@ -170,7 +171,8 @@ def test_numbers_for_people():
 
 
 def trap(offset=(0.0, 0.0, 0.0), markers=True, force=1.0):
-    """Three spheres whose centres are off the bodies' origins, turned, with markers that the fluid does not see, and forces."""
+    """Three spheres whose centres are off the bodies' origins, turned, with markers that the fluid
+    does not see, and forces."""
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
         300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)

@@ -1,4 +1,5 @@
-"""MobilityForce in Python: units, shapes, settings that come back as they were set, copies, and what a user sees of it."""
+"""MobilityForce in Python: units, shapes, settings that come back as they were set, copies, and
+what a user sees of it."""
 import copy
 import gc
 import pickle

@@ -118,7 +118,8 @@ def test_system_integrator_and_fluid_are_kept_in_step(platform):
 @pytest.mark.parametrize('n, rotation', [(12, 0.02464), (42, 0.01793), (162, 0.00548),
                                          (642, 0.00125), (2562, 0.00017)])
 def test_radii_of_shells(n, rotation):
-    """Conjugate gradients with products of blobs: a shell of hydrodynamic radius 0.7 nm has the Stokes drag of a sphere."""
+    """Conjugate gradients with products of blobs: a shell of hydrodynamic radius 0.7 nm has the
+    Stokes drag of a sphere."""
     R, eta = 0.7, 2.0
     centres, blob = (x._value for x in app.multiblobSphere(n, R))
     system, integrator, fluid = empty()
@@ -135,7 +136,8 @@ def test_radii_of_shells(n, rotation):
         return fluid.applyBlobMobilityInContext(context, forces.reshape(n, 3))._value.ravel()
 
     def drag(velocities):
-        """velocities . forces: its error is the square of that of the residual, times a condition number of thousands."""
+        """velocities . forces: its error is the square of that of the residual, times a condition
+        number of thousands."""
         relative = {
             'rtol' if 'rtol' in inspect.signature(scipy.sparse.linalg.cg).parameters else 'tol': 1e-7
         }  # SciPy 1.12 renamed it

@@ -1,5 +1,6 @@
-"""Rigid bodies under a Monte Carlo barostat: bodies stay rigid and where the barostat put them; the density stays that of
-water. The long comparison with OpenMM's own rigid water is validation/accuracy/density."""
+"""Rigid bodies under a Monte Carlo barostat: bodies stay rigid and where the barostat put them; the
+density stays that of water. The long comparison with OpenMM's own rigid water is
+validation/accuracy/density."""
 import importlib.util
 import pathlib
 
@@ -41,7 +42,8 @@ def checkRigidAndInPlace(context, integrator):
 
 
 def test_bodies_under_a_barostat_stay_rigid(platform):
-    """Both platforms: moves of the barostat every fifth step, each accepted one translates every body."""
+    """Both platforms: moves of the barostat every fifth step, each accepted one translates every
+    body."""
     water = WaterBox(4)
     barostat = openmm.MonteCarloBarostat(1*unit.bar, 300*unit.kelvin, 5)
     barostat.setRandomNumberSeed(1)
@@ -62,8 +64,11 @@ def test_bodies_under_a_barostat_stay_rigid(platform):
 
 
 def test_density_of_water_for_5_ps():
-    """CPU, PME, 216 waters, 4 fs. The volume of so many fluctuates by sqrt(kT kappa/V) = 1.7 % (kappa = 4.5e-10/Pa), so
-    six sigma is 10 %; the start, a little dilute as addSolvent() leaves it, and 5 ps are given another 10 %."""
+    """CPU, PME, 216 waters, 4 fs.
+
+    The volume of so many fluctuates by sqrt(kT kappa/V) = 1.7 % (kappa = 4.5e-10/Pa), so six sigma
+    is 10 %; the start, a little dilute as addSolvent() leaves it, and 5 ps are given another 10 %.
+    """
     spec = importlib.util.spec_from_file_location('npt_density', SCRIPT)
     example = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(example)

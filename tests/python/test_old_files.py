@@ -1,4 +1,5 @@
-"""XML of format version 1 stays readable for ever: a file of each class, as the first version of the library wrote it.
+"""XML of format version 1 stays readable for ever: a file of each class, as the first version of
+the library wrote it.
 
 The integrator's and the States' are read by test_saved_definitions.py.
 """

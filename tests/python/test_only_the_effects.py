@@ -1,4 +1,5 @@
-"""Only the effects that a scene calls for: the counters of getStepStatistics() prove what was not done."""
+"""Only the effects that a scene calls for: the counters of getStepStatistics() prove what was not
+done."""
 import numpy as np
 import openmm
 import pytest
@@ -34,7 +35,10 @@ def scene(platform, model, temperature, bodies=3, blobs=0, solver=MobilityForce.
 
 
 def counted(integrator, context):
-    """What STEPS steps of the Context's integrator add to the counters. The first step before them does what is done once."""
+    """What STEPS steps of the Context's integrator add to the counters.
+
+    The first step before them does what is done once.
+    """
     integrator.step(1)
     before = integrator.getStepStatistics()
     integrator.step(STEPS)
@@ -105,7 +109,8 @@ def test_one_sphere_needs_no_root_of_a_matrix(platform):
 
 
 def test_a_warning_is_printed_once_for_its_cause(capfd):
-    """Temperatures and steps that change from run to run, as in annealing, change the numbers in it and nothing else."""
+    """Temperatures and steps that change from run to run, as in annealing, change the numbers in it
+    and nothing else."""
     system = openmm.System()
     system.addParticle(1)
     integrator = CustomRigidHIIntegrator(300, 0.1)

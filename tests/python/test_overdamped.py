@@ -1,4 +1,7 @@
-"""The schemes without momenta through Python: constants, settings, units, warnings, effects. Numbers: tests/platform/TestOverdamped.cpp."""
+"""The schemes without momenta through Python: constants, settings, units, warnings, effects.
+
+Numbers: tests/platform/TestOverdamped.cpp.
+"""
 import copy
 
 import numpy as np
@@ -19,7 +22,8 @@ ALL = ('EulerMaruyama', *SCHEMES)
 
 def scene(scheme, temperature=300, wall=False, bodies=1, groups=None, sites=None,
           solver=MobilityForce.Auto, stepSize=0.001, context=True):
-    """Massless boomerangs of five blobs about their cross points: (integrator, Context or System)."""
+    """Massless boomerangs of five blobs about their cross points: (integrator, Context or System).
+    """
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
         temperature, stepSize)
     integrator.setScheme(getattr(CustomRigidHIIntegrator, scheme))
@@ -77,7 +81,8 @@ def test_finite_difference_step():
 
 @pytest.mark.parametrize('name', ALL)
 def test_run_with_units(name):
-    """Micrometres, seconds and pascals: the body moves as far in a step as its mobility says, and stays rigid."""
+    """Micrometres, seconds and pascals: the body moves as far in a step as its mobility says, and
+    stays rigid."""
     integrator, system = scene(name, wall=True, sites=app.boomerang(0.3*unit.micrometer, 2)._value,
                                stepSize=0.001*unit.second, context=False)
     fluid = MobilityForce.cast(system.getForce(0))
@@ -136,7 +141,8 @@ def test_euler_maruyama_warns_once(capfd):
                                          ('off its origin', True), ('lubrication', True),
                                          ('alone off its centre', True)])
 def test_euler_maruyama_warns_where_it_is_wrong(case, warns, platform, capfd):
-    """Where div N = 0 nothing is omitted: spheres in an unbounded fluid, a body alone about its centre of mobility."""
+    """Where div N = 0 nothing is omitted: spheres in an unbounded fluid, a body alone about its
+    centre of mobility."""
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
         300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
@@ -242,7 +248,8 @@ def test_effects_matrix_free():
 
 
 def test_effects_of_other_schemes():
-    """Drift and differences are named for all schemes, and off where momenta or constant mobilities do without them."""
+    """Drift and differences are named for all schemes, and off where momenta or constant mobilities
+    do without them."""
     integrator = CustomRigidHIIntegrator(300, 0.001)
     system = openmm.System()
     system.addParticle(1)
@@ -289,7 +296,8 @@ def atOnePlace(sites, radii, bodies=1):
 
 
 def test_blobs_at_one_place():
-    """Two blobs of one radius would move alike under any forces; concentric ones of two radii do not resist rotation."""
+    """Two blobs of one radius would move alike under any forces; concentric ones of two radii do
+    not resist rotation."""
     integrator, context = atOnePlace([(0, 0, 0), (1, 0, 0), (0, 1, 0)], 0.5, bodies=2)
     with pytest.raises(
             openmm.OpenMMException, match=

@@ -1,4 +1,5 @@
-"""openmmrigidhi.accuracy, the overdamped limit: exact averages, what is compared, what the study finds, the command line."""
+"""openmmrigidhi.accuracy, the overdamped limit: exact averages, what is compared, what the study
+finds, the command line."""
 import contextlib
 import io
 import os
@@ -53,7 +54,8 @@ def test_quadrature_of_a_sphere(weight):
 
 
 def test_the_start_is_in_equilibrium(small):
-    """The potential energy that OpenMM sees is weight and repulsion of what is measured; observables are those of the particles."""
+    """The potential energy that OpenMM sees is weight and repulsion of what is measured;
+    observables are those of the particles."""
     integrator = overdamped.METHODS['TrapezoidalSlip'].makeIntegrator(small, small.stepSizes[0], 1)
     context = small.makeContext(integrator, reference(), {}, 1)
     values = overdamped.measure(integrator.getBodyPositions()._value,
@@ -119,7 +121,8 @@ def test_masses_relax_at_the_rate_they_are_named_for(small, name):
 
 
 def test_what_the_study_finds():
-    """Euler and Maruyama's omission is seen, and it takes no part in the reference of the motion."""
+    """Euler and Maruyama's omission is seen, and it takes no part in the reference of the motion.
+    """
     scene = overdamped.boomerang(16, blobsPerArm=3)
     study = overdamped.OverdampedStudy(
         scene, ['EulerMaruyama', 'RandomFiniteDifference', 'LangevinHI(0.3)'],
@@ -216,7 +219,8 @@ def test_wrong_arguments(arguments, message, capsys):
 
 
 def test_errors_come_from_replicas():
-    """However long the samples of a replica remember: coverage of the true mean by the interval of one standard error."""
+    """However long the samples of a replica remember: coverage of the true mean by the interval of
+    one standard error."""
     rng = np.random.default_rng(11)
     inside, cases = 0, 400
     for _ in range(cases):

@@ -78,7 +78,8 @@ def test_force_coupling_is_its_definition():
 
 
 def _free(a, b, r):
-    """Rotne-Prager-Yamakawa of two spheres in unbounded fluid (Zuk et al., 2014), 8 pi eta times it: 6 x 6, r = r_a - r_b."""
+    """Rotne-Prager-Yamakawa of two spheres in unbounded fluid (Zuk et al., 2014), 8 pi eta times
+    it: 6 x 6, r = r_a - r_b."""
     R, sum_, d = np.linalg.norm(r), a + b, abs(a - b)
     n = r/R if R > 0 else r
     I, nn, cross = np.eye(3), np.outer(n, n), np.array([(0, -n[2], n[1]), (n[2], 0, -n[0]),
@@ -159,7 +160,8 @@ def _slowSum(x, radii, box, xi):
 
 
 def test_rotne_prager_yamakawa_is_a_slow_sum():
-    """Written down again, with another splitting, in a triclinic box: apart, overlapping, one inside another, ratio 10."""
+    """Written down again, with another splitting, in a triclinic box: apart, overlapping, one
+    inside another, ratio 10."""
     box, radii = np.array([(7, 0, 0), (3.4, 6.5, 0),
                            (-3.1, 2.9, 7.2)]), np.array([1, 0.7, 0.6, 0.1])
     x = np.array([(0.41, 6.9, 1.2), (2.15, 0.35, 8.9), (2.3, 0.9, 9.4), (0.6, 7.1, 1.5)])

@@ -1,4 +1,5 @@
-"""examples/rigid_protein, shortened: the diffusion tensor of equilibrium dynamics is kT times the mobility, in all 21 entries."""
+"""examples/rigid_protein, shortened: the diffusion tensor of equilibrium dynamics is kT times the
+mobility, in all 21 entries."""
 import importlib.util
 import pathlib
 
@@ -47,7 +48,8 @@ def test_diffusion_at_a_step_that_is_far_too_long():
 
 
 def test_the_tensor_about_other_points_and_its_centre():
-    """A sphere's tensor seen from a point beside it: the centre of diffusion is the sphere's centre again."""
+    """A sphere's tensor seen from a point beside it: the centre of diffusion is the sphere's centre
+    again."""
     example = load()
     sphere = np.diag([3, 3, 3, 2, 2, 2.0])
     beside = np.array([0.3, -0.2, 0.5])
@@ -60,7 +62,8 @@ def test_the_tensor_about_other_points_and_its_centre():
 
 
 def test_two_proteins_at_a_distance():
-    """At 20 nm they pull each other as points do, (1 + O(a/r)^2), and hardly change their own mobility."""
+    """At 20 nm they pull each other as points do, (1 + O(a/r)^2), and hardly change their own
+    mobility."""
     far, = load().pair([20.0])
     assert abs(far['pull_along']/far['pull_along_oseen'] - 1) < 0.015 and abs(far['own_mobility'] -
                                                                               1) < 1e-3

@@ -1,4 +1,5 @@
-"""examples/rigid_proteins_periodic, shortened: resumed runs are the uninterrupted ones, and the fluid is that of the proteins."""
+"""examples/rigid_proteins_periodic, shortened: resumed runs are the uninterrupted ones, and the
+fluid is that of the proteins."""
 import json
 import pathlib
 import subprocess
@@ -25,7 +26,8 @@ def result(tmp_path_factory):
 
 
 def test_resumed_runs(result):
-    """Bit for bit on Reference; on CPU the same random numbers, so that only the rounding of OpenMM's forces differs."""
+    """Bit for bit on Reference; on CPU the same random numbers, so that only the rounding of
+    OpenMM's forces differs."""
     rows = result['saved_and_resumed']
     assert {(row['platform'], row['scheme'])
             for row in rows} == {(p, s)
@@ -41,7 +43,8 @@ def test_resumed_runs(result):
 
 
 def test_displacements(result):
-    """Without momenta, displacements have the variance 2 kT N t: 720 squares, known to 5 %, within 4.5 standard errors."""
+    """Without momenta, displacements have the variance 2 kT N t: 720 squares, known to 5 %, within
+    4.5 standard errors."""
     without, = (run for run in result['runs'] if run['scheme'] == 'DriftCorrectorFD')
     count = 3*without['proteins']*without['duration_ps']/0.1
     assert count == pytest.approx(720)
@@ -51,7 +54,8 @@ def test_displacements(result):
 
 
 def test_fluid(result):
-    """The grid is taken, the proteins carry the charge of villin at pH 7, and prices are those of what was asked for."""
+    """The grid is taken, the proteins carry the charge of villin at pH 7, and prices are those of
+    what was asked for."""
     assert result['charge_e'] == pytest.approx(6, abs=1e-6)
     price, = result['prices']
     kinds = price['kinds']

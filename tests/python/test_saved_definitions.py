@@ -1,4 +1,5 @@
-"""Saved states meet definitions of bodies that have changed since: what stays, what wins, what is refused."""
+"""Saved states meet definitions of bodies that have changed since: what stays, what wins, what is
+refused."""
 import json
 import pathlib
 import re
@@ -114,7 +115,8 @@ def test_another_mass_or_site_is_refused(platform, way, change):
                                           ((1, 1 + 3e-16, 1), (1 + 3e-16, 1, 1))])
 @pytest.mark.parametrize('way', WAYS)
 def test_moments_that_differ_by_rounding_are_the_same(platform, way, saved, given):
-    """Rounding decides in which order such moments are sorted, and nothing else may depend on it."""
+    """Rounding decides in which order such moments are sorted, and nothing else may depend on it.
+    """
     context, integrator = explicitBody(platform, moments=saved)
     start(context, integrator)
     before, poses = places(context), integrator.getBodyOrientations()
@@ -181,7 +183,8 @@ def checkBodies(integrator, masses, bond=0.1):
                          ids=['repartitioned', 'ten times', 'skew'])
 @pytest.mark.parametrize('way', ['preserveState', 'State', 'checkpoint'])
 def test_changed_masses_win_over_saved_ones(platform, way, masses):
-    """Particles stay where they are and keep their velocities, as under OpenMM's own integrators."""
+    """Particles stay where they are and keep their velocities, as under OpenMM's own integrators.
+    """
     system, integrator, context = started(platform)
     before = context.getState(getPositions=True, getVelocities=True)
     saved = WAYS[way](context) if way in WAYS else None
@@ -276,7 +279,8 @@ def versionOne(platform, state='state_version1.xml'):
 
 @pytest.mark.parametrize('state', ['state_version1.xml', 'state_version2.xml'])
 def test_files_of_earlier_versions_are_read(state):
-    """States of version 1 have the orientation in the frame of sorted moments; those of version 2 have no inertia scale."""
+    """States of version 1 have the orientation in the frame of sorted moments; those of version 2
+    have no inertia scale."""
     context, integrator = versionOne(openmm.Platform.getPlatformByName('Reference'), state)
     integrator.step(3)
     expected = json.loads((DATA/'state_version1_after3steps.json').read_text())
@@ -396,7 +400,8 @@ def forged(checkpoint, edit):
 
 
 def test_checkpoints_with_a_forged_check_sum(platform):
-    """Whatever byte is changed: an error of ours, or the same bodies to the pose tolerance, 1 % of their size, as sites may be."""
+    """Whatever byte is changed: an error of ours, or the same bodies to the pose tolerance, 1 % of
+    their size, as sites may be."""
     context, integrator = versionOne(platform)
     checkpoint = context.createCheckpoint()
     at = checkpoint.index(b'RIGIDHI3')
@@ -438,7 +443,8 @@ def test_checkpoints_with_a_forged_check_sum(platform):
 
 
 def test_memory_of_a_scheme_that_is_not_of_these_bodies(platform):
-    """What a scheme keeps between steps belongs to groups of bodies; none of ours keeps anything, so it is written by hand."""
+    """What a scheme keeps between steps belongs to groups of bodies; none of ours keeps anything,
+    so it is written by hand."""
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.FixmanMidpoint)
@@ -501,7 +507,8 @@ def test_memory_that_a_scheme_cannot_have(platform):
 
 
 def test_states_hold_what_users_mean(platform):
-    """The numbers in the file are those of the getters, in the user's frame, whatever the order of the moments."""
+    """The numbers in the file are those of the getters, in the user's frame, whatever the order of
+    the moments."""
     context, integrator = explicitBody(platform, moments=(2.5, 1, 2))
     start(context, integrator)
     xml = stateXml(context)

@@ -1,4 +1,5 @@
-"""Every setting survives XML, copies and pickles; damaged files are refused; copies are working objects."""
+"""Every setting survives XML, copies and pickles; damaged files are refused; copies are working
+objects."""
 import copy
 import gc
 import pickle
@@ -105,7 +106,10 @@ def test_every_property_survives(setter, getter, value, duplicate):
 
 
 def test_every_setter_is_in_the_list_of_properties():
-    """A new setting cannot be forgotten here. The others act on bodies or on the state of a Context."""
+    """A new setting cannot be forgotten here.
+
+    The others act on bodies or on the state of a Context.
+    """
     others = {
         'setBodyPositions', 'setBodyOrientations', 'setBodyVelocities', 'setBodyAngularVelocities',
         'setRigidBodyParameters', 'setBodyFriction'
@@ -225,7 +229,8 @@ def test_cast_of_what_another_object_owns_does_not_own():
 
 
 def test_copies_leak_nothing():
-    """Hundreds of copies, each freed once and at once: a double free would crash, a leak would grow."""
+    """Hundreds of copies, each freed once and at once: a double free would crash, a leak would
+    grow."""
     import resource
     integrator = CustomRigidHIIntegrator(300, 0.002)
     integrator.addRigidBody(range(1000), 1.0, (1, 1, 1), np.zeros((1000, 3)))  # about 30 kB
@@ -247,7 +252,9 @@ def xml():
 
 
 def test_a_file_cut_short_is_refused_or_whole():
-    """Cut after every element. OpenMM 7.7's own XML parser reads beyond the end of a text that stops inside a tag (found with
+    """Cut after every element.
+
+    OpenMM 7.7's own XML parser reads beyond the end of a text that stops inside a tag (found with
     AddressSanitizer, for its own integrators just the same), so what happens then is not ours to
     promise.
     """

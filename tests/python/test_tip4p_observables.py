@@ -1,4 +1,5 @@
-"""The observables of validation/davidchack2015 against OpenMM: energies, forces, torques, Laplacians, pressure.
+"""The observables of validation/davidchack2015 against OpenMM: energies, forces, torques,
+Laplacians, pressure.
 
 Needs OpenMM only, not the plugin. The configuration is a lattice of randomly turned waters,
 jittered and minimised for a few steps: every pair function is exercised, and nothing depends on an
@@ -68,7 +69,8 @@ class TestTip4pObservables(unittest.TestCase):
         return (sites + (centre if shift is None else centre + shift)[:, None]).reshape(-1, 3)
 
     def test_pair_potential_derivatives(self):
-        """u' and u'' against five-point differences, on both sides of r_m; zero beyond the cutoff."""
+        """u' and u'' against five-point differences, on both sides of r_m; zero beyond the cutoff.
+        """
         r = np.concatenate([np.linspace(0.16, 0.9499, 40), np.linspace(0.9501, 0.998, 40)])
         d = 1e-5
         difference = lambda f: (8*(f(r + d) - f(r - d)) - (f(r + 2*d) - f(r - 2*d)))/(12*d)
@@ -87,14 +89,16 @@ class TestTip4pObservables(unittest.TestCase):
             self.assertTrue(all(np.all(x == 0) for x in function(np.array([1.0, 1.1]))))
 
     def test_energy(self):
-        """Histogram = OpenMM's formula; the default bins scatter by rounding of s, without bias worth mentioning."""
+        """Histogram = OpenMM's formula; the default bins scatter by rounding of s, without bias
+        worth mentioning."""
         exact = self.energy(self.positions)
         self.assertLess(abs(self.sample["energy"]/exact - 1), 2e-5)
         self.assertLess(abs(self.coarse_sample["energy"]/exact - 1), 3e-3)
         # for the default bins' bias see test_bins_do_not_bias
 
     def test_bins_do_not_bias(self):
-        """Averages over configurations: default bins = fine bins within their scatter. 12 jittered copies of the box."""
+        """Averages over configurations: default bins = fine bins within their scatter. 12 jittered
+        copies of the box."""
         rng = np.random.default_rng(11)
         difference = []
         for _ in range(12):
@@ -111,7 +115,8 @@ class TestTip4pObservables(unittest.TestCase):
         self.assertTrue(np.all(np.abs(mean) < 5*error + 1e-5))
 
     def test_fast_variant_energy(self):
-        """NonbondedForce's direct space less its constant = formula + the difference the histogram predicts."""
+        """NonbondedForce's direct space less its constant = formula + the difference the histogram
+        predicts."""
         fast = self.energy(self.positions, reference_context("fast")) - tip4p.fast_energy_offset(N)
         difference = fast - self.energy(self.positions)
         print(f"\nfast - exact: {difference:.5f} kJ/mol for the box; predicted "
@@ -121,7 +126,8 @@ class TestTip4pObservables(unittest.TestCase):
         self.assertLess(abs(difference - self.sample["energy_fast_minus_exact"]), 0.02)
 
     def test_fast_variant_forces(self):
-        """OpenMM's forces on the molecules differ between the variants by what phi and the two switches predict, pair by pair."""
+        """OpenMM's forces on the molecules differ between the variants by what phi and the two
+        switches predict, pair by pair."""
         fast = reference_context("fast")
         fast.setPositions(self.positions)
         fast_force, _ = observables.body_forces_and_torques(fast, fast.getIntegrator())
@@ -152,7 +158,8 @@ class TestTip4pObservables(unittest.TestCase):
         self.assertLess(rms(measured - expected), 0.02*rms(measured))
 
     def test_forces_and_torques(self):
-        """Force and torque per molecule = minus derivative of OpenMM's energy along rigid motions in random directions."""
+        """Force and torque per molecule = minus derivative of OpenMM's energy along rigid motions
+        in random directions."""
         rng = np.random.default_rng(3)
         force, torque = self.forces(self.positions)
         d = 2e-5
@@ -166,8 +173,8 @@ class TestTip4pObservables(unittest.TestCase):
                 self.assertLess(abs((plus - minus)/(2*d) - expected), 1e-4*scale)
 
     def laplacian_by_differences(self, kind, molecules, d):
-        """sum over the given molecules and 3 axes of the second derivative of OpenMM's energy along rigid motions, by
-        differences of its forces (translation) or torques (rotation)."""
+        """sum over the given molecules and 3 axes of the second derivative of OpenMM's energy along
+        rigid motions, by differences of its forces (translation) or torques (rotation)."""
         total = 0.0
         for m in molecules:
             for k in range(3):
@@ -244,7 +251,8 @@ class TestTip4pObservables(unittest.TestCase):
                         0.5)  # of terms of the order of 1000 MPa that cancel
 
     def test_rdf(self):
-        """Counts: all pairs inside 1 nm, once; g = 1 for points without correlation (rigid triplets placed at random)."""
+        """Counts: all pairs inside 1 nm, once; g = 1 for points without correlation (rigid triplets
+        placed at random)."""
         rng = np.random.default_rng(5)
         sums = observables.PairSums(N)
         frames = 12
@@ -272,7 +280,8 @@ class TestTip4pObservables(unittest.TestCase):
         self.assertEqual(self.coarse.counts["HH"].sum(), brute)
 
     def test_rdf_value_and_maximum(self):
-        """Fits on shells of 0.002 nm recover a peak as sharp as water's g_OH (half maxima 0.024 nm apart) to 0.1 %."""
+        """Fits on shells of 0.002 nm recover a peak as sharp as water's g_OH (half maxima 0.024 nm
+        apart) to 0.1 %."""
         peak = lambda r: 1.5*np.exp(-0.5*(np.log((r - 0.13)/0.052)/0.2)**2)
         fine = np.linspace(0.16, 0.21, 50001)
         r = np.arange(0.141, 0.3, 0.002)
@@ -337,7 +346,8 @@ class Interrupted(Exception):
 
 
 def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
-    """validation/davidchack2015/run.py: after an interruption it takes as many samples as without, and those before are the same."""
+    """validation/davidchack2015/run.py: after an interruption it takes as many samples as without,
+    and those before are the same."""
     import run
     monkeypatch.setattr(run.campaign, "NOTES_EVERY", 0.0)
     monkeypatch.setattr(run, "BLOCKS", 6)

@@ -1,4 +1,5 @@
-"""Trajectory files: what comes back, what other programs find, resuming, crashes, and files of others."""
+"""Trajectory files: what comes back, what other programs find, resuming, crashes, and files of
+others."""
 import os
 import re
 import subprocess
@@ -27,7 +28,8 @@ def refused(*pieces, error=ValueError):
 
 
 class Scene:
-    """Two dumbbells of two blobs, a sphere off its origin, and a free blob; all drift and turn, in a box of 4 nm or none."""
+    """Two dumbbells of two blobs, a sphere off its origin, and a free blob; all drift and turn, in
+    a box of 4 nm or none."""
     def __init__(self, periodic=None, bodies=3, velocity=30.0, fluid=False, ball=(0.1, 0.2, 0),
                  tail=(0, 0, 0.5)):
         self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(
@@ -132,7 +134,8 @@ def test_h5md_comes_back_bit_for_bit(tmp_path, periodic):
 
 @BOXES
 def test_gsd_comes_back_in_single_precision(tmp_path, periodic):
-    """Wrapped into the box a coordinate is off by its rounding, at most that of the box; products of rounded numbers by a few."""
+    """Wrapped into the box a coordinate is off by its rounding, at most that of the box; products
+    of rounded numbers by a few."""
     scene = Scene(periodic, velocity=300.0)
     seen = scene.run(
         app.GsdReporter(tmp_path/'x.gsd', 1, velocities=True, blobs=True, radii=scene.radii))
@@ -189,7 +192,8 @@ def text(value):
 
 @BOXES
 def test_the_structure_is_that_of_h5md(tmp_path, periodic):
-    """Specification 1.1 and its module units 1.0, as far as they demand anything of what is written."""
+    """Specification 1.1 and its module units 1.0, as far as they demand anything of what is
+    written."""
     scene = Scene(periodic)
     scene.run(
         app.H5mdReporter(tmp_path/'x.h5', 1, velocities=True, blobs=True, radii=scene.radii,
@@ -563,7 +567,8 @@ def test_bad_reporters(tmp_path, reporter, read):
 
 
 def test_h5md_of_other_programs(tmp_path):
-    """Other units, wrapped positions with images in a box that is periodic along x and y only, steps and times by increments."""
+    """Other units, wrapped positions with images in a box that is periodic along x and y only,
+    steps and times by increments."""
     random = np.random.default_rng(1)
     R, q = random.normal(size=(5, 2, 3)), random.normal(size=(5, 2, 4))
     image = random.integers(-2, 3, size=(5, 2, 3))

@@ -1,4 +1,5 @@
-"""analysis.viscosity: shells, spheres and lattices against what they must have, noise, drift, channels, and what is refused."""
+"""analysis.viscosity: shells, spheres and lattices against what they must have, noise, drift,
+channels, and what is refused."""
 import json
 import pathlib
 import re
@@ -70,8 +71,9 @@ def sphere(*place):
 @pytest.mark.parametrize('blobs', [12, 42, 162])
 @pytest.mark.parametrize('model', ['RotnePragerYamakawa', 'ForceCoupling'])
 def test_dilute_shells(run, model, blobs):
-    """Slope in the volume fraction: 5/2 of that of spheres of the stresslet radius, which dense algebra of the test's own has, to what one body's images and the
-    curvature of the wave make, which is below (k a)^2 = 0.025 by far: 1e-3."""
+    """Slope in the volume fraction: 5/2 of that of spheres of the stresslet radius, which dense
+    algebra of the test's own has, to what one body's images and the curvature of the wave make,
+    which is below (k a)^2 = 0.025 by far: 1e-3."""
     sites, radius = run.shell(blobs)
     due = 2.5*run.stressletRadius(sites, radius, model)**3
     slope = (run.dilute(model, (sites, radius), 40.0) - 1)*40**3/(4/3*np.pi)
@@ -79,7 +81,10 @@ def test_dilute_shells(run, model, blobs):
 
 
 def test_the_way_a_shell_is_turned_does_not_matter(run):
-    """To first order in the volume fraction: an icosahedron has no direction of strain. What is left is (k a)^2 and images."""
+    """To first order in the volume fraction: an icosahedron has no direction of strain.
+
+    What is left is (k a)^2 and images.
+    """
     sites, radius = run.shell(12)
     scene = run.Scene('RotnePragerYamakawa', [(sites, radius)], (40.0,)*3)
     q = np.random.default_rng(2).standard_normal((3, 4))
@@ -90,7 +95,8 @@ def test_the_way_a_shell_is_turned_does_not_matter(run):
 
 
 def test_dilute_spheres_with_stresslets(run):
-    """Einstein's 5/2, less what the sphere sees of the wave: a stresslet of t(k) = 3 j1(ka)/(ka) = 1 - (ka)^2/10 squared; then images, which are of the order of the volume fraction 6.5e-5."""
+    """Einstein's 5/2, less what the sphere sees of the wave: a stresslet of t(k) = 3 j1(ka)/(ka) =
+    1 - (ka)^2/10 squared; then images, which are of the order of the volume fraction 6.5e-5."""
     edge = 40.0
     slope = (run.dilute('StokesianDynamics', (np.zeros((1, 3)), 1.0), edge) - 1)*edge**3/(4/3*np.pi)
     assert slope == pytest.approx(2.5*(1 - (2*np.pi/edge)**2/5), rel=3e-4)
@@ -112,15 +118,17 @@ def test_spheres_without_stresslets_leave_the_viscosity_as_it_is(model, solver):
 @pytest.mark.parametrize('fraction, stresslets', [(0.027, 1.066332), (0.125, 1.301682),
                                                   (0.45, 2.437858)])
 def test_lattices_in_long_waves(run, fraction, stresslets):
-    """Simple cubic arrays have the viscosity of uniform shear in waves that are much longer than their spacing: the next term is (k spacing)^2 and the fourth power
-    after the extrapolation is left, (2 pi/32)^4 = 1.5e-3 of what stresslets make, which the prefactor makes smaller."""
+    """Simple cubic arrays have the viscosity of uniform shear in waves that are much longer than
+    their spacing: the next term is (k spacing)^2 and the fourth power after the extrapolation is
+    left, (2 pi/32)^4 = 1.5e-3 of what stresslets make, which the prefactor makes smaller."""
     ratios = [run.lattice(fraction, count) for count in (16, 32)]
     assert (4*ratios[1] - ratios[0])/3 == pytest.approx(stresslets, abs=1e-4*(stresslets - 1))
     assert abs(ratios[1] - stresslets) < 2e-2*(stresslets - 1)
 
 
 def test_units_and_definitions():
-    """viscosity = f0/(k^2 amplitude), shear rate = k amplitude; the sign of f0 does not matter, and the sizes of f0 and of the box do not, without noise."""
+    """viscosity = f0/(k^2 amplitude), shear rate = k amplitude; the sign of f0 does not matter, and
+    the sizes of f0 and of the box do not, without noise."""
     bodies = [(CROSS, 1.0, (1, 2, 3)), (CROSS, 1.0, (6, 7, 2))]
     found = {}
     for f0 in (F0, -F0, 5*F0):
@@ -143,7 +151,8 @@ def test_units_and_definitions():
 
 
 def test_a_run_without_noise_is_a_mean_over_time():
-    """The mean amplitude of steps that getFlowModeInContext gives one by one, after those of the equilibration."""
+    """The mean amplitude of steps that getFlowModeInContext gives one by one, after those of the
+    equilibration."""
     bodies = [(CROSS, 1.0, (1, 2, 3)), (CROSS, 1.0, (6, 7, 2))]
     _, _, context = driven(bodies, (12, 11, 13), step=0.5)
     found = analysis.viscosity(context, 24, 7, 2, progress=False)
@@ -166,7 +175,8 @@ def test_a_run_without_noise_is_a_mean_over_time():
 
 
 def test_a_channel_is_half_a_periodic_box():
-    """A body between slip walls and its mirror image in a box of twice the width, under a wave along the walls, which is its own mirror image."""
+    """A body between slip walls and its mirror image in a box of twice the width, under a wave
+    along the walls, which is its own mirror image."""
     sites = CROSS*(1, 1, 1)
     place = np.array((2, 3.5, 4))
     mirrored = sites*(1, -1, 1)
@@ -183,10 +193,10 @@ def test_a_channel_is_half_a_periodic_box():
 
 
 def test_the_noise_of_a_step_and_a_mean_of_many():
-    """Force-coupling spheres on a grid, free of forces: the amplitude is the driven flow and the random field's own, of variance 4 kT/(eta k^2 V h) and new at each
-    step. So the ratio is 1 within its errors, which are those of independent samples, and exactly
-    without the field's own amplitude. EulerMaruyama will do, since their
-    mobility has no divergence."""
+    """Force-coupling spheres on a grid, free of forces: the amplitude is the driven flow and the
+    random field's own, of variance 4 kT/(eta k^2 V h) and new at each step. So the ratio is 1
+    within its errors, which are those of independent samples, and exactly without the field's own
+    amplitude. EulerMaruyama will do, since their mobility has no divergence."""
     steps, edge, step = 1500, 6.0, 0.05
     integrator, fluid, context = driven(
         [sphere(1, 2, 3), sphere(4, 4, 1)], (edge,)*3, 'ForceCoupling', 300, 'EulerMaruyama', 5.0,
@@ -213,7 +223,8 @@ def test_the_noise_of_a_step_and_a_mean_of_many():
 
 
 def test_the_fields_own_amplitude_is_taken_out_by_regression():
-    """Of synthetic samples: the mean stays right, and the error is that of what the field does not explain."""
+    """Of synthetic samples: the mean stays right, and the error is that of what the field does not
+    explain."""
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9))
     random, n = np.random.default_rng(5), 4000
     field, rest = 3*random.standard_normal((n, 2)), 0.2*random.standard_normal((n, 2))
@@ -229,7 +240,8 @@ def test_the_fields_own_amplitude_is_taken_out_by_regression():
 
 
 def test_errors_know_slow_fluctuations_under_white_noise():
-    """Samples with a slow part of a fiftieth of the variance, which the autocorrelation of single samples does not show, but which makes half the variance of the mean."""
+    """Samples with a slow part of a fiftieth of the variance, which the autocorrelation of single
+    samples does not show, but which makes half the variance of the mean."""
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9))
     random, n, replicas, memory, share = np.random.default_rng(8), 6000, 150, np.exp(-1/25), 0.02
     slow = np.empty((n, replicas))

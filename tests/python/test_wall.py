@@ -11,7 +11,8 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 
 def scene(height=1*unit.nanometer, rejection=CustomRigidHIIntegrator.Overlap, platform='Reference'):
-    """A sphere of 0.5 nm and a triangle of blobs above a wall, held off it by a repulsion and to it by a weight."""
+    """A sphere of 0.5 nm and a triangle of blobs above a wall, held off it by a repulsion and to it
+    by a weight."""
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(300, 0.005)
     integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)

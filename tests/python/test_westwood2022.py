@@ -1,4 +1,5 @@
-"""validation/westwood2022: the sampler's energy is the Context's, its distribution that of quadrature and of another sampler; the script runs, shortened, and goes on."""
+"""validation/westwood2022: the sampler's energy is the Context's, its distribution that of
+quadrature and of another sampler; the script runs, shortened, and goes on."""
 import json
 import pathlib
 import subprocess
@@ -41,7 +42,8 @@ def begun(study, scene, count=2, sweeps=3, seed=1):
 
 
 def test_the_rod(study):
-    """Touching beads: neighbours in a layer and in adjacent layers are two radii apart, none is nearer; 16.142 long, 4 wide."""
+    """Touching beads: neighbours in a layer and in adjacent layers are two radii apart, none is
+    nearer; 16.142 long, 4 wide."""
     sites = study.model.SITES
     distances = np.linalg.norm(sites[:, None] - sites, axis=-1)[np.triu_indices(22, 1)]
     assert distances.min() == pytest.approx(
@@ -64,7 +66,8 @@ def test_volume_fraction(study, fraction, rods):
 
 @pytest.mark.parametrize('fraction, cutoff', [(8, 6.0), (4, 3.0), (2, 6.0)])
 def test_energies(study, fraction, cutoff):
-    """The fast sampler's, those summed bead by bead, and the Context's, at overlapping configurations and relaxed ones, with rods across the period."""
+    """The fast sampler's, those summed bead by bead, and the Context's, at overlapping
+    configurations and relaxed ones, with rods across the period."""
     scene = study.model.Scene(fraction, cutoff)
     rods = study.model.Rods(scene, platform='Reference')
     for sweeps in (0, 5):
@@ -123,7 +126,8 @@ def test_forces(study):
 
 
 def test_kept_energies_follow_moves(study):
-    """After many accepted moves of all kinds the sums that the sampler keeps are still those of the configuration."""
+    """After many accepted moves of all kinds the sums that the sampler keeps are still those of the
+    configuration."""
     scene = study.model.Scene(8, 3.0)
     systems = begun(study, scene, 4, 30)
     assert all(systems.accepted[kind] > 0
@@ -163,7 +167,8 @@ def check(values, exact, error=0.0):
 
 
 def test_one_rod_against_quadrature(study):
-    """Its law in y and in the direction of the wall's normal in its own frame, uniform on a sphere but for the energy."""
+    """Its law in y and in the direction of the wall's normal in its own frame, uniform on a sphere
+    but for the energy."""
     scene = study.model.Scene(8, 6.0)
     scene.rods = 1
     random = np.random.default_rng(5)
@@ -201,7 +206,8 @@ def test_one_rod_against_quadrature(study):
 
 @pytest.mark.full
 def test_crowded_rods_against_the_librarys_sampler(study):
-    """Three rods in a box of 20 x 9.7 x 20, three quarters as dense as the study's, under the Context's energies, in GibbsBoltzmannSampler with the channel's walls."""
+    """Three rods in a box of 20 x 9.7 x 20, three quarters as dense as the study's, under the
+    Context's energies, in GibbsBoltzmannSampler with the channel's walls."""
     scene = study.model.Scene(8, 3.0)
     scene.rods, scene.side = 3, 20.0
     systems = begun(study, scene, 32, 200, 3)
@@ -244,7 +250,8 @@ def run(folder, *arguments, name='rods.json'):
 
 
 def test_the_script(study, tmp_path):
-    """It runs, shortened, and again goes on with what is kept, two runs at a time: longer chains, more runs, and what was there stays."""
+    """It runs, shortened, and again goes on with what is kept, two runs at a time: longer chains,
+    more runs, and what was there stays."""
     first, text = run(tmp_path, '--quick')
     assert 'pair energy a rod' in text
     for name in ('rods_heights.png', 'rods_angles.png'):

@@ -1,8 +1,8 @@
-"""The runs of a script, handed to openmmrigidhi.ensemble.tasks: options of the command line, and what is kept of each run.
+"""The runs of a script by openmmrigidhi.ensemble.tasks: command-line options, and saved runs.
 
-Every run has a directory of its own below --work. A run that is done leaves its result there, one
-that is not its state, so that the same command goes on where it was interrupted, here or on another
-worker.
+Every run has a directory of its own below --work. A finished run leaves its result there, an
+unfinished run its state. The same command thus continues where it was interrupted, here or on
+another worker.
 """
 import json
 import os
@@ -16,12 +16,12 @@ import numpy as np
 
 from openmmrigidhi.ensemble import tasks
 
-#: Seconds between two notes of a run.
+#: Seconds between two saves of a run.
 NOTES_EVERY = 60.0
 
 
 def addPlaces(parser):
-    """--jobs, --cluster: who makes the runs."""
+    """Add --jobs and --cluster, which say where the runs are made."""
     group = parser.add_argument_group('who makes the runs')
     group.add_argument('--jobs', type=int, default=1,
                        help='runs at a time, in processes of this machine (%(default)s)')
@@ -32,31 +32,32 @@ def addPlaces(parser):
 
 
 def addOptions(parser):
-    """--jobs, --cluster, --work, --fresh; after parsing call settle()."""
+    """Add --jobs, --cluster, --work and --fresh; after parsing call settle()."""
     group = addPlaces(parser)
     group.add_argument(
         '--work', type=pathlib.Path,
-        help='where runs keep what they need to go on (the folder work in that of --output)')
+        help='where runs save what they need to go on (the folder work in that of --output)')
     group.add_argument('--fresh', action='store_true',
-                       help='begin all runs anew instead of going on with what --work has')
+                       help='begin all runs anew instead of going on from what is in --work')
 
 
 def settle(args):
-    """Give --work its default, and make it a path that workers elsewhere find, too. Returns the arguments."""
+    """Give --work its default, make it absolute for workers elsewhere; return the arguments."""
     args.work = (args.work or args.output/'work').resolve()
     return args
 
 
 def directoryName(name):
-    """The name of a run as that of a directory."""
+    """The name of the directory of a run with this name."""
     return re.sub(r'[^\w.+=-]+', '_', name)
 
 
 def run(function, arguments, names, args, amounts=None, unit='run', title='', finished=None,
         given=None):
-    """What function(argument, job) returns for each argument, as JSON has it: numbers, lists, dictionaries with str keys.
+    """What function(argument, job) returns for each argument, as JSON has it.
 
-    A result that is in the run's directory, of an equal argument, is taken from there.
+    Results are made of numbers, lists, and dictionaries with str keys. A result that is already in
+    the run's directory, of an equal argument, is taken from there.
 
     Parameters
     ----------
@@ -66,20 +67,21 @@ def run(function, arguments, names, args, amounts=None, unit='run', title='', fi
         what JSON takes, or functions, which are known by their names, or objects whose repr() says
         all that the result depends on
     names : sequence of str
+        names of the runs
     args : argparse.Namespace
         with what addOptions() adds
     amounts : sequence of float, optional
         see tasks.run()
     finished : callable, optional
-        called with the index of a run and its result, as they come
+        called with the index of a run and its result, as runs finish
     given : object, optional
-        what all runs need beside and the result depends on as on the script itself, e.g. an
-        equilibrated scene: function's third argument
+        what all runs need in addition, e.g. an equilibrated scene: the third argument of the
+        function; the result depends on it as on the script itself
 
     Raises
     ------
     SystemExit
-        at the end, if runs failed; the others' results are kept
+        at the end, if runs failed; the results of the other runs are saved
     """
     arguments, names = list(arguments), [directoryName(name) for name in names]
 
@@ -107,7 +109,7 @@ def run(function, arguments, names, args, amounts=None, unit='run', title='', fi
 
 
 def _perform(task, job):
-    """The result of one run: the one that is there, or a new one."""
+    """The result of one run: the saved result, or a new one."""
     function, argument, given = task
     path, settings = os.path.join(job.directory,
                                   'result.json'), json.loads(json.dumps(asJson(argument)))
@@ -127,7 +129,7 @@ def _perform(task, job):
 
 
 def asJson(value):
-    """Arrays as lists, all digits kept."""
+    """Arrays as lists, with all digits."""
     if isinstance(value, dict):
         return {str(k): asJson(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -147,9 +149,9 @@ class State:
     Parameters
     ----------
     place : tasks.Job, pathlib.Path or None
-        whose directory; None: nothing is kept
+        the directory, or what has it; None: nothing is saved
     settings : object
-        whose repr() must be the same for a run to go on; how long it is to be is no part of it
+        whose repr() must be the same for a run to go on; the length of the run is no part of it
     """
     def __init__(self, place, settings):
         directory = getattr(place, 'directory', place)
@@ -157,7 +159,7 @@ class State:
         self.settings, self.noted = repr(settings), time.monotonic()
 
     def load(self):
-        """What was saved, name -> array; empty if nothing was.
+        """The saved arrays, name -> array; empty if nothing was saved.
 
         Raises
         ------
@@ -176,7 +178,7 @@ class State:
         return found
 
     def isDue(self):
-        """Whether the last save is so long ago that another one is worth its time."""
+        """Whether the last save is long enough ago for another one."""
         return self.path is not None and time.monotonic() - self.noted > NOTES_EVERY
 
     def save(self, **arrays):

@@ -1,9 +1,9 @@
-"""The Gibbs-Boltzmann distribution of one body above a wall, by quadrature over its height and orientation.
+"""The Gibbs-Boltzmann distribution of one body above a wall, by quadrature.
 
-With nothing that depends on x, y or the turn about z, a pose is the height h of the origin and u,
-the lab's z axis in the body frame: dR dq becomes dh du. The grid: Gauss-Legendre points within bins
-of h and of theta, the angle between the body's z axis and the lab's, and equally spaced azimuths;
-all smooth, so the integrals of bins are good to many digits.
+Nothing depends on x, y or the turn about z. So a pose is the height h of the origin and u, the
+lab's z axis in the body frame: dR dq becomes dh du. Within bins of h and of theta the grid has
+Gauss-Legendre points; theta is the angle between the body's z axis and the lab's. Azimuths are
+equally spaced. All functions are smooth, so the integrals over bins are good to many digits.
 """
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,15 +25,15 @@ def panels(edges, points=POINTS_PER_BIN):
 class Equilibrium:
     """Probabilities of bins, averages, and poses drawn from the distribution.
 
-    heightEdges are bins of the height of the body's origin; beyond the last one the grid goes on to
-    where nothing is left.
+    heightEdges are edges of bins of the height of the body's origin. Beyond the last edge the grid
+    goes on to heights where the probability is negligible.
     """
     def __init__(self, body, heightEdges, thetaEdges, azimuths=48):
         self.body = body
         self.heightEdges, self.thetaEdges = np.asarray(heightEdges,
                                                        float), np.asarray(thetaEdges, float)
-        # Below the bins no site is allowed or they begin at the wall; above, 60 decay lengths of
-        # the weight.
+        # The bins begin at the wall, or no site is allowed below them. The grid ends 60 decay
+        # lengths of the weight above the bins.
         top = self.heightEdges[-1] + 60/body.weights.sum()
         beyond = np.linspace(self.heightEdges[-1], top, 120)[1:]
         h, wh = panels(np.concatenate([self.heightEdges, beyond]))
@@ -48,7 +48,7 @@ class Equilibrium:
         for k, height in enumerate(h):
             density[k] = wh[k]*weights*np.exp(-body.energies(height + offsets))
         self.probability = density/density.sum()
-        #: Above it lies 1e-9 of the distribution.
+        #: Above this height lies 1e-9 of the distribution.
         self.ceiling = self.h[np.searchsorted(np.cumsum(self.probability.sum(1)), 1 - 1e-9)]
 
     def heightBins(self):
@@ -59,7 +59,10 @@ class Equilibrium:
         return self.probability.sum(0).reshape(len(self.thetaEdges) - 1, -1).sum(1)
 
     def average(self, function):
-        """The mean of function(height of the origin, up), which gets arrays (k, 1) and (m, 3) and returns (k, m) or what broadcasts."""
+        """The mean of function(height of the origin, up) over the distribution.
+
+        The function gets arrays (k, 1) and (m, 3), and returns (k, m) or what broadcasts to it.
+        """
         return float((self.probability*function(self.h[:, None], self.up)).sum())
 
     def reweighted(self, factorOfHeight):
@@ -70,10 +73,11 @@ class Equilibrium:
             marginal @ self.h)
 
     def draw(self, random, count):
-        """Independent poses: positions (count, 3) with x = y = 0, and quaternions (count, 4) with a random turn about z.
+        """Independent poses: positions (count, 3) with x = y = 0, and quaternions (count, 4).
 
-        Points of the grid are drawn, and moved off it by some Monte Carlo moves, which leave the
-        distribution as it is: averages of functions that are not smooth would else see the grid.
+        The turn about z is random. Points of the grid are drawn, and moved off it by some Monte
+        Carlo moves, which leave the distribution as it is. Without these moves, averages of
+        functions that are not smooth would show the grid.
         """
         flat = self.probability.ravel()
         cumulative = np.cumsum(flat)
@@ -107,7 +111,10 @@ class Equilibrium:
 
 
 def rotationalPlateau(equilibrium, random, pairs=100000):
-    """The rotational mean square displacement at long times, eq. 71: mean and standard error of xx (or yy) and zz."""
+    """The rotational mean square displacement at long times, eq. 71.
+
+    The result has mean and standard error of xx (or yy) and of zz.
+    """
     first, second = (Rotation.from_quat(equilibrium.draw(random, pairs)[1][:, [1, 2, 3, 0]])
                      for _ in range(2))
     turn = (second*first.inv()).as_quat()
@@ -120,10 +127,12 @@ def rotationalPlateau(equilibrium, random, pairs=100000):
 
 
 def withoutDrift(equilibrium, random, heights=96, rounds=20):
-    """What a scheme without the stochastic drift tends to, exp(-U/kT)/mu(h), with the mean of N_zz at each height for mu.
+    """The distribution to which a scheme without the stochastic drift tends.
 
-    Exact if N_zz depends on the height alone and is not coupled to rotation, as for a sphere; else
-    an estimate. So many heights are taken where there is any probability, and interpolated between.
+    It is exp(-U/kT)/mu(h), with the mean of N_zz at each height for mu. It is exact if N_zz depends
+    on the height alone and is not coupled to rotation, as for a sphere; otherwise it is an
+    estimate. mu is computed at `heights` heights where there is any probability, and interpolated
+    between them.
     """
     replicas = Replicas(equilibrium.body, heights, 'RandomFiniteDifference', 1.0)
     marginal = equilibrium.probability.sum(1)
@@ -146,10 +155,10 @@ def withoutDrift(equilibrium, random, heights=96, rounds=20):
 
 
 def averageMobility(equilibrium, functions, random, poses, atATime=32):
-    """Means and standard errors of functions of the mobility over the distribution, from so many independent poses.
+    """Means and standard errors of functions of the mobility over the distribution.
 
-    functions maps names to f(N (n, 6, 6) times kT in the lab frame, A (n, 3, 3) body to lab,
-    heights (n,)) -> (n,).
+    The averages are over `poses` independent poses. functions maps names to f(N (n, 6, 6) times kT
+    in the lab frame, A (n, 3, 3) body to lab, heights (n,)) -> (n,).
     """
     replicas = Replicas(equilibrium.body, atATime, 'RandomFiniteDifference', 1.0)
     values = {name: [] for name in functions}
@@ -168,12 +177,15 @@ def averageMobility(equilibrium, functions, random, poses, atATime=32):
 
 
 def sphereMobilities(heights, radius, viscosity):
-    """Mobilities times kT (n, 6, 6) of a sphere with its centre at these heights, by the exact mobility (setSphereWallMobility)."""
+    """Mobilities times kT (n, 6, 6) of a sphere with its centre at these heights.
+
+    They are exact (setSphereWallMobility).
+    """
     sphere = Body('sphere', np.zeros((1, 3)), np.array([radius]), np.zeros(1), np.array([], int),
                   0.0, radius, 1.0, viscosity)
     replicas = Replicas(sphere, len(heights), 'RandomFiniteDifference', 1.0, bestKnown=True)
     positions = np.zeros((len(heights), 3))
-    # At contact there is none.
+    # At contact there is no mobility.
     positions[:, 2] = np.maximum(heights, radius*(1 + 1e-9))
     replicas.place(positions, np.broadcast_to((1.0, 0, 0, 0), (len(heights), 4)))
     return replicas.mobilities()

@@ -1,4 +1,4 @@
-"""What scripts share: where results came from, JSONs, pictures, tables, numbers with errors."""
+"""What scripts share: provenance of results, JSONs, pictures, tables, numbers with errors."""
 import argparse
 import hashlib
 import json
@@ -49,7 +49,7 @@ def provenance(arguments=None):
 
 
 def plain(value):
-    """Numbers and arrays as json writes them, rounded to what a double of a measurement can mean."""
+    """Numbers and arrays as json writes them, rounded to the digits that a measurement can have."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -66,14 +66,14 @@ def plain(value):
 
 
 def save(folder, name, data):
-    """Write a JSON; numbers to 12 digits."""
+    """Write a JSON, with numbers of 12 digits."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder/name).write_text(json.dumps(plain(data), indent=1) + '\n')
     print(f'wrote {folder/name}')
 
 
 def pyplot():
-    """matplotlib.pyplot that draws into files."""
+    """matplotlib.pyplot, set to draw into files."""
     import matplotlib
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
@@ -81,7 +81,7 @@ def pyplot():
 
 
 def brackets(value, error):
-    """1.2345 with error 0.0012 as 1.2345(12)."""
+    """A value with its error in brackets: 1.2345 with error 0.0012 is 1.2345(12)."""
     if not (np.isfinite(error) and error > 0):
         return f'{value:.6g}'
     digits = max(0, 1 - int(np.floor(np.log10(error))))
@@ -89,15 +89,16 @@ def brackets(value, error):
 
 
 def printTables(description, results, tables):
-    """The command line of a report: print the tables that there are results for as Markdown.
+    """The command line of a report: print in Markdown the tables for which there are results.
 
     Parameters
     ----------
     description : str
+        of the command line
     results : pathlib.Path
-        where the JSONs are, if --input does not say something else
+        where the JSONs are, unless --input names another folder
     tables : sequence of (str, callable)
-        pattern of the names of JSONs, and what yields the lines of their table
+        pattern of the names of JSONs, and a generator of the lines of their table
     """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument('--input', type=pathlib.Path, default=results)

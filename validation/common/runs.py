@@ -1,10 +1,10 @@
-"""Running replicas of one body: what is counted, errors from the spread of replicas, when to stop, and how to go on later.
+"""Runs of replicas of one body: what is counted, errors, when to stop, and how to continue.
 
 A run is made of chunks. Each chunk gives every replica its counts in bins, sums of observables, and
-mean square displacements; sums over chunks are kept in the run's directory with the last poses,
-which are all the state an overdamped scheme has. A later run goes on from there with new random
-numbers. Replicas are independent, so errors come from the spread of their own averages, whatever
-the correlation in time.
+mean square displacements. Sums over chunks are saved in the run's directory with the last poses,
+which are the whole state of an overdamped scheme. A later run goes on from there with new random
+numbers. Replicas are independent, so errors come from the spread of the replicas' averages,
+whatever the correlation in time.
 """
 import argparse
 import json
@@ -23,16 +23,16 @@ from openmmrigidhi import analysis
 from recording import provenance, save
 from walls import Replicas
 
-#: The wanted relative standard error of each mean, and chi^2 per bin of each histogram; else this
-#: many minutes a scheme.
+#: The wanted relative standard error of each mean, and the wanted chi^2 per bin of each histogram.
+#: A run that does not reach them ends after this many minutes for each scheme.
 WANTED_ERROR, WANTED_CHI2, MINUTES = 0.005, 1.5, 60.0
-#: Bins are merged until each holds this much, or neither their errors nor their law are good for
-#: chi^2.
+#: Bins are merged until each holds this much, or neither their errors nor their law are good enough
+#: for chi^2.
 LEAST_IN_BIN, LEAST_FOR_TEST = 0.01, 0.05
 
 
 class Plan:
-    """What one run is: scheme, step, spacing of frames, what is looked at.
+    """The definition of one run: scheme, step, spacing of frames, observables.
 
     Parameters
     ----------
@@ -50,7 +50,8 @@ class Plan:
     def __init__(self, name, body, equilibrium, scheme, step, every, frames, settle, observables,
                  msd=None, lags=(1,), replicas=64, platform='Reference', seed=2015, labels=None,
                  lateFrom=None):
-        self.name, self.body, self.equilibrium, self.scheme, self.step = name, body, equilibrium, scheme, step
+        self.name, self.body, self.equilibrium = name, body, equilibrium
+        self.scheme, self.step = scheme, step
         self.every, self.frames, self.settle, self.observables = every, frames, settle, observables
         self.msd, self.lags, self.replicas, self.platform, self.seed = msd or {}, np.unique(
             np.rint(lags).astype(int)), replicas, platform, seed
@@ -93,7 +94,7 @@ class Tally:
     seconds = property(lambda self: self.arrays['numbers'][4])
 
     def load(self, state):
-        """Whether anything was kept."""
+        """Whether anything was saved."""
         kept = state.load()
         self.arrays.update((key, kept[key]) for key in self.arrays if key in kept)
         return bool(kept)
@@ -131,7 +132,10 @@ class Tally:
         return mine.mean(0), mine.std(0, ddof=1)/np.sqrt(len(mine))
 
     def merged(self, key, least):
-        """Each replica's probabilities of bins merged to hold at least this much, and the exact ones."""
+        """Each replica's probabilities of merged bins, and the exact ones.
+
+        Bins are merged to hold at least `least`.
+        """
         exact, counts = self.plan.exact[key], self.arrays['count ' + key]/self.frames
         starts, held = [0], 0.0
         for k, p in enumerate(exact):
@@ -142,12 +146,12 @@ class Tally:
         return np.add.reduceat(counts, starts, axis=1), np.add.reduceat(exact, starts)
 
     def significance(self, key):
-        """The probability that the exact distribution differs so much from a run of this length, all bins together.
+        """The probability that the exact distribution differs so much from a run of this length.
 
-        Neighbouring bins' errors are correlated, so chi^2 per bin scatters widely about 1; this is
-        Hotelling's test with their covariance from the replicas, for bins merged to at least
-        LEAST_FOR_TEST. The last bin follows from the others. None if there are too few replicas or
-        frames.
+        All bins are tested together. Neighbouring bins' errors are correlated, so chi^2 per bin
+        scatters widely about 1. This is Hotelling's test with the covariance of the bins from the
+        replicas, for bins merged to at least LEAST_FOR_TEST. The last bin follows from the others.
+        The result is None if there are too few replicas or frames.
         """
         mine, exact = self.merged(key, LEAST_FOR_TEST)
         n, bins = len(mine), len(exact) - 1
@@ -162,7 +166,10 @@ class Tally:
                  bins, n - bins))
 
     def chi2(self, key):
-        """chi^2 per bin against the exact probabilities, of bins merged to at least LEAST_IN_BIN, and the number of bins."""
+        """chi^2 per bin against the exact probabilities, and the number of bins.
+
+        Bins are merged to at least LEAST_IN_BIN.
+        """
         mine, exact = self.merged(key, LEAST_IN_BIN)
         error = mine.std(0, ddof=1)/np.sqrt(len(mine))
         seen = error > 0
@@ -174,7 +181,11 @@ class Tally:
         return mine.mean(0), mine.std(0, ddof=1)/np.sqrt(len(mine))
 
     def lateSlope(self, name, since):
-        """Half the slope of a displacement along two axes (a quarter of xx + yy), from lags of at least this time: mean and standard error, or None."""
+        """Half the slope of a displacement along two axes (a quarter of xx + yy).
+
+        The slope is taken from lags of at least the time `since`. The result is the mean and its
+        standard error, or None.
+        """
         lag = self.plan.lags*self.plan.step*self.plan.every
         late = lag >= since
         if late.sum() < 2:
@@ -183,7 +194,11 @@ class Tally:
         return float(mine.mean()), float(mine.std(ddof=1)/np.sqrt(len(mine)))
 
     def l2(self, key):
-        """Distance of the density from the exact one, sqrt(integral (p - p0)^2): as it is, the part that noise makes, and without it."""
+        """Distance of the density from the exact one, sqrt(integral (p - p0)^2).
+
+        The result has the distance as it is, the part that noise makes, and the distance without
+        it.
+        """
         P, error = self.histogram(key)
         width = np.diff(self.plan.edges[key])
         total, noise = np.sum((P - self.plan.exact[key])**2/width), np.sum(error**2/width)
@@ -200,13 +215,13 @@ class Tally:
 
 
 def finished(tally):
-    """Whether there is nothing left to run for; Euler-Maruyama's bins can never agree."""
+    """Whether a run need not go on; bins of Euler-Maruyama can never agree."""
     errors, bins = tally.reached()
     return errors and (bins or tally.plan.scheme == 'EulerMaruyama')
 
 
 def restart(replicas, tally, bodies, random):
-    """Give these replicas new poses of the Boltzmann distribution, where they are along the wall."""
+    """Give these replicas new poses of the Boltzmann distribution, at their present x and y."""
     R, q = replicas.poses()
     fresh = tally.plan.equilibrium.draw(random, len(bodies))
     R[bodies, 2], q[bodies] = fresh[0][:, 2], fresh[1]
@@ -215,11 +230,12 @@ def restart(replicas, tally, bodies, random):
 
 
 def step(replicas, tally, steps, random):
-    """Step all replicas; those that are stuck at the wall or thrown from it begin anew, and are counted.
+    """Step all replicas; replicas that are stuck at the wall or far above it begin anew.
 
-    A blob that comes to lie all but in contact is pushed by a force beyond what the step resolves:
-    high up, or through the wall on the other side of the body, whatever the noise. The papers
-    discard such runs. High up is above where 1e-9 of the distribution lies.
+    Such replicas are counted. A blob that comes almost into contact is pushed by a force that the
+    step cannot resolve: high up, or through the wall on the other side of the body, whatever the
+    noise. The papers discard such runs. A replica is far above the wall beyond the height above
+    which 1e-9 of the distribution lies.
     """
     try:
         replicas.integrator.step(steps)
@@ -235,9 +251,10 @@ def step(replicas, tally, steps, random):
 
 
 def run(plan, job, minutes=MINUTES):
-    """Run until the wanted errors and chi^2 are reached, or for so many minutes, those before an interruption included; the Tally.
+    """Run until the wanted errors and chi^2 are reached, or for so many minutes; return the Tally.
 
-    At least one chunk is made."""
+    Minutes before an interruption count, too. At least one chunk is made.
+    """
     tally, state = Tally(plan), campaign.State(job, plan.settings())
     fresh = not tally.load(state)
     if tally.chunks and (finished(tally) or tally.seconds >= 60*minutes):
@@ -284,7 +301,7 @@ def run(plan, job, minutes=MINUTES):
 
 
 def summary(tally):
-    """What the JSON holds of a run."""
+    """The entry of a run in the JSON."""
     plan, (_, frames, steps, redone, seconds, begun) = tally.plan, tally.arrays['numbers']
     errors, bins = tally.reached()
     found = {
@@ -324,7 +341,7 @@ def summary(tally):
 
 
 def criterion(entry, minutes=MINUTES):
-    """In words: which of the wanted things a run reached."""
+    """In words: which of the wanted errors and chi^2 a run reached."""
     chi2 = []
     for key, h in entry['histograms'].items():
         p = '–' if h['significance'] is None else format(h['significance'], '.2g')
@@ -338,10 +355,10 @@ def criterion(entry, minutes=MINUTES):
 
 
 def arguments(description, results, add=None):
-    """The command line; add(parser) adds what a script has besides."""
+    """The command line; add(parser) adds further options of a script."""
     parser = argparse.ArgumentParser(description=description,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--quick', action='store_true', help='seconds: one chunk of few replicas')
+    parser.add_argument('--quick', action='store_true', help='one chunk of few replicas: seconds')
     parser.add_argument(
         '--minutes', type=float, default=MINUTES,
         help='end a run after so long, those before an interruption included (%(default)s)')
@@ -358,7 +375,10 @@ def arguments(description, results, add=None):
 
 def plansOfCases(quick, seed, name, cases, usualStep, body, equilibrium, spacing, settle,
                  observables, msd):
-    """A plan of 64 replicas for each (scheme, step) of cases; --quick takes those of the usual step only, with fewer replicas and frames."""
+    """A plan of 64 replicas for each (scheme, step) of cases.
+
+    --quick takes only the cases with the usual step, with fewer replicas and frames.
+    """
     frames = 40 if quick else 600
     made = []
     for k, (scheme, step) in enumerate(cases):
@@ -371,7 +391,10 @@ def plansOfCases(quick, seed, name, cases, usualStep, body, equilibrium, spacing
 
 
 def planned(makePlans, quick, seed):
-    """What makePlans(quick, seed) makes, once in each process: the distribution and the plans. A plan holds functions, which do not travel; what makes it does."""
+    """What makePlans(quick, seed) makes, once in each process: the distribution and the plans.
+
+    A plan holds functions, which cannot be sent to other processes; makePlans can.
+    """
     key = makePlans.__code__.co_filename, quick, seed
     if key not in _planned:
         _planned[key] = makePlans(quick, seed)
@@ -389,10 +412,10 @@ def perform(argument, job):
 
 
 def drive(makePlans, data, args, name, wanted=lambda plan: True):
-    """Run those plans that are wanted and whose scheme is; the JSON is written after each. Returns its data.
+    """Make the wanted runs, and write the JSON after each; return its data.
 
-    Of the others what --work has, if anything, goes into the JSON as it is, or with --keep what the
-    JSON has already.
+    A run is made if its plan is wanted and its scheme is selected. For other plans, what --work has
+    goes into the JSON as it is, or with --keep what the JSON has already.
     """
     plans = planned(makePlans, args.quick, args.seed)[1]
     order, rows, todo = [plan.name for plan in plans], {}, []
@@ -433,24 +456,24 @@ def drive(makePlans, data, args, name, wanted=lambda plan: True):
 
 # ---- Mean square displacements, by replica -------------------------------------------------------
 def parallel(point):
-    """Of a point of the body, along the wall: xx + yy."""
+    """Mean square displacement of a point of the body along the wall: xx + yy."""
     return lambda R, q, interval, lags: analysis.translationalMSD(R, q, interval, point, lags, 1,
                                                                   independentBodies=True).parallel
 
 
 def perpendicular(point):
-    """Of a point of the body, normal to the wall."""
+    """Mean square displacement of a point of the body normal to the wall."""
     return lambda R, q, interval, lags: analysis.translationalMSD(
         R, q, interval, point, lags, 1, independentBodies=True).perpendicular
 
 
 def rotational(weights):
-    """Rotational, sum of components with these weights."""
+    """Rotational mean square displacement, the sum of components with these weights."""
     return lambda R, q, interval, lags: analysis.rotationalMSD(
         q, interval, lags, 1, independentBodies=True).component(weights)
 
 
 def planarAngle(vector):
-    """Of the angle of a body vector's projection onto the wall."""
+    """Mean square displacement of the angle of a body vector's projection onto the wall."""
     return lambda R, q, interval, lags: analysis.planarAngleMSD(q, interval, vector, lags, 1,
                                                                 independentBodies=True)

@@ -1,4 +1,4 @@
-"""What the pictures of bodies above a wall share."""
+"""Parts of the pictures of bodies above a wall."""
 import numpy as np
 
 
@@ -16,14 +16,18 @@ def densities(axis, entries, key, labels, markers='.'):
 
 
 def withoutDrift(axis, entry, exact, label):
-    """The density that a scheme without the stochastic drift tends to, in the bins of a run."""
+    """The density to which a scheme without the stochastic drift tends, in the bins of a run."""
     edges = np.array(entry['histograms']['h']['edges'])
     axis.plot((edges[1:] + edges[:-1])/2,
               np.array(exact['without drift']['P'])/np.diff(edges), 'k:', lw=1, label=label)
 
 
 def displacements(axis, entries, names, colours=None):
-    """Mean square displacements with standard errors; a marker for each name, and a colour for each run, or these for the names."""
+    """Mean square displacements with standard errors.
+
+    A marker stands for a name and a colour for a run. With `colours`, a colour for each name, a
+    marker stands for a run.
+    """
     for k, entry in enumerate(entries):
         for j, name in enumerate(names):
             m = entry['msd'][name]
@@ -33,7 +37,7 @@ def displacements(axis, entries, names, colours=None):
 
 
 def finish(axis, title, x, y, logarithmic=''):
-    """Title, axes, legend; logarithmic names the axes that are."""
+    """Add title, axes and legend; `logarithmic` names the logarithmic axes."""
     axis.set(title=title, xlabel=x, ylabel=y)
     if 'x' in logarithmic:
         axis.set_xscale('log')

@@ -1,8 +1,8 @@
-"""Rigid bodies of blobs above a no-slip wall: what they are made of, how they are pushed, replicas of one in a Context.
+"""Rigid bodies of blobs above a no-slip wall: definitions, energies, replicas in a Context.
 
-Units: the lengths of the papers (um, or blob radii) are taken for OpenMM's nm, their times for ps,
-and kT is 1 kJ/mol, so energies are in kT. Only kT/viscosity enters the dynamics: a viscosity of eta
-is given as kT/eta, in length^3/time.
+Units: the lengths of the papers (um, or blob radii) are used as OpenMM's nm, their times as ps. kT
+is 1 kJ/mol, so energies are in kT. Only kT/viscosity enters the dynamics: a viscosity of eta is
+given as kT/eta, in length^3/time.
 """
 import dataclasses
 
@@ -40,7 +40,10 @@ class Body:
     viscosity: float
 
     def energies(self, heights):
-        """Energies (k,), kT, of the sites' heights (k, n); infinite where a site is within its contact distance or overlaps the wall."""
+        """Energies (k,), kT, at the sites' heights (k, n).
+
+        They are infinite where a site is within its contact distance or overlaps the wall.
+        """
         gap = heights[..., self.repelled] - self.contact
         allowed = np.all(gap > 0, axis=-1) & np.all(heights >= self.radii, axis=-1)
         gap = np.where(gap > 0, gap, 1.0)
@@ -49,10 +52,15 @@ class Body:
 
 
 class Replicas:
-    """Many independent copies of one body in one Context: bodies of different groups do not feel each other through the fluid.
+    """Many independent copies of one body in one Context.
 
-    scheme  its name; drift-correctors scale the whole step, as in the paper, or the noise alone if
-    '+SlipOnly' follows
+    Each copy is in a group of its own, so that the copies do not interact through the fluid.
+
+    Parameters
+    ----------
+    scheme : str
+        its name; drift-correctors scale the whole step, as in the paper, or the noise alone if
+        '+SlipOnly' follows
     """
     def __init__(self, body, count, scheme, step, seed=1, boundary='NoSlipWall',
                  platform='Reference', bestKnown=False):
@@ -102,7 +110,7 @@ class Replicas:
             self.integrator.getBodyOrientations())
 
     def mobilities(self):
-        """The mobility of each copy where it is, lab frame, times kT: (count, 6, 6)."""
+        """The mobility of each copy at its present pose, lab frame, times kT: (count, 6, 6)."""
         N = np.asarray(self.fluid.getMobilityInContext(self.context)).reshape(
             self.count, 6, self.count, 6)
         return KT*N[np.arange(self.count), :, np.arange(self.count)]

@@ -5,8 +5,8 @@
 
 Writes results/potentials.json. Frames, 0.5 ps apart, come from a run of the fast variant with
 OpenMM's own integrator (SETTLE), so the plugin is not needed. Averages under the formula follow
-from those under the fast variant to first order, <A>_exact - <A>_fast = -cov(A, U_exact -
-U_fast)/kT; run.py records the same for every production run.
+from averages under the fast variant to first order, <A>_exact - <A>_fast = -cov(A, U_exact -
+U_fast)/kT. run.py records the same for every production run.
 """
 import argparse
 import json
@@ -39,7 +39,10 @@ def seconds_per_force_call(n, positions, potential, threads):
 
 
 def differences(argument, job, start):
-    """Of each frame: energy difference, mean squares of force and torque and of their differences; see main()."""
+    """Energy difference of each frame, mean squares of force and torque and of their differences.
+
+    main() names the entries.
+    """
     n, frames = argument
     integrator = tip4p.make_integrator(n, "SETTLE", 2.0, seed=77)
     fast = tip4p.make_context(n, integrator)
@@ -96,7 +99,7 @@ def main():
         for potential in ("exact", "fast") for threads in options.threads
     }
 
-    # Times above are of a process alone; frames are one run.
+    # Times above are of a process alone; all frames are one run.
     rows, = campaign.run(differences, [(n, options.frames)], ["potentials"], options,
                          [options.frames], "frame", "frames", given=start)
     rows = np.array(rows)

@@ -1,18 +1,20 @@
 """Observables of Davidchack 2015, section VI, for the TIP4P water of tip4p_model.py.
 
-Everything configurational is a sum over pairs of sites of different molecules. With molecules i, j,
-centres of mass R_i, R_j, sites a at R_i + d_a and b at R_j + d_b, R = R_i - R_j (nearest image), r
-= R + d_a - d_b and pair energy u(r):
+Everything configurational is a sum over pairs of sites of different molecules i, j. Their centres
+of mass are R_i, R_j, with R = R_i - R_j (nearest image). Site a is at R_i + d_a, site b at R_j +
+d_b, so r = R + d_a - d_b. The pair energy is u(r):
 
-    potential energy            sum u virial, COM separations     sum R . f_ab = -sum (u'/r) (r . R)
-    P_ex = + virial/(3 V) sum_j lap_{r_j} U           2 sum (u'' + 2 u'/r) sum_j lap_{omega_j} U
-    sum [(u'' + u'/r)(|d_a|^2 + |d_b|^2) - (u'' - u'/r)((r.d_a)^2 + (r.d_b)^2)/r^2
+    potential energy            sum u
+    virial, COM separations     sum R . f_ab = -sum (u'/r) (r . R),   P_ex = + virial/(3 V)
+    sum_j lap_{r_j} U           2 sum (u'' + 2 u'/r)
+    sum_j lap_{omega_j} U       sum [(u'' + u'/r)(|d_a|^2 + |d_b|^2)
+                                     - (u'' - u'/r)((r.d_a)^2 + (r.d_b)^2)/r^2
                                      - 2 (u'/r) r.(d_a - d_b)]
 
-The last line: turning molecule i by the vector w moves site a by w x d + w x (w x d)/2, so that the
-second derivatives with respect to the three Cartesian components of w at w = 0 sum up to Tr(H)|d|^2
-- d.H d - 2 d.grad u, H the Hessian of u. (The paper prints P_ex with a minus sign, a misprint: its
-table has the + convention.)
+The last line: turning molecule i by the vector w moves site a by w x d + w x (w x d)/2. The second
+derivatives with respect to the three Cartesian components of w at w = 0 thus sum up to Tr(H)|d|^2 -
+d.H d - 2 d.grad u, where H is the Hessian of u. (The paper prints P_ex with a minus sign, a
+misprint: its table has the + convention.)
 
 Method: each sum is a histogram over s = r^2 with one of three weights (1, (r.d_a)^2 + (r.d_b)^2,
 r.R) times a function of s at the bin centres. A bin of 1e-4 nm^2 changes averages by less than 1e-5
@@ -50,8 +52,7 @@ SCALARS = ("energy", "virial", "laplacian_translation", "laplacian_rotation",
 
 
 class PairSums:
-    """
-    Sums over site pairs of configurations of n waters.
+    """Sums over site pairs of configurations of n waters.
 
     bin_width: of s = r^2, nm^2.
     """
@@ -93,7 +94,10 @@ class PairSums:
                  difference]), -(u2 - g)/self.s, np.array([-g, 2*g]))
 
     def molecules(self, positions):
-        """Centres of mass (n, 3) and d_H1, d_H2 (2, n, 3) of whole molecules from positions (4 n, 3), nm."""
+        """Centres of mass (n, 3) and d_H1, d_H2 (2, n, 3) of whole molecules, nm.
+
+        positions: (4 n, 3), nm.
+        """
         x = np.asarray(positions).reshape(self.n, 4, 3)
         centre = (tip4p.MASS_O*x[:, 0] + tip4p.MASS_H*(x[:, 1] + x[:, 2]))/tip4p.MASS
         return centre, np.stack([x[:, 1] - centre, x[:, 2] - centre])
@@ -167,10 +171,10 @@ class PairSums:
         return virial/(3*self.volume)*tip4p.MEGAPASCAL
 
     def rdf(self, kind, counts=None, samples=None):
-        """
-        (r, g): centres of shells about 0.002 nm thick, nm, and the radial distribution function of
-        `kind` ("OO", "OH", "HH"), pairs of different molecules, from the configurations sampled so
-        far (or the given counts).
+        """Radial distribution function of `kind` ("OO", "OH", "HH"): (r, g).
+
+        r are the centres of shells about 0.002 nm thick, nm. g is that of pairs of different
+        molecules, from the configurations sampled so far (or the given counts).
         """
         counts = self.counts[kind] if counts is None else counts
         samples = self.samples if samples is None else samples
@@ -190,7 +194,10 @@ def rdf_value(r, g, where, half_width=0.012):
 
 
 def rdf_first_maximum(r, g, guess, half_width=0.012):
-    """(position, height) of the maximum of the quartic least-squares fit around the highest shell near `guess`, nm."""
+    """(position, height) of the highest maximum near `guess`, nm.
+
+    It is the maximum of the quartic least-squares fit around the highest shell.
+    """
     near = np.flatnonzero(np.abs(r - guess) < 0.03)
     top = r[near[np.argmax(np.convolve(g, np.ones(5)/5, "same")[near])]]
     window = np.abs(r - top) < half_width
@@ -201,20 +208,18 @@ def rdf_first_maximum(r, g, guess, half_width=0.012):
 
 
 def body_forces_and_torques(context, integrator):
-    """
-    Force and torque about the centre of mass of every molecule: two (n, 3) arrays, kJ/(mol nm) and
-    kJ/mol.
+    """Force and torque about the centre of mass of every molecule: two (n, 3) arrays.
 
-    With this plugin's integrator they are those of its last force evaluation, free of charge
-    (schemes A, B, C: at the present positions; gradient: at those before the last step); otherwise
-    they are computed from the Context's forces.
+    Units are kJ/(mol nm) and kJ/mol. With this plugin's integrator they are those of its last force
+    evaluation, at no cost (schemes A, B, C: at the present positions; gradient: at those before the
+    last step). Otherwise they are computed from the Context's forces.
     """
     if hasattr(integrator, "getBodyForces"):
         return tuple(
             np.asarray(getattr(x, "_value", x))
             for x in (integrator.getBodyForces(), integrator.getBodyTorques()))
     state = context.getState(getPositions=True, getForces=True, groups={0})
-    # OpenMM adds the force on M to O, H1 and H2 and leaves it on M: M must not be counted again
+    # OpenMM adds the force on M to O, H1 and H2 and leaves it on M: M must not be counted again.
     x = state.getPositions(asNumpy=True)._value.reshape(-1, 4, 3)[:, :3]
     f = state.getForces(asNumpy=True)._value.reshape(-1, 4, 3)[:, :3]
     mass = np.array([tip4p.MASS_O, tip4p.MASS_H, tip4p.MASS_H])
@@ -223,12 +228,10 @@ def body_forces_and_torques(context, integrator):
 
 
 def kinetic_energies(context, integrator):
-    """
-    Translational kinetic energy and the three rotational ones (smallest moment first), kJ/mol,
-    summed over molecules.
+    """Translational kinetic energy and the three rotational ones, kJ/mol, summed over molecules.
 
-    With this plugin's integrator they come from its momenta; otherwise from the Context's
-    velocities.
+    The rotational energies are sorted by moment of inertia, smallest first. With this plugin's
+    integrator they come from its momenta, otherwise from the Context's velocities.
     """
     if hasattr(integrator, "computeRotationalKineticEnergies"):
         values = [

@@ -1,14 +1,16 @@
 #!/usr/bin/env python3
-"""Fits, table and pictures from the runs of run.py, beside the numbers printed by Davidchack, Ouldridge, Tretyakov 2015.
+"""Fits, table and pictures from the runs of run.py, beside the numbers printed in the paper.
+
+The paper is Davidchack, Ouldridge, Tretyakov 2015.
 
     python3 report.py [--output results] [--work results/work]
 
 <A>_h = A0 + E_A h^p, p = 2 for Langevin A, B, C (h <= 6 fs) and 1 for the gradient thermostat (h <=
-4 fs), as in the paper's Table 1, by weighted least squares. Error of each <A>_h: block averages,
-the largest of the estimates from 60, 30, 20, 15 and 10 blocks, so that correlations longer than a
-short block are not overlooked. Where chi^2 per degree of freedom exceeds 1, the errors of A0 and
-E_A are multiplied by its square root: slow quantities (U and RDFs under the gradient thermostat)
-stay correlated over more than a block. Intervals are 95 %.
+4 fs), as in the paper's Table 1, by weighted least squares. The error of each <A>_h comes from
+block averages: it is the largest of the estimates from 60, 30, 20, 15 and 10 blocks, so that
+correlations longer than a short block are not overlooked. Where chi^2 per degree of freedom exceeds
+1, the errors of A0 and E_A are multiplied by its square root. The reason is that slow quantities (U
+and RDFs under the gradient thermostat) stay correlated over more than a block. Intervals are 95 %.
 """
 import argparse
 import glob
@@ -33,11 +35,10 @@ NAMES = {
     "A": "Langevin A", "B": "Langevin B", "C": "Langevin C", "gradient": "Gradient",
     "SETTLE": "LangevinMiddle + SETTLE"
 }
-LARGEST_H = {"gradient": 4}  # fitted up to here, fs; Langevin 6
+LARGEST_H = {"gradient": 4}  # largest step of the fit, fs; for Langevin 6
 Z95 = 1.96
 
-# Table 1: (A0, 95 % of A0, E_A, 95 % of E_A); P_ex with the + convention, which is the one the
-# table has
+# Table 1: (A0, 95 % of A0, E_A, 95 % of E_A); P_ex with the + convention, as in the paper's table.
 PAPER = {
     "A": {
         "T_tk": (300.0, 0.2, -0.136, 0.008), "T_rk": (299.9, 0.2, -0.808, 0.008),
@@ -67,7 +68,10 @@ PAPER = {
 
 
 def block_error(values):
-    """Standard error of the mean of a correlated series of block means: the largest over five block lengths."""
+    """Standard error of the mean of a correlated series of block means.
+
+    It is the largest over five block lengths.
+    """
     values = np.asarray(values)
     estimates = []
     for size in (1, 2, 3, 4, 6):
@@ -104,10 +108,10 @@ def combined(runs):
 
 
 def fit(h, values, errors, power, fixed=None):
-    """
-    Weighted least squares of values = A0 + E h^power. fixed: a known A0. Returns dictionary with
-    A0, E, their standard errors (times sqrt(chi2/degrees of freedom) where that exceeds 1) and
-    chi2.
+    """Weighted least squares of values = A0 + E h^power.
+
+    fixed: a known A0. The result is a dictionary with A0, E, their standard errors (times
+    sqrt(chi2/degrees of freedom) where it exceeds 1) and chi2.
     """
     x, y, w = np.asarray(h, float)**power, np.asarray(values), 1/np.asarray(errors)
     design = np.stack([w, w*x], axis=1)[:, 0 if fixed is None else 1:]

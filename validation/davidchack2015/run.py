@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""Davidchack, Ouldridge, Tretyakov 2015, section VI: Figures 1-4 and Table 1, measured with this plugin.
+"""Davidchack, Ouldridge, Tretyakov 2015, section VI, with this plugin: Figures 1-4 and Table 1.
 
-    python3 run.py                     512 molecules, h = 2, 4, 6, 8 fs (gradient 1 to 4), 60 000 steps each
+    python3 run.py                     512 molecules, h = 2, 4, 6, 8 fs (gradient 1 to 4),
+                                       60 000 steps each
     python3 run.py --jobs 2            two single-thread runs at once
-    python3 run.py --paper             the paper's size: 1728 molecules, 20 000 + 200 000 steps, h = 1 ... 9 fs
-    python3 run.py --schemes C --h 2   one run; those that --work has are in the table, too, and an interrupted one goes on
-    python3 run.py --report-only       table and pictures from what --work has
+    python3 run.py --paper             the paper's size: 1728 molecules, 20 000 + 200 000 steps,
+                                       h = 1 ... 9 fs
+    python3 run.py --schemes C --h 2   one run; runs that --work has are in the table, too, and an
+                                       interrupted run goes on
+    python3 run.py --report-only       table and pictures from the runs that --work has
 
 Each run has a directory below --work; report.py then fits A0 and E_A and draws.
 """
@@ -40,18 +43,18 @@ SCHEMES = ("C", "A", "B", "gradient")
 
 
 def name(spec):
-    """Of a run, and of its directory."""
+    """The name of a run, and of its directory."""
     return f"tip4p_{spec['scheme']}_h{spec['h_fs']:g}" + (f"_r{spec['replica']}"
                                                           if spec["replica"] else "")
 
 
 def simulate(spec, start, job=None):
-    """
-    One run: equilibrate, measure, return a dictionary for JSON.
+    """One run: equilibrate, measure, return a dictionary for JSON.
 
     spec: dictionary with scheme, h_fs, molecules, steps, equilibration_steps, seed, replica,
-    potential, platform. start: positions (4 n, 3), nm.  job: whose directory keeps what another
-    worker needs to go on.
+    potential, platform.
+    start: positions (4 n, 3), nm.
+    job: its directory keeps what another worker needs to go on.
     """
     n, steps = spec["molecules"], spec["steps"]
     integrator = tip4p.make_integrator(n, spec["scheme"], spec["h_fs"], GAMMA, BIG_GAMMA, UPSILON,
@@ -134,7 +137,10 @@ def simulate(spec, start, job=None):
 
 
 def block_means(n, sums, kinetic, squares, pairs, rdf_counts):
-    """Block means of everything, lists of BLOCKS numbers, in K, kcal/mol, MPa; force squares and Laplacians in kJ/mol, nm."""
+    """Block means of everything, lists of BLOCKS numbers.
+
+    Units are K, kcal/mol, MPa; kJ/mol and nm for force squares and Laplacians.
+    """
     mean = lambda series: np.asarray(series).reshape(BLOCKS, -1, *np.shape(series)[1:]).mean(axis=1)
     blocks = {}
     if len(kinetic):
@@ -159,10 +165,10 @@ def block_means(n, sums, kinetic, squares, pairs, rdf_counts):
 
 
 def exact_minus_fast(sums, pairs):
-    """
-    What averages would change by if the formula were integrated instead of NonbondedForce's direct
-    space, to first order in the energy difference: -cov(A, U_exact - U_fast)/kT. U in kcal/mol per
-    molecule, P_ex in MPa.
+    """By what averages would change with the formula instead of NonbondedForce's direct space.
+
+    This is to first order in the energy difference: -cov(A, U_exact - U_fast)/kT. U is in kcal/mol
+    per molecule, P_ex in MPa.
     """
     difference = -pairs[:, 4]/(tip4p.BOLTZMANN*tip4p.TEMPERATURE)
     shift = lambda a: float(-np.cov(a, difference)[0, 1])
@@ -175,7 +181,7 @@ def exact_minus_fast(sums, pairs):
 
 
 def perform(spec, job, start):
-    """simulate(), and what became of it."""
+    """simulate(), and whether the run failed."""
     try:
         return simulate(spec, start, job)
     except mm.OpenMMException as error:  # an unstable step size is a result too
@@ -183,7 +189,7 @@ def perform(spec, job, start):
 
 
 def start_positions(n, file):
-    """The equilibrated start, read from `file` if it is there and of n molecules, else made and written there."""
+    """The equilibrated start of n molecules, read from `file` or made and saved there."""
     if os.path.exists(file):
         positions = np.load(file)["positions"]
         if len(positions) == 4*n:
@@ -211,21 +217,21 @@ def main():
     parser.add_argument("--schemes", nargs="+", default=list(SCHEMES),
                         choices=SCHEMES + ("SETTLE",))
     parser.add_argument("--h", nargs="+", type=float,
-                        help="steps, fs (default 2 4 6 8; gradient 1 2 3 4)")
+                        help="time steps, fs (default 2 4 6 8; gradient 1 2 3 4)")
     parser.add_argument("--paper", action="store_true",
-                        help="1728 molecules, 20 000 + 200 000 steps, h = 1 ... 9 fs")
+                        help="paper's size: 1728 molecules, 20 000 + 200 000 steps, h = 1 ... 9 fs")
     parser.add_argument("--seed", type=int, default=2015,
                         help="run k of the fixed list gets seed + k")
     parser.add_argument(
         "--replica", type=int, default=0,
-        help="with k > 0: independent further runs, other seeds and files; "
-        "the report combines whatever is there")
+        help="with k > 0: independent further runs, with other seeds and files; "
+        "the report combines all runs that there are")
     parser.add_argument("--platform", default="CPU", choices=("CPU", "Reference"))
     parser.add_argument("--potential", default="fast", choices=("fast", "exact"))
     parser.add_argument("--output", type=pathlib.Path, default=HERE/"results")
     parser.add_argument(
         "--start-file",
-        help="where the equilibrated start is kept (default: start_<molecules>.npz in --work)")
+        help="file of the equilibrated start (default: start_<molecules>.npz in --work)")
     parser.add_argument("--report-only", action="store_true")
     campaign.addOptions(parser)
     options = campaign.settle(parser.parse_args())

@@ -1,23 +1,25 @@
 #!/usr/bin/env python3
-"""Where the thermostats of Davidchack, Ouldridge, Tretyakov 2015 stop working (the paper's section VI, text after Table 1).
+"""Where the thermostats of Davidchack, Ouldridge, Tretyakov 2015 stop working.
 
-    python3 stability.py [--quick] [--jobs 1]       writes results/stability.json and results/stability.png
+The paper has this in section VI, in the text after Table 1.
+
+    python3 stability.py [--quick] [--jobs 1]       writes results/stability.json and .png
 
 1. Largest stable step of Langevin A, B, C without friction (paper: unstable at around 8 fs) and
    with gamma + Gamma = 15/ps (stable up to about 10 fs when the sum is above 8/ps).
-2. Gradient thermostat: largest h upsilon with h Upsilon small (paper: about 150 fs^2) and the
-   reverse (about 70 fs^2).
+2. Gradient thermostat: largest h upsilon with h Upsilon small (paper: about 150 fs^2), and largest
+   h Upsilon with h upsilon small (about 70 fs^2).
 3. Langevin A against C for growing gamma or Gamma at h = 2 fs: A breaks down above gamma ~ 100/ps,
    Gamma ~ 200/ps.
 
 A Langevin run is called stable if it ends without an exception (non-finite coordinates) and its
-kinetic temperature rises by less than 1 K/ps from its second to its last quarter (runs of 10 ps or
-more); a gradient run if it ends with U below -5 kcal/mol (at 300 K it is -9.07). Stability is a
-matter of time too: lengths are in the JSON.
+kinetic temperature rises by less than 1 K/ps from its second to its last quarter (in runs of 10 ps
+or more). A gradient run is called stable if it ends with U below -5 kcal/mol (at 300 K it is
+-9.07). Stability depends on the length of a run, too: lengths are in the JSON.
 
-Free particle under Langevin A: T_tk/T = x/sinh(x), x = gamma h, exactly; the pictures show it
-beside what was measured, and for the rotation the mean over axes l of the same with x_l = Gamma
-h/(I_l sum 1/I).
+For a free particle under Langevin A, T_tk/T = x/sinh(x), x = gamma h, exactly. The pictures show
+this curve beside the measured values. For the rotation they show the mean over axes l of the same
+function with x_l = Gamma h/(I_l sum 1/I).
 """
 import argparse
 import json
@@ -42,16 +44,16 @@ from run import campaign  # noqa: E402
 
 UNSTABLE_U = -5.0  # kcal/mol per molecule
 UNSTABLE_DRIFT = 1.0  # K/ps
-SHORTEST_FOR_DRIFT = 10.0  # ps: in shorter runs the drift is noise, and only a run that blows up is unstable
+# ps: in shorter runs the drift is noise, and only a run that blows up is unstable.
+SHORTEST_FOR_DRIFT = 10.0
 
 
 def trial(task, start):
-    """
-    One run from the equilibrated start.
+    """One run from the equilibrated start.
 
-    task: scheme, h_fs, gamma, Gamma (1/ps), upsilon_fs, Upsilon_fs, steps, molecules, seed. Returns
-    the task with stable, T_tk, T_rk (second half, with standard errors; None for the gradient
-    thermostat), U, why.
+    task: scheme, h_fs, gamma, Gamma (1/ps), upsilon_fs, Upsilon_fs, steps, molecules, seed. The
+    result is the task with stable, T_tk, T_rk (second half, with standard errors; None for the
+    gradient thermostat), U, why.
     """
     n = task["molecules"]
     integrator = tip4p.make_integrator(n, task["scheme"], task["h_fs"], task["gamma"],
@@ -122,7 +124,8 @@ def tasks(options):
         for name, gamma, big in (("no friction", 0.0, 0.0), ("gamma 5, Gamma 10 per ps", 5.0,
                                                              10.0)):
             if scheme == "B" and gamma == 0:
-                continue  # without friction B is A (and C differs from both only in turning twice by h/2)
+                # Without friction B is A (C differs from both only in turning twice by h/2).
+                continue
             hs = ([7, 8, 9] if gamma == 0 else [9, 10, 11, 12]) if options.quick else (
                 [6, 7, 7.5, 8, 8.5, 9, 9.5] if gamma == 0 else [8, 9, 9.5, 10, 10.5, 11, 12])
             groups[f"Langevin {scheme}, {name}"] = [
@@ -236,11 +239,11 @@ def main():
 
 
 def limits(results):
-    """Per group, where the first failure is."""
+    """The first failure of each group."""
     found = {}
     for name, trials in results.items():
         if name.endswith((", gamma", ", Gamma")):
-            continue  # these scans ask for temperatures, not for a limit
+            continue  # these scans are about temperatures, not about a limit
         unstable = [t["x"] for t in trials if not t["stable"]]
         below = [t["x"] for t in trials if t["stable"] and (not unstable or t["x"] < min(unstable))]
         found[name] = {

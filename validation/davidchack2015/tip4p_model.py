@@ -1,19 +1,22 @@
-"""The water of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 142, 144114 (2015), section VI, as an OpenMM System.
+"""The water of Davidchack, Ouldridge, Tretyakov (2015), section VI, as an OpenMM System.
+
+The paper is J. Chem. Phys. 142, 144114 (2015).
 
 Model       original TIP4P, rigid; periodic box at 989.85 kg/m3; no Ewald sum, no dispersion
-correction. Site by site
+            correction. Site by site
                 U = sum  [138.9 q q' erfc(alpha r)/r + A/r^12 - C/r^6] phi(z),
                 phi = 1 - 10 z^3 + 15 z^4 - 6 z^5,   z = (r^2 - r_m^2)/(r_c^2 - r_m^2) in [0, 1],
             alpha = 3/nm, r_m = 0.95 nm, r_c = 1 nm. The paper does not print this formula
-            ("screened", "smoothly truncated"); it was inferred by matching Table 1 with independent
-            simulations.
-Variants    potential="exact": that formula in a CustomNonbondedForce, double precision in every
-pair: 65 ms a step.
-            potential="fast":  the direct-space part of NonbondedForce's PME with the same alpha and
-            cutoff: 4 ms a step. They differ between r_m and r_c only: there "fast" has no phi on
-            the charges (a jump of erfc(3) = 2e-5 of the bare Coulomb energy at r_c instead) and
-            OpenMM's switch, a polynomial in r instead of r^2, on Lennard-Jones.
-            `compare_potentials.py` measures what this does to energies, forces and averages.
+            ("screened", "smoothly truncated"). It was inferred by matching Table 1 with
+            independent simulations.
+Variants    potential="exact": this formula in a CustomNonbondedForce, double precision in every
+            pair: 65 ms a step.
+            potential="fast":  the direct-space part of NonbondedForce's PME with the same alpha
+            and cut-off: 4 ms a step.
+            They differ between r_m and r_c only. There "fast" has no phi on the charges (a jump of
+            erfc(3) = 2e-5 of the bare Coulomb energy at r_c instead), and OpenMM's switch, a
+            polynomial in r instead of r^2, on Lennard-Jones.
+            `compare_potentials.py` measures the effect on energies, forces and averages.
 Units       nm, ps, amu, kJ/mol, K, e unless a name says otherwise.
 """
 import importlib
@@ -107,7 +110,7 @@ def lennard_jones_bare(r):
 
 
 def coulomb(r):
-    """The model's charge-charge energy for unit charges: value, first and second derivative at r."""
+    """The charge-charge energy for unit charges: value, first and second derivative at r."""
     return _switched(r, *coulomb_bare(r))
 
 
@@ -117,7 +120,7 @@ def lennard_jones(r):
 
 
 def coulomb_fast(r):
-    """What NonbondedForce's direct space has instead: truncated, not switched."""
+    """The Coulomb energy in NonbondedForce's direct space: truncated, not switched."""
     return np.where(r < R_CUT, coulomb_bare(r)[0], 0)
 
 
@@ -136,7 +139,7 @@ EXACT_EXPRESSION = ("(coulomb*q1*q2*erfc(alpha*r)/r + site1*site2*(A/r^12 - C/r^
 
 
 def exact_force():
-    """The empty CustomNonbondedForce of the formula above."""
+    """The CustomNonbondedForce of the formula in the module's docstring, without particles."""
     force = mm.CustomNonbondedForce(EXACT_EXPRESSION)
     for name, value in (("coulomb", COULOMB), ("alpha", ALPHA), ("A", LJ_A), ("C", LJ_C),
                         ("rm", R_SWITCH), ("rc", R_CUT)):
@@ -150,7 +153,10 @@ def exact_force():
 
 
 def fast_force():
-    """The empty NonbondedForce; its reciprocal space is force group 1, which is never integrated."""
+    """The NonbondedForce without particles.
+
+    Its reciprocal space is force group 1, which is never integrated.
+    """
     force = mm.NonbondedForce()
     force.setNonbondedMethod(mm.NonbondedForce.PME)
     force.setPMEParameters(ALPHA, 16, 16, 16)  # the grid serves the reciprocal space only
@@ -163,7 +169,10 @@ def fast_force():
 
 
 def make_system(n, potential="fast"):
-    """System of n waters (particles O, H1, H2, M each) in their box. Only force group 0 is meant to be integrated."""
+    """System of n waters (particles O, H1, H2, M each) in their box.
+
+    Only force group 0 is meant to be integrated.
+    """
     length = box_length(n)
     if length < 2*R_CUT:
         raise ValueError(
@@ -198,10 +207,10 @@ def make_system(n, potential="fast"):
 
 
 def fast_energy_offset(n):
-    """
-    Energy of force group 0 of the fast variant that does not depend on the coordinates: for
-    excluded pairs OpenMM's direct space subtracts q q' erf(alpha r)/r, which within rigid molecules
-    is a constant. kJ/mol.
+    """Energy of force group 0 of the fast variant that does not depend on coordinates, kJ/mol.
+
+    For excluded pairs OpenMM's direct space subtracts q q' erf(alpha r)/r, which within rigid
+    molecules is a constant.
     """
     s = site_coordinates()
     return -n*sum(COULOMB*CHARGES[a]*CHARGES[b]*(1 - erfc(ALPHA*d))/d for a in range(4)
@@ -209,7 +218,7 @@ def fast_energy_offset(n):
 
 
 def make_topology(n):
-    """Topology of n waters with OpenMM's names, for openmmrigidhi.app.addRigidWater and trajectory writers."""
+    """Topology of n waters with OpenMM's names, for app.addRigidWater and trajectory writers."""
     topology = app.Topology()
     chain = topology.addChain()
     for _ in range(n):
@@ -224,7 +233,7 @@ def make_topology(n):
 
 
 def import_plugin():
-    """Import openmmrigidhi: installed, or from this repository's build/python (or $OPENMMRIGIDHI_BUILD/python)."""
+    """Import openmmrigidhi: installed, or from build/python or $OPENMMRIGIDHI_BUILD/python."""
     here = os.path.dirname(os.path.abspath(__file__))
     build = os.environ.get("OPENMMRIGIDHI_BUILD", os.path.join(here, "..", "..", "build"))
     for folder in (None, os.path.join(os.path.abspath(build), "python")):
@@ -243,8 +252,7 @@ def import_plugin():
 
 def make_integrator(n, scheme, step_fs, gamma=5.0, Gamma=10.0, upsilon_fs=4.0, Upsilon_fs=1.0,
                     seed=1, temperature=TEMPERATURE):
-    """
-    The integrator of one run.
+    """The integrator of one run.
 
     scheme: "A", "B", "C" (Langevin; gamma, Gamma in 1/ps), "gradient" (upsilon, Upsilon in fs), or
     "SETTLE" (OpenMM's LangevinMiddleIntegrator with constraints, friction gamma: what users have
@@ -291,7 +299,10 @@ def lattice_positions(n, seed):
 
 
 def make_whole_rigid(positions):
-    """Put the exact TIP4P geometry on molecules whose constraints hold to the solver's tolerance only: (4 n, 3) nm."""
+    """Put the exact TIP4P geometry on molecules: (4 n, 3) nm.
+
+    Their constraints hold to the solver's tolerance only.
+    """
     x = np.asarray(positions, float).reshape(-1, 4, 3)
     mass = np.array([MASS_O, MASS_H, MASS_H])
     centre = np.einsum("s,nsk->nk", mass, x[:, :3])/MASS
@@ -305,11 +316,11 @@ def make_whole_rigid(positions):
 
 
 def equilibrated_start(n, seed=20150414, picoseconds=60.0, threads=1, progress=None):
-    """
-    Liquid water at 300 K, reproducible on one machine for given n and seed: lattice, minimisation,
-    then OpenMM's LangevinMiddleIntegrator with SETTLE, 10 ps at 400 K and `picoseconds` at 300 K,
-    step 3 fs, friction 2/ps. It does not need the plugin. 1.5 minutes for 512 molecules on one
-    thread. Returns positions (4 n, 3), nm.
+    """Liquid water at 300 K, reproducible on one machine for given n and seed: (4 n, 3), nm.
+
+    From a lattice, after a minimisation, OpenMM's LangevinMiddleIntegrator with SETTLE runs 10 ps
+    at 400 K and `picoseconds` at 300 K, step 3 fs, friction 2/ps. The plugin is not needed. This
+    takes 1.5 minutes for 512 molecules on one thread.
 
     progress: called with the number of steps done and the total.
     """

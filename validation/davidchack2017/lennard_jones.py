@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Davidchack 2017, Table S2, Figures S1 and S2: eight Lennard-Jones spheres with offset sites sample the Gibbs distribution.
+"""Davidchack 2017, Table S2, Figures S1 and S2: the Gibbs distribution of Lennard-Jones spheres.
 
-The sites attract each other (periodic box of 15, the paper's smooth cut-off); the fluid, unbounded,
-couples the spheres' centres where they are (unwrapped). No average at equilibrium may depend on the
-fluid, so FreeDraining and RotnePragerYamakawa must agree with each other and with Monte Carlo; what
-they differ from it by grows as h^2.
+Eight spheres have offset sites. The sites attract each other (periodic box of 15, the paper's
+smooth cut-off). The fluid is unbounded, and couples the spheres' centres where they are
+(unwrapped). No average at equilibrium may depend on the fluid. FreeDraining and RotnePragerYamakawa
+must therefore agree with each other and with Monte Carlo; their differences from Monte Carlo grow
+as h^2.
 
 Sixteen independent clusters (32 with RPY) share one Context: `MobilityForce.setGroups` keeps them
 apart in the fluid, interaction groups in the force. On the CPU platform with one thread this is ten
@@ -12,12 +13,13 @@ times faster for each cluster than one cluster on Reference.
 
 With --periodic the fluid is periodic in the box of 15, too, as in the paper: StokesianDynamics with
 lubrication, and RotnePragerYamakawa at one step. These runs have a JSON of their own, where the
-others serve for comparison.
+runs in an unbounded fluid serve for comparison.
 
-    python3 lennard_jones.py              # about an hour and a half, most of it for RPY at kT = 0.2, h = 0.02
+    python3 lennard_jones.py              # about an hour and a half, mostly for RPY at kT = 0.2,
+                                          # h = 0.02
     python3 lennard_jones.py --periodic   # an hour or two
     python3 lennard_jones.py --jobs 8     # eight runs at a time
-    python3 lennard_jones.py --long 8     # runs eight times as long; those that are there go on
+    python3 lennard_jones.py --long 8     # runs eight times as long; existing runs go on
     python3 lennard_jones.py --quick      # seconds: a smoke test
 """
 import argparse
@@ -28,14 +30,15 @@ import time
 import numpy as np
 import openmm
 from openmmrigidhi import MobilityForce
-from spheres import RESULTS, Spheres, blockError, brackets, campaign, provenance, pyplot, sample, save, weightedFit
+from spheres import (RESULTS, Spheres, blockError, brackets, campaign, provenance, pyplot, sample,
+                     save, weightedFit)
 
 SPHERES, BOX, SIGMA, MASS = 8, 15.0, 2.6, 5.0
 MOMENTS = (3.0, 2.0, 1.5)
 SITE = (0.2, 0.15, 0.0)
 CUTOFF = 2.5*SIGMA
 SWITCH = 0.9*CUTOFF
-#: Free draining first: the others are compared with it.
+#: Free draining is first: the other models are compared with it.
 MODELS = {
     'FreeDraining': (MobilityForce.FreeDraining, MobilityForce.Unbounded),
     'RPY': (MobilityForce.RotnePragerYamakawa, MobilityForce.Unbounded),
@@ -47,8 +50,8 @@ POTENTIAL = (f'4*s6*(s6-1)*(1-step(r-{SWITCH})*z*z*z*(10-z*(15-6*z))); '
              f'z=(r*r-{SWITCH**2})/{CUTOFF**2 - SWITCH**2}; '
              f's6=s2*s2*s2; s2={SIGMA**2}/(r*r)')
 QUANTITIES = ('kT_t', 'kT_r1', 'kT_r2', 'kT_r3', 'U/N')
-#: Table S2, as (A0, error, E_A, error); and our own Monte Carlo for U/N, independent of any
-#: integrator (A0, error).
+#: Table S2, as (A0, error, E_A, error); and Monte Carlo of this repository for U/N, independent of
+#: any integrator (A0, error).
 PAPER = {
     0.1: {
         'kT_t': (0.100012, 1.4e-5, -0.06972, 1.1e-4), 'kT_r1': (0.100010, 1.8e-5, -0.00257, 1.5e-4),
@@ -64,9 +67,9 @@ MONTE_CARLO = {0.1: (-2.34371, 1.6e-4), 0.2: (-2.13904, 3e-4)}
 #: The paper fits below these h^2.
 FIT_BELOW = {0.1: 0.1, 0.2: 0.06}
 SAMPLE_TIME = 0.4
-#: Clusters start as cubes, freeze into one of several shapes and change shape seldom: so they first
-#: run this long at the step PREPARATION_STEP without hydrodynamic interactions, which is cheap and
-#: leads to the same distribution, then EQUILIBRATION as measured.
+#: Clusters start as cubes, freeze into one of several shapes and seldom change shape. So they first
+#: run for PREPARATION at the step PREPARATION_STEP without hydrodynamic interactions, which is
+#: cheap and leads to the same distribution. Then they run for EQUILIBRATION as measured.
 PREPARATION, PREPARATION_STEP, EQUILIBRATION = 3000.0, 0.2, 50.0
 
 
@@ -90,14 +93,14 @@ def build(kT, step, modelName, clusters, seed):
 
 
 def start(scene, clusters, platformName):
-    """Every cluster a cube, near the distance of least energy."""
+    """Place every cluster as a cube, near the distance of least energy."""
     side = 2**(1/6)*SIGMA
     cube = side*np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
     scene.start(np.tile(cube, (clusters, 1)), platformName)
 
 
 def energies(scene, clusters):
-    """U/N of every cluster: OpenMM gives only their sum."""
+    """U/N of every cluster, since OpenMM gives only the sum over clusters."""
     q = scene.orientations()
     w, v = q[:, :1], q[:, 1:]
     turn = 2*np.cross(v, SITE)
@@ -112,7 +115,10 @@ def energies(scene, clusters):
 
 
 def prepared(kT, step, modelName, clusters, seed, platformName, preparation):
-    """Clusters that have taken their shapes without hydrodynamic interactions, then equilibrated as they will be measured."""
+    """Clusters that have taken their shapes, then equilibrated as they will be measured.
+
+    They take their shapes without hydrodynamic interactions.
+    """
     first = build(kT, PREPARATION_STEP, 'FreeDraining', clusters, seed + 1000)
     start(first, clusters, platformName)
     for _ in sample(first.integrator, 20, round(preparation/PREPARATION_STEP/20)):
@@ -128,8 +134,11 @@ def prepared(kT, step, modelName, clusters, seed, platformName, preparation):
 
 
 def run(argument, job=None):
-    """One run: means and standard errors of the five quantities. The third number is the time of each cluster; a run of the other settings that is kept goes on to be
-    longer."""
+    """One run: means and standard errors of the five quantities.
+
+    The third number is the time of each cluster. A saved run with the same other settings is
+    continued to become longer.
+    """
     kT, step, modelName, duration, clusters, seed, platformName, preparation = argument
     state = campaign.State(job, (kT, step, modelName, clusters, seed, platformName, preparation))
     rows, perCluster, seconds, rejected = [], [], 0.0, 0
@@ -154,7 +163,7 @@ def run(argument, job=None):
 
     for _ in sample(scene.integrator,
                     round(duration/step/every) - len(rows), every, job and job.report, len(rows)):
-        # Axis 1 of the paper has moment 3; ours are sorted, smallest moment first.
+        # Axis 1 of the paper has moment 3; here axes are sorted, smallest moment first.
         rotation = scene.integrator.computeRotationalKineticEnergies()._value[::-1]
         translation = scene.integrator.computeTranslationalKineticEnergy()._value
         perCluster.append(energies(scene, clusters))
@@ -181,7 +190,7 @@ def run(argument, job=None):
 
 
 def fits(runs, kT):
-    """Of each quantity A0, E_A from runs below FIT_BELOW, and the fitted order of its error."""
+    """A0 and E_A of each quantity from runs below FIT_BELOW, and the fitted order of its error."""
     fitted = [r for r in sorted(runs, key=lambda r: r['h']) if r['h']**2 < FIT_BELOW[kT]]
     if len(fitted) < 2:
         return None
@@ -248,8 +257,11 @@ def analyse(runs):
 
 
 def draw(runs, analysis, path):
-    """Figures S1 and S2: every quantity against h^2, with the fit to the runs in a periodic fluid if there is one, else to those without
-    interactions."""
+    """Draw Figures S1 and S2: every quantity against h^2, with a fit.
+
+    The fit is to the runs in a periodic fluid if there are any, otherwise to the runs without
+    hydrodynamic interactions.
+    """
     plt = pyplot()
     temperatures = sorted({r['kT'] for r in runs})
     figure, axes = plt.subplots(len(QUANTITIES), len(temperatures),
@@ -287,9 +299,9 @@ def plan(quick, factor, periodic):
     if periodic:
         if quick:
             return [(0.1, 0.2, 'SD periodic', 40.0, 8), (0.1, 0.2, 'RPY periodic', 40.0, 8)]
-        # For errors of 1e-3 in U/N at kT = 0.1, as below, and 4e-3 at 0.2 (--long 15: 1e-3): a step
-        # of one cluster takes 2 ms on an idle core. Twice as long at h = 0.15 and 0.2, where 1200
-        # led to errors of 1.3e-3 and 1.7e-3: single clusters were long in another shape.
+        # For errors of 1e-3 in U/N at kT = 0.1, as below, and 4e-3 at 0.2 (--long 15: 1e-3). A step
+        # of one cluster takes 2 ms on an idle core. Runs are twice as long at h = 0.15 and 0.2,
+        # where 1200 led to errors of 1.3e-3 and 1.7e-3: single clusters were long in another shape.
         return ([(0.1, h, 'SD periodic', factor*1200.0*longer, 32)
                  for h, longer in ((0.15, 2), (0.2, 2),
                                    (0.3, 1))] + [(0.1, 0.2, 'RPY periodic', factor*1200.0, 32)] +
@@ -305,7 +317,8 @@ def plan(quick, factor, periodic):
     # 0.2, h = 0.01.
     for kT, free, fluid, last in ((0.1, 2000.0, 1200.0, 0.3), (0.2, 12500.0, 8500.0, 0.24)):
         for h in (0.2, 0.1, last, 0.15, 0.05, 0.02, 0.01, 0.005):
-            longer = 8 if kT == 0.1 and h >= 0.1 else 2.4 if kT == 0.2 and h == 0.01 else 2 if h >= 0.1 else 1
+            longer = (8 if kT == 0.1 and h >= 0.1 else
+                      2.4 if kT == 0.2 and h == 0.01 else 2 if h >= 0.1 else 1)
             runs.append((kT, h, 'FreeDraining', factor*free*longer, 16))
         for h in (0.02, 0.1, 0.2):
             runs.append((kT, h, 'RPY', factor*fluid, 32))
@@ -315,9 +328,10 @@ def plan(quick, factor, periodic):
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--quick', action='store_true', help='seconds instead of minutes')
+    parser.add_argument('--quick', action='store_true',
+                        help='a smoke test: seconds instead of minutes')
     parser.add_argument('--periodic', action='store_true',
-                        help='in a periodic fluid, as in the paper')
+                        help='run in a periodic fluid, as in the paper')
     parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR',
                         help='multiply the length of every run')
     parser.add_argument(
@@ -335,7 +349,7 @@ def main():
         runs = {(r['kT'], r['h'], r['model']): r
                 for r in json.loads((args.output/f'{name}.json').read_text())['runs']}
     if args.periodic:
-        # Published, or those of a run of this script into the same folder.
+        # Published runs, or runs of this script into the same folder.
         file = next(folder/'lennard_jones.json' for folder in (args.output, RESULTS)
                     if (folder/'lennard_jones.json').exists())
         compared = [r for r in json.loads(file.read_text())['runs'] if r['model'] == 'FreeDraining']
@@ -343,8 +357,8 @@ def main():
             for i, task in enumerate(plan(args.quick, args.long, args.periodic))]
     order = [task[:3] for task in todo]
 
-    # The cheapest first (in a periodic fluid all at kT = 0.1 before those at 0.2); an older run
-    # that is to be longer stays until its successor is there.
+    # The cheapest run is first (in a periodic fluid all runs at kT = 0.1 before those at 0.2). An
+    # older run that is to be longer stays until its successor is there.
     def cost(task):
         kT, h, model, duration, clusters, _ = task
         return args.periodic*kT, duration/h*clusters*(60 if model == 'RPY' else 1)

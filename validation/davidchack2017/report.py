@@ -4,7 +4,8 @@ from spheres import RESULTS, brackets, printTables
 
 
 def lennardJones(data):
-    yield '| kT | quantity | A0 here | A0 paper | exact | E_A here | E_A paper | χ²/dof | order p of the error, fitted |'
+    yield ('| kT | quantity | A0 here | A0 paper | exact | E_A here | E_A paper | χ²/dof | '
+           'order p of the error, fitted |')
     yield '|---|---|---|---|---|---|---|---|---|'
     isPeriodic = any(r['model'] == 'SD periodic' for r in data['runs'])
     for key, entry in data['analysis'].items():
@@ -23,7 +24,8 @@ def lennardJones(data):
                    f'{fit["chi2_per_dof"]:.1f} | '
                    f'{brackets(order["order"], order["error"]) if order else "–"} |')
     yield ''
-    yield '| kT | model | h | U/N | z to Monte Carlo + paper\'s E_A h² | z of U/N to free draining, same h | largest abs z of the temperatures, same h |'
+    yield ('| kT | model | h | U/N | z to Monte Carlo + paper\'s E_A h² | '
+           'z of U/N to free draining, same h | largest abs z of the temperatures, same h |')
     yield '|---|---|---|---|---|---|---|'
     for r in data['runs']:
         entry = data['analysis'].get(f'kT={r["kT"]:g}')
@@ -77,7 +79,8 @@ def spread(values, digits, sign=''):
 
 
 def ring(data):
-    yield '| (f, τ), truncation | start | paper | here | period | orbital speed Ω | spin | smallest gap | independent (period, Ω, spin) |'
+    yield ('| (f, τ), truncation | start | paper | here | period | orbital speed Ω | spin | '
+           'smallest gap | independent (period, Ω, spin) |')
     yield '|---'*9 + '|'
     cases, states = {}, {}
     for r in data['rows']:
@@ -88,19 +91,19 @@ def ring(data):
         for state, same in sorted(states[case].items(), key=lambda s: -len(s[1])):
             r = same[0]
             periods = [q['period'] for q in same if q['period'] is not None]
-            yield (
-                f'| ({r["f"]:g}, {r["tau"]:g}), {r["truncation"]} | {r["start"]} | '
-                f'{r.get("paper", "")} | {state} ({len(same)} of {len(rows)}) | '
-                f'{spread(periods, 1) if periods else "–"} | '
-                f'{spread([q["orbital_speed"] for q in same], 4, "+")} | '
-                f'{spread([q["spin"] for q in same], 4, "+")} | '
-                f'{spread([q["smallest_gap"] for q in same], 3)} | '
-                f'{", ".join("–" if v is None else str(v) for v in r["independent"]) if r.get("independent") else "–"} |'
-            )
+            independent = ['–' if v is None else str(v)
+                           for v in r['independent']] if r.get('independent') else ['–']
+            yield (f'| ({r["f"]:g}, {r["tau"]:g}), {r["truncation"]} | {r["start"]} | '
+                   f'{r.get("paper", "")} | {state} ({len(same)} of {len(rows)}) | '
+                   f'{spread(periods, 1) if periods else "–"} | '
+                   f'{spread([q["orbital_speed"] for q in same], 4, "+")} | '
+                   f'{spread([q["spin"] for q in same], 4, "+")} | '
+                   f'{spread([q["smallest_gap"] for q in same], 3)} | '
+                   f'{", ".join(independent)} |')
 
 
 def diagram(data):
-    """What the starts at each point led to, where they differ or no state was found."""
+    """The states that the starts at each point led to, where they differ or no state was found."""
     points = {}
     for r in data['rows']:
         points.setdefault((r['f'], r['tau']), []).append(r)
@@ -119,7 +122,8 @@ def diagram(data):
 
 
 def noise(data):
-    yield '| start as | kT | nearer to | distance (rad) to it, to the other | mismatch after a shift by one | Ω | spin |'
+    yield ('| start as | kT | nearer to | distance (rad) to it, to the other | '
+           'mismatch after a shift by one | Ω | spin |')
     yield '|---'*7 + '|'
     for r in data['rows']:
         d = sorted(r['distances_to_noiseless'].values()) if r['kT'] else None

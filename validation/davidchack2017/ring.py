@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
-"""Davidchack 2017, Figures 7 and 8: six spheres driven around a ring by a tangential force f and a torque tau.
+"""Davidchack 2017, Figures 7 and 8: six spheres driven around a ring by a force and a torque.
 
-The force goes along the ring and has no energy, so it is a CustomBodyForce, like the torque; the
-radial well is there too. Asymptotic states are classified from the gaps between neighbours alone:
-steady (uniform, pairs, triplets, cluster) or periodic (5+1 drafting, pair drafting, in-phase or
-alternating triplets), with period, orbital speed and spin. The paper says only "smoothly truncated
-at 2.4" of the repulsion and nothing of the start: here a switch from 2.2 to 2.4 (`--truncation
-none`: without), and several random starts.
+The tangential force f along the ring has no energy, so it is a CustomBodyForce, like the torque
+tau. The CustomBodyForce includes the radial well. Asymptotic states are classified from the gaps
+between neighbours alone: steady (uniform, pairs, triplets, cluster) or periodic (5+1 drafting, pair
+drafting, in-phase or alternating triplets), with period, orbital speed and spin. Of the repulsion
+the paper says only "smoothly truncated at 2.4", and it says nothing of the start. Here there are a
+switch from 2.2 to 2.4 (`--truncation none`: without it), and several random starts.
 
-    python3 ring.py                          # the paper's (f, tau), noise, phase diagram, animation: an hour
+    python3 ring.py                          # the paper's (f, tau), noise, phase diagram,
+                                             # animation: an hour
     python3 ring.py --parts states noise     # some of: states noise diagram animation
-    python3 ring.py --model RPY --keep       # other hydrodynamics; keep the runs that are there and do what is missing
+    python3 ring.py --model RPY --keep       # another model; keep existing runs, make the missing
     python3 ring.py --jobs 8                 # eight runs at a time
     python3 ring.py --quick                  # under a minute: one state
 """
@@ -31,20 +32,21 @@ MODELS = {
     'FTS': (MobilityForce.StokesianDynamics, False),
     'FTS+lubrication': (MobilityForce.StokesianDynamics, True)
 }
-# The paper's step (0.2 % off in the spin) for its states; spacing of samples.
+# The time step for the paper's states, that of the paper (0.2 % off in the spin); spacing of
+# samples.
 STEP, SPACING = 0.02, 0.1
 #: For the phase diagram and noise: 1 % off in the spin, 0.6 % in the orbital speed.
 COARSE_STEP = 0.05
 #: Rms deviation of the gaps, in rad, below which a state counts as steady.
 STEADY = 2e-3
-#: Shifted gaps match if they differ by less than this part of their fluctuation.
+#: Shifted gaps match if they differ by less than this fraction of their fluctuation.
 MATCH = 0.06
-#: The phase diagram's times to settle and to follow at f = 1 or tau = 4; where both are smaller,
-#: everything is slower.
+#: Times of the phase diagram to settle and to follow, at f = 1 or tau = 4. Where both f and tau are
+#: smaller, everything is slower.
 SETTLE, WINDOW = 800.0, 300.0
 PARTS = ('states', 'noise', 'diagram', 'animation')
-#: f, tau, kind of start, time to settle, window, what the paper shows, and what an independent
-#: calculation found (period, orbital speed, spin), by model and truncation.
+#: f, tau, kind of start, time to settle, window, the state in the paper, and the results of an
+#: independent calculation (period, orbital speed, spin), by model and truncation.
 STATES = (('Fig 7', 1.0, 0.0, 'random', 700.0, 300.0, '5+1 drafting', {
     ('RPY', 'switch'): (46.2, 0.3077, 0.1092), ('FTS+lubrication', 'switch'): (64.8, 0.2889, 0.1227)
 }), ('Fig 8(a)', 1.2, -4.0, 'random', 700.0,
@@ -61,7 +63,10 @@ STATES = (('Fig 7', 1.0, 0.0, 'random', 700.0, 300.0, '5+1 drafting', {
 
 # ---- The scene -----------------------------------------------------------------------------------
 def angles(kind, rng):
-    """Start: random gaps of at least 0.72 rad (touching spheres: 0.68), or three such gaps twice (to 1e-3)."""
+    """Angles at the start: random gaps of at least 0.72 rad, or three such gaps twice (to 1e-3).
+
+    Spheres touch at 0.68 rad.
+    """
     least = 0.72
     if kind == 'opposite':
         gaps = np.tile(least + rng.dirichlet(np.ones(3))*(np.pi - 3*least), 2)
@@ -164,15 +169,15 @@ def neighbourDistances(places, theta):
     ])
 
 
-#: Parts in which a run settles: after each it can be kept.
+#: Number of parts in which a run settles; it can be saved after each.
 SETTLING = 20
 
 
 def settled(arguments, job):
-    """The scene of a run that has settled, what is kept of it, and seconds that it took before; goes on where it was interrupted.
+    """The scene of a run that has settled, its saved state, and the seconds that it took before.
 
-    The arguments say f, tau, kT, model, truncation, kind (of the start), settle, window, seed,
-    step.
+    It goes on where it was interrupted. The arguments have f, tau, kT, model, truncation, kind (of
+    the start), settle, window, seed, step.
     """
     a = arguments
     scene = build(a['f'], a['tau'], a['kT'], a['model'], a['truncation'],
@@ -195,7 +200,7 @@ def settled(arguments, job):
 
 
 def runState(arguments, job=None):
-    """Settle, follow, classify. If the state is undecided the run goes on, up to `attempts` windows."""
+    """Settle, follow, classify; an undecided run is followed for up to `attempts` windows."""
     f, tau, kT, model, truncation, kind, settle, window, seed, step, attempts = (
         arguments[key] for key in ('f', 'tau', 'kT', 'model', 'truncation', 'kind', 'settle',
                                    'window', 'seed', 'step', 'attempts'))
@@ -228,9 +233,10 @@ def runState(arguments, job=None):
 
 # ---- Parts of the experiment ---------------------------------------------------------------------
 def made(args, path, tasks):
-    """Do the runs of `tasks`, (arguments of runState, more entries of the row); with --keep only those that the file lacks.
+    """Do the runs of `tasks`; with --keep only those that the file lacks.
 
-    The file is written after each run; rows that it has beyond the tasks stay.
+    A task is (arguments of runState, more entries of the row). The file is written after each run;
+    rows that it has beyond the tasks stay.
     """
     def key(row):
         return tuple(row[k] for k in ('f', 'tau', 'start', 'seed', 'h'))
@@ -261,7 +267,7 @@ def made(args, path, tasks):
 
 
 def together(function, todo, args, finished=None):
-    """Runs with these arguments of runState(), as many at a time as are asked for."""
+    """Do runs with these arguments of runState(), as many at a time as --jobs says."""
     names = [
         f'ring {a["model"]} {a["truncation"]} f {a["f"]:g} tau {a["tau"]:g} kT {a["kT"]:g} '
         f'{a["kind"]} seed {a["seed"]} h {a["step"]:g} {function.__name__}' for a in todo
@@ -273,8 +279,8 @@ def together(function, todo, args, finished=None):
 def states(args, path):
     tasks = []
     for k in range(1 if args.quick else args.starts):
-        for name, f, tau, kind, settle, window, paper, reference in STATES[:
-                                                                           1] if args.quick else STATES:
+        for name, f, tau, kind, settle, window, paper, reference in (STATES[:1]
+                                                                     if args.quick else STATES):
             if args.quick:
                 settle, window = 300.0, 180.0
             tasks.append(({
@@ -289,16 +295,20 @@ def states(args, path):
 
 
 def fingerprint(gaps):
-    """What a noisy state is recognised by: the time-means of the sorted gaps, and the sorted time-means of the gaps.
+    """Numbers by which a noisy state is recognised, made of time-means of the gaps.
 
-    The first tell the shapes apart that the ring goes through, the second whether every sphere
+    They are the time-means of the sorted gaps, then the sorted time-means of the gaps. The first
+    numbers tell the shapes apart that the ring goes through. The second tell whether every sphere
     keeps its place in them.
     """
     return np.concatenate([np.sort(gaps, axis=1).mean(0), np.sort(gaps.mean(0))])
 
 
 def noise(args, path):
-    """Both of the paper's robust states with noise: which of the two noiseless ones the run is nearer to, and is it still periodic?"""
+    """Run both of the paper's robust states with noise.
+
+    To which of the two noiseless states is each run nearer, and is it still periodic?
+    """
     todo = [(name, paper, {
         'f': f, 'tau': tau, 'kT': kT, 'model': args.model, 'truncation': args.truncation,
         'kind': 'random', 'settle': settle, 'window': window*(1 if kT < 1e-3 else 3),
@@ -329,7 +339,7 @@ def noise(args, path):
 
 
 def diagram(args, path):
-    """Random starts at each point of a grid, all points for one start after the other."""
+    """Random starts at each point of a grid, for one start after the other."""
     tasks = []
     for k in range(args.diagram_starts):
         for tau in args.tau:
@@ -436,10 +446,10 @@ def main():
     parser.add_argument('--diagram-starts', type=int, default=3,
                         help='starts at each point of the phase diagram')
     parser.add_argument('--attempts', type=int, default=12,
-                        help='windows that an undecided run of the diagram is followed for')
+                        help='windows for which an undecided run of the diagram is followed')
     parser.add_argument(
         '--keep', action='store_true',
-        help='keep the states and points that the output folder has; do what is missing')
+        help='keep the states and points that the output folder has; make the missing ones')
     parser.add_argument('--f', type=float, nargs='+', default=[0, 0.2, 0.4, 0.6, 0.8, 1, 1.2])
     parser.add_argument('--tau', type=float, nargs='+', default=[k/2 for k in range(-10, 5)])
     parser.add_argument('--seed', type=int, default=2017)

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Davidchack 2017, Table S1: two spheres side by side sediment without noise; every rung of the hydrodynamic ladder.
+"""Davidchack 2017, Table S1: two spheres side by side sediment without noise, by all models.
 
-The dynamics is run to its steady state at h = 0.001, 0.01, 0.02, 0.03, 0.04 (m = 0.25, I = 0.1);
-F/U and omega/U are extrapolated h^2 -> 0 and compared with the exact solution of Stokes' equations.
-The spheres lie on the x axis, the force is along z. It is so weak that multiblob shells, which have
-corners, do not turn noticeably while they settle: Stokes flow is linear.
+The models are those of the hydrodynamic ladder. The dynamics is run to its steady state at h =
+0.001, 0.01, 0.02, 0.03, 0.04 (m = 0.25, I = 0.1). F/U and omega/U are extrapolated h^2 -> 0 and
+compared with the exact solution of Stokes' equations. The spheres lie on the x axis, the force is
+along z. Multiblob shells have corners, but the force is so weak that they do not turn noticeably
+while they settle: Stokes flow is linear.
 
     python3 sedimenting_spheres.py           # minutes, nearly all for the shells of 162 blobs
     python3 sedimenting_spheres.py --jobs 2  # two separations or models at a time
@@ -44,11 +45,12 @@ STEADY, SETTLE = 1e-10, 0.25
 
 # ---- The exact answer ----------------------------------------------------------------------------
 def exactPair(l, points=700, depth=None):
-    """F/U and omega/U of two spheres of radius 1 with centres a distance l apart, by the method of fundamental solutions.
+    """F/U and omega/U of two spheres of radius 1, by the method of fundamental solutions.
 
-    Stokeslets on a sphere inside each sphere, their strengths those that meet the boundary
-    condition on the surface best (least squares); the second sphere's are the mirror images of the
-    first's. Converges exponentially unless the spheres nearly touch.
+    Their centres are a distance l apart. Stokeslets are on a sphere inside each sphere. Their
+    strengths are those that meet the boundary condition on the surface best (least squares). The
+    second sphere's stokeslets are the mirror images of the first's. The method converges
+    exponentially unless the spheres nearly touch.
     """
     def fibonacci(n):
         k = np.arange(n) + 0.5
@@ -85,7 +87,8 @@ class Pair:
             self.integrator, system, positions, middle = self._shells(int(name.split()[1]), centres,
                                                                       step)
         else:
-            model = MobilityForce.RotnePragerYamakawa if name == 'RPY' else MobilityForce.StokesianDynamics
+            model = (MobilityForce.RotnePragerYamakawa
+                     if name == 'RPY' else MobilityForce.StokesianDynamics)
             scene = Spheres(2, MASS, 3*(MOMENT,), 0, step, model, lubrication='lubrication' in name)
             self.integrator, system, positions, middle = scene.integrator, scene.system, centres, (
                 0, 1)
@@ -129,7 +132,11 @@ class Pair:
 
 
 def ladder(argument, job):
-    """One rung at one separation, steady at every step size: the first from rest, each next from what those before let expect."""
+    """One model at one separation, steady at every step size.
+
+    The first step size starts from rest. Each further one starts from the velocities that those
+    before predict.
+    """
     name, separation = argument
     l, began = SEPARATIONS[separation], time.time()
     state = campaign.State(job, argument)
@@ -198,9 +205,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true',
-                        help='seconds: l = 3, no shells of 42 and 162 blobs')
+                        help='seconds: l = 3, without shells of 42 and 162 blobs')
     parser.add_argument('--models', nargs='+', default=MODELS, choices=MODELS, metavar='MODEL',
-                        help=f'some of {", ".join(MODELS)}')
+                        help=f'models to run, of {", ".join(MODELS)}')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     campaign.addOptions(parser)
     args = campaign.settle(parser.parse_args())

@@ -1,8 +1,9 @@
 """What the four experiments share: the paper's reduced units, spheres in a fluid, statistics.
 
-Reduced units of the paper (HYDROLIB's): sphere radius 1, viscosity 1/(4 pi), and a mass scale. They
-are used as if they were OpenMM's nm, ps, dalton, kJ/mol; kT becomes a temperature by OpenMM's gas
-constant. The Stokes friction of a sphere is then 6 pi eta a = 1.5 and 8 pi eta a^3 = 2.
+The reduced units of the paper are HYDROLIB's: sphere radius 1, viscosity 1/(4 pi), and a mass
+scale. They are used as if they were OpenMM's nm, ps, dalton, kJ/mol; kT becomes a temperature by
+OpenMM's gas constant. The Stokes friction of a sphere is then 6 pi eta a = 1.5 and 8 pi eta a^3 =
+2.
 """
 import pathlib
 import sys
@@ -26,10 +27,10 @@ GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/u
 
 # ---- Scenes --------------------------------------------------------------------------------------
 class Spheres:
-    """Spheres of radius 1, each a rigid body of its centre and, if asked for, a marker that the fluid does not see.
+    """Spheres of radius 1, each a rigid body of its centre and, if asked for, a marker.
 
-    Forces are added to ``system`` before :meth:`start` makes the Context. The centre of sphere i is
-    particle ``centre(i)``, its marker ``marker(i)``.
+    The fluid does not see the marker. Forces are added to ``system`` before :meth:`start` makes the
+    Context. The centre of sphere i is particle ``centre(i)``, its marker ``marker(i)``.
     """
     def __init__(self, count, mass, moments, kT, step, model, lubrication=True, marker=None,
                  seed=1):
@@ -63,7 +64,7 @@ class Spheres:
         return 2*i + 1
 
     def start(self, positions, platformName='Reference'):
-        """Make the Context, with the spheres' centres at these positions in their body frames' orientation."""
+        """Make the Context, with the spheres' centres at these positions, not turned."""
         openmmrigidhi.app.bindBodies(self.system, self.integrator)
         properties = {'Threads': '1'} if platformName == 'CPU' else {}
         self.context = openmm.Context(self.system, self.integrator,
@@ -88,7 +89,10 @@ class Spheres:
 
 
 def sample(integrator, samples, every, report=None, done=0):
-    """Step, and yield the number of each sample; report gets the number of samples since the run's beginning, of which so many were taken before."""
+    """Step, and yield the number of each sample.
+
+    report gets the number of samples since the run's beginning, of which `done` were taken before.
+    """
     for k in range(samples):
         integrator.step(every)
         if report is not None:
@@ -98,7 +102,10 @@ def sample(integrator, samples, every, report=None, done=0):
 
 # ---- Statistics ----------------------------------------------------------------------------------
 def blockError(values, blockCounts=(64, 32, 16)):
-    """Standard error of the mean of a time series: the largest of those from averages over 64, 32 and 16 blocks."""
+    """Standard error of the mean of a time series.
+
+    It is the largest of the errors from averages over 64, 32 and 16 blocks.
+    """
     values = np.asarray(values, dtype=float)
     errors = []
     for blocks in blockCounts:
@@ -110,7 +117,7 @@ def blockError(values, blockCounts=(64, 32, 16)):
 
 
 def weightedFit(columns, y, errors):
-    """Weighted linear least squares: coefficients, their standard errors and chi^2 per degree of freedom."""
+    """Weighted linear least squares: coefficients, standard errors, chi^2 per degree of freedom."""
     design = np.stack(columns, axis=1)/np.asarray(errors)[:, None]
     covariance = np.linalg.inv(design.T @ design)
     coefficients = covariance @ design.T @ (np.asarray(y)/errors)

@@ -1,22 +1,23 @@
 #!/usr/bin/env python3
-"""Davidchack 2017, Figures 2 to 5: time-correlation functions of two spheres in harmonic traps, against exact linear theory.
+"""Davidchack 2017, Figures 2 to 5: correlations of two trapped spheres, against linear theory.
 
-Two spheres a distance R apart on the z axis, each in a translational well kt/2 |r - r0|^2 and a
-rotational one -kr/2 n_x^2, with n the body's x axis. They feel each other through the fluid alone.
-For small amplitudes the friction is that at the trap's centres and everything is linear: state (x,
+Two spheres are a distance R apart on the z axis. Each is in a translational well kt/2 |r - r0|^2
+and a rotational one -kr/2 n_x^2, with n the body's x axis. They interact through the fluid alone.
+For small amplitudes the friction is that at the traps' centres and everything is linear: state (x,
 v), dx = v dt, M dv = -(K x + xi v) dt + noise, C(t) = [exp(A t)]_qq diag(kT/K). The friction comes
 from `getFrictionInContext`, the exponential from scipy.
 
-The same linearisation gives the scheme's own correlations at a step h, [B^n]_qq Sigma with its
-one-step matrix B and stationary covariance Sigma: so the bias of a step size is known before
-anything is run, and the largest step with a bias below BIAS is taken.
+The same linearisation gives the scheme's own correlations at a time step h, [B^n]_qq Sigma with its
+one-step matrix B and stationary covariance Sigma. The bias of a step size is thus known before any
+run, and the largest step with a bias below BIAS is taken.
 
 At the paper's kT the traps are not quite linear (kr/kT = 200: a few 1e-3 in the rotational curves),
-so each set is also run at a tenth of it. Estimators use what is symmetric: the mirror z -> -z,
-which exchanges the spheres, and <a(t)b(0)> = <b(t)a(0)>.
+so each set is also run at a tenth of it. Estimators use symmetries: the mirror z -> -z, which
+exchanges the spheres, and <a(t)b(0)> = <b(t)a(0)>.
 
-    python3 trapped_spheres.py               # 5 minutes for the inertial set, an hour for the overdamped one
-    python3 trapped_spheres.py --sets overdamped --keep     # one set, the other's runs kept
+    python3 trapped_spheres.py               # 5 minutes for the inertial set, an hour for the
+                                             # overdamped one
+    python3 trapped_spheres.py --sets overdamped --keep     # one set, keeping runs of the other
     python3 trapped_spheres.py --model RPY   # other hydrodynamics, other curves
     python3 trapped_spheres.py --quick       # seconds
 """
@@ -58,7 +59,7 @@ FUNCTIONS = {
 VARIABLES = ('x1', 'z1', 'chiy1', 'chiz1', 'x2', 'z2', 'chiy2', 'chiz2')
 #: Sign of each kind under the mirror z -> -z that exchanges the spheres.
 MIRROR = {'x': 1, 'z': -1, 'chiy': -1, 'chiz': 1}
-#: Row of each kind among a body's six: position, then rotation vector.
+#: Row of each kind among a body's six rows: position, then rotation vector.
 ROW = {'x': 0, 'z': 2, 'chiy': 4, 'chiz': 5}
 STEPS = (0.1, 0.05, 0.025, 0.02, 0.0125, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.00125, 0.001)
 BIAS = 0.002
@@ -75,17 +76,23 @@ def row(name):
 
 # ---- Theory --------------------------------------------------------------------------------------
 class Linear:
-    """The scene linearised about the traps: rows of position are x y z and the rotation vector of sphere 1, then of sphere 2."""
+    """The scene linearised about the traps.
+
+    Rows of position are x y z and the rotation vector of sphere 1, then of sphere 2.
+    """
     def __init__(self, parameters, friction):
-        # Rotation about the body's x axis is free; a tiny spring there keeps its variance finite
-        # and touches nothing else we look at.
+        # Rotation about the body's x axis is free. A tiny spring there keeps its variance finite,
+        # and affects none of the measured functions.
         free = 1e-9*parameters['kr']
         self.stiffness = np.diag(2*(3*[parameters['kt']] + [free] + 2*[parameters['kr']]))
         self.inverse = np.diag(2*(3*[1/parameters['m']] + 3*[1/parameters['I']]))
         self.friction = friction
 
     def exact(self, times):
-        """Normalised C(t), one 12 x 12 matrix for each time; times are multiples of the first step."""
+        """Normalised C(t), one 12 x 12 matrix for each time.
+
+        Times are multiples of the first interval.
+        """
         a = np.block([[np.zeros((12, 12)), np.eye(12)],
                       [-self.inverse @ self.stiffness, -self.inverse @ self.friction]])
         covariance = np.zeros((24, 24))
@@ -94,7 +101,10 @@ class Linear:
                                   len(times))
 
     def scheme(self, h, every, count):
-        """The same for LangevinHI with step h, sampled every so many steps: half kick, half drift, Ornstein-Uhlenbeck, and back."""
+        """The same for LangevinHI with step h, sampled every `every` steps.
+
+        The scheme is half kick, half drift, Ornstein-Uhlenbeck, and back.
+        """
         eye, zero = np.eye(12), np.zeros((12, 12))
         kick = np.block([[eye, zero], [-h/2*self.inverse @ self.stiffness, eye]])
         drift = np.block([[eye, h/2*eye], [zero, eye]])
@@ -126,7 +136,10 @@ def largest(difference):
 
 
 def biases(theory, parameters):
-    """Times, the exact curves, and for each step that divides the spacing of samples the largest deviation from them."""
+    """Times, the exact curves, and the largest deviation from them at each step size.
+
+    Only steps that divide the spacing of samples are taken.
+    """
     times = np.arange(round(parameters['lag']/parameters['every']) + 1)*parameters['every']
     exact = curves(theory.exact(times))
     result = {}
@@ -139,14 +152,14 @@ def biases(theory, parameters):
 
 
 def chooseStep(theory, parameters):
-    """The largest step whose own bias stays below BIAS, its bias, times and the exact curves."""
+    """The largest step whose bias stays below BIAS, its bias, times and the exact curves."""
     times, exact, bias = biases(theory, parameters)
     h = max(h for h in bias if bias[h] < BIAS)
     return h, bias[h], times, exact
 
 
 def saveBiases(args):
-    """The bias of every step size, at the traps' centres; no run is needed."""
+    """Save the bias of every step size, at the traps' centres; no run is needed."""
     result = {}
     for setName, parameters in SETS.items():
         for R in DISTANCES:
@@ -160,7 +173,7 @@ def saveBiases(args):
 
 # ---- The run -------------------------------------------------------------------------------------
 def build(parameters, R, model, step, seed):
-    """Two trapped spheres; a marker at the end of each body's x axis carries the rotational trap."""
+    """Two trapped spheres; a marker at the end of each x axis carries the rotational trap."""
     scene = Spheres(2, parameters['m'], 3*(parameters['I'],), parameters['kT'], step,
                     MODELS[model][0], MODELS[model][1], marker=(1, 0, 0), seed=seed)
     trap = openmm.CustomCompoundBondForce(2, 'kt/2*(x1*x1+y1*y1+(z1-z0)*(z1-z0))-kr/2*n*n; n=x2-x1')
@@ -192,7 +205,7 @@ def correlate(a, b, lags):
 
 
 def measured(data, lags):
-    """The ten functions with standard errors from blocks; symmetric partners averaged."""
+    """The ten functions with standard errors from blocks; symmetric partners are averaged."""
     series = dict(zip(VARIABLES, data.T))
 
     def partner(name):
@@ -213,8 +226,8 @@ def measured(data, lags):
             ]
             blocks.append(np.mean(terms, axis=0)/np.sqrt(variance[kind(a)]*variance[kind(b)]))
         result[name] = np.mean(blocks, axis=0)
-        # The normalisation is measured with the same data: for auto-correlations it takes the error
-        # at lag 0 away.
+        # The normalisation is measured with the same data. For auto-correlations this removes the
+        # error at lag 0.
         if a == b:
             blocks = [block - result[name]*block[0] for block in blocks]
         errors[name] = np.std(blocks, axis=0, ddof=1)/np.sqrt(BLOCKS)
@@ -222,12 +235,18 @@ def measured(data, lags):
 
 
 def seedOf(first, setName, R, share):
-    """A seed of its own for each run, whichever others are run: with one seed, temperatures would differ by scale alone."""
+    """A seed of its own for each run, whichever other runs are made.
+
+    With one seed for all, runs at two temperatures would differ by scale alone.
+    """
     return first + 1000*list(SETS).index(setName) + round(100*share) + round(10*R)
 
 
 def run(argument, job=None):
-    """One set at one distance and temperature, in so many minutes of wall time, those before an interruption included."""
+    """One set at one distance and temperature, for so many minutes of wall time.
+
+    Minutes before an interruption count, too.
+    """
     setName, R, kT, model, duration, seed, minutes = argument
     began = time.time()
     parameters = dict(SETS[setName], kT=kT)
@@ -287,7 +306,7 @@ def run(argument, job=None):
 
 
 def draw(runs, folder):
-    """Figures 2 to 5 and what differs from theory."""
+    """Draw Figures 2 to 5 and the deviations from theory."""
     plt = pyplot()
     panels = (('x1 x1', 'z1 z1'), ('x1 x2', 'z1 z2'), ('x1 chiy2', 'x1 chiy1'),
               ('chiy1 chiy1', 'chiz1 chiz1'), ('chiy1 chiy2', 'chiz1 chiz2'))
@@ -333,10 +352,10 @@ def main():
     parser.add_argument('--long', type=float, default=1.0, metavar='FACTOR',
                         help='multiply the length of every run')
     parser.add_argument('--minutes', type=float, default=np.inf,
-                        help='end a run after so long (at the paper\'s kT: a quarter of it)')
+                        help='end a run after so long (at the paper\'s kT: after a quarter of it)')
     parser.add_argument('--distances', nargs='+', type=float, default=DISTANCES)
     parser.add_argument('--shares', nargs='+', type=float, default=(0.1, 1.0),
-                        help="temperatures, in those of the paper")
+                        help="temperatures, in units of the paper's")
     parser.add_argument('--seed', type=int, default=2017)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     campaign.addOptions(parser)
@@ -361,7 +380,8 @@ def main():
         runs = json.loads((args.output/name).read_text())['runs']
 
     def finish(_, r):
-        # A kept run goes only when its successor is there: an interrupted series loses nothing.
+        # A kept run is removed only when its successor is there: an interrupted series loses
+        # nothing.
         runs[:] = [k for k in runs if (k['set'], k['R'], k['kT']) != (r['set'], r['R'], r['kT'])
                    ] + [r]
         runs.sort(key=lambda r: (list(SETS).index(r['set']), r['kT'], r['R']))

@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
 """Delong 2015, Figures 8 and 9 and Table 1: a boomerang of 15 blobs above a wall, at three weights.
 
-Table 1 from averages over the Gibbs-Boltzmann distribution: chi_2D of the centre of hydrodynamic
-stress, chi_theta with a cut-off (its average diverges), gravitational height of a tip. Figures 8
-and 9 from trajectories: mean square displacements of the cross point, a tip and that centre, and of
-the bisector's angle in the plane. Heights of the cross point and tilts against quadrature.
+Table 1 comes from averages over the Gibbs-Boltzmann distribution: chi_2D of the centre of
+hydrodynamic stress, chi_theta with a cut-off (its average diverges), gravitational height of a tip.
+Figures 8 and 9 come from trajectories: mean square displacements of the cross point, of a tip and
+of the centre of hydrodynamic stress, and of the bisector's angle in the plane. Heights of the cross
+point and tilts are compared with quadrature.
 
-    python3 boomerang.py                          # until the errors are small, or an hour a scheme and weight
-    python3 boomerang.py --minutes 5 --jobs 2     # up to five minutes each, two at a time; the same command again goes on
+    python3 boomerang.py                          # until the errors are small, or an hour a scheme
+                                                  # and weight
+    python3 boomerang.py --minutes 5 --jobs 2     # up to five minutes each, two at a time; the same
+                                                  # command again goes on
     python3 boomerang.py --quick                  # seconds
 
 Units: um and s as nm and ps, kT = 1; water at 300 K: eta = 8.9e-4 Pa s, kT/eta = 4.65387 um^3/s.
@@ -35,17 +38,17 @@ KT_PER_VISCOSITY = 1.380649e-23*300/8.9e-4*1e18
 STEP = 0.01
 #: um: top of the bins of height.
 TOP = {1: 12.3, 10: 4.3, 20: 2.8}
-#: s: times before anything is counted; heights relax in about 4 D/v^2 with diffusion D and
+#: s: times before anything is counted. Heights relax in about 4 D/v^2 with diffusion D and
 #: sedimentation v, 55 s at g = 1.
 SETTLE = {1: 200, 10: 30, 20: 20}
 ANGLES = np.linspace(0, np.pi, 31)
-#: s: long-time slopes are taken from here on; orientations relax in 1 to 4 s.
+#: s: long-time slopes are taken from this time on; orientations relax in 1 to 4 s.
 LATE = 5.0
 BISECTOR = np.array([1.0, 1.0, 0])/2**0.5
 #: Sine of the bisector's angle to the vertical below which a configuration is left out of
 #: chi_theta.
 CUTOFF = 0.3
-#: Table 1: chi_2D (um^2/s), over chi_3D, chi_theta (rad^2/s), h_g of a tip (um), sphere's ratio.
+#: Table 1: chi_2D (um^2/s), chi_2D/chi_3D, chi_theta (rad^2/s), h_g of a tip (um), sphere's ratio.
 PAPER = {
     1: (0.226, 0.834, 1.42, 1.77, 0.837), 10: (0.194, 0.716, 0.79, 0.605, 0.724),
     20: (0.185, 0.683, 0.22, 0.419, 0.680)
@@ -59,7 +62,10 @@ def body(g):
 
 
 def centres():
-    """Distances from the cross point to the centres of hydrodynamic stress and of mobility, and chi_3D, all in bulk."""
+    """Centres of hydrodynamic stress and of mobility, and chi_3D, in bulk.
+
+    Centres are given by their distance from the cross point.
+    """
     replicas = Replicas(body(1), 1, 'RandomFiniteDifference', STEP, boundary='Unbounded')
     N = replicas.mobilities()
     axes = np.array([BISECTOR, (-BISECTOR[1], BISECTOR[0], 0), (0, 0, 1)])
@@ -75,7 +81,10 @@ def centres():
 
 
 def sphereRatio(height):
-    """<mu_par>/mu_0 of a sphere with the blobs' radius whose gap to the wall is exponentially distributed about this mean."""
+    """<mu_par>/mu_0 of a sphere with the blobs' radius.
+
+    Its gap to the wall is exponentially distributed about the mean `height`.
+    """
     x, w = np.polynomial.laguerre.laggauss(60)
     return float(w @ sphereMobilities(A + x*height, A, 1/(6*np.pi*A))[:, 0, 0])
 
@@ -88,7 +97,7 @@ def table(equilibrium, bulk, poses, random):
     }
 
     def isAbove(A):
-        """Whether the sine of the bisector's angle to the vertical is."""
+        """Whether the sine of the bisector's angle to the vertical is above CUTOFF."""
         return np.hypot(*(A @ BISECTOR)[:, :2].T) > CUTOFF
 
     functions = {

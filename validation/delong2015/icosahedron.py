@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """Delong 2015, Figures 6 and 7: a sphere made of twelve blobs, one of them heavy, above a wall.
 
-Distributions of height and tilt against the exact ones, P(h) ~ exp(-2.5 h - 10/(h-0.5)
-exp(-(h-0.5)/0.5)) and P(theta) ~ sin theta exp(1.09375 cos theta); mean square displacements,
-translational and rotational, against what the mobilities of the blobs' icosahedron and of a sphere
-(best-known) say.
+Distributions of height and tilt are compared with the exact ones, P(h) ~ exp(-2.5 h - 10/(h-0.5)
+exp(-(h-0.5)/0.5)) and P(theta) ~ sin theta exp(1.09375 cos theta). Mean square displacements,
+translational and rotational, are compared with two predictions: from the mobility of the blobs'
+icosahedron, and from the best-known mobility of a sphere.
 
     python3 icosahedron.py                      # until the errors are small, or an hour a scheme
-    python3 icosahedron.py --minutes 5 --jobs 2   # up to five minutes a scheme, two at a time; the same command again goes on
+    python3 icosahedron.py --minutes 5 --jobs 2   # up to five minutes a scheme, two at a time; the
+                                                  # same command again goes on
     python3 icosahedron.py --quick              # seconds
 
 Units: the paper's length (sphere radius a_I = 0.5), kT = 1, time 6 pi eta a_I^3/kT = 1.
@@ -22,26 +23,27 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path.append(str(HERE.parent/'common'))
 import runs  # noqa: E402
 import wallpictures as pictures  # noqa: E402
-from equilibrium import Equilibrium, averageMobility, rotationalPlateau, sphereMobilities, withoutDrift  # noqa: E402
+from equilibrium import (  # noqa: E402
+    Equilibrium, averageMobility, rotationalPlateau, sphereMobilities, withoutDrift)
 from recording import pyplot  # noqa: E402
 from walls import Body  # noqa: E402
 
 RESULTS = HERE/'results'
 RADIUS, BLOB = 0.5, 0.175
-#: Figure 6's is 0.04, Figure 7's 0.004. At 0.04 a step turns the sphere by 0.25 rad, and the mean
-#: of cos theta is 2.5 % low for any scheme that moves by F at the old pose, also for a sphere that
-#: only turns.
+#: The step of Figure 6 is 0.04, that of Figure 7 0.004. At 0.04 a step turns the sphere by 0.25
+#: rad. The mean of cos theta is then 2.5 % low for any scheme that moves by F at the old pose, also
+#: for a sphere that only turns.
 STEP, PAPER_STEP, SPACING = 0.01, 0.04, 0.08
 CASES = (('EulerMaruyama', STEP), ('FixmanMidpoint', STEP), ('RandomFiniteDifference', STEP),
          ('DriftCorrectorRFD', STEP), ('RandomFiniteDifference', PAPER_STEP))
 HEIGHTS, ANGLES = np.linspace(0.5, 3.5, 61), np.linspace(0, np.pi, 31)
 VISCOSITY = 1/(6*np.pi*RADIUS**3)
-#: Caption and text: gravitational height 0.96 a_I.
+#: From caption and text: gravitational height 0.96 a_I.
 PAPER = {'gravitational height': 0.96*RADIUS}
 
 
 def body():
-    """Twelve blobs and, at the centre, what the wall repels; the blob on -z is heavy."""
+    """Twelve blobs, and at the centre a site that the wall repels; the blob on -z is heavy."""
     sites = np.concatenate([app.icosahedron(2.5*BLOB)._value, np.zeros((1, 3))])
     radii, weights = np.r_[np.full(12, BLOB), 0], np.zeros(13)
     weights[11] = 1.25/RADIUS
@@ -57,7 +59,7 @@ def exact(equilibrium, poses, random):
         'rotation xx': lambda N, A, h: N[:, 3, 3] + N[:, 4, 4],
         'rotation zz': lambda N, A, h: 2*N[:, 5, 5]
     }
-    # The sphere's depend on the height alone.
+    # The sphere's slopes depend on the height alone.
     marginal = equilibrium.probability.sum(1)
     seen = marginal > 1e-12
     N = sphereMobilities(equilibrium.h[seen], RADIUS, VISCOSITY)

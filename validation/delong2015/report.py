@@ -31,7 +31,10 @@ def firstSlope(r, name):
 
 
 def slopes(data, rows, last):
-    """Slopes of displacements from the first lag, and what they should be: rows are (label, name, cells)."""
+    """Slopes of displacements from the first lag, and their expected values.
+
+    rows are (label, name, cells).
+    """
     entries = [r for r in data['runs'] if r['step'] == data['runs'][0]['step']]
     yield ''
     yield '| slope of the MSD at t = 0 | ' + ' | '.join(f'{r["scheme"]}, first lag'
@@ -80,7 +83,8 @@ def boomerang(data):
         f'{", ".join(f"{v:.5f}" for v in bulk["D_rot: bisector, in plane, normal"])} rad²/s (along '
         f'the bisector, in the plane, normal).')
     yield ''
-    yield '| g | χ_2D (CoH) | CoM | cross point | tip | paper | χ_2D/χ_3D | paper | χ_θ of sine > 0.3 | poses left out | paper | h_g of a tip | paper | sphere | paper |'
+    yield ('| g | χ_2D (CoH) | CoM | cross point | tip | paper | χ_2D/χ_3D | paper | '
+           'χ_θ of sine > 0.3 | poses left out | paper | h_g of a tip | paper | sphere | paper |')
     yield '|---'*15 + '|'
     for g, row in data['table'].items():
         paper = data['paper: chi_2D, chi_2D/chi_3D, chi_theta, h_g, sphere'][g]
@@ -98,7 +102,8 @@ def boomerang(data):
     yield ''
     yield from distributions(data, 'g')
     yield ''
-    yield '| g | scheme | half the slope, CoH: first lag | from 5 s on | ⟨χ_2D⟩ | tip: first lag | from 5 s | cross point: first lag | from 5 s |'
+    yield ('| g | scheme | half the slope, CoH: first lag | from 5 s on | ⟨χ_2D⟩ | '
+           'tip: first lag | from 5 s | cross point: first lag | from 5 s |')
     yield '|---'*9 + '|'
     for r in data['runs']:
         late = {n: brackets(*v) if v else '–' for n, v in r['late_slopes'].items()}

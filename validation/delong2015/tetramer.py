@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """Delong 2015, Figures 3 to 5: a tetramer of four blobs above a wall, each blob of another weight.
 
-Height of the centre against quadrature, for schemes with the stochastic drift and for
-Euler-Maruyama, which lacks it; mean square displacements of the centre and of vertex four, whose
-slopes at zero time are averages of the mobility; rotational ones.
+The height of the centre is compared with quadrature, for schemes with the stochastic drift and for
+Euler-Maruyama, which lacks it. Mean square displacements are those of the centre and of vertex
+four, whose slopes at zero time are averages of the mobility, and rotational ones.
 
     python3 tetramer.py                      # until the errors are small, or an hour a scheme
-    python3 tetramer.py --minutes 5 --jobs 2   # up to five minutes a scheme, two at a time; the same command again goes on
+    python3 tetramer.py --minutes 5 --jobs 2   # up to five minutes a scheme, two at a time; the
+                                               # same command again goes on
     python3 tetramer.py --quick              # seconds
 
 Units: blob radius a = 1, kT = 1, time 6 pi eta a^3/kT = 1.
@@ -26,9 +27,9 @@ from recording import pyplot  # noqa: E402
 from walls import Body  # noqa: E402
 
 RESULTS = HERE/'results'
-#: Figure 3's step; Figure 4 has 0.136.
+#: The step of Figure 3; Figure 4 has 0.136.
 STEP = 0.0653
-#: At a fourth of the step, the error of the random finite differences shows to be one of the step.
+#: Runs at a fourth of the step show that the error of RandomFiniteDifference is one of the step.
 CASES = (('EulerMaruyama', STEP), ('FixmanMidpoint', STEP), ('RandomFiniteDifference', STEP),
          ('DriftCorrectorRFD', STEP), ('RandomFiniteDifference', STEP/4))
 HEIGHTS, ANGLES = np.linspace(1.5, 16.5, 61), np.linspace(0, np.pi, 31)
@@ -44,7 +45,10 @@ def body():
 
 
 def exact(equilibrium, poses, random):
-    """What the distribution says: means, plateaus, slopes, and the distribution that a scheme without drift would have for a sphere."""
+    """Results from the distribution: means, plateaus, slopes.
+
+    They include the distribution that a scheme without drift would have for a sphere.
+    """
     b = equilibrium.body
     height = equilibrium.average(lambda h, u: h + 0*u[:, 2])
     variance = equilibrium.average(lambda h, u: (h - height)**2 + 0*u[:, 2])

@@ -1,15 +1,17 @@
 #!/usr/bin/env python3
-"""Westwood 2022, Figures 4 and 5: a boomerang above a wall, the error of its distribution against the step size, for every scheme.
+"""Westwood 2022, Figures 4 and 5: a boomerang above a wall, error against step, all schemes.
 
-Distances in L2 of the densities of height and tilt from those of quadrature, at steps of 0.1, 0.2
-and 0.3 diffusive times of a blob. What remains at finite length is noise: its part is estimated
-from the spread of replicas, and what is left without it is given too. The paper ran the trapezoidal
-slip scheme and both drift-correctors for 36 replicas of 30000 diffusive times. Its drift-correctors
-scale the whole step by nu; those named +SlipOnly scale the noise alone, which is this library's
-default.
+The error is the distance in L2 of the densities of height and tilt from those of quadrature, at
+steps of 0.1, 0.2 and 0.3 diffusive times of a blob. At finite length noise remains. Its part is
+estimated from the spread of replicas, and the error without it is given, too. The paper ran the
+trapezoidal slip scheme and both drift-correctors for 36 replicas of 30000 diffusive times. The slip
+is the random surface velocity of the bodies. The drift-correctors of the paper scale the whole step
+by nu. Those named +SlipOnly scale the noise alone, which is this library's default.
 
-    python3 boomerang_steps.py                          # until the errors are small, or an hour a scheme and step
-    python3 boomerang_steps.py --minutes 5 --jobs 2     # up to five minutes each, two at a time; the same command again goes on
+    python3 boomerang_steps.py                          # until the errors are small, or an hour a
+                                                        # scheme and step
+    python3 boomerang_steps.py --minutes 5 --jobs 2     # up to five minutes each, two at a time;
+                                                        # the same command again goes on
     python3 boomerang_steps.py --quick                  # seconds
 
 Units: blob radius 1 (and spacing 1), kT = 1, diffusive time 6 pi eta a^3/kT = 1.
@@ -32,9 +34,9 @@ RESULTS = HERE/'results'
 SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama',
            'TrapezoidalSlip', 'DriftCorrectorFD', 'DriftCorrectorRFD', 'DriftCorrectorFD+SlipOnly',
            'DriftCorrectorRFD+SlipOnly')
-#: Large ones first: a look at all schemes comes soon.
+#: Large steps are first, so that results of all schemes come soon.
 STEPS = (0.3, 0.2, 0.1)
-#: The paper's is 0.3, which steps of 0.2 do not divide.
+#: The paper's spacing is 0.3, which steps of 0.2 do not divide.
 SPACING = 0.6
 HEIGHTS, ANGLES = np.linspace(1, 41, 81), np.linspace(0, np.pi, 31)
 #: Heights relax in 4 D/v^2 = 400 with the body's diffusion D = 0.3 and sedimentation v = 0.18 D.

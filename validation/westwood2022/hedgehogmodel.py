@@ -1,10 +1,14 @@
-"""Czech hedgehogs in a driven fluid: Westwood 2022, section 6.4, as an OpenMM System. Units: suspension.py."""
+"""Czech hedgehogs in a driven fluid: Westwood 2022, section 6.4, as an OpenMM System.
+
+Units: suspension.py.
+"""
 import numpy as np
 import openmm
 
 import openmmrigidhi
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
-from suspension import CONTACT, LENGTH, PAIR_RANGE, PAIR_STRENGTH, STEP, TEMPERATURE, VISCOSITY, Moving, placed
+from suspension import (CONTACT, LENGTH, PAIR_RANGE, PAIR_STRENGTH, STEP, TEMPERATURE, VISCOSITY,
+                        Moving, placed)
 
 BODIES = 1177  # in the paper's cubic box
 #: Beads at the middle and at 2a, 4a, 6a on the six half axes.
@@ -31,7 +35,11 @@ def _outside(r, potential):
 
 
 def pairEnergy(r, potential):
-    """Eqs. 62 and 63, kJ/mol, of two beads: from contact on as they are, below it by a straight line, shifted to be 0 at the cut-off."""
+    """Eqs. 62 and 63, kJ/mol, of two beads.
+
+    From contact on the potential is as in the paper. Below contact it is a straight line. It is
+    shifted to be 0 at the cut-off.
+    """
     r = np.asarray(r, float)
     atContact, slope = _outside(CONTACT, potential)
     energy = np.where(r < CONTACT, atContact + slope*(r - CONTACT),
@@ -40,7 +48,7 @@ def pairEnergy(r, potential):
 
 
 def pairForce(potential):
-    """An OpenMM Force that has this energy, without particles."""
+    """An OpenMM Force with this energy, without particles."""
     outside = ' + '.join(
         ['U0*exp((s - r)/b)'] +
         [f'({sign})*A*exp(-((r - {place})/w)^2)' for place, sign in GAUSSIANS[potential]])
@@ -57,12 +65,15 @@ def pairForce(potential):
 
 
 def side(bodies):
-    """Edge of the cube in which so many have the paper's volume fraction, nm."""
+    """Edge of the cube in which this number of bodies has the paper's volume fraction, nm."""
     return LENGTH*(bodies/BODIES)**(1/3)
 
 
 def forceDensity(bareShearRate, edge):
-    """f0, kJ/(mol nm^4), that would drive the fluid without bodies to this shear rate, 1/tau, by one wave in the box: gamma = f0/(k eta)."""
+    """f0, kJ/(mol nm^4), that would drive the fluid without bodies to this shear rate, 1/tau.
+
+    The force density is one wave in the box: gamma = f0/(k eta).
+    """
     return bareShearRate*2*np.pi/edge*VISCOSITY
 
 
@@ -72,11 +83,12 @@ def beads(R, q):
 
 
 class Hedgehogs(Moving):
-    """Hedgehogs that move: a Context.
+    """Hedgehogs that move, in a Context.
 
     Parameters
     ----------
     bodies : int
+        number of hedgehogs
     potential : str or None
         'repel-attract', 'repel-attract-repel', or None for no forces
     bareShearRate : float

@@ -79,9 +79,11 @@ def distributions(data, bodies, path):
 
 
 def animation(track, side, path, size=330):
-    """A GIF of poses (frames, bodies, 7), the nearer half of the box seen along z: beads as discs, coloured by the place along y where their body began, so that the wave is seen.
+    """A GIF of poses (frames, bodies, 7), the nearer half of the box seen along z.
 
-    At y = side/4 the fluid is driven to the right, at 3 side/4 to the left."""
+    Beads are discs. Their colour is the place along y where their body began, so that the wave is
+    seen. At y = side/4 the fluid is driven to the right, at 3 side/4 to the left.
+    """
     track = np.asarray(track, float)
     colours = np.array(pyplot().get_cmap('twilight')((track[0, :, 1] % side)/side)[:, :3]*255, int)
     scale, frames = size/side, []
@@ -91,7 +93,7 @@ def animation(track, side, path, size=330):
         draw = ImageDraw.Draw(image)
         R = poses[:, :3] % side
         near = R[:, 2] > side/2
-        # Bodies and their images, which reach over the edges.
+        # Bodies and their periodic images, parts of which reach over the edges.
         x = (model.beads(R[near], poses[near, 3:])[None] + shifts[:, None, None]).reshape(-1, 3)
         owner = np.tile(np.repeat(np.flatnonzero(near), len(model.SITES)), len(shifts))
         seen = np.all((x[:, :2] > -1) & (x[:, :2] < side + 1), axis=1)

@@ -1,11 +1,17 @@
 #!/usr/bin/env python3
-"""Czech hedgehogs in a driven fluid (Westwood 2022, section 6.4): effective viscosity against shear rate, and where the centres are.
+"""Czech hedgehogs in a driven fluid (Westwood 2022, section 6.4): viscosity and structure.
 
-    python3 hedgehogs.py                     # 64 hedgehogs, two potentials, six force densities: half an hour on one core
-    python3 hedgehogs.py --long 2 --jobs 8   # runs twice as long, eight at a time; what is there goes on
-    python3 hedgehogs.py --full              # the paper's 1177 hedgehogs: time of steps and a short run; --steps 10000 is a run as long as the paper's shortest
+Measured are the effective viscosity against the shear rate, and the places of the centres.
+
+    python3 hedgehogs.py                     # 64 hedgehogs, two potentials, six force densities:
+                                             # half an hour on one core
+    python3 hedgehogs.py --long 2 --jobs 8   # runs twice as long, eight at a time; existing runs
+                                             # go on
+    python3 hedgehogs.py --full              # the paper's 1177 hedgehogs: time of steps and a short
+                                             # run; --steps 10000 is a run as long as the paper's
+                                             # shortest
     python3 hedgehogs.py --quick             # seconds
-    python3 hedgehogs.py --report            # tables and pictures again, from what is kept
+    python3 hedgehogs.py --report            # tables and pictures again, from what is saved
     python3 hedgehogs.py --animate --bare 100
 """
 import argparse
@@ -22,7 +28,8 @@ sys.path[:0] = [str(HERE), str(HERE.parent/'common')]
 import campaign  # noqa: E402
 import hedgehogmodel as model  # noqa: E402
 import hedgehogpictures as pictures  # noqa: E402
-from openmmrigidhi.analysis import sampleFlowAmplitudes, viscosity, viscosityFromAmplitudes  # noqa: E402
+from openmmrigidhi.analysis import (  # noqa: E402
+    sampleFlowAmplitudes, viscosity, viscosityFromAmplitudes)
 from recording import brackets, provenance, save  # noqa: E402
 
 RESULTS = HERE/'results'
@@ -33,12 +40,13 @@ POTENTIALS = tuple(model.GAUSSIANS)
 #: does not give its f0.
 BARE = (10.0, 20.0, 30.0, 55.0, 100.0, 300.0)
 RELAX = 3000, 1/200  # steps, and their length over tau, without noise and fluid
-SEGMENT, FRAME, INTERVAL = 300, 30, 2  # steps: kept together; between frames; between samples of the flow
-STEPS = 3600  # of a run
-#: The first part of a run is not counted. Chosen before the runs.
+# Steps: of a part that is saved together; between frames; between samples of the flow.
+SEGMENT, FRAME, INTERVAL = 300, 30, 2
+STEPS = 3600  # steps of a run
+#: The part at the beginning of a run that is not counted. It was chosen before the runs.
 EQUILIBRATION = 1/3
-BIN = 0.5  # of kept distances, nm
-BINS_TOGETHER = 2  # in g(r)
+BIN = 0.5  # width of bins of saved distances, nm
+BINS_TOGETHER = 2  # bins in one bin of g(r)
 
 
 def seedOf(*words):
@@ -46,7 +54,11 @@ def seedOf(*words):
 
 
 def relax(argument, job):
-    """Poses from which runs begin: random ones, relaxed without noise and without a fluid that couples bodies, as in the paper."""
+    """Poses from which runs begin.
+
+    They are random, then relaxed without noise and without a fluid that couples bodies, as in the
+    paper.
+    """
     bodies, potential, steps = argument
     state = campaign.State(job, ('start', bodies, potential))
     if not state.load():
@@ -70,7 +82,7 @@ def makeStarts(bodies, potentials, steps, args):
 
 
 def start(folder, bodies, potential):
-    """What relax() has left in a folder."""
+    """The poses that relax() has left in a folder."""
     state = campaign.State(folder/f'hedgehogs_start_{bodies}_{potential}',
                            ('start', bodies, potential))
     kept = state.load()
@@ -82,7 +94,7 @@ def start(folder, bodies, potential):
 
 
 def distances(R, edge):
-    """Counts of distances of centres, nearest images, by bins up to half the box."""
+    """Counts of distances of centres (nearest images), by bins up to half the box."""
     i, j = np.triu_indices(len(R), 1)
     d = R[i] - R[j]
     d -= edge*np.round(d/edge)
@@ -90,7 +102,7 @@ def distances(R, edge):
 
 
 class Run:
-    """One potential and force density; kept in a directory below a folder.
+    """One potential and force density, saved in a directory below a folder.
 
     Attributes
     ----------
@@ -134,7 +146,7 @@ class Run:
                           for name in self.ARRAYS})
 
     def make(self):
-        """The Context, with a seed that depends on how many steps there are: one that goes on has new noise."""
+        """The Context; its seed depends on the steps done, so a continued run has new noise."""
         if self.hedgehogs is None:
             self.hedgehogs = model.Hedgehogs(self.bodies, self.potential, self.bare, self.tolerance,
                                              seed=seedOf(self.name, self.steps) % 2**31)
@@ -143,13 +155,14 @@ class Run:
         return self.hedgehogs
 
     def segment(self, steps):
-        """Go on by so many steps."""
+        """Continue the run by this number of steps."""
         if self.R is None:
             self.R, self.q, _ = start(self.folder, self.bodies, self.potential)
         hedgehogs, began = self.make(), time.process_time()
         parts, counts, energies, track = [self.amplitudes], 0, [], []
         for _ in range(steps // FRAME):
-            # Without those of the random field, whose part in the variance is a mere 1/ratio here.
+            # Without the amplitudes of the random field, whose part in the variance is only 1/ratio
+            # here.
             parts.append(
                 sampleFlowAmplitudes(hedgehogs.context, FRAME, INTERVAL,
                                      progress=False)._value[:, :2])
@@ -165,7 +178,7 @@ class Run:
         self.save()
 
     def estimate(self, amplitudes):
-        """Viscosity over the fluid's and shear rate, each with its error, or what forbids it."""
+        """Viscosity over the fluid's and shear rate with errors, or why they are refused."""
         try:
             found = viscosityFromAmplitudes(self.make().context,
                                             np.concatenate([amplitudes, 0*amplitudes], axis=1))
@@ -189,7 +202,7 @@ class Run:
                                                                  BINS_TOGETHER).sum(axis=2)
         edges = BIN*BINS_TOGETHER*np.arange(together + 1)
         shells = 4/3*np.pi*np.diff(edges**3)
-        # Frames of a segment: SEGMENT/FRAME at most; normalised by the pairs that there are.
+        # Frames of a segment: SEGMENT/FRAME at most. Counts are normalised by the number of pairs.
         frames = self.steps/FRAME/len(self.counts)
         expected = frames*self.bodies*(self.bodies - 1)/2*shells/edge**3
         g = counts[segments]/expected
@@ -211,7 +224,7 @@ class Run:
 
 
 def drive(argument, job):
-    """A run, until it has so many steps."""
+    """Continue a run until it has this number of steps."""
     bodies, potential, bare, steps, segment = argument
     run = Run(pathlib.Path(job.directory).parent, bodies, potential, bare)
     run.load()
@@ -222,7 +235,7 @@ def drive(argument, job):
 
 
 def tolerances(folder, bodies, potential):
-    """The ratio of viscosities at the relaxed poses without noise, by tolerance of grid and solver."""
+    """Ratio of viscosities at the relaxed poses without noise, by tolerance of grid and solver."""
     R, q, _ = start(folder, bodies, potential)
     found = {}
     for tolerance in (1e-2, 1e-3, 1e-6):
@@ -233,7 +246,10 @@ def tolerances(folder, bodies, potential):
 
 
 def rigid(folder, bodies, potential):
-    """Ratio of viscosities without forces between bodies and without noise, at the relaxed poses: what the rigid bodies alone make."""
+    """Ratio of viscosities at the relaxed poses, without forces between bodies and without noise.
+
+    This is the contribution of the rigid bodies alone.
+    """
     R, q, _ = start(folder, bodies, potential)
     hedgehogs = model.Hedgehogs(bodies, None, 1.0, 1e-3, temperature=0)
     hedgehogs.place(R, q)
@@ -241,7 +257,7 @@ def rigid(folder, bodies, potential):
 
 
 def fullSize(argument, job):
-    """The paper's size: seconds of a step, and what a short run says."""
+    """The paper's size: seconds of a step, and the results of a short run."""
     potential, steps, bare = argument
     R, q, energies = start(pathlib.Path(job.directory).parent, model.BODIES, potential)
     hedgehogs = model.Hedgehogs(model.BODIES, potential, bare, TOLERANCE, seed=SEED)
@@ -275,7 +291,7 @@ def fullSize(argument, job):
 
 
 def report(output, args, bodies):
-    """The JSON and the pictures, from what --work has."""
+    """Write the JSON and the pictures, from what --work has."""
     folder = args.work
     runs = []
     for path in sorted(folder.glob('hedgehogs_[0-9]*/state.npz')):
@@ -308,7 +324,10 @@ def report(output, args, bodies):
 
 
 def animate(output, work, bodies, potential, bare, frames, quiet):
-    """A GIF of hedgehogs that go on from where the run stands: fresh noise, frames closer together than those that are kept."""
+    """A GIF of hedgehogs that go on from where the run stands.
+
+    They have fresh noise. Frames are closer together than the saved ones.
+    """
     run = Run(work, bodies, potential, bare)
     if not run.load():
         raise SystemExit(
@@ -322,8 +341,9 @@ def animate(output, work, bodies, potential, bare, frames, quiet):
 
 
 def table(data):
-    """Markdown."""
-    yield '| hedgehogs | potential | f0/(kη) τ | time/τ | shear rate × τ | η_eff/η | first half | second half | energy a body/kT: start, end | ms a step |'
+    """Lines of the table in Markdown."""
+    yield ('| hedgehogs | potential | f0/(kη) τ | time/τ | shear rate × τ | η_eff/η | first half | '
+           'second half | energy a body/kT: start, end | ms a step |')
     yield '|---'*10 + '|'
     for row in data['runs']:
 
@@ -342,18 +362,18 @@ def main():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true', help='seconds: eight hedgehogs, few steps')
     parser.add_argument('--full', action='store_true',
-                        help="time steps of the paper's size, and run a few")
-    parser.add_argument('--steps', type=int, help=f'of a run ({STEPS}; --full: 10)')
+                        help="time steps of the paper's size, and make a short run")
+    parser.add_argument('--steps', type=int, help=f'steps of a run ({STEPS}; --full: 10)')
     parser.add_argument('--bodies', type=int, default=64,
                         help='hedgehogs, at the volume fraction of the paper (%(default)s)')
     parser.add_argument('--potentials', nargs='+', default=list(POTENTIALS), choices=POTENTIALS)
     parser.add_argument('--bare', type=float, nargs='+', default=list(BARE),
                         help='shear rates without bodies, f0/(k eta), 1/tau (%(default)s)')
-    parser.add_argument('--long', type=float, default=1, help='steps of runs, times --steps')
-    parser.add_argument('--report', action='store_true', help='run nothing')
+    parser.add_argument('--long', type=float, default=1, help='multiply the length of runs by this')
+    parser.add_argument('--report', action='store_true', help='make no runs')
     parser.add_argument(
         '--animate', action='store_true',
-        help='the animation, from the kept poses of the first of --potentials and --bare')
+        help='make the animation, from the saved poses of the first of --potentials and --bare')
     parser.add_argument('--silent', action='store_true', help='no progress bars')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     campaign.addOptions(parser)
@@ -375,7 +395,7 @@ def main():
     bodies, steps, segment, bare, relaxing = args.bodies, round(
         (args.steps or STEPS)*args.long), SEGMENT, args.bare, RELAX[0]
     if args.quick:
-        # Few, that have hardly begun: it shows that the script runs, nothing else.
+        # Few steps of few hedgehogs: this shows that the script runs, nothing else.
         bodies, steps, segment, bare, relaxing = 27, round(120*args.long), 60, [300.0], 100
     if not args.report:
         makeStarts(bodies, POTENTIALS, relaxing, args)

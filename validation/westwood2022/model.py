@@ -1,11 +1,15 @@
-"""Rods between slip walls: Westwood 2022, section 6.3, as an OpenMM System, and its energy in NumPy. Units: suspension.py."""
+"""Rods between slip walls: Westwood 2022, section 6.3, as an OpenMM System and in NumPy.
+
+The energy is also computed in NumPy. Units: suspension.py.
+"""
 import numpy as np
 import openmm
 
 import openmmrigidhi
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 from openmmrigidhi._quaternions import rotate
-from suspension import CONTACT, LENGTH, PAIR_RANGE, PAIR_STRENGTH, STEP, TEMPERATURE, VISCOSITY, Moving, placed
+from suspension import (CONTACT, LENGTH, PAIR_RANGE, PAIR_STRENGTH, STEP, TEMPERATURE, VISCOSITY,
+                        Moving, placed)
 
 RODS = {
     8: 64, 4: 128, 2: 256
@@ -16,7 +20,11 @@ LAYERS = 11
 
 
 def sites():
-    """Beads of a rod, array (22, 3), nm: eleven layers of two that touch, along x and y in turn, each touching both beads of the next; z is the axis."""
+    """Beads of a rod along z, array (22, 3), nm.
+
+    There are eleven layers of two beads that touch, along x and y in turn. Each bead touches both
+    beads of the next layer.
+    """
     k = np.arange(LAYERS)
     across = np.where((k % 2 == 0)[:, None], (1.0, 0, 0), (0, 1.0, 0))
     middle = np.stack([0*k, 0*k, np.sqrt(2)*(k - (LAYERS - 1)/2)], axis=1)
@@ -29,7 +37,7 @@ HALF_LENGTH, OFF_AXIS = SITES[:, 2].max(), 1.0
 
 
 def pairEnergy(r, cutoff):
-    """Eq. 60, shifted to be 0 at the cut-off: forces that end there have this energy and no other."""
+    """Eq. 60, shifted to be 0 at the cut-off: it is the energy of forces that end there."""
     def U(r):
         return PAIR_STRENGTH*np.where(r < CONTACT, 1 +
                                       (CONTACT - r)/PAIR_RANGE, np.exp((CONTACT - r)/PAIR_RANGE))
@@ -38,7 +46,10 @@ def pairEnergy(r, cutoff):
 
 
 def wallEnergy(y, width):
-    """Eq. 59 of beads at these heights, summed over the last axis; infinite for centres that are not between the walls."""
+    """Eq. 59 of beads at these heights, summed over the last axis.
+
+    It is infinite for centres that are not between the walls.
+    """
     energy = 0.5*WALL_STIFFNESS*(np.maximum(WALL_RANGE - y, 0)**2 +
                                  np.maximum(WALL_RANGE - (width - y), 0)**2).sum(axis=-1)
     return np.where(np.all((y > 0) & (y < width), axis=-1), energy, np.inf)
@@ -50,14 +61,14 @@ def beads(R, q):
 
 
 class Scene:
-    """What is simulated: a width, a cut-off, and how much of the paper's box along x and z.
+    """The simulated scene: a width, a cut-off, and the part of the paper's box along x and z.
 
     Attributes
     ----------
     width, side, cutoff : float
         Ly; the period along x and z; where eq. 60 ends; nm
     rods : int
-        as many as keep the paper's density
+        the number that keeps the paper's density
     """
     def __init__(self, fraction, cutoff, part=0.5):
         self.fraction, self.cutoff, self.part = fraction, cutoff, part
@@ -79,7 +90,10 @@ class Scene:
         }
 
     def energy(self, R, q):
-        """Energies (...,) of configurations R (..., n, 3), q (..., n, 4), bead by bead, kJ/mol. Plain, for checks; montecarlo.py is the fast one."""
+        """Energies (...,) of configurations R (..., n, 3), q (..., n, 4), bead by bead, kJ/mol.
+
+        This plain form is for checks; montecarlo.py is the fast one.
+        """
         x = beads(np.asarray(R, float), np.asarray(q, float))
         total = wallEnergy(x[..., 1], self.width).sum(axis=-1)
         for i in range(x.shape[-3]):
@@ -91,7 +105,7 @@ class Scene:
         return total
 
     def system(self, integrator, tolerance, solver=MobilityForce.Auto):
-        """The System and its MobilityForce; the integrator gets the rods."""
+        """The System and its MobilityForce; the rods are added to the integrator."""
         system, fluid = openmm.System(), MobilityForce()
         fluid.setModel(MobilityForce.ForceCoupling)
         fluid.setBoundary(MobilityForce.SlipChannel)
@@ -119,7 +133,7 @@ class Scene:
                 pairs.addExclusion(i, j)
         for force in (walls, pairs, fluid):
             system.addForce(force)
-        # Along y nothing must be seen through the walls.
+        # Along y no interaction may reach through the walls.
         system.setDefaultPeriodicBoxVectors((self.side, 0, 0), (0, self.width + 2*self.cutoff, 0),
                                             (0, 0, self.side))
         openmmrigidhi.app.bindBodies(system, integrator)
@@ -127,7 +141,7 @@ class Scene:
 
 
 class Rods(Moving):
-    """Rods that move: a Context.
+    """Rods that move, in a Context.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""Metropolis Monte Carlo of rods between walls, in NumPy: many independent systems at once, which share nothing but the sizes of moves."""
+"""Metropolis Monte Carlo of rods between walls, in NumPy.
+
+Many independent systems run at once. They share nothing but the sizes of moves.
+"""
 import numpy as np
 
 from openmmrigidhi._quaternions import product, rotate
@@ -6,13 +9,13 @@ from openmmrigidhi.analysis._moves import StepSizes, uniformRotations
 from model import CONTACT, HALF_LENGTH, OFF_AXIS, PAIR_RANGE, PAIR_STRENGTH, SITES, wallEnergy
 
 AXIS = np.array((0.0, 0.0, 1.0))
-#: Kinds of moves of one rod. All are as likely as their inverses with respect to dR times Haar's
-#: measure: "shift" Gaussian along x, y, z; "turn" about the centre; "slide" Gaussian along the rod;
-#: "mirror": the image in the mid-plane (the rod has mirror planes through its axis, so its image is
-#: a rod), which takes rods from layer to layer. Moves to anywhere are accepted once in 1e4 trials
-#: here.
+#: Kinds of moves of one rod. Each move is as likely as its inverse with respect to dR times Haar's
+#: measure. "shift" is Gaussian along x, y, z; "turn" is about the centre; "slide" is Gaussian along
+#: the rod; "mirror" takes the image in the mid-plane. (The rod has mirror planes through its axis,
+#: so its image is a rod.) "mirror" takes rods from layer to layer, where moves to random places
+#: would be accepted once in 1e4 trials.
 MOVES = ('shift', 'turn', 'slide', 'mirror')
-#: How often a rod tries the last in a sweep.
+#: How often a rod tries "mirror" in a sweep.
 MIRRORED = 0.5
 ADAPTED = {'shift': (0.5, 20.0), 'turn': (0.2, np.pi),
            'slide': (2.0, 50.0)}  # first and largest sizes
@@ -31,10 +34,13 @@ def squares(u):
 
 
 def segmentDistances2(d, u, v):
-    """Squared distances between segments of half length HALF_LENGTH along unit vectors u about 0 and v about d; arrays (n, 3)."""
+    """Squared distances between segments of half length HALF_LENGTH; arrays (n, 3).
+
+    The segments are along unit vectors u about 0 and v about d.
+    """
     b, p, r = inner(u, v), inner(d, u), inner(d, v)
     denominator = 1 - b*b
-    # Parallel ones: any s will do for the first guess.
+    # Parallel segments: any s will do for the first guess.
     s = clip(np.where(denominator > 1e-12, (p - b*r)/np.maximum(denominator, 1e-12), 0),
              -HALF_LENGTH, HALF_LENGTH)
     t = clip(s*b - r, -HALF_LENGTH, HALF_LENGTH)
@@ -64,11 +70,14 @@ class Systems:
         ], axis=1)
 
     def energies(self):
-        """Of the systems, kJ/mol."""
+        """Energies of the systems, kJ/mol."""
         return self.walls.sum(axis=1) + self.pairs.sum(axis=(1, 2))/2
 
     def pairEnergies(self, systems, i, R, arms, axes):
-        """Of rod i with each rod, array (systems, rods), if it were at R (systems, 3), with arms (systems, 22, 3) and axes (systems, 3)."""
+        """Energies of rod i with each rod, array (systems, rods).
+
+        Rod i is taken to be at R (systems, 3), with arms (systems, 22, 3) and axes (systems, 3).
+        """
         side, cutoff = self.scene.side, self.scene.cutoff
         d = self.R[systems] - R[:, None]
         d[..., ::2] -= side*np.round(d[..., ::2]/side)
@@ -127,7 +136,7 @@ class Systems:
         walls = wallEnergy(R[:, None, 1] + arms[..., 1], self.scene.width)
         limit = self.walls[:, i] + self.pairs[:, i].sum(axis=1) + self.random.standard_exponential(
             self.count)
-        # Pairs repel, so that walls alone may be too much.
+        # Pair energies are positive, so the energy with the walls alone may already be too high.
         systems = np.flatnonzero(walls <= limit)
         pairs = self.pairEnergies(systems, i, R[systems], arms[systems], axes[systems])
         accepted = walls[systems] + pairs.sum(axis=1) <= limit[systems]
@@ -152,7 +161,10 @@ class Systems:
 
 
 def starts(scene, count, flat, random):
-    """R (count, rods, 3), q (count, rods, 4): rods between the walls at random, flat ones or turned anyhow; they overlap."""
+    """R (count, rods, 3), q (count, rods, 4): rods at random between the walls.
+
+    They are flat or turned at random; they overlap.
+    """
     R, q = np.empty((count*scene.rods, 3)), np.empty((count*scene.rods, 4))
     missing = np.arange(len(R))
     while len(missing):
@@ -160,7 +172,7 @@ def starts(scene, count, flat, random):
         R[missing] = random.random((n, 3))*(scene.side, scene.width, scene.side)
         q[missing] = uniformRotations(random, np.full(n, np.pi))
         if flat:
-            # About z, then the axis from z to x, then about y.
+            # About z, then the turn that takes the axis from z to x, then about y.
             a, b = np.pi*random.random((2, n))
             onto = np.broadcast_to((np.sqrt(0.5), 0, np.sqrt(0.5), 0), (n, 4))
             q[missing] = product(np.stack([np.cos(a), 0*a, np.sin(a), 0*a], axis=1),

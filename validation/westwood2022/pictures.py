@@ -6,12 +6,12 @@ import model
 from recording import pyplot
 
 COLOURS = {8: 'tab:red', 4: 'tab:green', 2: 'tab:blue'}
-LINES = ('-', '--', ':')  # the largest cut-off first
+LINES = ('-', '--', ':')  # the largest cut-off is first
 MARKS = {'DriftCorrectorFD': 'o', 'EulerMaruyama': 'x'}
 
 
 def _scenes(data):
-    """Each with L/Ly, and the place of its cut-off among those that there are, the largest first."""
+    """Each scene with L/Ly, and the rank of its cut-off, the largest first."""
     cutoffs = sorted({scene['cutoff'] for scene in data['scenes']}, reverse=True)
     for scene in data['scenes']:
         yield scene, round(1/scene['width_over_L']), cutoffs.index(scene['cutoff'])
@@ -96,7 +96,11 @@ def angles(data, path):
 
 
 def animation(scene, track, path, size=440, every=1):
-    """A GIF of poses (frames, rods, 7): beads as discs, seen along z and a little from the side and above; each rod has a grey of its own, as in the paper's Figure 7."""
+    """A GIF of poses (frames, rods, 7): beads as discs.
+
+    They are seen along z and a little from the side and above. Each rod has a grey of its own, as
+    in the paper's Figure 7.
+    """
     track = np.asarray(track, float)[::every]
     side, width = scene.side, scene.width
     turn, tilt = 0.45, 0.28

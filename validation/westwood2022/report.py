@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""The table of the boomerang in README.md, from the JSON in results/ (printed as Markdown); rods.py and hedgehogs.py print theirs themselves (--report)."""
+"""The table of the boomerang in README.md, from the JSON in results/ (printed as Markdown).
+
+rods.py and hedgehogs.py print their tables themselves (--report).
+"""
 import pathlib
 import sys
 

@@ -1,11 +1,16 @@
 #!/usr/bin/env python3
-"""Rods between slip walls (Westwood 2022, section 6.3): heights and angles from dynamics, against Monte Carlo of the same model.
+"""Rods between slip walls (Westwood 2022, section 6.3): dynamics against Monte Carlo.
 
-    python3 rods.py                     # Monte Carlo, then dynamics from its states, at a quarter of the paper's area: an hour or two on one core
-    python3 rods.py --long 2 --jobs 8   # twice the sweeps, twice the runs; what is there goes on; eight at a time
-    python3 rods.py --full              # the paper's size, up to 256 rods: times of steps and a short run; --steps 10000 is the paper's length
+Heights and angles from dynamics are compared with those from Monte Carlo of the same model.
+
+    python3 rods.py                     # Monte Carlo, then dynamics from its states, at a quarter
+                                        # of the paper's area: an hour or two on one core
+    python3 rods.py --long 2 --jobs 8   # twice the sweeps, twice the runs, eight at a time;
+                                        # existing runs go on
+    python3 rods.py --full              # the paper's size, up to 256 rods: times of steps and a
+                                        # short run; --steps 10000 is the paper's length
     python3 rods.py --quick             # seconds
-    python3 rods.py --report            # tables and pictures again, from what is kept
+    python3 rods.py --report            # tables and pictures again, from what is saved
 """
 import argparse
 import pathlib
@@ -27,23 +32,23 @@ RESULTS = HERE/'results'
 SEED = 2022
 BINS_Y = {8: 24, 4: 32, 2: 48}  # of |y - Ly/2|, from 0 to Ly/2
 BINS_THETA = 45  # of two degrees
-#: Means of a configuration, each a number a rod; what they are called in tables.
+#: Means of a configuration, each a number for each rod; their names in tables.
 MEANS = {
     'theta': '⟨θ⟩', 'off': '⟨\\|y − Ly/2\\|⟩/a', 'walls': 'wall energy a rod/kT',
     'pairs': 'pair energy a rod/kT'
 }
 FRAME = 30  # steps between frames: tau/20
-SEGMENT = 300  # steps of which histograms are kept together: tau/2
+SEGMENT = 300  # steps whose histograms are saved together: tau/2
 TOLERANCE = 1e-3
 #: (L/Ly, cut-off): systems, sweeps, sweeps before anything is counted; runs of dynamics, steps of
-#: each.
+#: each run.
 PLANS = {(8, 6.0): (32, 5000, 2000, 12, 1500), (4, 6.0): (24, 4500, 2500, 8,
                                                           900), (2, 6.0): (16, 2300, 1800, 3, 900),
          (8, 4.0): (16, 3000, 1200, 0, 0), (8, 3.0): (32, 3500, 1500, 3, 900),
          (4, 3.0): (24, 2000, 1000, 0, 0), (2, 3.0): (16, 1000, 500, 0, 0)}
-CHUNK = 100  # sweeps that are kept together
+CHUNK = 100  # sweeps that are saved together
 SAMPLE = 5  # sweeps between samples
-FEWEST_TRUSTED = 10  # runs whose spread is believed
+FEWEST_TRUSTED = 10  # runs from whose spread errors are taken
 
 
 def edges(scene):
@@ -67,13 +72,16 @@ def seedOf(*words):
 
 # ---- Monte Carlo ---------------------------------------------------------------------------------
 class Chains:
-    """Independent Monte Carlo systems of a Scene, half of them begun flat and half at random; kept in a directory.
+    """Independent Monte Carlo systems of a Scene, saved in a directory.
 
-    Arrays by chunk and system: y and theta (counts), means (see MEANS), all of what was counted."""
+    Half of them begin with flat rods, half at random. Arrays are by chunk and system: y and theta
+    (counts), means (see MEANS), all of what was counted.
+    """
     def __init__(self, scene, directory, systems, burnIn):
         self.scene, self.kept, self.count, self.burnIn = scene, campaign.State(
             directory, scene.name), systems, burnIn
-        self.y, self.theta, self.means, self.sweeps, self.seconds, self.state, self.acceptance = [], [], [], 0, 0.0, None, {}
+        self.y, self.theta, self.means = [], [], []
+        self.sweeps, self.seconds, self.state, self.acceptance = 0, 0.0, None, {}
 
     def load(self):
         burnIn, kept = self.burnIn, self.kept.load()
@@ -84,7 +92,7 @@ class Chains:
         self.sweeps, self.seconds, self.burnIn = int(kept['sweeps']), float(kept['seconds']), int(
             kept['burnIn'])
         self.acceptance = dict(zip(montecarlo.MOVES, kept['acceptance'].tolist()))
-        # A longer burn-in than was thought of takes away the first of what was counted.
+        # A burn-in that is longer than before removes the first of the counted chunks.
         while self.burnIn < burnIn and self.means:
             self.burnIn += CHUNK
             for counted in (self.y, self.theta, self.means):
@@ -101,7 +109,7 @@ class Chains:
                                    for kind in montecarlo.MOVES], **self.state)
 
     def run(self, sweeps, report):
-        """Go on to so many sweeps."""
+        """Continue to this number of sweeps."""
         if self.sweeps >= sweeps:
             return
         random = np.random.default_rng(seedOf('mc', self.scene.name, self.sweeps))
@@ -151,14 +159,22 @@ class Chains:
             report(self.sweeps)
 
     def spread(self):
-        """How much short runs may scatter, better known than from a few of them: standard deviations of the means of one system over CHUNK sweeps, and
-        the probabilities (systems, bins) of y and theta of its single configurations, which scatter more than averages over time."""
+        """The scatter of short runs, better known from these systems than from a few runs.
+
+        First come the standard deviations of the means of one system over CHUNK sweeps. Then come
+        the probabilities (systems, bins) of y and theta of single configurations, which scatter
+        more than averages over time.
+        """
         return np.concatenate(self.means).std(0), *(
             counts/self.scene.rods
             for counts in histograms(self.scene, self.state['R'], self.state['q']))
 
     def summary(self):
-        """Densities and means with standard errors from the spread of the systems, and what the two halves of them say."""
+        """Densities and means with standard errors, and the means of two halves.
+
+        Errors come from the spread of the systems. Halves are of the time, and flat and random
+        starts.
+        """
         found = {
             'systems': self.count, 'sweeps': self.sweeps, 'burn_in': self.burnIn,
             'seconds': self.seconds, 'acceptance': self.acceptance,
@@ -173,8 +189,9 @@ class Chains:
             found['flat_and_random_starts'][name] = [
                 meanAndError(mine[:half]), meanAndError(mine[half:])
             ]
-            found['first_and_second_half_of_time'][name] = [meanAndError(part.mean(0)) for part in np.array_split(means[:, :, k], 2)] \
-                if len(means) > 1 else None
+            found['first_and_second_half_of_time'][name] = [
+                meanAndError(part.mean(0)) for part in np.array_split(means[:, :, k], 2)
+            ] if len(means) > 1 else None
         for name, counts, bounds in zip(('y', 'theta'), (self.y, self.theta), edges(self.scene)):
             total = np.sum(counts, 0)
             P = total/total.sum(1, keepdims=True)
@@ -191,7 +208,7 @@ def meanAndError(values):
 
 
 def monteCarlo(argument, job):
-    """Chains of a scene, until they have so many sweeps."""
+    """Continue the Chains of a scene until they have this number of sweeps."""
     fraction, cutoff, part, systems, burnIn, sweeps = argument
     chains = Chains(model.Scene(fraction, cutoff, part), job.directory, systems, burnIn)
     if chains.load() and chains.count != systems:
@@ -204,7 +221,7 @@ def monteCarlo(argument, job):
 
 
 def chainsOf(scene, folder):
-    """What a folder has of them; an error if nothing."""
+    """The Chains that a folder has; an error if there are none."""
     chains = Chains(scene, folder/f'mc_{scene.name}', 0, 0)
     if not chains.load():
         raise FileNotFoundError(
@@ -226,14 +243,17 @@ def configurationMeans(scene, R, q):
 
 
 def stemOf(scene, scheme, scaling, step):
-    """What the names of its runs begin with."""
+    """The beginning of the names of the scene's runs."""
     return (f'runs_{scene.name}' + ('' if scheme == 'DriftCorrectorFD' else f'_{scheme}') +
             ('' if scaling == 'Whole' else f'_{scaling}') +
             ('' if step == model.STEP else f'_step{step/model.STEP:g}'))
 
 
 def dynamics(argument, job):
-    """One run of dynamics, until it has so many steps; its Monte Carlo system lies beside it."""
+    """One run of dynamics, until it has this number of steps.
+
+    Its Monte Carlo system is in a folder beside it.
+    """
     fraction, cutoff, part, scheme, scaling, coarser, number, steps = argument
     scene, step = model.Scene(fraction, cutoff, part), coarser*model.STEP
     run = Run(scene, job.directory, stemOf(scene, scheme, scaling, step), number)
@@ -244,9 +264,10 @@ def dynamics(argument, job):
 
 
 class Run:
-    """One run of dynamics, from the state of one Monte Carlo system; kept in a directory.
+    """One run of dynamics, from the state of one Monte Carlo system; saved in a directory.
 
-    Arrays: y and theta (counts) and means by segment, the same of the start, and the poses where it stands."""
+    Arrays: y and theta (counts) and means by segment, the same of the start, and the present poses.
+    """
 
     ARRAYS = ('y', 'theta', 'means', 'y0_', 'theta0_', 'means0_', 'R', 'q')
 
@@ -265,7 +286,7 @@ class Run:
         return True
 
     def begin(self, chains):
-        # Flat and random beginnings in turn.
+        # Flat and random starts take turns.
         start = (self.number % 2)*(chains.count // 2) + self.number // 2
         R, q = chains.state['R'][start].copy(), chains.state['q'][start].copy()
         y, theta = histograms(self.scene, R[None], q[None])
@@ -276,7 +297,7 @@ class Run:
         }
 
     def go(self, steps, scheme, scaling, step, report):
-        """Go on until there are so many steps."""
+        """Continue until there are so many steps."""
         segments, run = -(-steps // SEGMENT), self.arrays
         if len(run['means']) >= segments:
             return
@@ -323,11 +344,11 @@ class Runs:
                                                                           for run in runs)
 
     def summary(self, reference, chains):
-        """Densities, means and their changes since the start, and what separates them from Monte Carlo.
+        """Densities, means, their changes since the start, and differences from Monte Carlo.
 
-        Standard errors come from the spread of the runs. It is hardly known from fewer than
-        FEWEST_TRUSTED: then what Chains.spread() says is taken where it is larger, which for
-        densities is an upper bound.
+        Standard errors come from the spread of the runs. This spread is hardly known from fewer
+        than FEWEST_TRUSTED runs. Then Chains.spread() is taken where it is larger. For densities it
+        is an upper bound.
         """
         runs = self.runs
         spread = dict(zip(('means', 'y', 'theta'), chains.spread()))
@@ -373,11 +394,12 @@ LEAST_IN_BIN = 0.05  # bins are merged to hold this much before they are compare
 
 
 def compare(runs, reference, spread=None):
-    """Each run's probabilities against the reference's, or, without the spread of single systems, their changes against 0, in bins merged to hold at
-    least LEAST_IN_BIN.
+    """Each run's probabilities against the reference's, in bins of at least LEAST_IN_BIN.
 
-    Neighbouring bins are correlated, so that the mean of z^2 scatters widely about 1; that of
-    changes, whose errors are known from n runs only, about (n - 1)/(n - 3).
+    Without the spread of single systems, `runs` are changes of probabilities, and are compared with
+    0. Bins are merged to hold at least LEAST_IN_BIN. Neighbouring bins are correlated, so the mean
+    of z^2 scatters widely about 1. The mean of z^2 of changes, whose errors are known from n runs
+    only, scatters about (n - 1)/(n - 3).
     """
     p = reference['P']
     first, held = [0], 0.0
@@ -403,7 +425,10 @@ def compare(runs, reference, spread=None):
 
 # ---- The paper's size ----------------------------------------------------------------------------
 def fullSize(argument, job):
-    """Steps of the paper's number of rods, from the reduced system's state beside itself in x and z; ms a step, and how far the means move."""
+    """Steps of the paper's number of rods: ms a step, and how far the means move.
+
+    The start is the reduced system's state, repeated in x and z.
+    """
     fraction, steps = argument
     small, scene = model.Scene(fraction, 6.0), model.Scene(fraction, 6.0, 1.0)
     chains = chainsOf(small, pathlib.Path(job.directory).parent)
@@ -435,9 +460,12 @@ def fullSize(argument, job):
 
 # ---- One rod -------------------------------------------------------------------------------------
 def ownMobilities(fraction, part=0.5):
-    """Of one rod alone that lies along x, at heights from where a wall holds it to the middle: mobilities along x, y, z and of turns about x, y, z.
+    """Mobilities of one rod alone that lies along x, at several heights.
 
-    In units of 1/(6 pi eta a) and 1/(6 pi eta a^3). Without the stochastic drift a rod would be found at y as often as exp(-U/kT)/mobility_yy."""
+    Heights go from where a wall holds the rod to the middle. Mobilities are those along x, y, z and
+    of turns about x, y, z, in units of 1/(6 pi eta a) and 1/(6 pi eta a^3). Without the stochastic
+    drift a rod would be found at y as often as exp(-U/kT)/mobility_yy.
+    """
     scene = model.Scene(fraction, 6.0, part)
     scene.rods = 1
     rods = model.Rods(scene, solver=model.MobilityForce.Dense, platform='Reference')
@@ -451,7 +479,7 @@ def ownMobilities(fraction, part=0.5):
 
 # ---- All of it -----------------------------------------------------------------------------------
 def report(folder, args, plans):
-    """The JSON and the pictures, from what --work has."""
+    """Write the JSON and the pictures, from what --work has."""
     data = {
         'model': {
             'beads_of_a_rod': len(model.SITES), 'rod_length': 2*(model.HALF_LENGTH + 1),
@@ -494,21 +522,24 @@ PAPERS = 'gDC, τ/600'
 
 
 def variant(run):
-    """What a run of the dynamics is called."""
+    """The name of a run of the dynamics in tables."""
     scheme = {'DriftCorrectorFD': 'gDC',
               'EulerMaruyama': 'Euler–Maruyama'}.get(run['scheme'], run['scheme'])
-    return f'{scheme}{"" if run["scaling"] == "Whole" else " " + run["scaling"]}, τ/{1/run["step_over_tau"]:.0f}'
+    scaling = '' if run['scaling'] == 'Whole' else ' ' + run['scaling']
+    return f'{scheme}{scaling}, τ/{1/run["step_over_tau"]:.0f}'
 
 
 def tables(data):
-    """Markdown."""
-    yield '| Ly | cut-off/a | | Monte Carlo | flat starts | random starts | dynamics | z | change since the start | z |'
+    """Lines of the tables in Markdown."""
+    yield ('| Ly | cut-off/a | | Monte Carlo | flat starts | random starts | dynamics | z | '
+           'change since the start | z |')
     yield '|---'*10 + '|'
     for scene in data['scenes']:
         mc = scene['monte_carlo']
         for name, called in MEANS.items():
             flat, anyhow = mc['flat_and_random_starts'][name]
-            row = f'| L/{round(1/scene["width_over_L"])} | {scene["cutoff"]:g} | {called} | {brackets(*mc["means"][name])} | {brackets(*flat)} | {brackets(*anyhow)} |'
+            row = (f'| L/{round(1/scene["width_over_L"])} | {scene["cutoff"]:g} | {called} | '
+                   f'{brackets(*mc["means"][name])} | {brackets(*flat)} | {brackets(*anyhow)} |')
             for run in scene['dynamics'] or [None]:
                 if run is None:
                     yield row + ' | | | |'
@@ -535,15 +566,17 @@ def tables(data):
             ]
             for name in ('y', 'theta'):
                 found, change = run[name]['against_monte_carlo'], run[name]['change']
+                expected = change['expected_mean_z2']
+                expected = format(expected, '.1f') if expected else '–'
                 cells += [
                     str(found['bins']), f'{found["mean_z2"]:.2f}', f'{found["largest_z"]:.1f}',
-                    f'{change["mean_z2"]:.1f} ({format(change["expected_mean_z2"], ".1f") if change["expected_mean_z2"] else "–"})'
+                    f'{change["mean_z2"]:.1f} ({expected})'
                 ]
             yield '| ' + ' | '.join(cells) + ' |'
 
 
 def makeRuns(plans, args):
-    """Monte Carlo of all scenes, then dynamics from its states."""
+    """Make Monte Carlo runs of all scenes, then dynamics from their states."""
     scenes = {key: model.Scene(*key, args.part) for key in plans}
     if args.only != 'dynamics':
         todo = [(*key, args.part, systems, burnIn, round(sweeps*args.long))
@@ -572,27 +605,28 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--quick', action='store_true',
-                        help='seconds: few sweeps and steps of the narrowest channel')
+                        help='few sweeps and steps of the narrowest channel: seconds')
     parser.add_argument('--full', action='store_true',
-                        help="time steps of the paper's size, from states of the reduced one")
-    parser.add_argument('--steps', type=int, default=20, help='of --full (%(default)s)')
+                        help="time steps of the paper's size, from states of the reduced size")
+    parser.add_argument('--steps', type=int, default=20, help='steps of --full (%(default)s)')
     parser.add_argument('--part', type=float, default=0.5,
                         help="side of the box over the paper's (%(default)s)")
     parser.add_argument('--long', type=float, default=1,
-                        help='sweeps and runs, times those of the table PLANS')
+                        help='multiply sweeps and runs of the table PLANS by this')
     parser.add_argument('--widths', type=int, nargs='+', default=[8, 4, 2], choices=[8, 4, 2],
-                        help='L/Ly')
+                        help='widths of the channel, as L/Ly')
     parser.add_argument('--cutoffs', type=float, nargs='+', default=[6.0, 4.0, 3.0],
-                        help='of the pair potential, a')
-    parser.add_argument('--only', choices=['mc', 'dynamics'], help='leave out the other')
-    parser.add_argument('--scheme', default='DriftCorrectorFD',
-                        help='of the dynamics (%(default)s); EulerMaruyama leaves out the drift')
+                        help='cut-offs of the pair potential, a')
+    parser.add_argument('--only', choices=['mc', 'dynamics'], help='leave out the other part')
+    parser.add_argument(
+        '--scheme', default='DriftCorrectorFD',
+        help='scheme of the dynamics (%(default)s); EulerMaruyama leaves out the drift')
     parser.add_argument('--scaling', default='Whole', choices=['Whole', 'SlipOnly'],
-                        help="Whole is the paper's (%(default)s)")
+                        help="scaling by the drift-corrector; Whole is the paper's (%(default)s)")
     parser.add_argument('--coarser', type=int, default=1, choices=[1, 2, 3, 5],
                         help="step of the dynamics, times the paper's (%(default)s)")
-    parser.add_argument('--runs', type=int, help='of dynamics, instead of those of PLANS')
-    parser.add_argument('--report', action='store_true', help='run nothing')
+    parser.add_argument('--runs', type=int, help='runs of dynamics, instead of those of PLANS')
+    parser.add_argument('--report', action='store_true', help='make no runs')
     parser.add_argument('--silent', action='store_true', help='no progress bars')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     campaign.addOptions(parser)

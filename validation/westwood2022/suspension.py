@@ -1,6 +1,7 @@
-"""What the suspensions of Westwood 2022, sections 6.3 and 6.4, have in common: units, soft spheres, and poses that go into a Context and out of it.
+"""What the suspensions of Westwood 2022 share: units, soft spheres, poses in a Context.
 
-Units: the radius a of a bead is 1 nm, kT is 1 kJ/mol, tau = 6 pi eta a^3/kT is 1 ps.
+They are those of sections 6.3 and 6.4. Units: the radius a of a bead is 1 nm, kT is 1 kJ/mol, tau =
+6 pi eta a^3/kT is 1 ps.
 """
 import numpy as np
 from openmm import unit
@@ -22,7 +23,10 @@ def placed(sites, R, q):
 
 
 class Moving:
-    """Bodies that move: what derives from it has a ``context``, its ``integrator``, and the ``sites`` of a body's beads."""
+    """Bodies that move.
+
+    A derived class has a ``context``, its ``integrator``, and the ``sites`` of a body's beads.
+    """
     def place(self, R, q):
         self.context.setPositions(placed(self.sites, R, q).reshape(-1, 3))
         self.integrator.setBodyPositions(R)

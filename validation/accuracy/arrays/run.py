@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Simple cubic arrays of spheres: what each model makes of the drag and the torque of a dense array, beside exact numbers.
+"""Simple cubic arrays of spheres: drag and torque by each model, beside exact numbers.
 
 One sphere in a cubic periodic box is an infinite array. F = 6 pi eta a K U is the force on each
-sphere that moves through the fluid with the velocity U relative to the mean, T = 8 pi eta a^3 KR
-Omega the torque where all spheres rotate alike. Exact numbers, and the arrays themselves, are those
-of the hydrodynamic ladder: openmmrigidhi.accuracy.scenes.
+sphere that moves through the fluid with the velocity U relative to the mean. T = 8 pi eta a^3 KR
+Omega is the torque on each sphere where all rotate alike. The exact numbers, and the arrays
+themselves, are those of the hydrodynamic ladder: openmmrigidhi.accuracy.scenes.
 
     python3 run.py --output results          # a second
 """
@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]/'common'))
 import campaign  # noqa: E402
 import recording  # noqa: E402
 
-# Names in the results, and the rungs of the hydrodynamic ladder.
+# Names in the results, and the models of the hydrodynamic ladder.
 MODELS = {
     'RPY': 'RPY', 'force coupling': 'ForceCoupling', 'FTS': 'FTS',
     'FTS + lubrication': 'FTS+lubrication'
@@ -38,7 +38,7 @@ def measure(fraction, rung):
 
 
 def row(fraction, job):
-    """An array by all models."""
+    """One array by all models."""
     return {
         'fraction': fraction, 'exact': dict(zip(NUMBERS, accuracy.scenes.SIMPLE_CUBIC[fraction])),
         **{name: measure(fraction, rung)

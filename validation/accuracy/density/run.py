@@ -1,5 +1,7 @@
 #!/usr/bin/python3
-"""Density of TIP4P-Ew water at 300 K and 1 bar: rigid bodies under Langevin C against OpenMM's own rigid water.
+"""Density of TIP4P-Ew water at 300 K and 1 bar: Langevin C against OpenMM's own rigid water.
+
+Under Langevin C the molecules are rigid bodies.
 
     /usr/bin/python3 run.py --length 200 --replicas 2 --jobs 2
 
@@ -27,7 +29,7 @@ FRICTION, ROTATIONAL_FRICTION = 5/unit.picosecond, 10/unit.picosecond
 CUTOFF = 0.85*unit.nanometer  # less than half of the 1.86 nm box at all densities that occur
 BAROSTAT_TIME = 0.05  # ps between trial moves of the volume: the same for all step sizes
 AVERAGE = 1  # ps; densities are kept as averages over this time
-BLOCK = 20  # ps; the volume forgets within a few
+BLOCK = 20  # ps; the volume's autocorrelation time is a few ps
 FIRST_SEED = 100
 
 #: name: (integrator, step in fs)
@@ -71,14 +73,14 @@ def makeContext(topology, positions, integratorName, step, seed, platformName='C
 
 
 def waterTopology(molecules):
-    """A box of water near its density: a Modeller."""
+    """A Modeller with a box of water near its density."""
     modeller = app.Modeller(app.Topology(), []*unit.nanometer)
     modeller.addSolvent(app.ForceField('tip4pew.xml'), model='tip4pew', numAdded=molecules)
     return modeller
 
 
 def waterBox(molecules):
-    """Minimised: (topology, positions)."""
+    """(topology, positions) of the water after a minimisation."""
     modeller = waterTopology(molecules)
     system = app.ForceField('tip4pew.xml').createSystem(modeller.topology, nonbondedMethod=app.PME,
                                                         nonbondedCutoff=CUTOFF)
@@ -90,15 +92,17 @@ def waterBox(molecules):
 
 
 def density(context, massOfAll):
-    """In kg/m^3."""
+    """The density in kg/m^3."""
     volume = context.getState().getPeriodicBoxVolume()
     return (massOfAll/volume/unit.AVOGADRO_CONSTANT_NA).value_in_unit(unit.kilogram/unit.meter**3)
 
 
 def simulate(argument, job, positions):
-    """One run: densities, seen at every trial move of the barostat, after equilibration (both in ps).
+    """One run: densities at every trial move of the barostat, after equilibration.
 
-    It begins anew if it is interrupted: OpenMM 7.7 does not save the barostat's counters."""
+    The run's length and the equilibration are in ps. A run that is interrupted begins anew, because
+    OpenMM 7.7 does not save the barostat's counters.
+    """
     method, seed, equilibration, length, threads = argument
     topology = waterTopology(MOLECULES).topology
     integratorName, step = METHODS[method]
@@ -125,13 +129,16 @@ def simulate(argument, job, positions):
 
 
 def averages(series):
-    """Means over AVERAGE."""
+    """Means of a series over intervals of AVERAGE."""
     parts = max(2, round(len(series)*BAROSTAT_TIME/AVERAGE))
     return [round(float(part.mean()), 3) for part in np.array_split(np.array(series), parts)]
 
 
 def evaluate(runs):
-    """Mean density of each method over its runs, with the standard error from blocks, and differences in their sigma."""
+    """Mean density of each method over its runs, and differences in units of their sigma.
+
+    Standard errors come from blocks.
+    """
     table = {}
     for method in METHODS:
         blocks = []
@@ -190,8 +197,8 @@ def main():
     parser.add_argument('--output', type=pathlib.Path, default=pathlib.Path('npt_density_output'),
                         help='folder for results')
     parser.add_argument('--equilibration', type=float, default=30,
-                        help='ps at the start that do not count')
-    parser.add_argument('--length', type=float, default=200, help='ps of each run')
+                        help='time at the start that does not count, ps')
+    parser.add_argument('--length', type=float, default=200, help='length of each run, ps')
     parser.add_argument('--replicas', type=int, default=1, help='independent runs of each method')
     parser.add_argument('--threads', type=int, default=1)
     campaign.addOptions(parser)
@@ -215,7 +222,8 @@ def main():
         })
     draw(arguments.output/'npt_density.png', runs, table)
     for method, row in table.items():
-        against = f'; {row["difference"]:+.2f} kg/m^3, {row["sigmas"]:+.2f} sigma, from {REFERENCE}' if 'sigmas' in row else ''
+        against = (f'; {row["difference"]:+.2f} kg/m^3, {row["sigmas"]:+.2f} sigma, '
+                   f'from {REFERENCE}') if 'sigmas' in row else ''
         print(f'{method:30} {row["density_kg_m3"]:8.2f} +- {row["error"]:.2f} kg/m^3{against}')
     agrees = all(abs(row.get('sigmas', 0)) < 3 for row in table.values())
     print('The methods agree within 3 combined sigma.'

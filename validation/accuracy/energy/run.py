@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Energy conservation of rigid water without friction: the drift of the total energy, and its error against the step.
+"""Energy conservation of rigid water without friction: drift, and error against the time step.
 
-216 TIP4P-Ew waters (reaction field whose force vanishes at the cutoff, Lennard-Jones switched off
-smoothly: a truncated potential has a jump in its energy, which no integrator conserves), every
-molecule one rigid body, gamma = Gamma = 0: the schemes become the symplectic splitting of Miller et
-al. (2002), no random number is drawn, and the energy should stay. Two questions:
+The scene is 216 TIP4P-Ew waters, every molecule one rigid body. The reaction field has a force that
+vanishes at the cut-off, and the Lennard-Jones potential is switched off smoothly. (A truncated
+potential has a jump in its energy, which no integrator conserves.) With gamma = Gamma = 0 the
+schemes become the symplectic splitting of Miller et al. (2002). No random number is drawn, and the
+energy should be constant. Two questions:
 
 1. Over --steps steps of 1 fs: the slope of the energy, in kT per molecule per ps (promised: below
    1e-4).
@@ -60,7 +61,7 @@ def context(topology, system, platformName, threads, friction, step):
 
 
 def energies(ctx, integrator, steps, every, job, settings):
-    """Total energy in kT per molecule at `every` steps."""
+    """Total energy in kT per molecule, every `every` steps."""
     keeper = campaign.State(job, settings)
     kept = keeper.load()
     values = list(kept.get('values', ()))
@@ -78,7 +79,10 @@ def energies(ctx, integrator, steps, every, job, settings):
 
 
 def slopeWithError(t, e, blocks=10):
-    """Slope of a line, and its standard error from the slopes' scatter about it: residuals averaged over blocks."""
+    """Slope of a line, and its standard error.
+
+    The error comes from the residuals about the line, averaged over blocks.
+    """
     n = len(t) // blocks*blocks
     tb, eb = t[:n].reshape(blocks, -1).mean(1), e[:n].reshape(blocks, -1).mean(1)
     (slope, offset) = np.polyfit(tb, eb, 1)
@@ -87,7 +91,7 @@ def slopeWithError(t, e, blocks=10):
 
 
 def equilibrate(argument, job):
-    """The start of all runs, in the directory of this one: after some time under Langevin C."""
+    """The start of all runs, in the directory of this run: after some time under Langevin C."""
     waters, duration, platformName, threads = argument
     topology, system, positions = build(waters)
     integrator, ctx = context(topology, system, platformName, threads, 5.0, 0.002)
@@ -102,7 +106,10 @@ def equilibrate(argument, job):
 
 
 def conserve(argument, job, start):
-    """A run without friction: energies of `steps` steps, kT per molecule, and what the integrator counted."""
+    """A run without friction: energies of `steps` steps, kT per molecule.
+
+    What the integrator counted is returned, too.
+    """
     waters, step, steps, every, platformName, threads = argument
     topology, system, _ = build(waters)
     integrator, ctx = context(topology, system, platformName, threads, 0.0, step)
@@ -125,7 +132,8 @@ def main():
     parser.add_argument('--waters', type=int, default=216)
     parser.add_argument('--steps', type=int, default=100000, help='steps of 1 fs for the drift')
     parser.add_argument('--equilibrate', type=float, default=20.0, help='ps under Langevin C first')
-    parser.add_argument('--scan-time', type=float, default=2.0, help='ps for each step size')
+    parser.add_argument('--scan-time', type=float, default=2.0,
+                        help='run time for each step size, ps')
     parser.add_argument('--platform', default='CPU')
     parser.add_argument('--threads', type=int, default=2)
     parser.add_argument('--output', type=Path, default=Path('energy_conservation_output'))

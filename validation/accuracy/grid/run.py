@@ -1,7 +1,10 @@
 #!/usr/bin/python3
-"""Force coupling on a grid: errors of products by tolerance and by spacing against the time they take, for a random suspension in a periodic box.
+"""Force coupling on a grid: errors of products against the time that they take.
 
-    python3 run.py            # three minutes; one process, since times are what is measured: grids take turns
+Errors are listed by tolerance and by spacing, for a random suspension in a periodic box.
+
+    python3 run.py            # three minutes; one process, since times are measured: grids take
+    turns
     python3 run.py --quick    # 60 spheres, seconds
 """
 import argparse
@@ -11,7 +14,7 @@ from openmmrigidhi import accuracy
 from tqdm import tqdm
 
 RESULTS = pathlib.Path(__file__).parent/'results'
-#: Drawn as lines, and answered.
+#: Wishes that are drawn as lines and answered.
 WANTED = ['forces:1e-4', 'forces:1e-8', 'wrenches:1e-4', 'forces:1e-3,wrenches:1e-3']
 
 

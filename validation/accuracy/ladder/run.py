@@ -1,8 +1,10 @@
 #!/usr/bin/python3
-"""The hydrodynamic ladder for two spheres over gaps, for a suspension, and in periodic boxes: errors of the models and what a step with them costs.
+"""The hydrodynamic ladder: errors of the models, and what a step with each model costs.
+
+The scenes are two spheres over a range of gaps, a suspension, and periodic boxes.
 
     python3 run.py            # three to five minutes, nearly all for shells of 162 and 642 blobs
-    python3 run.py --quick    # without these
+    python3 run.py --quick    # without these shells
 """
 import argparse
 import pathlib
@@ -19,7 +21,7 @@ RESULTS = HERE/'results'
 RUNGS = ('FreeDraining', 'RPY', 'ForceCoupling', 'FTS', 'multiblob12', 'multiblob42',
          'multiblob162', 'multiblob642', 'FTS+lubrication')
 GENERAL = ('mobility', 'sedimentation', 'relative_mobility', 'rotation_translation', 'worst_wrench')
-#: Drawn as lines, and answered.
+#: Wishes that are drawn as lines and answered.
 WANTED = {
     'pairs': [
         'mobility:5%', 'sedimentation:1%', 'rotation_translation:5%', 'relative_mobility:10%'
@@ -29,7 +31,7 @@ WANTED = {
 OBSERVABLES = {
     'pairs': GENERAL, 'suspension': ('own_forces', *GENERAL), 'arrays': None, 'periodic': GENERAL
 }
-#: Shells whose matrices would take hours.
+#: Shells whose matrices would take hours to compute.
 TOO_LARGE = {'suspension': ('multiblob642',), 'periodic': ('multiblob642',)}
 
 
@@ -44,7 +46,8 @@ def scenes():
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--quick', action='store_true', help='no shells of 162 and 642 blobs')
+    parser.add_argument('--quick', action='store_true',
+                        help='leave out shells of 162 and 642 blobs')
     parser.add_argument('--rounds', type=int, default=20)
     parser.add_argument('--only', choices=tuple(WANTED))
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)

@@ -1,5 +1,7 @@
 #!/usr/bin/python3
-"""Which road to the overdamped limit is cheapest: bias of averages against speed, for one boomerang above a wall and for 16 that interact.
+"""Which method reaches the overdamped limit at least cost: bias of averages against speed.
+
+The scenes are one boomerang above a wall, and 16 boomerangs that interact.
 
     python3 run.py                      # 20 minutes
     python3 run.py --only boomerang --budget 120
@@ -16,8 +18,8 @@ sys.path.append(str(HERE.parents[1]/'common'))
 import campaign  # noqa: E402
 
 RESULTS = HERE/'results'
-#: Steps in tau_D: of the schemes without momenta, of the LangevinHIs. The longest are at the edge
-#: of stability.
+#: Time steps in units of tau_D: of the schemes without momenta, then of the LangevinHI methods. The
+#: longest steps are at the edge of stability.
 STEPS = {
     'boomerang': ((0.1, 0.2), {
         'LangevinHI(0.3)': (0.1, 0.2, 0.5), 'LangevinHI(1)': (0.05, 0.1, 0.2),
@@ -26,7 +28,7 @@ STEPS = {
         'LangevinHI(0.3)': (0.05, 0.1, 0.2), 'LangevinHI(1)': (0.05, 0.1), 'LangevinHI(3)': (0.05,)
     })
 }
-#: Drawn as lines, and answered.
+#: Wishes that are drawn as lines and answered.
 WANTED = [
     'height:2%', 'cos2:2%', 'repulsion:2%', 'repulsion:5%', 'msd:5%',
     'height:2%,cos2:2%,repulsion:5%,msd:5%'
@@ -46,7 +48,7 @@ def main():
         if arguments.only not in (None, name):
             continue
         scene = overdamped.SCENES[name]()
-        # For 16 bodies the 98 square roots a step of DriftCorrectorFD would take most of the time.
+        # For 16 bodies, 98 square roots in a step of DriftCorrectorFD would take most of the time.
         methods = [
             method for method in overdamped.METHODS
             if name == 'boomerang' or method != 'DriftCorrectorFD'

@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
-"""Effective viscosity where it is known: analysis.viscosity beside what single bodies, lattices of spheres and rods in weak flow must have.
+"""Effective viscosity by analysis.viscosity, beside values that are known.
 
-Dilute: one body in a periodic box, on a crest of the shear and at its zero, has the mean ratio 1 +
-5/2 phi_S + ..., phi_S the volume fraction of spheres of its stresslet radius a_S, where S = (20/3)
-pi eta a_S^3 E is its stresslet in the strain E of an unbounded fluid. a_S comes from dense algebra
-of its own here. Lattices: simple cubic arrays in longer and longer waves, extrapolated, have the
-viscosity of the array in uniform shear.
+Dilute: one body is in a periodic box, on a crest of the shear and at its zero. The mean ratio of
+viscosities is 1 + 5/2 phi_S + .... Here phi_S is the volume fraction of spheres of the body's
+stresslet radius a_S. This radius is defined by the stresslet S = (20/3) pi eta a_S^3 E of the body
+in the strain E of an unbounded fluid. It comes from dense algebra written here. Lattices: simple
+cubic arrays in longer and longer waves, extrapolated, have the viscosity of the array in uniform
+shear.
 
-Brownian stress: rods of three blobs in weak flow, where half of what they add comes from their
-rotational diffusion.
+Brownian stress: rods of three blobs are in weak flow. Half of what they add to the viscosity comes
+from their rotational diffusion.
 
     python3 run.py --output results                     # ten seconds
     python3 run.py --output results --brownian --jobs 2 # some minutes
@@ -33,25 +34,29 @@ ETA = 1.5
 BOXES = (20.0, 30.0, 40.0, 60.0)  # edges over radius
 SHELLS = (12, 42, 162)
 MODELS = ('RotnePragerYamakawa', 'ForceCoupling')
-WAVES = (4, 8, 16, 32)  # spheres of an array along the wave
-#: Simple cubic arrays: volume fraction, viscosity for a shear along the edges over the fluid's:
-#: exact, and by force, torque, stresslet of each sphere.
+WAVES = (4, 8, 16, 32)  # numbers of spheres of an array along the wave
+#: Simple cubic arrays: volume fraction; viscosity for a shear along the edges over the fluid's
+#: viscosity, exact; the same by force, torque and stresslet of each sphere.
 LATTICES = ((0.001, 1.002498, 1.002498), (0.027, 1.066333, 1.066332), (0.064, 1.155148, 1.155111),
             (0.125, 1.302305, 1.301682), (0.216, 1.542367, 1.535882), (0.343, 1.997443, 1.941957),
             (0.45, 2.739045, 2.437858))
 
 
 class Scene:
-    """Bodies without forces on them, in a periodic box with a wave of force density along x, its wave along y.
+    """Bodies without forces on them in a periodic box, with a wave of force density.
+
+    The force density is along x, the wave is along y.
 
     Parameters
     ----------
     model : str
+        name of the model
     bodies : list of (sites, radii)
-        array (m, 3), nm, and the radius of each or all, nm
-    box : sequence of three edges, nm
+        sites of shape (m, 3), nm; radii: one of each, or one of all, nm
+    box : sequence of float
+        three edges, nm
     setUp : callable, optional
-        with the MobilityForce
+        called with the MobilityForce
     temperature, step, seed
         K; ps; of the random numbers
     """
@@ -100,7 +105,10 @@ def shell(n):
 
 
 def blobMobility(sites, radius, model):
-    """Matrix (3n, 3n) of blobs in an unbounded fluid, times eta: Rotne-Prager-Yamakawa, or Gaussians of width radius/sqrt(pi)."""
+    """Mobility (3n, 3n) of blobs in an unbounded fluid, times eta.
+
+    The blobs are those of Rotne-Prager-Yamakawa, or Gaussians of width radius/sqrt(pi).
+    """
     d = sites[:, None] - sites
     r = np.linalg.norm(d, axis=-1)
     alone = np.eye(len(sites), dtype=bool)
@@ -112,7 +120,7 @@ def blobMobility(sites, radius, model):
                          for a, b in ((3/(4*x) + 1/(2*x**3), 1 - 9*x/32), (3/(4*x) - 3/(2*x**3),
                                                                            3*x/32)))
     else:
-        # Two Gaussians of width sigma see each other as a point sees one of width sqrt(2) sigma.
+        # Two Gaussians of width sigma interact as a point with a Gaussian of width sqrt(2) sigma.
         s = np.sqrt(2/np.pi)*radius
         bell, hill = np.sqrt(2/np.pi)*s/r*np.exp(-r**2/(2*s**2)), erf(r/(np.sqrt(2)*s))
         along = ((1 + (s/r)**2)*hill - bell)/(8*np.pi*r)
@@ -125,7 +133,10 @@ def blobMobility(sites, radius, model):
 
 
 def stressletRadius(sites, radius, model):
-    """a_S of a body without preferred directions, centred at 0: forces that keep its blobs at rest in a strain, M F = E x."""
+    """Stresslet radius a_S of a body without preferred directions, centred at 0.
+
+    It comes from the forces that keep the blobs at rest in a strain, M F = E x.
+    """
     strain = np.zeros((3, 3))
     strain[0, 1] = strain[1, 0] = 0.5
     F = np.linalg.solve(blobMobility(sites, radius, model),
@@ -135,13 +146,16 @@ def stressletRadius(sites, radius, model):
 
 
 def dilute(model, body, edge):
-    """Ratio of viscosities of one body in a cubic box, averaged over its place: flows, which are linear in sin^2 and cos^2 of the phase, are averaged."""
+    """Ratio of viscosities of one body in a cubic box, averaged over its place.
+
+    Flows are linear in sin^2 and cos^2 of the phase, so the average is taken over flows.
+    """
     scene = Scene(model, [body], (edge,)*3)
     return 2/sum(1/scene.viscosity(np.array([(0, y, 0)])).ratio for y in (0, edge/4))
 
 
 def lattice(fraction, count, model='StokesianDynamics', lubrication=True):
-    """Ratio of viscosities of a simple cubic array of spheres, so many to a wave."""
+    """Ratio of viscosities of a simple cubic array of spheres, with `count` spheres to a wave."""
     spacing = (4*np.pi/3/fraction)**(1/3)
     scene = Scene(model, [(np.zeros((1, 3)), 1.0)]*count, (spacing, count*spacing, spacing),
                   lambda fluid: fluid.setLubrication(lubrication))
@@ -175,7 +189,7 @@ def row(argument, job):
 
 
 def measure(arguments):
-    """All of it, as it goes into the JSON."""
+    """All that the JSON contains."""
     todo = ([('shells', model, n) for model in MODELS for n in SHELLS] +
             [('spheres', model, 0)
              for model in ('StokesianDynamics',) + MODELS] + [('lattices', *row)
@@ -189,12 +203,16 @@ def measure(arguments):
 
 
 def rodInWeakFlow(sites, radius, model):
-    """What a rod of blobs along z adds to the viscosity over the fluid's in weak flow, times the volume of fluid: by resisting strain in all its directions alike, and by its
-    diffusion; and its rotational friction over the fluid's viscosity.
+    """What a rod of blobs along z adds to the viscosity in weak flow, and its rotational friction.
 
-    In a strain E it turns by B n x E n, B = 1 for blobs on a line, so that its directions n have
-    the density 1 + E:nn B/(2 D), D = kT/zeta. The Brownian torque of that has a
-    stress that dissipates kT B^2 |n x E n|^2/D, on average kT B^2 E:E/(5 D): a viscosity of zeta B^2/10."""
+    The viscosity is over the fluid's, times the volume of fluid. It has two parts: resistance to
+    strain, averaged over all directions of the rod, and rotational diffusion. The friction is over
+    the fluid's viscosity.
+
+    In a strain E the rod turns by B n x E n, with B = 1 for blobs on a line. Its directions n then
+    have the density 1 + E:nn B/(2 D), D = kT/zeta. The stress of the Brownian torque dissipates kT
+    B^2 |n x E n|^2/D, on average kT B^2 E:E/(5 D). This is a viscosity of zeta B^2/10.
+    """
     inverse = np.linalg.inv(blobMobility(sites, radius, model))
     rigid = np.concatenate(
         [np.concatenate([np.eye(3), np.cross(np.eye(3), x).T], axis=1) for x in sites])
@@ -202,12 +220,12 @@ def rodInWeakFlow(sites, radius, model):
     mobility = np.linalg.pinv(friction, rcond=1e-10, hermitian=True)
 
     def response(strain):
-        """Its twist when free of forces, and the power that it takes."""
+        """The twist of the rod when free of forces, and the power that it takes."""
         u = (sites @ strain).reshape(-1)
         twist = mobility @ rigid.T @ inverse @ u
         return twist, u @ inverse @ (u - rigid @ twist)
 
-    # An orthonormal basis of strains: its mean is that over all directions.
+    # An orthonormal basis of strains: the mean over the basis is that over all directions.
     strains = [np.diag((1, -1, 0))/2**0.5, np.diag((-1, -1, 2))/6**0.5]
     for i, j in ((0, 1), (0, 2), (1, 2)):
         strains.append(np.zeros((3, 3)))
@@ -218,7 +236,11 @@ def rodInWeakFlow(sites, radius, model):
 
 
 def readAmplitudes(scene, rows, steps, note):
-    """What analysis.sampleFlowAmplitudes reads, also of a scheme that it refuses, to show why; added to rows until there are so many."""
+    """Read the amplitudes that analysis.sampleFlowAmplitudes reads, and add them to rows.
+
+    Reading ends when there are `steps` rows. Schemes that analysis.sampleFlowAmplitudes refuses are
+    read, too, to show why it refuses them.
+    """
     while len(rows) < steps:
         scene.integrator.step(1)
         rows.append(
@@ -230,7 +252,7 @@ def readAmplitudes(scene, rows, steps, note):
         note(rows)
 
 
-#: Samples of the flow between two looks at the clock.
+#: Samples of the flow between two checks of the clock.
 SAMPLES_TOGETHER = 50
 
 
@@ -269,7 +291,7 @@ def brownian(steps, scheme, job=None, rods=27, edge=24.0, blobs=3, peclet=1.0, r
     if kept:
         scene.context.loadCheckpoint(kept['checkpoint'].tobytes())
     else:
-        # Directions are random from the start; they take 1/(6 D) to align.
+        # Directions are random at the start; they take 1/(6 D) to align.
         scene.integrator.step(round(1/resolution))
 
     def note(rows):
@@ -304,7 +326,7 @@ def brownianRow(argument, job):
 
 
 def tables(data):
-    """Markdown."""
+    """Lines of tables in Markdown."""
     yield '| model | blobs | a_S/a | ' + ' | '.join(f'L = {edge:g} a'
                                                     for edge in data['shells'][0]['edges']) + ' |'
     yield '|---'*(3 + len(data['shells'][0]['edges'])) + '|'
@@ -366,10 +388,10 @@ def main():
     parser.add_argument('--output', type=Path, default=Path('results'),
                         help='folder of the JSON (results)')
     parser.add_argument('--brownian', action='store_true',
-                        help='the Brownian stress of rods, instead of what has no noise')
-    parser.add_argument('--steps', type=int, default=6000, help='of --brownian (%(default)s)')
+                        help='measure the Brownian stress of rods, instead of what has no noise')
+    parser.add_argument('--steps', type=int, default=6000, help='steps of --brownian (%(default)s)')
     parser.add_argument('--schemes', nargs='+', default=['TractionEulerMaruyama', 'EulerMaruyama'],
-                        help='of --brownian (%(default)s); EulerMaruyama lacks the drift')
+                        help='schemes of --brownian (%(default)s); EulerMaruyama lacks the drift')
     campaign.addOptions(parser)
     arguments = campaign.settle(parser.parse_args())
     if arguments.brownian:

@@ -1,8 +1,8 @@
-"""Moments of inertia times a factor (setInertiaScale) for longer steps in water: the measurement in results_inertia/, made again.
+"""Longer steps in water with scaled moments of inertia: the measurement of results_inertia/.
 
-LangevinC with the real moments and with 4, 8 and 16 times these, up to steps where the energy
-fails. They are compared with the limit of small steps of results/results.json. Further options are
-passed on, e.g. ``--budget 600 --output mine``.
+LangevinC runs with the real moments and with 4, 8 and 16 times these (setInertiaScale), up to steps
+where the energy fails. The results are compared with the limit of small steps of
+results/results.json. Further options are passed on, e.g. ``--budget 600 --output mine``.
 """
 import os
 import sys
@@ -20,5 +20,5 @@ ARGUMENTS = [
 ]
 
 if __name__ == '__main__':
-    # The last of two equal options counts.
+    # Of two equal options, the last counts.
     sys.exit(cli.main(ARGUMENTS + sys.argv[1:]))

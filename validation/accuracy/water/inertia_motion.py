@@ -1,8 +1,9 @@
-"""How much slower water moves when its moments of inertia are multiplied by a factor (setInertiaScale): what longer steps cost in sampling.
+"""How much slower water moves when its moments of inertia are scaled (setInertiaScale).
 
-The water of inertia.py with LangevinC and factors of 1, 4, 8 and 16: the diffusion coefficient of
-the molecules, and the time in which their dipoles forget their direction. Writes
-results_inertia/motion.json and prints the table of README.md; four minutes.
+This is what longer steps cost in sampling. The water of inertia.py runs with LangevinC and factors
+of 1, 4, 8 and 16. Measured are the diffusion coefficient of the molecules, and the time in which
+their dipoles forget their direction. The script writes results_inertia/motion.json and prints the
+table of README.md. It takes four minutes.
 """
 import argparse
 import os
@@ -30,7 +31,10 @@ BLOCKS = 5
 
 
 def simulate(scene, factor, frames, equilibration, seed, job):
-    """Positions (frames, n, 3) in nm, orientations (frames, n, 4), the dipole's direction in the body frame."""
+    """Positions (frames, n, 3) in nm, orientations (frames, n, 4), the dipole in the body frame.
+
+    The dipole is given as a unit vector.
+    """
     step = STEPS[factor]
     state = campaign.State(job, (factor, equilibration, seed))
     kept = state.load()
@@ -56,7 +60,11 @@ def simulate(scene, factor, frames, equilibration, seed, job):
 
 
 def reorientationTime(orientations, dipole):
-    """(ps, standard error): -1 over the slope of ln <cos of the angle that dipoles turn by> between FROM and TO, of blocks."""
+    """Reorientation time of dipoles, (ps, standard error).
+
+    It is -1 over the slope of ln <cos of the angle that dipoles turn by> between FROM and TO, of
+    blocks.
+    """
     q, v = orientations[..., :1], orientations[..., 1:]
     directions = dipole + 2*np.cross(v, np.cross(v, dipole) + q*dipole)
     first, last = round(FROM/INTERVAL), round(TO/INTERVAL)
@@ -71,7 +79,10 @@ def reorientationTime(orientations, dipole):
 
 
 def diffusion(positions, orientations):
-    """(nm^2/ps, standard error): a sixth of the slope of the molecules' mean square displacement between FROM and TO."""
+    """Diffusion coefficient, (nm^2/ps, standard error).
+
+    It is a sixth of the slope of the molecules' mean square displacement between FROM and TO.
+    """
     lags = range(round(FROM/INTERVAL), round(TO/INTERVAL) + 1, 5)
     msd = analysis.translationalMSD(positions, orientations, INTERVAL, (0, 0, 0), lags, BLOCKS)
     found = analysis.longTimeDiffusion(msd.trace, FROM, TO)
@@ -79,7 +90,7 @@ def diffusion(positions, orientations):
 
 
 def follow(argument, job, scene):
-    """One factor: what the table has of it."""
+    """One row of the table: the measurement with one factor."""
     factor, frames, equilibration, seed = argument
     positions, orientations, dipole = simulate(scene, factor, frames, equilibration, seed, job)
     D, tau = diffusion(positions, orientations), reorientationTime(orientations, dipole)
@@ -93,8 +104,10 @@ def follow(argument, job, scene):
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--length', type=float, default=96, help='ps for each factor (96)')
-    parser.add_argument('--equilibration', type=float, default=6, help='ps for each factor (6)')
+    parser.add_argument('--length', type=float, default=96,
+                        help='run time for each factor, ps (96)')
+    parser.add_argument('--equilibration', type=float, default=6,
+                        help='first part not counted, ps (6)')
     parser.add_argument('--seed', type=int, default=2030)
     parser.add_argument('--output', type=pathlib.Path, default=HERE/'results_inertia')
     campaign.addOptions(parser)

@@ -1,12 +1,16 @@
-"""What 0.5 % of water's energy and of its mean square dipole moment costs: the best that users have today beside LangevinC.
+"""The price of 0.5 % of water's energy and mean square dipole moment, by LangevinC and others.
 
-216 TIP4P-Ew molecules, CPU platform, one thread, processor time. LangevinC with real moments and
-with moments times 4, 8, 16, OpenMM's LangevinMiddleIntegrator with its own hydrogens and with
-heavier ones, and the same with reciprocal space in every other step, with several frictions.
-``price.py run`` makes the runs of a series, as many at a time as --jobs says; stopped and started
-again it goes on where it was, and a longer run goes on from a shorter one. ``price.py time`` then
-lets all settings take turns for their speeds, alone, and ``price.py report`` writes results_price/
-from all runs that there are.
+The scene is 216 TIP4P-Ew molecules on the CPU platform, with one thread; prices are processor time.
+The methods are LangevinC with real moments of inertia and with moments times 4, 8, 16; OpenMM's
+LangevinMiddleIntegrator with its own hydrogens and with heavier ones; and LangevinMiddleIntegrator
+with reciprocal space in every other step. Each runs with several frictions. OpenMM's methods are
+the best that users have without this plugin.
+
+``price.py run`` makes the runs of a series, as many at a time as --jobs says. If it is stopped and
+started again, it goes on where it was, and a longer run goes on from a shorter one. ``price.py
+motion`` measures how fast molecules move. ``price.py time`` lets all settings take turns for their
+speeds, alone on the machine. ``price.py report`` writes results_price/ from all runs that there
+are.
 """
 import argparse
 import collections
@@ -41,7 +45,7 @@ OBSERVABLES = [
 WANTED, WISH = ['potential_energy:0.5%'], 0.005
 #: The limit of small steps of results/results.json, kJ/mol.
 REFERENCES = {'potential_energy': (-46.498, 0.042)}
-#: Method -> steps in fs.
+#: Method -> time steps in fs.
 SERIES = {
     'scout': {
         'LangevinC': (9,), 'LangevinC-g1-G2': (9,), 'LangevinC-I4-g1-G2': (12,),
@@ -56,7 +60,7 @@ SERIES = {
         'LangevinMiddle-g1': (7,), 'LangevinMiddle-H3-g0.5': (12,), 'LangevinMiddle-H3-g1': (12,)
     }, 'recommended': {'LangevinC-I8-g2-G2': (15,)},
 }
-#: Settings whose molecules are followed; lags of cosines, ps; blocks for errors.
+#: Settings whose molecules are followed; lags of cosines, ps; number of blocks for errors.
 MOTION = {
     'LangevinC': (9,), 'LangevinC-g1-G2': (8,), 'LangevinC-I4': (13,),
     'LangevinC-I4-g1-G2': (12, 13), 'LangevinC-I4-g2-G2': (13,), 'LangevinC-I8': (15,),
@@ -65,17 +69,20 @@ MOTION = {
     'LangevinMiddle-H3-g0.5': (12,), 'LangevinMiddle-H3-g1': (12,), 'LangevinMiddle-N2-H3': (12,)
 }
 LAGS, BLOCKS = (2.0, 4.0), 5
-#: ps that a setting advances in one turn; what is between two notes on disk.
+#: ps that a setting advances in one turn, between two saves on disk.
 PIECE = 20.0
 SAMPLE_INTERVAL, EQUILIBRATION = 0.2, 20.0
-#: Runs as long as this, ps, tell the correlation time of M^2 to a quarter or better.
+#: Runs of this length, ps, give the autocorrelation time of M^2 to a quarter or better.
 LONG = 900.0
 #: ps that a setting advances in one turn of ``price.py time``.
 TIMED = 2.0
 
 
 class _Components:
-    """The box's dipole moment, e nm: each of its components is a series, from which correlation times are known better than from the square alone."""
+    """The components of the box's dipole moment, e nm, as one series each.
+
+    Autocorrelation times are better known from the components than from the square alone.
+    """
 
     name, setup = 'components', observables.BUILT_IN['dipole_squared'].setup
 
@@ -85,7 +92,10 @@ class _Components:
 
 
 class Legs(accuracy.StepSizeStudy):
-    """Settings whose runs are made in legs: each time that a run is taken up again, its random numbers are others."""
+    """Settings whose runs are made in parts.
+
+    Each time that a run is continued, its random numbers are others.
+    """
 
     leg = 0
 
@@ -95,8 +105,8 @@ class Legs(accuracy.StepSizeStudy):
         self.observables.append(_Components())
 
     def reference(self, observable, rows):
-        # The dipole moment's mean square is known to some percent: no fit over steps is worth
-        # anything.
+        # The mean square dipole moment is known to some percent: a fit over steps would be of no
+        # use.
         return None if observable.name == 'dipole_squared' else super().reference(observable, rows)
 
     def settingSeed(self, setting):
@@ -104,7 +114,10 @@ class Legs(accuracy.StepSizeStudy):
 
 
 class Kept:
-    """A run that is kept in a directory of its own below a folder: samples and times, and the State that it goes on from."""
+    """A run that is saved in a directory of its own below a folder.
+
+    Saved are samples, times, and the State from which the run goes on.
+    """
     def __init__(self, study, setting, folder):
         self.study = study
         self.setting = setting
@@ -132,7 +145,7 @@ class Kept:
         return self.setting.method.name, round(1000*self.setting.stepSize, 6)
 
     def goOn(self):
-        """A Context where the run stands, for its speed."""
+        """A Context at the end of the saved run, to measure its speed."""
         self.study.leg = self.legs
         run = self.study._makeRun(self.setting)
         if self.state is not None:
@@ -145,7 +158,7 @@ class Kept:
         context.setVelocities(state.getVelocities())
 
     def _begin(self):
-        """Go on where the run stands, or begin it."""
+        """Continue the saved run, or begin it."""
         self.study.leg = self.legs
         self.legs += 1
         self.run = self.study._makeRun(self.setting)
@@ -153,14 +166,14 @@ class Kept:
             self.run.advance(round(EQUILIBRATION/self.run.record.samplesAt), record=False)
             self.record = self.run.record
         else:
-            # What its energy may be was found at the scene's start. The time goes on with the
-            # record's.
+            # The bounds of its energy were found at the scene's start. The time goes on from the
+            # end of the record.
             self._place(self.run.context)
             self.run.time = self.record.equilibration + self.record.length
             self.run.record = self.record
 
     def advance(self, ps):
-        """Go on, and keep what there is then."""
+        """Continue the run, and save what there is then."""
         if self.record.status != measurement.STABLE:
             return
         if self.run is None:
@@ -213,7 +226,7 @@ def makeStudy(options, settings):
 
 
 def wanted(options):
-    """Method -> steps in fs, of a series or of what was named."""
+    """Method -> time steps in fs, of a series or of the named methods."""
     if not options.methods:
         return SERIES[options.series]
     return {
@@ -223,7 +236,7 @@ def wanted(options):
 
 
 def advance(argument, job):
-    """One setting until it has its length, ps."""
+    """Run one setting until it has its length, ps."""
     name, step, length, seed = argument
     options = argparse.Namespace(work=pathlib.Path(job.directory).parent, seed=seed)
     study = makeStudy(options, {name: (step,)})
@@ -235,9 +248,9 @@ def advance(argument, job):
 
 
 def run(options):
-    """All settings until each has its length."""
+    """Run all settings until each has its length."""
     settings = [(name, step) for name, steps in wanted(options).items() for step in steps]
-    water(options.work, 1)  # made once, before all need it
+    water(options.work, 1)  # made once, before all runs need it
     campaign.run(advance, [(*setting, options.length, options.seed) for setting in settings],
                  [f'{name}_{step:g}fs' for name, step in settings], options,
                  [options.length]*len(settings), 'ps', 'runs')
@@ -247,7 +260,7 @@ def run(options):
 
 
 class Cosine(observables.Observable):
-    """Mean cosine of the angle that molecules' dipoles turn by within a lag (ps)."""
+    """Mean cosine of the angle by which molecules' dipoles turn within a lag (ps)."""
     def __init__(self, lag):
         super().__init__(f'cosine_{lag:g}', f'cosine over {lag:g} ps', '', self._cosine,
                          setup=self._begin)
@@ -271,15 +284,16 @@ class Cosine(observables.Observable):
 
 
 class Unreferenced(accuracy.StepSizeStudy):
-    """Without limits of small steps, which nothing here needs."""
+    """A study without limits of small steps, which are not needed here."""
     def reference(self, observable, rows):
         return None
 
 
 def motion(options):
-    """How fast molecules diffuse and turn: what slow averages wait for, known sooner than the correlation time of the box's dipole.
+    """How fast molecules diffuse and turn.
 
-    Settings that motion.json has already are replaced, the others kept.
+    Slow averages depend on this motion, and it is known sooner than the autocorrelation time of the
+    box's dipole. Settings that motion.json has already are replaced, the others kept.
     """
     steps = {
         name: [h/1000 for h in own]
@@ -334,7 +348,7 @@ def motion(options):
 
 
 def moved(options):
-    """What ``price.py motion`` has written: (method, step in fs) -> row."""
+    """The rows that ``price.py motion`` has written: (method, step in fs) -> row."""
     path = options.output/'motion.json'
     rows = json.loads(path.read_text())['rows'] if path.exists() else []
     return {(row['method'], round(row['step_fs'], 6)): row
@@ -342,7 +356,7 @@ def moved(options):
 
 
 def found(options):
-    """All runs of the folder and settings whose motion is known, as (study, list of Kept)."""
+    """All runs of the folder, and settings whose motion is known, as (study, list of Kept)."""
     settings = {}
     for path in sorted(options.work.glob('*fs/state.npz')):
         name, _, step = path.parent.name.rpartition('_')
@@ -354,7 +368,7 @@ def found(options):
 
 
 def clockSpeeds(options):
-    """All stable settings take turns; speeds.json has ns per processor day of each turn."""
+    """Let all stable settings take turns; speeds.json has ns per processor day of each turn."""
     _, runs = found(options)
     followed = moved(options)
     runs = [
@@ -384,11 +398,12 @@ def clockSpeeds(options):
 
 
 def memory(components):
-    """(autocorrelation time, its relative standard error), in samples, of the mean square of a vector whose components are alike.
+    """Autocorrelation time of the mean square of a vector, with its relative standard error.
 
-    The mean over the components' squares: their cross-correlations vanish by symmetry, and leaving
-    their noise out makes one run worth three. The standard error is that of Madras and Sokal for
-    three independent series.
+    The time is in samples. All components of the vector are equivalent. The mean over the
+    components' squares is taken: their cross-correlations vanish by symmetry, and leaving their
+    noise out makes one run worth three. The standard error is that of Madras and Sokal for three
+    independent series.
     """
     found = float(
         np.mean([series.autocorrelationTime(each) for each in (np.asarray(components)**2).T]))
@@ -409,7 +424,7 @@ def report(options):
     squares, weights = [], []
     for each in runs:
         record = each.record
-        # Speeds are those that were measured in turn, all together.
+        # Speeds are those of ``price.py time``, where all settings took turns.
         record.timings = [(1, 1.0, each.setting.stepSize/1000*measurement.SECONDS_PER_DAY/speed)
                           for speed in speeds.get(each.name, [])]
         each.components = np.array(record.series.pop('components', []))
@@ -422,8 +437,8 @@ def report(options):
             if each.record.status != measurement.STABLE or each.record.length >= options.least]
     result = study._evaluate(kept, {}, study._provenance(began, max(map(len, speeds.values())), 1))
     result.write(options.output, wanted=WANTED, baseline='LangevinMiddle', price=WANTED)
-    # The distribution of M is the same for all that are right: its moments are taken over all of
-    # them.
+    # The distribution of M is the same for all correct methods, so its moments are averages over
+    # all of them.
     mean, second = np.average(squares, axis=0, weights=weights)
     relativeVariance = second/mean**2 - 1
     energies = {(row['method'], round(1000*row['step_size'], 6)): row
@@ -455,7 +470,7 @@ def report(options):
 
 
 def rowOf(each, energy, motion, speeds):
-    """What prices.json says of a setting."""
+    """The row of a setting in prices.json."""
     record = each.record
     row = {
         'method': each.key[0], 'step_fs': each.key[1], 'status': record.status,
@@ -497,11 +512,12 @@ def energyOf(pairs):
 
 
 def dipolesShare(rows):
-    """The correlation time of M^2 over the time in which one dipole forgets its direction, from the runs that are long enough for the first.
+    """The autocorrelation time of M^2 over the reorientation time of one dipole.
 
-    It is a property of the liquid as long as methods change how fast it moves, not how: the ratio
-    is then known better from all methods together than the correlation time from one of them. chi^2
-    says whether they agree.
+    Only runs that are long enough for the autocorrelation time count. The ratio is a property of
+    the liquid, as long as methods change how fast it moves, not how. The ratio is then better known
+    from all methods together than the autocorrelation time from one of them. chi^2 says whether the
+    methods agree.
     """
     long = [
         row for row in rows if row.get('dipole_length_ps', 0) >= LONG and 'reorientation_ps' in row
@@ -520,7 +536,10 @@ def dipolesShare(rows):
 
 
 def ratios(rows):
-    """The least price of each kind of method, among settings whose energy was found right within the wish; and what others cost against ours."""
+    """The least price of each kind of method, and what other methods cost against this plugin's.
+
+    Only settings whose energy is right within the wanted error count.
+    """
     kinds = {
         'ours': lambda name: name.startswith('LangevinC'),
         'plain': lambda name: re.fullmatch('LangevinMiddle(-g[0-9.]+)?', name),
@@ -568,7 +587,7 @@ def table(rows):
 
 
 def picture(rows, path):
-    """Processor hours to 0.5 % of the mean square dipole moment; and whether the energy is right there."""
+    """Draw processor hours to 0.5 % of the mean square dipole moment, and errors of energy."""
     plt = recording.pyplot()
     rows = [row for row in rows if 'dipole_hours' in row][::-1]
     colours = ['#d55e00' if row['method'].startswith('LangevinC') else '#0072b2' for row in rows]
@@ -604,12 +623,13 @@ def main():
     parser.add_argument('what', choices=['run', 'motion', 'time', 'report'])
     parser.add_argument('--series', choices=SERIES, default='scout')
     parser.add_argument('--methods', nargs='+', metavar='NAME:STEPS',
-                        help='instead of a series, e.g. LangevinC-I8:14,16 (fs)')
+                        help='methods and steps instead of a series, e.g. LangevinC-I8:14,16 (fs)')
     parser.add_argument('--length', type=float, default=100,
-                        help='ps for each setting, with what it has already (100)')
-    parser.add_argument('--rounds', type=int, default=11, help='turns for speeds (11)')
+                        help='ps for each setting, including what it has already (100)')
+    parser.add_argument('--rounds', type=int, default=11,
+                        help='rounds in which speeds are measured (11)')
     parser.add_argument('--least', type=float, default=55,
-                        help='ps: shorter runs are left out of times and report (55)')
+                        help='shorter runs than this are left out of times and report, ps (55)')
     parser.add_argument('--seed', type=int, default=2031)
     parser.add_argument('--output', type=pathlib.Path, default=HERE/'results_price')
     campaign.addOptions(parser)

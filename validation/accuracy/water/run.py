@@ -1,6 +1,7 @@
 """What accuracy costs for TIP4P-Ew water: the measurement in results/, made again.
 
-Further options are passed on, e.g. ``--budget 600 --output mine``; see ``python3 -m openmmrigidhi.accuracy --help``.
+Further options are passed on, e.g. ``--budget 600 --output mine``. See ``python3 -m
+openmmrigidhi.accuracy --help``.
 """
 import os
 import sys
@@ -16,5 +17,5 @@ ARGUMENTS = [
 ]
 
 if __name__ == '__main__':
-    # The last of two equal options counts.
+    # Of two equal options, the last counts.
     sys.exit(cli.main(ARGUMENTS + sys.argv[1:]))

@@ -1,7 +1,8 @@
-"""A second run around the steps that decide, with another seed, and LangevinMiddle with a friction of 1/ps besides.
+"""A second run around the steps that decide, with another seed, and with a further friction.
 
-Also an example of a method of one's own. Writes results_second/. With --jobs or --cluster runs are
-made several at a time, and speeds are measured afterwards.
+The further friction is 1/ps for LangevinMiddle. The script is also an example of a user's own
+method. It writes results_second/. With --jobs or --cluster several runs are made at a time, and
+speeds are measured afterwards.
 """
 import argparse
 import pathlib
@@ -17,7 +18,7 @@ import campaign  # noqa: E402
 
 
 def weaklyCoupled(scene, stepSize, seed):
-    """LangevinMiddle with 1/ps instead of the scene's friction."""
+    """LangevinMiddle with a friction of 1/ps instead of the scene's."""
     integrator = openmm.LangevinMiddleIntegrator(scene.temperature, 1.0, stepSize)
     integrator.setRandomNumberSeed(seed)
     return integrator

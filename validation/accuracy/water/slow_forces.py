@@ -1,10 +1,11 @@
 """Would LangevinC gain by evaluating the reciprocal space of water less often?
 
-Measures which part of a force evaluation reciprocal space is, for 216 and 1000 molecules, and what
-becomes of the potential energy if it kicks bodies N times as long in every N-th step only (an
-impulse method: half before and half after N steps of LangevinC under the other forces). The plugin
-has no such scheme; the kicks are given here to body velocities between steps, which serves
-averages, not speed. Writes results_price/slow_forces.json.
+The script measures which part of a force evaluation reciprocal space is, for 216 and 1000
+molecules. It also measures the potential energy if reciprocal space kicks bodies in every N-th step
+only, N times as long. This is an impulse method: one half of the kick comes before N steps of
+LangevinC under the other forces, one half after them. The plugin has no such scheme. The kicks are
+given here to body velocities between steps, which serves averages, not speed. The script writes
+results_price/slow_forces.json.
 """
 import argparse
 import math
@@ -28,10 +29,10 @@ sys.path.insert(0, str(HERE.parents[1]/'common'))
 import campaign  # noqa: E402
 import recording  # noqa: E402
 
-#: (method, step in fs, N)
+#: (method, time step in fs, N)
 SETTINGS = (('LangevinC-I8', 14, 2), ('LangevinC-I8', 14, 3), ('LangevinC-I8', 16, 2),
             ('LangevinC-I8', 12, 3), ('LangevinC', 8, 2))
-#: Molecules, force evaluations in one repetition.
+#: Numbers of molecules, and of force evaluations in one repetition.
 BOXES = ((216, 40), (1000, 12))
 REPETITIONS = 7
 SAMPLE_INTERVAL, EQUILIBRATION = 0.2, 5.0
@@ -39,7 +40,10 @@ CPU = openmm.Platform.getPlatformByName('CPU')
 
 
 def share(molecules, count, bar):
-    """Processor seconds of one evaluation of forces: without, of, and with reciprocal space (median over repetitions in turn)."""
+    """Processor seconds of one evaluation of forces: without, of, and with reciprocal space.
+
+    Each is the median over repetitions; the three take turns.
+    """
     scene = methods.reciprocalSpaceApart(
         accuracy.scenes.water(molecules, equilibration=1.0, threads=1, seed=2026))
     slow, fast = methods._forceGroups(scene.system)
@@ -79,13 +83,17 @@ class Bodies:
     def __init__(self, scene, inertiaScale):
         masses = np.array(
             [scene.system.getParticleMass(i)._value for i in range(scene.system.getNumParticles())])
-        # OpenMM has handed the forces on virtual sites to massive particles, and reports both.
+        # OpenMM has already moved the forces on virtual sites to massive particles, and reports
+        # both.
         self.members = np.array([[i for i in body if masses[i] > 0] for body in scene.bodies])
         self.masses = masses[self.members]
         self.inertiaScale = inertiaScale
 
     def wrenches(self, context, groups):
-        """Net forces (n, 3), torques (n, 3) about centres of mass, inertia tensors (n, 3, 3) in the lab frame."""
+        """Net forces (n, 3), torques (n, 3), and inertia tensors (n, 3, 3), in the lab frame.
+
+        Torques and inertia are about centres of mass.
+        """
         state = context.getState(getPositions=True, getForces=True, groups=groups)
         positions = state.getPositions(asNumpy=True)._value[self.members]
         forces = state.getForces(asNumpy=True)._value[self.members]
@@ -96,7 +104,7 @@ class Bodies:
         return forces.sum(axis=1), np.cross(arms, forces).sum(axis=1), self.inertiaScale*inertia
 
     def kick(self, context, integrator, groups, duration):
-        """Forces of these groups act for so long on velocities alone."""
+        """Let forces of these groups act for this duration on velocities alone."""
         force, torque, inertia = self.wrenches(context, groups)
         mass = self.masses.sum(axis=1)[:, None]
         integrator.setBodyVelocities(integrator.getBodyVelocities()._value + duration*force/mass)
@@ -106,7 +114,10 @@ class Bodies:
 
 
 def impulses(argument, job, scene):
-    """Mean energy of LangevinC under the other forces with kicks of reciprocal space in every `every`-th step."""
+    """Mean energy of LangevinC with kicks of reciprocal space in every `every`-th step.
+
+    Between the kicks the other forces act.
+    """
     name, step, every, length, seed = argument
     apart = methods.reciprocalSpaceApart(scene)
     slow, fast = (set(groups) for groups in methods._forceGroups(apart.system))
@@ -153,12 +164,13 @@ def impulses(argument, job, scene):
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--length', type=float, default=40, help='ps for each setting (40)')
+    parser.add_argument('--length', type=float, default=40,
+                        help='run time of each setting, ps (40)')
     parser.add_argument('--seed', type=int, default=2032)
     parser.add_argument('--output', type=pathlib.Path, default=HERE/'results_price')
     campaign.addOptions(parser)
     options = campaign.settle(parser.parse_args())
-    # Alone, since times are measured.
+    # This measurement runs alone, since it measures times.
     with tqdm(total=len(BOXES)*(REPETITIONS + 1), desc='shares', mininterval=2) as bar:
         shares = [share(*box, bar) for box in BOXES]
     for row in shares:
