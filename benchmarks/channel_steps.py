@@ -57,8 +57,9 @@ def measure(cells, tolerance, steps=5):
     seconds = [ownSeconds(integrator, 1) for _ in range(steps)]
     done = integrator.getStepStatistics()
     result = {
-        'blobs': len(centres)*len(CUBE), 'width_in_radii': round(edge*cells[1],
-                                                                 2), 'tolerance': tolerance,
+        'blobs': len(centres)*len(CUBE),
+        'width_in_radii': round(edge*cells[1], 2),
+        'tolerance': tolerance,
         'grid': integrator.getEffects()['hydrodynamics'].split(' on ')[-1].split(',')[0],
         'seconds': round(min(seconds), 5),
         'iterations': (done['solverIterations'] - first['solverIterations'])/steps
@@ -85,8 +86,11 @@ def main():
                 subprocess.run([sys.executable, __file__, '--case',
                                 json.dumps(case)], capture_output=True, text=True,
                                check=True).stdout))
-    save(arguments.output, 'channel_steps.json', machine,
-         {'volume_fraction': FRACTION, 'scheme': 'DriftCorrectorFD', 'steps': results})
+    save(arguments.output, 'channel_steps.json', machine, {
+        'volume_fraction': FRACTION,
+        'scheme': 'DriftCorrectorFD',
+        'steps': results
+    })
 
 
 if __name__ == '__main__':

@@ -23,13 +23,15 @@ def describeMachine():
     ]
     flags = next((line for line in open('/proc/cpuinfo') if line.startswith('flags')), '').split()
     return {
-        'processor': processors[0] if processors else platform.processor(), 'cores': os.cpu_count(),
+        'processor': processors[0] if processors else platform.processor(),
+        'cores': os.cpu_count(),
         'avx512': 'avx512f' in flags,
         'system': platform.system() + ' ' + platform.release().split('-')[0],
-        'python': platform.python_version(), 'openmm': openmm.version.short_version,
-        'openmmrigidhi': openmmrigidhi.__version__, 'load_average_before': round(
-            os.getloadavg()[0],
-            2), 'date': datetime.datetime.now(datetime.timezone.utc).strftime('%Y-%m-%d %H:%M UTC')
+        'python': platform.python_version(),
+        'openmm': openmm.version.short_version,
+        'openmmrigidhi': openmmrigidhi.__version__,
+        'load_average_before': round(os.getloadavg()[0], 2),
+        'date': datetime.datetime.now(datetime.timezone.utc).strftime('%Y-%m-%d %H:%M UTC')
     }
 
 

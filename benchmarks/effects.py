@@ -25,17 +25,19 @@ SD = MobilityForce.StokesianDynamics
 DENSE, KRYLOV = MobilityForce.Dense, MobilityForce.MatrixFree
 VARIANTS = {
     'LangevinC, no fluid': dict(scheme=CustomRigidHIIntegrator.LangevinC),
-    'FreeDraining': dict(model=FREE), 'FreeDraining, no noise': dict(model=FREE, temperature=0),
-    'RPY, dense': dict(model=RPY, solver=DENSE), 'RPY, dense, no noise': dict(
-        model=RPY, solver=DENSE, temperature=0), 'RPY, dense, no rotation': dict(
-            model=RPY, solver=DENSE, free=True), 'RPY, matrix-free, 1e-3': dict(
-                model=RPY, solver=KRYLOV, tolerance=1e-3), 'RPY, matrix-free, 1e-3, no noise': dict(
-                    model=RPY, solver=KRYLOV, tolerance=1e-3, temperature=0),
-    'RPY, matrix-free, 1e-6': dict(model=RPY, solver=KRYLOV, tolerance=1e-6), 'FTS': dict(
-        model=SD,
-        lubrication=False), 'FTS and lubrication': dict(model=SD), 'multiblob 12, dense': dict(
-            model=RPY, blobs=12,
-            solver=DENSE), 'multiblob 12, FreeDraining': dict(model=FREE, blobs=12),
+    'FreeDraining': dict(model=FREE),
+    'FreeDraining, no noise': dict(model=FREE, temperature=0),
+    'RPY, dense': dict(model=RPY, solver=DENSE),
+    'RPY, dense, no noise': dict(model=RPY, solver=DENSE, temperature=0),
+    'RPY, dense, no rotation': dict(model=RPY, solver=DENSE, free=True),
+    'RPY, matrix-free, 1e-3': dict(model=RPY, solver=KRYLOV, tolerance=1e-3),
+    'RPY, matrix-free, 1e-3, no noise': dict(model=RPY, solver=KRYLOV, tolerance=1e-3,
+                                             temperature=0),
+    'RPY, matrix-free, 1e-6': dict(model=RPY, solver=KRYLOV, tolerance=1e-6),
+    'FTS': dict(model=SD, lubrication=False),
+    'FTS and lubrication': dict(model=SD),
+    'multiblob 12, dense': dict(model=RPY, blobs=12, solver=DENSE),
+    'multiblob 12, FreeDraining': dict(model=FREE, blobs=12),
     'multiblob 12, matrix-free, 1e-3': dict(model=RPY, blobs=12, solver=KRYLOV, tolerance=1e-3),
 }
 #: (effect, variant with it, variant without it).
@@ -95,14 +97,22 @@ def main():
                 for key in ('mobilityProducts', 'solverIterations', 'randomNumbers', 'squareRoots')
             }
     result = {
-        'bodies': arguments.bodies, 'volume_fraction': 0.1, 'platform': arguments.platform,
-        'threads': 1, 'rounds': arguments.rounds, 'friction_over_mass_times_step': 1.0,
+        'bodies': arguments.bodies,
+        'volume_fraction': 0.1,
+        'platform': arguments.platform,
+        'threads': 1,
+        'rounds': arguments.rounds,
+        'friction_over_mass_times_step': 1.0,
         'microseconds_per_step': {
             name: spread([1e6*t for t in values])
             for name, values in times.items()
-        }, 'counted_per_step': counters, 'effects': effects, 'price': {
+        },
+        'counted_per_step': counters,
+        'effects': effects,
+        'price': {
             effect: {
-                'with': more, 'without': less,
+                'with': more,
+                'without': less,
                 **spread([a/b for a, b in zip(times[more], times[less])])
             }
             for effect, more, less in PRICES

@@ -33,8 +33,11 @@ def study(length, tasks, checkpoint):
     with one thread. On the CPU platform a worker alone wakes one processor from another at every
     step, while two workers stay on theirs. Two workers then seem three times as fast as one.
     """
-    return ensemble.Study('trap', [{'bodies': 400, 'stepSize': 0.002}], tasks, length, OBSERVABLES,
-                          platform='Reference', equilibration=0.0, checkpointInterval=checkpoint)
+    return ensemble.Study('trap', [{
+        'bodies': 400,
+        'stepSize': 0.002
+    }], tasks, length, OBSERVABLES, platform='Reference', equilibration=0.0,
+                          checkpointInterval=checkpoint)
 
 
 def work(result):
@@ -94,9 +97,13 @@ def main():
         overhead = between/sum(one['work'][1:]) - 1
         scaling = (one['ends'][-1] - one['begun'])/(two['ends'][-1] - two['begun'])
         found[cluster] = {
-            'length_ps': length, 'tasks': options.tasks,
-            'checkpoint_interval_s': options.checkpoint, 'one_worker': one, 'two_workers': two,
-            'overhead': round(overhead, 5), 'seconds_before_the_first_task': round(one['begun'], 2),
+            'length_ps': length,
+            'tasks': options.tasks,
+            'checkpoint_interval_s': options.checkpoint,
+            'one_worker': one,
+            'two_workers': two,
+            'overhead': round(overhead, 5),
+            'seconds_before_the_first_task': round(one['begun'], 2),
             'scaling_of_two_workers': round(scaling, 3)
         }
         print(f'{cluster}: overhead {100*overhead:.2f} % of tasks of {np.mean(one["work"]):.1f} s; '

@@ -30,10 +30,13 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 from common import RESULTS, describeMachine, ownSeconds, save
 
 GRID = (1000, 10000, 22360, 100000)
-PROGRAM = {22360: 22363
-           }  # the number of blobs in BenchmarkGridFluid, where it is no multiple of eight
+PROGRAM = {
+    22360: 22363
+}  # the number of blobs in BenchmarkGridFluid, where it is no multiple of eight
 BREAK_EVEN = {
-    'product': (8, 24, 96, 384), 'EulerMaruyama': (24, 96, 192), 'DriftCorrectorFD': (8, 24)
+    'product': (8, 24, 96, 384),
+    'EulerMaruyama': (24, 96, 192),
+    'DriftCorrectorFD': (8, 24)
 }
 FRACTIONS = (0.1, 0.01, 0.001)
 CUBE = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3).astype(float)
@@ -76,7 +79,9 @@ def measure(count, solver, tolerance, fraction, what, repetitions):
     seconds = [ownSeconds(integrator, 1) for _ in range(repetitions)]
     done = integrator.getStepStatistics()
     result = {
-        'blobs': bodies*len(sites), 'solver': solver, 'seconds': round(min(seconds), 5),
+        'blobs': bodies*len(sites),
+        'solver': solver,
+        'seconds': round(min(seconds), 5),
         'iterations': (done['solverIterations'] - first['solverIterations'])/repetitions,
         'gigabytes': round((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)/1e6, 3)
     }
@@ -134,7 +139,8 @@ def main():
              for solver in ('Dense', 'MatrixFree')]
     for what, fraction, blobs, solver in tqdm.tqdm(cases, desc='break-even'):
         evens.append({
-            'what': what, 'volume_fraction': fraction,
+            'what': what,
+            'volume_fraction': fraction,
             **apart(blobs, solver, None, fraction, what, 3)
         })
     save(arguments.output, 'grid_break_even.json', machine, {'cases': evens})

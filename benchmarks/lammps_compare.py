@@ -81,8 +81,10 @@ def hasFix(lmp):
 def runLammps(lmp, script, folder, check=True):
     (pathlib.Path(folder)/'in.lmp').write_text(script)
     return subprocess.run([lmp, '-in', 'in.lmp', '-log', 'none'], cwd=folder, capture_output=True,
-                          text=True, check=check,
-                          env={'OMP_NUM_THREADS': '1', 'PATH': '/usr/bin:/bin'})
+                          text=True, check=check, env={
+                              'OMP_NUM_THREADS': '1',
+                              'PATH': '/usr/bin:/bin'
+                          })
 
 
 def lammpsInput(side, step, trap=''):
@@ -126,7 +128,9 @@ def compareSpeed(lmp, count, steps, rounds):
     count = side**3
     step = 0.002
     times = {
-        'LAMMPS': [], 'here, CPU, Gaussian noise': [], 'here, CPU, three-point noise': [],
+        'LAMMPS': [],
+        'here, CPU, Gaussian noise': [],
+        'here, CPU, three-point noise': [],
         'here, Reference': []
     }
     own = {name: [] for name in times if name != 'LAMMPS'}
@@ -150,7 +154,9 @@ def compareSpeed(lmp, count, steps, rounds):
                 own[name].append(
                     1e9*(integrator.getStepStatistics()['seconds_scheme'] - before)/steps/count)
     return {
-        'bodies': count, 'steps': steps, 'rounds': rounds,
+        'bodies': count,
+        'steps': steps,
+        'rounds': rounds,
         'ns_per_body_and_step': {name: spread(values)
                                  for name, values in times.items()},
         'ns_per_body_and_step_own_part': {name: spread(values)
@@ -188,8 +194,8 @@ def comparePhysics(lmp, steps, equilibration=500):
     # remove none.
     translational = translation*(3*count - 3)
     lammps = {
-        'translation': mean(translational[first:]/(3*count)), 'rotation': mean(
-            (both*(6*count - 3) - translational)[first:]/(3*count))
+        'translation': mean(translational[first:]/(3*count)),
+        'rotation': mean((both*(6*count - 3) - translational)[first:]/(3*count))
     }
     context, integrator = makeOurs(count, step, stiffness=stiffness)
     integrator.step(equilibration)
@@ -206,9 +212,14 @@ def comparePhysics(lmp, steps, equilibration=500):
     }
     expected = {'translation': 1 - hOmega**2/4, 'rotation': 1.0}
     return {
-        'bodies': count, 'steps': steps, 'h_omega': hOmega, 'kinetic_temperature_over_kT': {
+        'bodies': count,
+        'steps': steps,
+        'h_omega': hOmega,
+        'kinetic_temperature_over_kT': {
             name: {
-                'expected': expected[name], 'LAMMPS': lammps[name], 'here': here[name],
+                'expected': expected[name],
+                'LAMMPS': lammps[name],
+                'here': here[name],
                 'z_LAMMPS': (lammps[name][0] - expected[name])/lammps[name][1],
                 'z_here': (here[name][0] - expected[name])/here[name][1]
             }
@@ -235,7 +246,8 @@ def main():
     machine = describeMachine()
     version = subprocess.run([lmp, '-h'], capture_output=True, text=True).stdout
     result = {
-        'lammps': re.search(r'Simulator - (.*)', version).group(1), 'speed': [],
+        'lammps': re.search(r'Simulator - (.*)', version).group(1),
+        'speed': [],
         'physics': comparePhysics(lmp, 20000)
     }
     for name, row in result['physics']['kinetic_temperature_over_kT'].items():

@@ -55,8 +55,11 @@ def dense(bodies, platform, rounds, seconds):
                     np.linalg.eigh(matrix)
                 other.append(1e6*min(time.perf_counter() - began, time.process_time() - cpu)/steps)
     return {
-        'rows': 6*bodies, 'microseconds_step': spread(own), 'microseconds_eigh': spread(other),
-        'ratio': spread([a/b for a, b in zip(own, other)]), 'goal': GOALS[bodies]
+        'rows': 6*bodies,
+        'microseconds_step': spread(own),
+        'microseconds_eigh': spread(other),
+        'ratio': spread([a/b for a, b in zip(own, other)]),
+        'goal': GOALS[bodies]
     }
 
 
@@ -75,7 +78,9 @@ def matrixFree(bodies, tolerance, threads, rounds, seconds):
     made = after['steps'] - before['steps']
     del context
     return {
-        'seconds_step': spread(times), 'steps': made, 'goal': SECONDS_GOALS.get(bodies),
+        'seconds_step': spread(times),
+        'steps': made,
+        'goal': SECONDS_GOALS.get(bodies),
         'iterations_per_step': (after['solverIterations'] - before['solverIterations'])/made,
         'products_per_step': (after['mobilityProducts'] - before['mobilityProducts'])/made,
         'peak_memory_MB': round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss/1024)
@@ -96,7 +101,9 @@ def main():
     arguments = parser.parse_args()
     machine = describeMachine()
     result = {
-        'volume_fraction': 0.1, 'friction_over_mass_times_step': 1.0, 'rounds': arguments.rounds
+        'volume_fraction': 0.1,
+        'friction_over_mass_times_step': 1.0,
+        'rounds': arguments.rounds
     }
     if arguments.only != 'matrix-free':
         result['dense'] = {}
@@ -127,9 +134,12 @@ def main():
         }
         print('exponents:', exponents)
         result['matrix_free'] = {
-            'tolerance': arguments.tolerance, 'threads': arguments.threads, 'platform': 'CPU',
+            'tolerance': arguments.tolerance,
+            'threads': arguments.threads,
+            'platform': 'CPU',
             'spheres': {str(bodies): row
-                        for bodies, row in rows.items()}, 'exponents_of_time': exponents
+                        for bodies, row in rows.items()},
+            'exponents_of_time': exponents
         }
     result['load_averages_at_the_end'] = [round(x, 2) for x in os.getloadavg()]
     save(

@@ -34,10 +34,15 @@ from overdamped import RADIUS, time  # noqa: E402
 TOLERANCE, STEP = 1e-3, 1e-4
 #: (bodies, distance in um, threads, steps timed, {scheme here: scheme there})
 CASES = ((64, 4.0, 2, 40, {
-    'TrapezoidalSlip': 'stochastic_Slip_Trapz', 'DriftCorrectorRFD': 'stochastic_GDC_RFD'
-}), (64, 2.6, 2, 40, {'TrapezoidalSlip': 'stochastic_Slip_Trapz'}), (1, 4.0, 1, 400, {
-    'TrapezoidalSlip': 'stochastic_Slip_Trapz', 'DriftCorrectorRFD': 'stochastic_GDC_RFD',
-    'FixmanMidpoint': 'Fixman', 'RandomFiniteDifference': 'stochastic_first_order_RFD_dense_algebra'
+    'TrapezoidalSlip': 'stochastic_Slip_Trapz',
+    'DriftCorrectorRFD': 'stochastic_GDC_RFD'
+}), (64, 2.6, 2, 40, {
+    'TrapezoidalSlip': 'stochastic_Slip_Trapz'
+}), (1, 4.0, 1, 400, {
+    'TrapezoidalSlip': 'stochastic_Slip_Trapz',
+    'DriftCorrectorRFD': 'stochastic_GDC_RFD',
+    'FixmanMidpoint': 'Fixman',
+    'RandomFiniteDifference': 'stochastic_first_order_RFD_dense_algebra'
 }))
 INPUT = """
 scheme {scheme}
@@ -108,8 +113,12 @@ def main():
     for count, apart, threads, steps, schemes in CASES:
         for ours, theirs in tqdm.tqdm(schemes.items(), desc=f'{count} boomerangs'):
             options = {
-                'platform': 'CPU', 'solver': MobilityForce.MatrixFree, 'tolerance': TOLERANCE
-            } if count > 1 else {'platform': 'Reference'}
+                'platform': 'CPU',
+                'solver': MobilityForce.MatrixFree,
+                'tolerance': TOLERANCE
+            } if count > 1 else {
+                'platform': 'Reference'
+            }
             pairs = []
             for _ in range(arguments.rounds):
                 pairs.append((theirSeconds(code, theirs, count, apart, threads, steps),
@@ -119,17 +128,25 @@ def main():
                                            **options)[0]))))
             pairs = 1e3*np.array(pairs)
             row = {
-                'bodies': count, 'apart_um': apart, 'threads': threads, 'scheme': ours,
-                'their_name': theirs, 'their_ms_step': spread(pairs[:, 0]),
-                'our_ms_step': spread(pairs[:, 1]), 'ratio': spread(pairs[:, 0]/pairs[:, 1])
+                'bodies': count,
+                'apart_um': apart,
+                'threads': threads,
+                'scheme': ours,
+                'their_name': theirs,
+                'their_ms_step': spread(pairs[:, 0]),
+                'our_ms_step': spread(pairs[:, 1]),
+                'ratio': spread(pairs[:, 0]/pairs[:, 1])
             }
             rows.append(row)
             tqdm.tqdm.write(
                 f'  {count:3} at {apart} um {ours:24} theirs {show(row["their_ms_step"])} ms, ours '
                 f'{show(row["our_ms_step"])} ms, '
                 f'ratio {show(row["ratio"], 1)}')
-    save(arguments.output, 'multiblob_compare.json', machine,
-         {'rounds': arguments.rounds, 'numba': numba, 'rows': rows})
+    save(arguments.output, 'multiblob_compare.json', machine, {
+        'rounds': arguments.rounds,
+        'numba': numba,
+        'rows': rows
+    })
 
 
 if __name__ == '__main__':

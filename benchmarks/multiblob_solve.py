@@ -225,8 +225,12 @@ class Theirs:
 
     def ask(self, what, tolerance=1e-3, times=1):
         """(seconds, all iterations of its solver and of its noise)"""
-        print(json.dumps({'what': what, 'tolerance': tolerance, 'times': times, 'step': STEP}),
-              file=self.process.stdin, flush=True)
+        print(json.dumps({
+            'what': what,
+            'tolerance': tolerance,
+            'times': times,
+            'step': STEP
+        }), file=self.process.stdin, flush=True)
         for line in self.process.stdout:
             if line.startswith('{'):
                 answer = json.loads(line)
@@ -258,7 +262,11 @@ def measure(code, blobs, name, what, tolerance, arguments):
     act = ours.solve if what == 'solve' else (lambda times: ours.step(times)[0])
     times = timesOf(min(act(2))[0], arguments.seconds)
     theirs, pairs, row = None, [], {
-        'blobs': blobs, 'shells': COUNTS[blobs], 'layer': name, 'what': what, 'tolerance': tolerance
+        'blobs': blobs,
+        'shells': COUNTS[blobs],
+        'layer': name,
+        'what': what,
+        'tolerance': tolerance
     }
     if what != 'solve':
         row.update(ours.step(2)[1])
@@ -326,8 +334,11 @@ def main():
         # Results are saved after each row, since RigidMultiblobsWall may take hours.
         save(
             arguments.output, 'multiblob_solve.json', machine, {
-                'rounds': arguments.rounds, 'threads': arguments.threads, 'numba': numba,
-                'goals': GOALS, 'rows': rows
+                'rounds': arguments.rounds,
+                'threads': arguments.threads,
+                'numba': numba,
+                'goals': GOALS,
+                'rows': rows
             })
 
 

@@ -28,7 +28,9 @@ from common import RESULTS, describeMachine, ownSeconds, save, show, spread, ste
 SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'TractionEulerMaruyama',
            'TrapezoidalSlip', 'DriftCorrectorFD', 'DriftCorrectorRFD')
 GOALS = {
-    'FixmanMidpoint': 20, 'RandomFiniteDifference': 20, 'TrapezoidalSlip': 40,
+    'FixmanMidpoint': 20,
+    'RandomFiniteDifference': 20,
+    'TrapezoidalSlip': 40,
     'DriftCorrectorRFD': 40
 }  # us
 MILLISECONDS_OF_PYTHON, TIMES_FASTER = 134, 8
@@ -94,7 +96,8 @@ def main():
             times, counts = time(arguments.rounds, arguments.seconds, scheme=scheme,
                                  platform=platform)
             row = {
-                'microseconds_step': spread(1e6*np.array(times)), 'goal': GOALS.get(scheme),
+                'microseconds_step': spread(1e6*np.array(times)),
+                'goal': GOALS.get(scheme),
                 **counts
             }
             result['one'].setdefault(platform, {})[scheme] = row
@@ -105,7 +108,8 @@ def main():
         times, counts = time(arguments.rounds, arguments.seconds, scheme='RandomFiniteDifference',
                              count=count, groups=True)
         result['replicas'][str(count)] = {
-            'microseconds_step_and_body': spread(1e6*np.array(times)/count), **counts
+            'microseconds_step_and_body': spread(1e6*np.array(times)/count),
+            **counts
         }
         tqdm.tqdm.write(
             f'  {count:5} replicas: '

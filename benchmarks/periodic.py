@@ -55,8 +55,11 @@ def measure(count, model):
         seconds.append(round(time.perf_counter() - start, 3))
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
     return {
-        'spheres': count, 'model': model, 'seconds_cold': seconds[0],
-        'seconds_with_noise': seconds[1], 'gigabytes': round(used/1e6, 3)
+        'spheres': count,
+        'model': model,
+        'seconds_cold': seconds[0],
+        'seconds_with_noise': seconds[1],
+        'gigabytes': round(used/1e6, 3)
     }
 
 
@@ -75,8 +78,10 @@ def main():
         finished = subprocess.run([sys.executable, __file__, '--case',
                                    str(count), model], capture_output=True, text=True, check=True)
         results.append(json.loads(finished.stdout))
-    save(arguments.output, 'periodic.json', machine,
-         {'volume_fraction': FRACTION, 'cases': results})
+    save(arguments.output, 'periodic.json', machine, {
+        'volume_fraction': FRACTION,
+        'cases': results
+    })
 
 
 if __name__ == '__main__':

@@ -77,9 +77,11 @@ def measure(scene, platform, properties, rounds, seconds):
                 schemes.append(
                     1e6*(ours.getStepStatistics()['seconds_scheme'] - before)/steps[name])
     return {
-        'microseconds_ours': spread(times[OURS]), 'microseconds_verlet': spread(times[VERLET]),
+        'microseconds_ours': spread(times[OURS]),
+        'microseconds_verlet': spread(times[VERLET]),
         'microseconds_more': spread([a - b for a, b in zip(times[OURS], times[VERLET])]),
-        'microseconds_without_forces': spread(schemes), 'steps': steps
+        'microseconds_without_forces': spread(schemes),
+        'steps': steps
     }
 
 
@@ -115,7 +117,9 @@ def main():
     jobs = [(name, scene, *kind) for kind in kinds() for name, scene in scenes.items()]
     for name, scene, platform, properties in tqdm.tqdm(jobs, desc='Platforms'):
         rows.append({
-            'scene': name, 'platform': platform.getName(), **properties,
+            'scene': name,
+            'platform': platform.getName(),
+            **properties,
             **measure(scene, platform, properties, arguments.rounds, arguments.seconds)
         })
     for row in rows:
@@ -123,8 +127,11 @@ def main():
               f'{show(row["microseconds_ours"], 2)}, '
               f'Verlet {show(row["microseconds_verlet"], 2)}, more '
               f'{show(row["microseconds_more"], 2)} us')
-    save(arguments.output, 'platforms.json', machine,
-         {'seed': SEED, 'rounds': arguments.rounds, 'rows': rows})
+    save(arguments.output, 'platforms.json', machine, {
+        'seed': SEED,
+        'rounds': arguments.rounds,
+        'rows': rows
+    })
 
 
 if __name__ == '__main__':

@@ -62,9 +62,15 @@ def main():
         plain, ours, rough = (min(of[function])
                               for function in ('plainProduct', 'product', 'roughProduct'))
         rows.append({
-            'kind': kind, 'instructions': instructions, 'n': n, 'columns': columns,
-            'threads': threads, 'plain_ms': round(plain, 4), 'ours_ms': round(ours, 4),
-            'rough_ms': round(rough, 4), 'rate_over_plain': round(plain/ours, 3)
+            'kind': kind,
+            'instructions': instructions,
+            'n': n,
+            'columns': columns,
+            'threads': threads,
+            'plain_ms': round(plain, 4),
+            'ours_ms': round(ours, 4),
+            'rough_ms': round(rough, 4),
+            'rate_over_plain': round(plain/ours, 3)
         })
         print(f'{kind:14} {instructions:5} n = {n:6}, {columns} columns, {threads} threads: plain '
               f'{plain:8.3f} ms, ours {ours:8.3f} ms, '
@@ -75,7 +81,9 @@ def main():
     save(
         arguments.output, 'products.json', machine, {
             'unit': 'ms of CPU time over threads, smallest of repetitions',
-            'repetitions': arguments.repetitions, 'goal_of_rate': GOAL, 'rows': rows
+            'repetitions': arguments.repetitions,
+            'goal_of_rate': GOAL,
+            'rows': rows
         })
 
 

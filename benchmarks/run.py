@@ -17,10 +17,14 @@ from common import RESULTS, describeMachine, save
 
 HERE = pathlib.Path(__file__).parent
 PROGRAMS = {
-    'BenchmarkFreeBodies': 'free_bodies', 'BenchmarkRandomNumbers': 'random_numbers',
-    'BenchmarkPoseFit': 'pose_fit', 'BenchmarkRotnePragerYamakawa': 'rotne_prager_yamakawa',
-    'BenchmarkGridFluid': 'grid_fluid', 'BenchmarkSlipChannel': 'slip_channel',
-    'BenchmarkFastSum': 'fast_sum', 'BenchmarkSplitEwald': 'split_ewald'
+    'BenchmarkFreeBodies': 'free_bodies',
+    'BenchmarkRandomNumbers': 'random_numbers',
+    'BenchmarkPoseFit': 'pose_fit',
+    'BenchmarkRotnePragerYamakawa': 'rotne_prager_yamakawa',
+    'BenchmarkGridFluid': 'grid_fluid',
+    'BenchmarkSlipChannel': 'slip_channel',
+    'BenchmarkFastSum': 'fast_sum',
+    'BenchmarkSplitEwald': 'split_ewald'
 }
 SCRIPTS = (['water_step.py'], ['water_step.py', '--no-cm-motion-removal'],
            ['water_step.py', '--threads', '1'], ['lammps_compare.py'], ['langevin_hi.py'],
@@ -50,7 +54,13 @@ def runProgram(program, repetitions, output, name, only=None):
         values = {
             counter: 1e9*run[counter]
             for counter in run if counter.startswith(('time_per', 'own_time_per'))
-        } or {'time': run['cpu_time']*{'ns': 1, 'us': 1e3, 'ms': 1e6}[run['time_unit']]}
+        } or {
+            'time': run['cpu_time']*{
+                'ns': 1,
+                'us': 1e3,
+                'ms': 1e6
+            }[run['time_unit']]
+        }
         values.update(
             {counter: run[counter]
              for counter in ('error', 'megabytes') if counter in run})
@@ -58,8 +68,12 @@ def runProgram(program, repetitions, output, name, only=None):
         rows.setdefault(key, {}).update(
             {counter + suffix: float(f'{value:.4g}')
              for counter, value in values.items()})
-    save(output, name + '.json', machine,
-         {'unit': 'ns', 'repetitions': repetitions, 'filter': only, 'medians': rows})
+    save(output, name + '.json', machine, {
+        'unit': 'ns',
+        'repetitions': repetitions,
+        'filter': only,
+        'medians': rows
+    })
 
 
 def main():

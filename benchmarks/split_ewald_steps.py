@@ -71,8 +71,11 @@ def main():
             for tolerance in (1e-3, 1e-6):
                 for scheme in ('EulerMaruyama', 'FixmanMidpoint'):
                     row = {
-                        'what': 'spheres' if spheres else 'blobs', 'volume_fraction': fraction,
-                        'tolerance': tolerance, 'scheme': scheme, 'dense_over_grid': {},
+                        'what': 'spheres' if spheres else 'blobs',
+                        'volume_fraction': fraction,
+                        'tolerance': tolerance,
+                        'scheme': scheme,
+                        'dense_over_grid': {},
                         'ms_grid': {}
                     }
                     for count in NUMBERS:
@@ -83,8 +86,10 @@ def main():
                             f'{dense/grid:.2g}'), float(f'{1e3*grid:.2g}')
                     rows.append(row)
                     print(row, flush=True)
-    save(arguments.output, 'split_ewald_steps.json', machine,
-         {'seed': arguments.seed, 'rows': rows})
+    save(arguments.output, 'split_ewald_steps.json', machine, {
+        'seed': arguments.seed,
+        'rows': rows
+    })
 
 
 if __name__ == '__main__':

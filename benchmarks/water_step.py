@@ -30,7 +30,8 @@ def makeIntegrators(topology):
     ours.setRotationalFriction(10)
     openmmrigidhi.app.addRigidWater(ours, topology)
     return {
-        OURS: ours, MIDDLE: openmm.LangevinMiddleIntegrator(TEMPERATURE, 5/unit.picosecond, STEP),
+        OURS: ours,
+        MIDDLE: openmm.LangevinMiddleIntegrator(TEMPERATURE, 5/unit.picosecond, STEP),
         VERLET: openmm.VerletIntegrator(STEP)
     }
 
@@ -98,24 +99,31 @@ def main():
         return spread([a/b for a, b in zip(above, below)])
 
     result = {
-        'molecules': arguments.molecules, 'threads': arguments.threads, 'rounds': arguments.rounds,
-        'steps_per_round': arguments.steps, 'cutoff_nm': CUTOFF._value, 'step_fs': STEP._value,
+        'molecules': arguments.molecules,
+        'threads': arguments.threads,
+        'rounds': arguments.rounds,
+        'steps_per_round': arguments.steps,
+        'cutoff_nm': CUTOFF._value,
+        'step_fs': STEP._value,
         'cm_motion_removal': not arguments.no_cm_motion_removal,
-        'loops': integrators[OURS].getEffects()['loops'], 'milliseconds_per_step': {
-            name: spread(values)
-            for name, values in times.items()
-        }, 'milliseconds_forces_within_our_step': spread(forces), 'milliseconds_own': {
+        'loops': integrators[OURS].getEffects()['loops'],
+        'milliseconds_per_step': {name: spread(values)
+                                  for name, values in times.items()},
+        'milliseconds_forces_within_our_step': spread(forces),
+        'milliseconds_own': {
             OURS + ', by its timer': spread(schemes),
             OURS + ', step less forces': spread([t - f for t, f in zip(times[OURS], forces)]),
-            MIDDLE + ', step less our forces': spread([
-                t - f for t, f in zip(times[MIDDLE], forces)
-            ]), VERLET + ', step less our forces': spread(
+            MIDDLE + ', step less our forces': spread(
+                [t - f for t, f in zip(times[MIDDLE], forces)]),
+            VERLET + ', step less our forces': spread(
                 [t - f for t, f in zip(times[VERLET], forces)])
-        }, 'own_share_of_step': {
+        },
+        'own_share_of_step': {
             OURS + ', by its timer': ratio(schemes, times[OURS]),
             OURS + ', step less forces': ratio([t - f for t, f in zip(times[OURS], forces)],
                                                times[OURS])
-        }, 'ratio_of_steps': {
+        },
+        'ratio_of_steps': {
             f'{OURS} / {MIDDLE}': ratio(times[OURS], times[MIDDLE]),
             f'{OURS} / {VERLET}': ratio(times[OURS], times[VERLET])
         }

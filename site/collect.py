@@ -26,10 +26,16 @@ SECTIONS = [('Begin', ['README', 'docs/INSTALL', 'gallery'], []),
             ('Development', ['CONTRIBUTING', 'docs/ARCHITECTURE', 'CHANGELOG'], ['']),]
 #: What the table of contents says in place of a page's own title.
 TITLES = {
-    'api/app/index': 'app', 'api/analysis/index': 'analysis', 'api/accuracy/index': 'accuracy',
-    'api/ensemble/index': 'ensemble', 'README': 'Overview', 'docs/INSTALL': 'Installing',
-    'validation/README': 'Validation', 'docs/USER_GUIDE': 'User guide',
-    'docs/CONVENTIONS': 'Conventions', 'CHANGELOG': 'Changelog'
+    'api/app/index': 'app',
+    'api/analysis/index': 'analysis',
+    'api/accuracy/index': 'accuracy',
+    'api/ensemble/index': 'ensemble',
+    'README': 'Overview',
+    'docs/INSTALL': 'Installing',
+    'validation/README': 'Validation',
+    'docs/USER_GUIDE': 'User guide',
+    'docs/CONVENTIONS': 'Conventions',
+    'CHANGELOG': 'Changelog'
 }
 #: Folders whose pages stand below a page that is not in the folder.
 PARENTS = {'examples': 'gallery'}

@@ -43,7 +43,12 @@ html_copy_source = False
 html_show_sphinx = False
 html_theme_options = {
     'light_css_variables': {
-        'sidebar-item-font-size': '81%', 'color-brand-primary': '#00588a',
+        'sidebar-item-font-size': '81%',
+        'color-brand-primary': '#00588a',
         'color-brand-content': '#00588a'
-    }, 'dark_css_variables': {'color-brand-primary': '#6bbdf0', 'color-brand-content': '#6bbdf0'},
+    },
+    'dark_css_variables': {
+        'color-brand-primary': '#6bbdf0',
+        'color-brand-content': '#6bbdf0'
+    },
 }

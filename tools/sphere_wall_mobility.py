@@ -21,8 +21,11 @@ import numpy as np
 #: For each function: coefficient at contact of 1/gap and of ln(1 - u), power of u, first
 #: coefficient far away (without the part of 1/gap).
 SHAPES = {
-    'Ft': (0, -8/15, 1, 9/16), 'Tt': (0, 1/10, 4, -3/32), 'Tr': (0, -2/5, 3, 5/16),
-    'Tz': (0, 0, 3, 1/8), 'Fz': (1, -1/5, 1, 1/8)
+    'Ft': (0, -8/15, 1, 9/16),
+    'Tt': (0, 1/10, 4, -3/32),
+    'Tr': (0, -2/5, 3, 5/16),
+    'Tz': (0, 0, 3, 1/8),
+    'Fz': (1, -1/5, 1, 1/8)
 }
 POWERS, LOGARITHMS = 10, 4
 
@@ -54,7 +57,10 @@ def parallel(gap):
     mu, weight = np.polynomial.legendre.leggauss(N)
     polynomials = legendre(N + 3, mu)
     columns = {
-        'Q': slice(0, 2*N), 'U0': slice(2*N, 4*N), 'U2': slice(4*N, 6*N), 'W': slice(6*N, 7*N)
+        'Q': slice(0, 2*N),
+        'U0': slice(2*N, 4*N),
+        'U2': slice(4*N, 6*N),
+        'W': slice(6*N, 7*N)
     }
 
     def harmonics(m, xi):

@@ -118,7 +118,8 @@ def measure(blobs=162, points=61):
     for name, flow, strain in (('wave', wave, rate), ('wall', wall, RATE)):
         twists = flow.twists()
         numbers[name] = {
-            'velocities': twists[0], 'angular_velocities': twists[1],
+            'velocities': twists[0],
+            'angular_velocities': twists[1],
             'slip_of_surfaces': flow.slipOfSurface(twists)/strain
         }
     x = np.linspace(-EDGE/2, EDGE/2, points)
@@ -126,7 +127,8 @@ def measure(blobs=162, points=61):
     flows['wave'] = x, x, wave.at(np.concatenate([xy, 0*xy[..., :1]], -1))[..., :2]/crest
     amplitude = wave.fluid.getFlowModeInContext(wave.context, 0, 1, 1)[0]._value
     numbers['wave'].update({
-        'crest': crest, 'amplitude_over_crest': amplitude/crest,
+        'crest': crest,
+        'amplitude_over_crest': amplitude/crest,
         'effective_viscosity_over_viscosity': crest/amplitude,
         'volume_fraction': len(PLACES)*4/3*np.pi/EDGE**3
     })
@@ -135,7 +137,8 @@ def measure(blobs=162, points=61):
     found = wall.at(np.stack([xz[..., 0], 0*xz[..., 0], xz[..., 1]], -1))
     V = numbers['wall']['velocities'][0]
     numbers['wall'].update({
-        'height': HEIGHT, 'speed_over_undisturbed': V[0]/(RATE*HEIGHT),
+        'height': HEIGHT,
+        'speed_over_undisturbed': V[0]/(RATE*HEIGHT),
         'turning_over_undisturbed': numbers['wall']['angular_velocities'][0][1]/(RATE/2),
         'fastest_at_the_wall_over_shear': float(np.abs(found[0]).max()/RATE)
     })
@@ -177,8 +180,9 @@ def main():
                         help='points along an edge of the pictures (%(default)s)')
     arguments = parser.parse_args()
     flows, numbers = measure(arguments.blobs, arguments.points)
-    recording.save(arguments.output, 'flows.json',
-                   {**numbers, 'run': recording.provenance(arguments)})
+    recording.save(arguments.output, 'flows.json', {
+        **numbers, 'run': recording.provenance(arguments)
+    })
     picture(flows, arguments.output/'flows.png')
 
 

@@ -46,10 +46,26 @@ GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/u
 # Average masses of amino acids in a chain, dalton, from the standard atomic weights. A whole chain
 # has a water more.
 RESIDUE_MASS = {
-    'GLY': 57.05, 'ALA': 71.08, 'SER': 87.08, 'PRO': 97.12, 'VAL': 99.13, 'THR': 101.10,
-    'CYS': 103.14, 'LEU': 113.16, 'ILE': 113.16, 'ASN': 114.10, 'ASP': 115.09, 'GLN': 128.13,
-    'LYS': 128.17, 'GLU': 129.12, 'MET': 131.19, 'HIS': 137.14, 'PHE': 147.18, 'ARG': 156.19,
-    'TYR': 163.18, 'TRP': 186.21
+    'GLY': 57.05,
+    'ALA': 71.08,
+    'SER': 87.08,
+    'PRO': 97.12,
+    'VAL': 99.13,
+    'THR': 101.10,
+    'CYS': 103.14,
+    'LEU': 113.16,
+    'ILE': 113.16,
+    'ASN': 114.10,
+    'ASP': 115.09,
+    'GLN': 128.13,
+    'LYS': 128.17,
+    'GLU': 129.12,
+    'MET': 131.19,
+    'HIS': 137.14,
+    'PHE': 147.18,
+    'ARG': 156.19,
+    'TYR': 163.18,
+    'TRP': 186.21
 }
 # Measured at 20 C, in water: Dubin, Clark and Benedek, J. Chem. Phys. 54, 5158 (1971). Each has its
 # value and its error, in cm^2/s and 1/s.
@@ -212,8 +228,12 @@ def compare(D, expected):
     errors = np.sqrt(variance*(1 + ideal))
     z = (mean - ideal)/errors
     return {
-        'rows': rows.tolist(), 'columns': columns.tolist(), 'deviation': (mean - ideal).tolist(),
-        'error': errors.tolist(), 'largest_z': float(np.abs(z).max()), 'chi2': float(np.sum(z**2)),
+        'rows': rows.tolist(),
+        'columns': columns.tolist(),
+        'deviation': (mean - ideal).tolist(),
+        'error': errors.tolist(),
+        'largest_z': float(np.abs(z).max()),
+        'chi2': float(np.sum(z**2)),
         'chi2_probability': float(chi2.sf(np.sum(z**2), len(z)))
     }
 
@@ -249,7 +269,8 @@ def diffusion(copies=64, step=0.01, sample=0.1, window=5.0, blockTime=200.0, tot
             3, 6), PER_S)):
         values = np.trace(D[:, part, part], axis1=1, axis2=2)/3*factor
         averages[name] = {
-            'measured': float(values.mean()), 'error': float(values.std(ddof=1)/np.sqrt(blocks)),
+            'measured': float(values.mean()),
+            'error': float(values.std(ddof=1)/np.sqrt(blocks)),
             'kT_mobility': float(np.trace(expected[part, part])/3*factor)
         }
     averages['translational']['about_centre_of_diffusion'] = float(np.trace(central)/3*CM2_PER_S)
@@ -259,20 +280,33 @@ def diffusion(copies=64, step=0.01, sample=0.1, window=5.0, blockTime=200.0, tot
     averages['translational']['literature_at_this_temperature'] = [v*toHere for v in MEASURED_D_T]
     averages['rotational']['literature_at_this_temperature'] = [v*toHere for v in MEASURED_D_R]
     result = {
-        'copies': copies, 'step_ps': step, 'sample_ps': sample, 'window_ps': window,
-        'blocks': blocks, 'block_ps': blockTime, 'total_ps': copies*blocks*blockTime, 'seed': seed,
-        'platform': platformName, 'seconds': seconds, 'temperature_K': TEMPERATURE,
-        'viscosity_mPa_s': VISCOSITY, 'blob_radius_nm': BLOB_RADIUS, 'mass_dalton': float(
-            mass._value), 'principal_moments_amu_nm2': moments._value.tolist(),
-        'relaxation_times_ps': times.tolist(), 'window_bias': float(np.exp(
-            -window/times.max())), 'diffusion_tensor': mean.tolist(), 'error': error.tolist(),
-        'kT_mobility': expected.tolist(), 'kT_mobility_at_this_step': diffusionAtStep(
-            mobility, inertia, kT, step).tolist(), 'averages_cm2_per_s_and_per_s': averages,
-        'against_kT_mobility': compare(D, expected), 'against_kT_mobility_at_this_step': compare(
-            D, diffusionAtStep(mobility, inertia, kT, step)), 'effects': {
-                k: str(v)
-                for k, v in integrator.getEffects().items()
-            },
+        'copies': copies,
+        'step_ps': step,
+        'sample_ps': sample,
+        'window_ps': window,
+        'blocks': blocks,
+        'block_ps': blockTime,
+        'total_ps': copies*blocks*blockTime,
+        'seed': seed,
+        'platform': platformName,
+        'seconds': seconds,
+        'temperature_K': TEMPERATURE,
+        'viscosity_mPa_s': VISCOSITY,
+        'blob_radius_nm': BLOB_RADIUS,
+        'mass_dalton': float(mass._value),
+        'principal_moments_amu_nm2': moments._value.tolist(),
+        'relaxation_times_ps': times.tolist(),
+        'window_bias': float(np.exp(-window/times.max())),
+        'diffusion_tensor': mean.tolist(),
+        'error': error.tolist(),
+        'kT_mobility': expected.tolist(),
+        'kT_mobility_at_this_step': diffusionAtStep(mobility, inertia, kT, step).tolist(),
+        'averages_cm2_per_s_and_per_s': averages,
+        'against_kT_mobility': compare(D, expected),
+        'against_kT_mobility_at_this_step': compare(D, diffusionAtStep(mobility, inertia, kT,
+                                                                       step)),
+        'effects': {k: str(v)
+                    for k, v in integrator.getEffects().items()},
     }
     return result, running
 
@@ -292,10 +326,13 @@ def pair(distances=(3.5, 4.0, 5.0, 7.0, 10.0, 20.0)):
         eta = fluid.getViscosity()._value
         relative = N[0, 0] + N[6, 6] - N[0, 6] - N[6, 0]
         rows.append({
-            'distance_nm': distance, 'pull_along': N[6, 0]/A[0, 0],
-            'pull_along_oseen': 1/(4*np.pi*eta*distance)/A[0, 0], 'pull_across': N[7, 1]/A[1, 1],
+            'distance_nm': distance,
+            'pull_along': N[6, 0]/A[0, 0],
+            'pull_along_oseen': 1/(4*np.pi*eta*distance)/A[0, 0],
+            'pull_across': N[7, 1]/A[1, 1],
             'turn_by_pull': N[11, 1]*distance**2*8*np.pi*eta,
-            'relative_mobility': relative/(2*A[0, 0]), 'own_mobility': N[0, 0]/A[0, 0]
+            'relative_mobility': relative/(2*A[0, 0]),
+            'own_mobility': N[0, 0]/A[0, 0]
         })
     return rows
 
@@ -387,7 +424,8 @@ def main():
     args.output.mkdir(parents=True, exist_ok=True)
     if args.mobility:
         result = {
-            'pairs': pair(), 'torque_carrying_blobs_cm2_per_s_and_per_s': torqueCarryingBlobs(),
+            'pairs': pair(),
+            'torque_carrying_blobs_cm2_per_s_and_per_s': torqueCarryingBlobs(),
             'provenance': provenance(args)
         }
         (args.output/'mobility.json').write_text(json.dumps(result, indent=1) + '\n')

@@ -42,8 +42,10 @@ PERMITTIVITY = 78.4  # of water at 298.15 K
 SPACING = 3.6  # nm between the places where proteins start; a villin is 3.0 nm long
 CUTOFF = 1.0  # nm
 TOLERANCE = 1e-3  # tolerance of the fluid: of the grid and of the iterations
-STEP = {'LangevinHI': 0.02, 'DriftCorrectorFD': 0.05
-        }  # ps; momenta relax in 0.24 ps (translation) and 0.04 ps (rotation)
+STEP = {
+    'LangevinHI': 0.02,
+    'DriftCorrectorFD': 0.05
+}  # ps; momenta relax in 0.24 ps (translation) and 0.04 ps (rotation)
 SAMPLE = 0.1  # ps
 GAS_CONSTANT = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole/unit.kelvin)
 
@@ -180,8 +182,12 @@ def resumed(cells, scheme, platformName, steps, seed, structure):
     saved = whole.poses()
     whole.simulation.step(steps)
     found = {
-        'scheme': scheme, 'platform': platformName, 'proteins': whole.count, 'steps_before': steps,
-        'steps_after': steps, 'moved_before': np.abs(saved - start).max(),
+        'scheme': scheme,
+        'platform': platformName,
+        'proteins': whole.count,
+        'steps_before': steps,
+        'steps_after': steps,
+        'moved_before': np.abs(saved - start).max(),
         'moved_after': np.abs(whole.poses() - saved).max()
     }
     for name in ('State', 'checkpoint'):
@@ -242,11 +248,18 @@ def move(cells, scheme, duration, platformName, seed, structure, quiet):
             mobilities.append(diffusionOfBodies(scene))
     energies = np.array([row['energy'] for row in rows])
     result = {
-        'scheme': scheme, 'step_ps': STEP[scheme], 'duration_ps': samples*SAMPLE,
-        'proteins': scene.count, 'seed': seed, 'platform': platformName,
-        'seconds': time.time() - began, 'rejected_steps': scene.integrator.getNumRejectedSteps(),
-        'energy_start_kJ_per_mol': energies[0], 'energy_end_kJ_per_mol': energies[-1],
-        'smallest_gap_nm': smallestGap(scene), 'D_from_mobility_nm2_per_ps': np.mean(mobilities),
+        'scheme': scheme,
+        'step_ps': STEP[scheme],
+        'duration_ps': samples*SAMPLE,
+        'proteins': scene.count,
+        'seed': seed,
+        'platform': platformName,
+        'seconds': time.time() - began,
+        'rejected_steps': scene.integrator.getNumRejectedSteps(),
+        'energy_start_kJ_per_mol': energies[0],
+        'energy_end_kJ_per_mol': energies[-1],
+        'smallest_gap_nm': smallestGap(scene),
+        'D_from_mobility_nm2_per_ps': np.mean(mobilities),
         'D_from_mobility_start_end': [mobilities[0], mobilities[-1]]
     }
     if scheme == 'LangevinHI':
@@ -281,8 +294,10 @@ def prices(cells, rounds, steps, platformName, seed, structure, dense, quiet):
         for name, (scheme, solver) in kinds.items()
     }
     counted = {
-        'seconds_forces': 'ms_forces', 'seconds_mobility': 'ms_fluid',
-        'seconds_fft': 'ms_transforms', 'solverIterations': 'iterations',
+        'seconds_forces': 'ms_forces',
+        'seconds_mobility': 'ms_fluid',
+        'seconds_fft': 'ms_transforms',
+        'solverIterations': 'iterations',
         'forceEvaluations': 'force_evaluations'
     }
     found = {name: [] for name in kinds}
@@ -294,8 +309,9 @@ def prices(cells, rounds, steps, platformName, seed, structure, dense, quiet):
             integrator = scenes[name].integrator
             before, began = dict(integrator.getStepStatistics()), time.perf_counter()
             integrator.step(steps)
-            row, after = {'ms': 1e3*(time.perf_counter() - began)/steps
-                          }, integrator.getStepStatistics()
+            row, after = {
+                'ms': 1e3*(time.perf_counter() - began)/steps
+            }, integrator.getStepStatistics()
             for key, called in counted.items():
                 row[called] = (after[key] -
                                before[key])/steps*(1e3 if called.startswith('ms') else 1)
@@ -303,16 +319,20 @@ def prices(cells, rounds, steps, platformName, seed, structure, dense, quiet):
     least = {name: min(rows, key=lambda row: row['ms']) for name, rows in found.items()}
     base = least['forces alone, Langevin C']['ms']
     return {
-        'proteins': int(np.prod(cells)), 'box_nm': list(SPACING*np.array(cells)),
-        'atoms': scenes['LangevinHI'].system.getNumParticles(), 'rounds': rounds,
-        'steps_a_round': steps, 'kinds': {
+        'proteins': int(np.prod(cells)),
+        'box_nm': list(SPACING*np.array(cells)),
+        'atoms': scenes['LangevinHI'].system.getNumParticles(),
+        'rounds': rounds,
+        'steps_a_round': steps,
+        'kinds': {
             name: {
                 **least[name], 'times_forces_alone': least[name]['ms']/base,
                 'ms_median': np.median([row['ms'] for row in rows]),
                 'ms_of_rounds': [row['ms'] for row in rows]
             }
             for name, rows in found.items()
-        }, 'fluid': {
+        },
+        'fluid': {
             name: str(scene.integrator.getEffects()['hydrodynamics'])
             for name, scene in scenes.items() if scene.fluid
         }
@@ -411,10 +431,12 @@ def main():
             print(row)
         save(
             args.output, 'rigid_proteins.json', {
-                'saved_and_resumed': saved, 'runs': runs, 'charge_e': scene.charge, 'effects': {
-                    k: str(v)
-                    for k, v in scene.integrator.getEffects().items()
-                }, 'provenance': provenance(args)
+                'saved_and_resumed': saved,
+                'runs': runs,
+                'charge_e': scene.charge,
+                'effects': {k: str(v)
+                            for k, v in scene.integrator.getEffects().items()},
+                'provenance': provenance(args)
             })
     if args.part != 'runs':
         sizes = [cells] if args.quick else [cells, (3, 3, 3)]

@@ -216,7 +216,8 @@ def draw(file, table, results, r, rdf, resumedAt):
     figure, axes = plt.subplots(2, 2, figsize=(11, 7.5), constrained_layout=True)
     window = max(1, len(table['time']) // 10)  # 2 ps
     temperatures = {
-        'T_trans': ('translation', 'tab:blue'), 'T_rot1': ('rotation, smallest moment', 'tab:red'),
+        'T_trans': ('translation', 'tab:blue'),
+        'T_rot1': ('rotation, smallest moment', 'tab:red'),
         'T_rot2': ('rotation, middle moment', 'tab:orange'),
         'T_rot3': ('rotation, largest moment', 'tab:green')
     }

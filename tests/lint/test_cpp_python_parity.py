@@ -15,8 +15,10 @@ CLASSES = ['CustomBodyForce', 'CustomRigidHIIntegrator', 'MobilityForce']
 #: Names that C++ parameters by reference have as results in Python.
 RESULTS = {
     'getRigidBodyParameters': {'particles', 'mass', 'principalMoments', 'sitePositions'},
-    'getBodyFriction': {'gamma', 'Gamma'}, 'getBodyParameters': {'bodyIndex', 'parameters'},
-    'getChannelWalls': {'yLow', 'yHigh'}, 'getBackgroundFlow': {'velocity', 'gradient'},
+    'getBodyFriction': {'gamma', 'Gamma'},
+    'getBodyParameters': {'bodyIndex', 'parameters'},
+    'getChannelWalls': {'yLow', 'yHigh'},
+    'getBackgroundFlow': {'velocity', 'gradient'},
     'getSinusoidalForceDensity': {'f0', 'forceAxis', 'waveAxis', 'waveVectorIndex'}
 }
 #: Python methods beyond C++, each with its reason.

@@ -84,32 +84,52 @@ def test_enumerators_have_docstrings_of_their_own(name):
 WITHOUT_UNIT = {
     'CustomRigidHIIntegrator': {
         'getNumRigidBodies': 'a number of bodies',
-        'getNumRigidBodiesOfContext': 'a number of bodies', 'getRigidBodyParticles': 'indices',
-        'getRigidBodyIsExplicit': 'a truth value', 'getRigidBodyGeometryIsKnown': 'a truth value',
-        'getScheme': 'a constant', 'getNoiseLaw': 'a constant',
-        'getBodyHasOwnFriction': 'a truth value', 'getRandomNumberSeed': 'an integer',
+        'getNumRigidBodiesOfContext': 'a number of bodies',
+        'getRigidBodyParticles': 'indices',
+        'getRigidBodyIsExplicit': 'a truth value',
+        'getRigidBodyGeometryIsKnown': 'a truth value',
+        'getScheme': 'a constant',
+        'getNoiseLaw': 'a constant',
+        'getBodyHasOwnFriction': 'a truth value',
+        'getRandomNumberSeed': 'an integer',
         'getBodyOrientations': 'unit quaternions',
-        'getDegreesOfFreedom': 'numbers of degrees of freedom', 'getEffects': 'text',
+        'getDegreesOfFreedom': 'numbers of degrees of freedom',
+        'getEffects': 'text',
         'getStepStatistics': 'counters, and seconds that say so in their names',
-        'getConstraintTolerance': 'relative', 'getIntegrationForceGroups': 'a bit mask',
-        'getMaximumRejections': 'a number', 'getNumHostThreads': 'a number',
-        'getFiniteDifferenceStep': 'relative', 'getInertiaScale': 'a factor',
-        'getWallRejection': 'a constant', 'getDriftCorrectorScaling': 'a constant',
+        'getConstraintTolerance': 'relative',
+        'getIntegrationForceGroups': 'a bit mask',
+        'getMaximumRejections': 'a number',
+        'getNumHostThreads': 'a number',
+        'getFiniteDifferenceStep': 'relative',
+        'getInertiaScale': 'a factor',
+        'getWallRejection': 'a constant',
+        'getDriftCorrectorScaling': 'a constant',
         'getNumRejectedSteps': 'a number',
-    }, 'MobilityForce': {
-        'getNumParticles': 'a number of particles', 'getModel': 'a constant',
-        'getBoundary': 'a constant', 'getSphereWallMobility': 'a constant',
-        'getSolver': 'a constant', 'getLubrication': 'a truth value',
-        'getFastSummation': 'a truth value', 'getMinimumGap': 'relative to radii',
-        'getSolverTolerance': 'relative', 'getBodyHasOwnTensor': 'a truth value',
+    },
+    'MobilityForce': {
+        'getNumParticles': 'a number of particles',
+        'getModel': 'a constant',
+        'getBoundary': 'a constant',
+        'getSphereWallMobility': 'a constant',
+        'getSolver': 'a constant',
+        'getLubrication': 'a truth value',
+        'getFastSummation': 'a truth value',
+        'getMinimumGap': 'relative to radii',
+        'getSolverTolerance': 'relative',
+        'getBodyHasOwnTensor': 'a truth value',
         'getBodyTensorIsFriction': 'a truth value',
         'getBodyMobility': 'a matrix of mixed dimension',
-        'getBodyFriction': 'a matrix of mixed dimension', 'getBodiesWithOwnTensors': 'indices',
-        'getGroups': 'labels', 'getMobilityInContext': 'a matrix of mixed dimension',
+        'getBodyFriction': 'a matrix of mixed dimension',
+        'getBodiesWithOwnTensors': 'indices',
+        'getGroups': 'labels',
+        'getMobilityInContext': 'a matrix of mixed dimension',
         'getFrictionInContext': 'a matrix of mixed dimension',
-    }, 'CustomBodyForce': {
-        'getExpression': 'text', 'getNumPerBodyParameters': 'a number of parameters',
-        'getPerBodyParameterName': 'text', 'getNumGlobalParameters': 'a number of parameters',
+    },
+    'CustomBodyForce': {
+        'getExpression': 'text',
+        'getNumPerBodyParameters': 'a number of parameters',
+        'getPerBodyParameterName': 'text',
+        'getNumGlobalParameters': 'a number of parameters',
         'getGlobalParameterName': 'text',
         'getGlobalParameterDefaultValue': 'what the expressions make of it',
         'getNumBodies': 'a number of bodies',
@@ -119,11 +139,16 @@ WITHOUT_UNIT = {
 #: The unit of every other getter.
 UNITS = {
     'CustomRigidHIIntegrator': {
-        'getTemperature': unit.kelvin, 'getStepSize': unit.picosecond,
-        'getFriction': unit.picosecond**-1, 'getRotationalFriction': unit.picosecond**-1,
-        'getBodyFriction': unit.picosecond**-1, 'getGradientRelaxationTime': unit.picosecond,
-        'getGradientRotationalRelaxationTime': unit.picosecond, 'getPoseTolerance': unit.nanometer,
-        'getPoseResidual': unit.nanometer, 'getBodyPositions': unit.nanometer,
+        'getTemperature': unit.kelvin,
+        'getStepSize': unit.picosecond,
+        'getFriction': unit.picosecond**-1,
+        'getRotationalFriction': unit.picosecond**-1,
+        'getBodyFriction': unit.picosecond**-1,
+        'getGradientRelaxationTime': unit.picosecond,
+        'getGradientRotationalRelaxationTime': unit.picosecond,
+        'getPoseTolerance': unit.nanometer,
+        'getPoseResidual': unit.nanometer,
+        'getBodyPositions': unit.nanometer,
         'getBodyVelocities': unit.nanometer/unit.picosecond,
         'getBodyAngularVelocities': unit.radian/unit.picosecond,
         'getBodyForces': unit.kilojoule_per_mole/unit.nanometer,
@@ -134,25 +159,34 @@ UNITS = {
         'computeRotationalKineticEnergies': unit.kilojoule_per_mole,
         'computeFreeParticleKineticEnergy': unit.kilojoule_per_mole,
         'computeSystemTemperature': unit.kelvin,
-    }, 'MobilityForce': {
+    },
+    'MobilityForce': {
         'getViscosity': unit.dalton/(unit.nanometer*unit.picosecond),
-        'getParticleRadius': unit.nanometer, 'getWallHeight': unit.nanometer,
-        'getChannelWalls': (unit.nanometer, unit.nanometer), 'getGridSpacing': unit.nanometer,
+        'getParticleRadius': unit.nanometer,
+        'getWallHeight': unit.nanometer,
+        'getChannelWalls': (unit.nanometer, unit.nanometer),
+        'getGridSpacing': unit.nanometer,
         'getBackgroundFlow': (unit.nanometer/unit.picosecond, unit.picosecond**-1),
-        'getSinusoidalForceDensity': (unit.kilojoule_per_mole/unit.nanometer**4, None, None,
-                                      None), 'getFlowInContext': unit.nanometer/unit.picosecond,
+        'getSinusoidalForceDensity': (unit.kilojoule_per_mole/unit.nanometer**4, None, None, None),
+        'getFlowInContext': unit.nanometer/unit.picosecond,
         'getFlowModeInContext': unit.nanometer/unit.picosecond,
         'getRandomFlowModeInContext': unit.nanometer/unit.picosecond,
-    }, 'CustomBodyForce': {}
+    },
+    'CustomBodyForce': {}
 }
 #: Arrays over bodies: their number of columns.
 COLUMNS = {
-    'getBodyPositions': 3, 'getBodyOrientations': 4, 'getBodyVelocities': 3,
-    'getBodyAngularVelocities': 3, 'getBodyForces': 3, 'getBodyTorques': 3
+    'getBodyPositions': 3,
+    'getBodyOrientations': 4,
+    'getBodyVelocities': 3,
+    'getBodyAngularVelocities': 3,
+    'getBodyForces': 3,
+    'getBodyTorques': 3
 }
 #: What getters of a Context are asked beside it.
 QUESTIONS = {
-    'getFlowInContext': [[(0.1, 0.2, 0.3)]], 'getFlowModeInContext': [0, 1, 1],
+    'getFlowInContext': [[(0.1, 0.2, 0.3)]],
+    'getFlowModeInContext': [0, 1, 1],
     'getRandomFlowModeInContext': [0, 1, 1]
 }
 #: Matrices over bodies or of one: their number of rows and columns.
@@ -165,9 +199,11 @@ NEEDS_INDEX = {
 }
 
 #: All getters of all classes: (class, method).
-GETTERS = sorted(
-    (cls, name) for cls in UNITS for name in dir(getattr(openmmrigidhi, cls)) if name.startswith((
-        'get', 'compute')) and name in {**vars(getattr(openmmrigidhi, cls)), **WITHOUT_UNIT[cls]})
+GETTERS = sorted((cls, name) for cls in UNITS for name in dir(getattr(openmmrigidhi, cls))
+                 if name.startswith(('get', 'compute')) and name in {
+                     **vars(getattr(openmmrigidhi, cls)),
+                     **WITHOUT_UNIT[cls]
+                 })
 
 
 @pytest.fixture(scope='module')
@@ -199,7 +235,9 @@ def scene():
     context.setVelocitiesToTemperature(300, 1)
     integrator.step(2)
     yield {
-        'CustomRigidHIIntegrator': integrator, 'MobilityForce': fluid, 'CustomBodyForce': force,
+        'CustomRigidHIIntegrator': integrator,
+        'MobilityForce': fluid,
+        'CustomBodyForce': force,
         'context': context
     }
 

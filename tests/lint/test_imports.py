@@ -117,10 +117,15 @@ def test_what_counts_as_a_circle():
     """Two modules that import each other, also from within a function; two packages by way of what
     their __init__ imports."""
     sources = {
-        'p': '', 'p.a': 'from .b import x\ndef f():\n    from . import c', 'p.b': 'import numpy',
-        'p.c': 'from . import a', 'p.one': 'from .top import x',
-        'p.one.top': 'from ..two.leaf import y', 'p.two': 'from .root import z',
-        'p.two.root': 'from ..one import x', 'p.two.leaf': ''
+        'p': '',
+        'p.a': 'from .b import x\ndef f():\n    from . import c',
+        'p.b': 'import numpy',
+        'p.c': 'from . import a',
+        'p.one': 'from .top import x',
+        'p.one.top': 'from ..two.leaf import y',
+        'p.two': 'from .root import z',
+        'p.two.root': 'from ..one import x',
+        'p.two.leaf': ''
     }
     packages = {'p', 'p.one', 'p.two'}
     found = {

@@ -8,14 +8,23 @@ from conftest import git_files, read
 
 #: Which Debian package provides a Python module.
 MODULES = {
-    'numpy': 'python3-numpy', 'scipy': 'python3-scipy', 'h5py': 'python3-h5py',
-    'gsd': 'python3-gsd', 'tqdm': 'python3-tqdm', 'matplotlib': 'python3-matplotlib',
-    'distributed': 'python3-distributed', 'dask': 'python3-distributed', 'PIL': 'python3-pil',
-    'openmm': 'python3-openmm|python3-simtk', 'pytest': 'python3-pytest'
+    'numpy': 'python3-numpy',
+    'scipy': 'python3-scipy',
+    'h5py': 'python3-h5py',
+    'gsd': 'python3-gsd',
+    'tqdm': 'python3-tqdm',
+    'matplotlib': 'python3-matplotlib',
+    'distributed': 'python3-distributed',
+    'dask': 'python3-distributed',
+    'PIL': 'python3-pil',
+    'openmm': 'python3-openmm|python3-simtk',
+    'pytest': 'python3-pytest'
 }
 #: The same for what site/conf.py names: extensions, and the theme.
 EXTENSIONS = {
-    'sphinx': 'python3-sphinx', 'myst_parser': 'python3-myst-parser', 'breathe': 'python3-breathe',
+    'sphinx': 'python3-sphinx',
+    'myst_parser': 'python3-myst-parser',
+    'breathe': 'python3-breathe',
     'furo': 'furo'
 }
 

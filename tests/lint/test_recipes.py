@@ -16,8 +16,9 @@ LIST = b'#define ROWS(ROW) \\\n    ROW(A) \\\n    ROW(B)\n\n#endif\n'
 
 def follow(page, **files):
     recipes = follow_recipes.Recipes({
-        'page.md': page.encode(), **{name.replace('_', '.'): text
-                                     for name, text in files.items()}
+        'page.md': page.encode(),
+        **{name.replace('_', '.'): text
+           for name, text in files.items()}
     })
     recipes.follow('page.md')
     return recipes

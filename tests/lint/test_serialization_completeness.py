@@ -13,7 +13,8 @@ Integrator = openmmrigidhi.CustomRigidHIIntegrator
 MobilityForce = openmmrigidhi.MobilityForce
 CustomBodyForce = openmmrigidhi.CustomBodyForce
 CLASSES = {
-    'CustomRigidHIIntegrator': Integrator, 'MobilityForce': MobilityForce,
+    'CustomRigidHIIntegrator': Integrator,
+    'MobilityForce': MobilityForce,
     'CustomBodyForce': CustomBodyForce
 }
 
@@ -24,44 +25,71 @@ TENSOR = np.eye(6)/3 + 0.01*np.add.outer(np.arange(6)/7, np.arange(6)/7)
 #: below.
 VALUES = {
     'CustomRigidHIIntegrator': {
-        'setTemperature': (271.25,), 'setStepSize': (0.00375,), 'setConstraintTolerance': (3.5e-7,),
-        'setIntegrationForceGroups': (0b1011,), 'setScheme': (Integrator.LangevinA,),
-        'setNoiseLaw': (Integrator.ThreePoint,), 'setFriction': (4.125,),
-        'setRotationalFriction': (17.0625,), 'setInertiaScale': (20/3,),
-        'setGradientRelaxationTime': (0.0071,), 'setGradientRotationalRelaxationTime': (0.0019,),
-        'setRandomNumberSeed': (-987654321,), 'setPoseTolerance': (0.0123,),
-        'setMaximumRejections': (17,), 'setNumHostThreads': (3,),
-        'setFiniteDifferenceStep': (3e-4,), 'setWallRejection': (Integrator.Crossing,),
-        'setDriftCorrectorScaling': (Integrator.Whole,), 'setFiniteDifferenceStep': (1e-4/3,),
-        'setBodyFriction': (1, 0.1, 1/3), 'setRigidBodyParameters': (0, [4, 1,
-                                                                         3], 7/3, (0.1, 0.2, 0.25),
-                                                                     [(0.1, 0, 1/3), (0, -0.2, 0),
-                                                                      (0, 0, 0)]),
-    }, 'MobilityForce': {
-        'setForceGroup': (7,), 'setName': ('fluid <1> & "2"',), 'setParticleRadius': (1, 1/3),
-        'setViscosity': (1000/3,), 'setModel': (MobilityForce.FreeDraining,),
-        'setBoundary': (MobilityForce.NoSlipWall,), 'setWallHeight': (-4/3,),
-        'setChannelWalls': (-4/3, 5/3), 'setGridSpacing': (1/3,),
+        'setTemperature': (271.25,),
+        'setStepSize': (0.00375,),
+        'setConstraintTolerance': (3.5e-7,),
+        'setIntegrationForceGroups': (0b1011,),
+        'setScheme': (Integrator.LangevinA,),
+        'setNoiseLaw': (Integrator.ThreePoint,),
+        'setFriction': (4.125,),
+        'setRotationalFriction': (17.0625,),
+        'setInertiaScale': (20/3,),
+        'setGradientRelaxationTime': (0.0071,),
+        'setGradientRotationalRelaxationTime': (0.0019,),
+        'setRandomNumberSeed': (-987654321,),
+        'setPoseTolerance': (0.0123,),
+        'setMaximumRejections': (17,),
+        'setNumHostThreads': (3,),
+        'setFiniteDifferenceStep': (3e-4,),
+        'setWallRejection': (Integrator.Crossing,),
+        'setDriftCorrectorScaling': (Integrator.Whole,),
+        'setFiniteDifferenceStep': (1e-4/3,),
+        'setBodyFriction': (1, 0.1, 1/3),
+        'setRigidBodyParameters': (0, [4, 1, 3], 7/3, (0.1, 0.2, 0.25), [(0.1, 0, 1/3),
+                                                                         (0, -0.2, 0), (0, 0, 0)]),
+    },
+    'MobilityForce': {
+        'setForceGroup': (7,),
+        'setName': ('fluid <1> & "2"',),
+        'setParticleRadius': (1, 1/3),
+        'setViscosity': (1000/3,),
+        'setModel': (MobilityForce.FreeDraining,),
+        'setBoundary': (MobilityForce.NoSlipWall,),
+        'setWallHeight': (-4/3,),
+        'setChannelWalls': (-4/3, 5/3),
+        'setGridSpacing': (1/3,),
         'setSinusoidalForceDensity': (1/3, 2, 0, 3),
         'setBackgroundFlow': ((1/3, -2, 3), ((1/7, 2, 3), (4, -1/7, 6), (7, 8, 0))),
-        'setSphereWallMobility': (MobilityForce.BestKnown,), 'setLubrication': (False,),
-        'setFastSummation': (False,), 'setMinimumGap': (1e-3/3,),
-        'setSolver': (MobilityForce.MatrixFree,), 'setSolverTolerance': (1e-5/3,),
-        'setBodyMobility': (3, TENSOR), 'setBodyFriction': (2, TENSOR), 'setGroups': ([3, 0, 3,
-                                                                                       1],),
-    }, 'CustomBodyForce': {
-        'setForceGroup': (7,), 'setName': ('drive <1> & "2"',),
-        'setExpression': ('ty', 'k*step(x)/3'), 'setPerBodyParameterName': (0, 'h'),
-        'setGlobalParameterName': (0, 'stiffness'), 'setGlobalParameterDefaultValue': (0, 1/3),
+        'setSphereWallMobility': (MobilityForce.BestKnown,),
+        'setLubrication': (False,),
+        'setFastSummation': (False,),
+        'setMinimumGap': (1e-3/3,),
+        'setSolver': (MobilityForce.MatrixFree,),
+        'setSolverTolerance': (1e-5/3,),
+        'setBodyMobility': (3, TENSOR),
+        'setBodyFriction': (2, TENSOR),
+        'setGroups': ([3, 0, 3, 1],),
+    },
+    'CustomBodyForce': {
+        'setForceGroup': (7,),
+        'setName': ('drive <1> & "2"',),
+        'setExpression': ('ty', 'k*step(x)/3'),
+        'setPerBodyParameterName': (0, 'h'),
+        'setGlobalParameterName': (0, 'stiffness'),
+        'setGlobalParameterDefaultValue': (0, 1/3),
         'setBodyParameters': (0, 3, [1/3]),
     }
 }
 #: Setters of what a State or checkpoint holds, not the XML, or with one value only; and why.
 ELSEWHERE = {
     'CustomRigidHIIntegrator': {
-        'setBodyPositions': 'state of a Context', 'setBodyOrientations': 'state of a Context',
-        'setBodyVelocities': 'state of a Context', 'setBodyAngularVelocities': 'state of a Context',
-    }, 'MobilityForce': {}, 'CustomBodyForce': {}
+        'setBodyPositions': 'state of a Context',
+        'setBodyOrientations': 'state of a Context',
+        'setBodyVelocities': 'state of a Context',
+        'setBodyAngularVelocities': 'state of a Context',
+    },
+    'MobilityForce': {},
+    'CustomBodyForce': {}
 }
 #: Setters whose getter takes the first argument.
 INDEXED = {

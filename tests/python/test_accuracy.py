@@ -47,21 +47,42 @@ def syntheticResult(errors, sigma, reference=100.0, unstable=(), observable='pot
             speed = fs*(8.0 if method == 'LangevinMiddle' else 10.0)
             stable = (method, fs) not in unstable
             rows.append({
-                'method': method, 'knob': 'step_size', 'value': fs/1000, 'step_size': fs/1000,
+                'method': method,
+                'knob': 'step_size',
+                'value': fs/1000,
+                'step_size': fs/1000,
                 'status': 'stable' if stable else 'unstable',
                 'message': '' if stable else 'after 1 ps: exploded',
-                'ns_per_day': speed if stable else None, 'ns_per_day_low': speed,
-                'ns_per_day_high': speed, 'ns_per_cpu_day': speed,
-                'speeds': [speed]*5 if stable else [], 'length': 100.0, 'equilibration': 5.0,
-                'seed': 1, 'observable': observable, 'mean': reference + error if stable else None,
-                'standard_error': sigma if stable else None, 'degrees': 1000, 'tau': 1.0,
-                'samples': 1000, 'drift': 0.0, 'note': ''
+                'ns_per_day': speed if stable else None,
+                'ns_per_day_low': speed,
+                'ns_per_day_high': speed,
+                'ns_per_cpu_day': speed,
+                'speeds': [speed]*5 if stable else [],
+                'length': 100.0,
+                'equilibration': 5.0,
+                'seed': 1,
+                'observable': observable,
+                'mean': reference + error if stable else None,
+                'standard_error': sigma if stable else None,
+                'degrees': 1000,
+                'tau': 1.0,
+                'samples': 1000,
+                'drift': 0.0,
+                'note': ''
             })
-    return StudyResult(STEP_SIZE, {'name': 'synthetic', 'description': 'synthetic numbers'}, rows,
-                       {observable: Reference(observable, reference, 0.0, 'exact')},
-                       dict.fromkeys(errors, 2),
-                       {observable: {'label': 'potential energy per body', 'unit': 'kJ/mol'}}, {},
-                       {'platform': 'CPU', 'threads': 1, 'rounds': 5, 'clock': 'wall'})
+    return StudyResult(STEP_SIZE, {
+        'name': 'synthetic',
+        'description': 'synthetic numbers'
+    }, rows, {observable: Reference(observable, reference, 0.0, 'exact')}, dict.fromkeys(errors, 2),
+                       {observable: {
+                           'label': 'potential energy per body',
+                           'unit': 'kJ/mol'
+                       }}, {}, {
+                           'platform': 'CPU',
+                           'threads': 1,
+                           'rounds': 5,
+                           'clock': 'wall'
+                       })
 
 
 class TestStatistics(unittest.TestCase):

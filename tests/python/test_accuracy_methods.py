@@ -386,8 +386,10 @@ def test_diffusion_says_what_it_cannot_do():
 
 
 def test_a_series_may_begin_with_samples_that_have_no_past():
-    record = measurement.Record(
-        1.0, {'a': [math.nan, math.nan, 1.0, 2.0], 'b': [math.nan, 1.0, math.nan, 2.0]})
+    record = measurement.Record(1.0, {
+        'a': [math.nan, math.nan, 1.0, 2.0],
+        'b': [math.nan, 1.0, math.nan, 2.0]
+    })
     a, b = (observables.Observable(name, name, '', None) for name in 'ab')
     assert measurement._series(record, a).tolist() == [1, 2
                                                        ] and measurement._series(record, b) is None

@@ -45,12 +45,21 @@ def resultOf(settings, observables=(OBSERVABLE,), rounds=7, clock='wall'):
     rows = measurement.summarise(STEP_SIZE, runs,
                                  [types.SimpleNamespace(name=name) for name in observables], clock)
     return StudyResult(
-        STEP_SIZE, {'name': 'synthetic', 'description': 'synthetic numbers'}, rows,
-        {name: Reference(name, REFERENCE, 0.0, 'exact')
-         for name in observables}, dict.fromkeys(methods, 2),
-        {name: {'label': name.replace('_', ' '), 'unit': 'kJ/mol'}
-         for name in observables}, {},
-        {'platform': 'CPU', 'threads': 1, 'rounds': rounds, 'clock': clock})
+        STEP_SIZE, {
+            'name': 'synthetic',
+            'description': 'synthetic numbers'
+        }, rows, {name: Reference(name, REFERENCE, 0.0, 'exact')
+                  for name in observables}, dict.fromkeys(methods, 2),
+        {name: {
+            'label': name.replace('_', ' '),
+            'unit': 'kJ/mol'
+        }
+         for name in observables}, {}, {
+             'platform': 'CPU',
+             'threads': 1,
+             'rounds': rounds,
+             'clock': clock
+         })
 
 
 def record(series, interval, seconds, rounds=7, equilibration=1.0, rng=None):

@@ -286,7 +286,8 @@ def test_a_torque_about_the_normal_leaves_the_planar_centre(boomerang):
 SHAPES = {
     'boomerang': app.boomerang(1.0, 3)._value,
     'skew': np.random.default_rng(5).uniform(0, 4, size=(7, 3)),
-    'tetramer': app.tetramer(2.5)._value + (0.3, 0, 1), 'rod': app.rod(5, 1.5)._value + (2, 0, 0)
+    'tetramer': app.tetramer(2.5)._value + (0.3, 0, 1),
+    'rod': app.rod(5, 1.5)._value + (2, 0, 0)
 }
 
 
@@ -463,32 +464,55 @@ GOOD = dict(positions=np.zeros((40, 2, 3)), orientations=still(40, 2), frameInte
 
 @pytest.mark.parametrize(
     'change, pieces, error',
-    [({'positions': np.zeros((40, 3))},
-      ('positions: got an array of shape (40, 3)', 'the shape (frames, bodies, 3)'), ValueError),
-     ({'positions': np.zeros(
-         (0, 2, 3))}, ('positions: got an array of shape (0, 2, 3)',), ValueError),
-     ({'positions': np.zeros(
-         (40, 2, 3))*unit.kelvin}, ('positions: got a quantity in kelvin',), TypeError),
-     ({'positions': np.full((40, 2, 3), np.nan)},
-      ('frame 0, body 0: the trajectory holds [nan nan nan]',), ValueError),
-     ({'positions': np.zeros((39, 2, 3))},
-      ('there are 39 frames of 2 bodies, but the orientations are 40 frames of 2',), ValueError),
-     ({'orientations': 1.01*still(40, 2)},
-      ('frame 0, body 0: a quaternion has length 1.01; orientations must be unit',), ValueError),
-     ({'frameInterval': 0},
-      ('frameInterval: got 0.0 ps; the time between frames must be finite',), ValueError),
-     ({'frameInterval': 1*unit.nanometer},
-      ('frameInterval: got a quantity in nanometer',), TypeError),
-     ({'trackingPoint': (0, 0)}, ('trackingPoint: got an array of shape (2,)',), ValueError),
-     ({'numBlocks': 1}, ('numBlocks: got 1; errors need at least two blocks',), ValueError),
-     ({'numBlocks': 0, 'independentBodies': True}, ('numBlocks: got 0; errors need',), ValueError),
-     ({'numBlocks': 21},
-      ('40 frames are too few for 21 blocks, which need 2 frames each',), ValueError),
-     ({'lags': [4]},
-      ('lags: got a lag of 4 frames; it must be from 0 to 3, less than a block',), ValueError),
-     ({'lags': [-1]}, ('lags: got a lag of -1 frames',), ValueError),
-     ({'lags': [0.5]}, ('lags: got 0.5; it must be an integer',), TypeError),
-     ({'bodyFrame': 1}, ('bodyFrame: got 1; it must be True or False',), TypeError),])
+    [({
+        'positions': np.zeros((40, 3))
+    }, ('positions: got an array of shape (40, 3)', 'the shape (frames, bodies, 3)'), ValueError),
+     ({
+         'positions': np.zeros((0, 2, 3))
+     }, ('positions: got an array of shape (0, 2, 3)',), ValueError),
+     ({
+         'positions': np.zeros((40, 2, 3))*unit.kelvin
+     }, ('positions: got a quantity in kelvin',), TypeError),
+     ({
+         'positions': np.full((40, 2, 3), np.nan)
+     }, ('frame 0, body 0: the trajectory holds [nan nan nan]',), ValueError),
+     ({
+         'positions': np.zeros((39, 2, 3))
+     }, ('there are 39 frames of 2 bodies, but the orientations are 40 frames of 2',), ValueError),
+     ({
+         'orientations': 1.01*still(40, 2)
+     }, ('frame 0, body 0: a quaternion has length 1.01; orientations must be unit',), ValueError),
+     ({
+         'frameInterval': 0
+     }, ('frameInterval: got 0.0 ps; the time between frames must be finite',), ValueError),
+     ({
+         'frameInterval': 1*unit.nanometer
+     }, ('frameInterval: got a quantity in nanometer',), TypeError),
+     ({
+         'trackingPoint': (0, 0)
+     }, ('trackingPoint: got an array of shape (2,)',), ValueError),
+     ({
+         'numBlocks': 1
+     }, ('numBlocks: got 1; errors need at least two blocks',), ValueError),
+     ({
+         'numBlocks': 0,
+         'independentBodies': True
+     }, ('numBlocks: got 0; errors need',), ValueError),
+     ({
+         'numBlocks': 21
+     }, ('40 frames are too few for 21 blocks, which need 2 frames each',), ValueError),
+     ({
+         'lags': [4]
+     }, ('lags: got a lag of 4 frames; it must be from 0 to 3, less than a block',), ValueError),
+     ({
+         'lags': [-1]
+     }, ('lags: got a lag of -1 frames',), ValueError),
+     ({
+         'lags': [0.5]
+     }, ('lags: got 0.5; it must be an integer',), TypeError),
+     ({
+         'bodyFrame': 1
+     }, ('bodyFrame: got 1; it must be True or False',), TypeError),])
 def test_bad_trajectories(change, pieces, error):
     with refused('translationalMSD: ', *pieces, error=error):
         analysis.translationalMSD(**{**GOOD, **change})
@@ -560,9 +584,11 @@ def test_bad_mobilities():
 
 
 def test_bad_stacks_of_mobilities():
-    good, row = np.diag(
-        [2.0, 2, 2, 1, 1,
-         1]), {'shift': (0, 0, 1), 'orientation': (1, 0, 0, 0), 'direction': (1, 0, 0)}
+    good, row = np.diag([2.0, 2, 2, 1, 1, 1]), {
+        'shift': (0, 0, 1),
+        'orientation': (1, 0, 0, 0),
+        'direction': (1, 0, 0)
+    }
     for function, name in ((analysis.mobilityAboutPoint, 'shift'), (analysis.mobilityInBodyFrame,
                                                                     'orientation'),
                            (analysis.planarAngleMobility, 'direction')):

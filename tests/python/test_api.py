@@ -697,9 +697,10 @@ def test_steps_release_the_interpreter(platform):
 
     thread = threading.Thread(target=tick)
     thread.start()
-    openmmrigidhi._bindings.CustomRigidHIIntegrator.step(integrator,
-                                                         {'Reference': 500000,
-                                                          'CPU': 20000}[platform.getName()])
+    openmmrigidhi._bindings.CustomRigidHIIntegrator.step(integrator, {
+        'Reference': 500000,
+        'CPU': 20000
+    }[platform.getName()])
     during = len(ticks)
     done.set()
     thread.join()
@@ -740,7 +741,8 @@ def test_bindings_refuse_buffers_of_the_wrong_kind():
 def run(code, path=None, **variables):
     environment = {
         **os.environ, 'PYTHONPATH': path
-        or os.path.dirname(os.path.dirname(openmmrigidhi.__file__)), **variables
+        or os.path.dirname(os.path.dirname(openmmrigidhi.__file__)),
+        **variables
     }
     return subprocess.run([sys.executable, '-c', code], env=environment, capture_output=True,
                           text=True)

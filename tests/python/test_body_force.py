@@ -38,8 +38,10 @@ def throughSystem(force):
 
 COPIES = {
     'xml': lambda force: CustomBodyForce.cast(
-        openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(force))), 'copy': copy.copy,
-    'deepcopy': copy.deepcopy, 'pickle': lambda force: pickle.loads(pickle.dumps(force)),
+        openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(force))),
+    'copy': copy.copy,
+    'deepcopy': copy.deepcopy,
+    'pickle': lambda force: pickle.loads(pickle.dumps(force)),
     'clone': lambda force: CustomBodyForce.cast(openmm.XmlSerializer.clone(force)),
     'system': throughSystem
 }

@@ -141,8 +141,13 @@ def test_degrees_of_freedom(platform):
     context.setPositions([(0, 0, 0), (0.1, 0, 0), (0, 0.2, 0), (1, 0, 0), (1, 0.1, 0), (2, 0, 0),
                           (3, 0, 0), (4, 0, 0), (4, 0.1, 0)])
     assert integrator.getDegreesOfFreedom() == {
-        'translational': 9, 'rotational1': 1, 'rotational2': 2, 'rotational3': 2, 'free': 8,
-        'removed': 3, 'total': 19
+        'translational': 9,
+        'rotational1': 1,
+        'rotational2': 2,
+        'rotational3': 2,
+        'free': 8,
+        'removed': 3,
+        'total': 19
     }
 
 

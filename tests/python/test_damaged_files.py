@@ -14,8 +14,10 @@ from gsdversions import WRITE
 
 tools = openmmrigidhi.app
 READERS = {
-    'bodies.h5': tools.readBodyStates, 'trajectory.h5md': tools.readH5md,
-    'trajectory.gsd': tools.readGsd, 'shape.vertex': tools.readVertexFile,
+    'bodies.h5': tools.readBodyStates,
+    'trajectory.h5md': tools.readH5md,
+    'trajectory.gsd': tools.readGsd,
+    'shape.vertex': tools.readVertexFile,
     'places.clones': tools.readClones
 }
 

@@ -193,8 +193,17 @@ def test_trapped_spheres_go_on(tmp_path, scripts):
 def test_a_ring_that_has_settled_need_not_do_so_again(tmp_path, scripts):
     ring = scripts('ring')
     arguments = {
-        'f': 1.0, 'tau': 0.0, 'kT': 1e-3, 'model': 'RPY', 'truncation': 'switch', 'kind': 'random',
-        'settle': 20.0, 'window': 20.0, 'seed': 1, 'step': 0.05, 'attempts': 1
+        'f': 1.0,
+        'tau': 0.0,
+        'kT': 1e-3,
+        'model': 'RPY',
+        'truncation': 'switch',
+        'kind': 'random',
+        'settle': 20.0,
+        'window': 20.0,
+        'seed': 1,
+        'step': 0.05,
+        'attempts': 1
     }
     job = tasks.Job(0, 'run', str(tmp_path))
     first, again = ring.runState(arguments, job), ring.runState(arguments, job)

@@ -167,15 +167,21 @@ def written(folder, kind, **options):
     """A trajectory of 5 frames and its file, (scene, name)."""
     scene = Scene(periodic=True)
     name = str(folder/{'gsd': 'run.gsd', 'h5md': 'run.h5', 'states': 'states.h5'}[kind])
-    reporter = {'gsd': app.GsdReporter, 'h5md': app.H5mdReporter,
-                'states': app.RigidBodyReporter}[kind]
+    reporter = {
+        'gsd': app.GsdReporter,
+        'h5md': app.H5mdReporter,
+        'states': app.RigidBodyReporter
+    }[kind]
     scene.simulation.reporters.append(reporter(name, 2, **options))
     scene.simulation.step(10)
     return scene, name
 
 
-@pytest.mark.parametrize('kind, options', [('gsd', {}), ('gsd', {'blobs': True}), ('h5md', {}),
-                                           ('h5md', {'blobs': True})])
+@pytest.mark.parametrize('kind, options', [('gsd', {}), ('gsd', {
+    'blobs': True
+}), ('h5md', {}), ('h5md', {
+    'blobs': True
+})])
 def test_files_tell_sites_and_radii(tmp_path, kind, options):
     if kind == 'gsd':
         pytest.importorskip('gsd')

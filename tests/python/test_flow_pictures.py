@@ -61,7 +61,9 @@ def test_the_script_runs(example, tmp_path, monkeypatch):
                          str(tmp_path), '--blobs', '12', '--points', '9'])
     example.main()
     found = json.loads((tmp_path/'flows.json').read_text())
-    assert found['run']['arguments'] == {'blobs': '12', 'points': '9'
-                                         } and (tmp_path/'flows.png').stat().st_size > 10000
+    assert found['run']['arguments'] == {
+        'blobs': '12',
+        'points': '9'
+    } and (tmp_path/'flows.png').stat().st_size > 10000
     assert found['wave']['effective_viscosity_over_viscosity'] == pytest.approx(
         1 + 2.5*found['wave']['volume_fraction'], rel=0.02)

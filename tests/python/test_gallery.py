@@ -10,9 +10,12 @@ import pytest
 
 EXAMPLES = pathlib.Path(__file__).resolve().parents[2]/'examples'
 SHORT = {
-    'bodies_above_a_wall': ['--steps', '3'], 'driven_dipoles': ['--duration', '4'],
-    'ions_in_water': ['--edge', '1.9', '--samples', '1'], 'own_tensors': [],
-    'sedimenting_cluster': ['--steps', '1'], 'two_colloids': ['--steps', '40'],
+    'bodies_above_a_wall': ['--steps', '3'],
+    'driven_dipoles': ['--duration', '4'],
+    'ions_in_water': ['--edge', '1.9', '--samples', '1'],
+    'own_tensors': [],
+    'sedimenting_cluster': ['--steps', '1'],
+    'two_colloids': ['--steps', '40'],
 }
 
 

@@ -387,9 +387,13 @@ class Scene:
         return sampler.sample(sweeps // interval, interval, progress=False)
 
 
-@pytest.mark.parametrize('options', [{}, {'moves': 'all', 'sweeps': 12000, 'interval': 4},
-                                     {'trackingPoints': [(0.1, 0.2, 0.1), (0, -0.3, 0)]}],
-                         ids=['one by one', 'all at once', 'about other points'])
+@pytest.mark.parametrize('options', [{}, {
+    'moves': 'all',
+    'sweeps': 12000,
+    'interval': 4
+}, {
+    'trackingPoints': [(0.1, 0.2, 0.1), (0, -0.3, 0)]
+}], ids=['one by one', 'all at once', 'about other points'])
 def test_interacting_bodies_and_a_free_particle(options):
     """A Gaussian chain, and <n0 n1> = coth J - 1/J."""
     samples = Scene().sample(**{'sweeps': 6000, **options})
@@ -612,7 +616,10 @@ def energy(R, q):
       ('is inf at the start of walker 0', 'begin elsewhere')),])
 def test_bad_walkers(arguments, pieces):
     arguments = {
-        'energyFunction': energy, 'temperature': 300, 'numWalkers': 3, 'position': (0, 0, 0),
+        'energyFunction': energy,
+        'temperature': 300,
+        'numWalkers': 3,
+        'position': (0, 0, 0),
         **arguments
     }
     with refused('WalkerSampler', *pieces):

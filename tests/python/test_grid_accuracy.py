@@ -53,8 +53,10 @@ def test_grids_are_as_described(result):
     edge = result.scene['edges'][0]
     for row in result.rows:
         nodes = [int(n) for n in row['nodes'].split(' x ')]
-        width = {'forces': 1/np.sqrt(np.pi),
-                 'wrenches': 1/(6*np.sqrt(np.pi))**(1/3)}[row['observable']]
+        width = {
+            'forces': 1/np.sqrt(np.pi),
+            'wrenches': 1/(6*np.sqrt(np.pi))**(1/3)
+        }[row['observable']]
         assert row['fineness'] == pytest.approx(
             width*max(nodes)/edge) and nodes[0] == nodes[1] == nodes[2]
         assert row['status'] == 'stable' and 0 < row['error'] <= row['own_error']
@@ -109,7 +111,10 @@ def test_a_flow_that_drives_the_scene_does_not_matter(result):
 
 def test_the_fineness_between_grids():
     rows = [{
-        'observable': 'forces', 'kind': 'spacing', 'fineness': x, 'described': 1,
+        'observable': 'forces',
+        'kind': 'spacing',
+        'fineness': x,
+        'described': 1,
         'error': np.exp(-(np.pi*x)**2)
     } for x in (0.7, 1.0, 1.5)]
     result = accuracy.GridResult({}, rows, {'forces': {}}, {})

@@ -19,16 +19,22 @@ from openmmrigidhi.accuracy import cli, ladderreport, ladderresult
 #: reference values, section 1). Two digits are printed.
 KNOWN = {
     3.0: {
-        'RPY': (-1.35e-3, 1.8e-2), 'FTS': (-9.5e-4, 1.8e-4), 'multiblob12': (4.2e-5, -7.9e-3),
+        'RPY': (-1.35e-3, 1.8e-2),
+        'FTS': (-9.5e-4, 1.8e-4),
+        'multiblob12': (4.2e-5, -7.9e-3),
         'multiblob42': (2.7e-5, -3.6e-4)
-    }, 25/12: {
-        'RPY': (-1.5e-2, 2.5e-1), 'FTS': (-7.9e-3, 1.2e-1), 'multiblob12': (3.9e-4, 4.6e-2),
+    },
+    25/12: {
+        'RPY': (-1.5e-2, 2.5e-1),
+        'FTS': (-7.9e-3, 1.2e-1),
+        'multiblob12': (3.9e-4, 4.6e-2),
         'multiblob42': (-3.8e-4, 2.5e-2)
     }
 }
 #: F/U in units of 4 pi eta a, and omega a/U, exactly.
 EXACT = {
-    10.0: (1.3947015340, 0.006973274431), 3.0: (1.1840839517, 0.064558335059),
+    10.0: (1.3947015340, 0.006973274431),
+    3.0: (1.1840839517, 0.064558335059),
     25/12: (1.0756206190, 0.097726919137)
 }
 RUNGS = ('FreeDraining', 'RPY', 'FTS', 'multiblob12', 'multiblob42', 'FTS+lubrication')
@@ -90,8 +96,12 @@ def test_the_worst_wrench_is_no_better_than_any_other(pairs):
 def test_the_cheapest_rung_is_named(pairs):
     result = copy.deepcopy(pairs)
     cost = {
-        'FreeDraining': 1e-6, 'RPY': 2e-6, 'FTS': 3e-6, 'FTS+lubrication': 4e-6,
-        'multiblob12': 1e-5, 'multiblob42': 1e-4
+        'FreeDraining': 1e-6,
+        'RPY': 2e-6,
+        'FTS': 3e-6,
+        'FTS+lubrication': 4e-6,
+        'multiblob12': 1e-5,
+        'multiblob42': 1e-4
     }
     for row in result.rows:
         row['seconds_step'] = cost[row['rung']]

@@ -83,7 +83,9 @@ def throughSystem(fluid):
 COPIES = {
     'xml': lambda fluid: castForce(
         openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(fluid))),
-    'system': throughSystem, 'copy': copy.copy, 'deepcopy': copy.deepcopy,
+    'system': throughSystem,
+    'copy': copy.copy,
+    'deepcopy': copy.deepcopy,
     'pickle': lambda fluid: pickle.loads(pickle.dumps(fluid)),
     'clone': lambda fluid: castForce(openmm.XmlSerializer.clone(fluid))
 }

@@ -161,17 +161,34 @@ def test_massless_bodies():
 
 @pytest.mark.parametrize(
     'change, pieces, error',
-    [({'radii': [0.1, 0.2]}, ('radii: got 2 for 4 sites; give one for all',), ValueError),
-     ({'radii': -0.1}, ('radii: got [-0.1,', 'each must be finite, and none below 0'), ValueError),
-     ({'radii': 1*unit.kelvin}, ('addRigidMultiblob: radii: got a quantity in kelvin',), TypeError),
-     ({'radii': [[0.1]]},
-      ('addRigidMultiblob: radii: got an array of shape (1, 1); it must be a plain sequence',),
+    [({
+        'radii': [0.1, 0.2]
+    }, ('radii: got 2 for 4 sites; give one for all',), ValueError),
+     ({
+         'radii': -0.1
+     }, ('radii: got [-0.1,', 'each must be finite, and none below 0'), ValueError),
+     ({
+         'radii': 1*unit.kelvin
+     }, ('addRigidMultiblob: radii: got a quantity in kelvin',), TypeError),
+     ({
+         'radii': [[0.1]]
+     }, ('addRigidMultiblob: radii: got an array of shape (1, 1); it must be a plain sequence',),
       ValueError),
-     ({'particleMasses': [1, 2, 3, np.nan]}, ('particleMasses: got [1.0,',), ValueError),
-     ({'mass': -1}, ('mass',), openmm.OpenMMException),
-     ({'principalMoments': (1, 1, 5)}, ('triangle inequality',), openmm.OpenMMException),
-     ({'sitePositions': np.empty((0, 3))}, ('at least one',), openmm.OpenMMException),
-     ({'mobilityForce': openmm.NonbondedForce()}, ('cast',), TypeError),])
+     ({
+         'particleMasses': [1, 2, 3, np.nan]
+     }, ('particleMasses: got [1.0,',), ValueError),
+     ({
+         'mass': -1
+     }, ('mass',), openmm.OpenMMException),
+     ({
+         'principalMoments': (1, 1, 5)
+     }, ('triangle inequality',), openmm.OpenMMException),
+     ({
+         'sitePositions': np.empty((0, 3))
+     }, ('at least one',), openmm.OpenMMException),
+     ({
+         'mobilityForce': openmm.NonbondedForce()
+     }, ('cast',), TypeError),])
 def test_a_refused_body_leaves_nothing_behind(change, pieces, error):
     system, integrator, fluid = empty()
     arguments = dict(system=system, integrator=integrator, mobilityForce=fluid,

@@ -147,7 +147,8 @@ def test_euler_maruyama_warns_where_it_is_wrong(case, warns, platform, capfd):
         300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
     sites = {
-        'off its origin': [(0.1, 0, 0)], 'alone': [(-1, 0, 0), (1, 0, 0)],
+        'off its origin': [(0.1, 0, 0)],
+        'alone': [(-1, 0, 0), (1, 0, 0)],
         'alone off its centre': [(0, 0, 0), (1, 0.5, 0), (0, 1, 0)]
     }.get(case, [(0, 0, 0)])
     positions = []

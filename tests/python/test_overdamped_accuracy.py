@@ -125,8 +125,11 @@ def test_what_the_study_finds():
     """
     scene = overdamped.boomerang(16, blobsPerArm=3)
     study = overdamped.OverdampedStudy(
-        scene, ['EulerMaruyama', 'RandomFiniteDifference', 'LangevinHI(0.3)'],
-        {'EulerMaruyama': [0.1], 'RandomFiniteDifference': [0.05, 0.1], 'LangevinHI(0.3)': [0.1]})
+        scene, ['EulerMaruyama', 'RandomFiniteDifference', 'LangevinHI(0.3)'], {
+            'EulerMaruyama': [0.1],
+            'RandomFiniteDifference': [0.05, 0.1],
+            'LangevinHI(0.3)': [0.1]
+        })
     result = study.run(length=160*scene.timeUnit, equilibration=10*scene.timeUnit, rounds=5)
     repulsion = {(row['method'], round(row['value']/scene.timeUnit, 3)): row
                  for row in result.select('repulsion')}

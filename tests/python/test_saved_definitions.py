@@ -105,8 +105,10 @@ def test_another_mass_or_site_is_refused(platform, way, change):
         sites[1, 2] += 0.002
     other, otherIntegrator = explicitBody(platform, mass=9*(1 + 1e-4) if change == 'mass' else 9,
                                           sites=sites)
-    with refused('body 0 was saved with another shape or mass',
-                 {'mass': 'mass 9 instead of 9.0009', 'site': 'particle 1'}[change]):
+    with refused('body 0 was saved with another shape or mass', {
+            'mass': 'mass 9 instead of 9.0009',
+            'site': 'particle 1'
+    }[change]):
         load(other, saved)
 
 

@@ -41,7 +41,8 @@ PROPERTIES = [
 ]
 #: What files of earlier versions do not have: the getter, and the default.
 NEWER = {
-    'inertiaScale': ('getInertiaScale', 1), 'maximumRejections': ('getMaximumRejections', 100),
+    'inertiaScale': ('getInertiaScale', 1),
+    'maximumRejections': ('getMaximumRejections', 100),
     'numHostThreads': ('getNumHostThreads', 0),
     'finiteDifferenceStep': ('getFiniteDifferenceStep', 0),
     'driftCorrectorScaling': ('getDriftCorrectorScaling', CustomRigidHIIntegrator.SlipOnly),
@@ -67,7 +68,9 @@ def throughXml(integrator):
 
 
 COPIES = {
-    'xml': throughXml, 'copy': copy.copy, 'deepcopy': copy.deepcopy,
+    'xml': throughXml,
+    'copy': copy.copy,
+    'deepcopy': copy.deepcopy,
     'pickle': lambda integrator: pickle.loads(pickle.dumps(integrator)),
     'clone': lambda integrator: CustomRigidHIIntegrator.cast(openmm.XmlSerializer.clone(integrator))
 }

@@ -352,8 +352,15 @@ def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     monkeypatch.setattr(run.campaign, "NOTES_EVERY", 0.0)
     monkeypatch.setattr(run, "BLOCKS", 6)
     spec = {
-        "scheme": "C", "h_fs": 0.5, "molecules": N, "steps": 300, "equilibration_steps": 40,
-        "seed": 3, "replica": 0, "potential": "fast", "platform": "CPU"
+        "scheme": "C",
+        "h_fs": 0.5,
+        "molecules": N,
+        "steps": 300,
+        "equilibration_steps": 40,
+        "seed": 3,
+        "replica": 0,
+        "potential": "fast",
+        "platform": "CPU"
     }
     start = tip4p.make_whole_rigid(tip4p.lattice_positions(N, 7))
 

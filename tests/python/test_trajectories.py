@@ -80,8 +80,10 @@ class Scene:
             integrator = self.integrator
             state = self.simulation.context.getState(getPositions=True)
             seen.append({
-                'time': state.getTime()._value, 'step': self.simulation.currentStep,
-                'R': integrator.getBodyPositions()._value, 'q': integrator.getBodyOrientations(),
+                'time': state.getTime()._value,
+                'step': self.simulation.currentStep,
+                'R': integrator.getBodyPositions()._value,
+                'q': integrator.getBodyOrientations(),
                 'v': integrator.getBodyVelocities()._value,
                 'omega': integrator.getBodyAngularVelocities()._value,
                 'box': state.getPeriodicBoxVectors(asNumpy=True)._value,
@@ -322,7 +324,8 @@ def test_gsd_as_its_own_library_reads_it(tmp_path):
                     np.sort(scene.integrator.computeRotationalKineticEnergies()._value), rtol=1e-5)
             bell, ball = particles.type_shapes
             assert bell == {
-                'type': 'SphereUnion', 'centers': [[-0.3, 0, 0], [0.3, 0.1, 0]],
+                'type': 'SphereUnion',
+                'centers': [[-0.3, 0, 0], [0.3, 0.1, 0]],
                 'diameters': [0.5, 0.7]
             }
             assert ball == {'type': 'SphereUnion', 'centers': [[0.1, 0.2, 0]], 'diameters': [1.0]}
@@ -338,8 +341,10 @@ def test_blobs_in_gsd_are_constituents_as_hoomd_has_them(tmp_path):
         assert particles.body.tolist() == [
             0, 1, 2, 0, 0, 1, 1, 2, -1
         ] and particles.typeid.tolist() == [0, 0, 1, 3, 4, 3, 4, 5, 2]
-        assert particles.type_shapes == [{}, {}] + [{'type': 'Sphere', 'diameter': d}
-                                                    for d in (0.3, 0.5, 0.7, 1.0)]
+        assert particles.type_shapes == [{}, {}] + [{
+            'type': 'Sphere',
+            'diameter': d
+        } for d in (0.3, 0.5, 0.7, 1.0)]
         assert np.allclose(particles.diameter[3:], [0.5, 0.7, 0.5, 0.7, 1, 0.3])
         assert np.allclose(particles.position[3:], seen['x'][1][[0, 1, 3, 4, 6, 8]],
                            atol=1e-5) and not particles.image.any()
@@ -354,7 +359,9 @@ def test_a_sphere_at_its_origin_is_a_sphere(tmp_path):
     with gsd.hoomd.open(str(tmp_path/'x.gsd'), READ) as file:
         assert file[0].particles.type_shapes[1] == {'type': 'Sphere', 'diameter': 0.8}
         assert file[0].particles.type_shapes[0] == {
-            'type': 'SphereUnion', 'centers': [[0, 0, 0.5]], 'diameters': [0.4]
+            'type': 'SphereUnion',
+            'centers': [[0, 0, 0.5]],
+            'diameters': [0.4]
         }
     plain = Scene()
     plain.run(app.GsdReporter(tmp_path/'y.gsd', 1), 1)
@@ -365,8 +372,9 @@ def test_a_sphere_at_its_origin_is_a_sphere(tmp_path):
 
 
 @pytest.mark.parametrize('options, radii', [({}, [0.2]*8 + [0]),
-                                            ({'tail': (0, 0, 0.51)}, [0.2]*8 + [0]),
-                                            ({}, [0.2]*4 + [0.3]*4 + [0])],
+                                            ({
+                                                'tail': (0, 0, 0.51)
+                                            }, [0.2]*8 + [0]), ({}, [0.2]*4 + [0.3]*4 + [0])],
                          ids=['alike', 'other sites', 'other radii'])
 def test_bodies_of_one_shape_are_of_one_type(tmp_path, options, radii):
     alike = not options and len(set(radii[:6])) == 1
@@ -510,9 +518,10 @@ def test_other_bodies_are_not_appended(tmp_path, reporter, read):
 
 def test_other_data_are_not_appended(tmp_path):
     Scene().run(app.H5mdReporter(tmp_path/'x.h5', 1, velocities=True), 2)
-    for options, pieces in (({}, 'it has velocities, what is to be appended has none'),
-                            ({'velocities': True,
-                              'blobs': True}, 'it has no blobs, what is to be appended has ')):
+    for options, pieces in (({}, 'it has velocities, what is to be appended has none'), ({
+            'velocities': True,
+            'blobs': True
+    }, 'it has no blobs, what is to be appended has ')):
         scene = Scene()
         with refused('all frames must hold the same data') as error:
             scene.run(
@@ -542,15 +551,17 @@ def test_bad_reporters(tmp_path, reporter, read):
             reporter(tmp_path/'x', interval)
     with refused(name, 'velocities: got 1', error=TypeError):
         reporter(tmp_path/'x', 1, velocities=1)
-    for options, pieces in (({'types': ['a']
-                              }, ("types: got ['a'] for 3 bodies", 'of ASCII characters')), ({
-                                  'types': ['a', 'a', '\u00e4']
-                              }, ('types: got', 'of ASCII characters')), ({
-                                  'types': ['a', 'b', 'a']
-                              }, ("bodies 0 and 2 are both 'a'", 'a type has one shape')), ({
-                                  'blobs': True
-                              }, ('blobs: no particle has a radius', 'add a MobilityForce')),
-                            ({'radii': [1]}, ('radii: got 1 for 9 sites',))):
+    for options, pieces in (({
+            'types': ['a']
+    }, ("types: got ['a'] for 3 bodies", 'of ASCII characters')), ({
+            'types': ['a', 'a', '\u00e4']
+    }, ('types: got', 'of ASCII characters')), ({
+            'types': ['a', 'b', 'a']
+    }, ("bodies 0 and 2 are both 'a'", 'a type has one shape')), ({
+            'blobs': True
+    }, ('blobs: no particle has a radius', 'add a MobilityForce')), ({
+            'radii': [1]
+    }, ('radii: got 1 for 9 sites',))):
         with refused(name, *pieces):
             Scene().run(reporter(tmp_path/'x', 1, **options), 1)
     system = openmm.System()

@@ -295,14 +295,25 @@ def test_progress_bars(capfd):
 
 @pytest.mark.parametrize(
     'arguments, error, problem',
-    [({'steps': -1}, ValueError,
+    [({
+        'steps': -1
+    }, ValueError,
       'viscosity: steps: got -1; the number of steps must be at least 0: give more of them'),
-     ({'equilibration': -5
-       }, ValueError, 'viscosity: equilibration: got -5; the number of steps must be at least 0'),
-     ({'steps': 100, 'interval': 0}, ValueError,
+     ({
+         'equilibration': -5
+     }, ValueError, 'viscosity: equilibration: got -5; the number of steps must be at least 0'),
+     ({
+         'steps': 100,
+         'interval': 0
+     }, ValueError,
       'viscosity: interval: got 0; it counts what is to be done and must be 1 or more'),
-     ({'steps': 10.0}, TypeError, 'viscosity: steps: got 10.0; it must be an integer'),
-     ({'steps': 7, 'interval': 5}, ValueError,
+     ({
+         'steps': 10.0
+     }, TypeError, 'viscosity: steps: got 10.0; it must be an integer'),
+     ({
+         'steps': 7,
+         'interval': 5
+     }, ValueError,
       'viscosity: steps, interval: got 7 and 5, so 1 samples; a mean over time needs at least 2'),])
 def test_numbers_that_are_none(arguments, error, problem):
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9))

@@ -119,7 +119,8 @@ def _perform(task, job):
         if kept['settings'] == settings:
             return kept['result']
     text = json.dumps({
-        'settings': settings, 'result': asJson(
+        'settings': settings,
+        'result': asJson(
             function(argument, job) if given is None else function(argument, job, given))
     })
     with open(path + '.part', 'w') as file:

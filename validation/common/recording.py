@@ -36,15 +36,22 @@ def provenance(arguments=None):
     digest = hashlib.sha256(b''.join(
         path.read_bytes() for path in libraries)).hexdigest()[:16] if libraries else 'unknown'
     return {
-        'script': pathlib.Path(sys.argv[0]).name, 'arguments': {
+        'script': pathlib.Path(sys.argv[0]).name,
+        'arguments': {
             k: str(v)
             for k, v in vars(arguments or object).items()
             if k not in ('output', 'work', 'cluster', '__dict__', '__doc__')
-        } if arguments else {}, 'processor': processor, 'cores': os.cpu_count(),
-        'load': os.getloadavg(), 'system': platform.platform(), 'python': platform.python_version(),
-        'numpy': np.__version__, 'openmm': openmm.version.version, 'plugin_sha256': digest,
-        'commit': command('git', 'rev-parse',
-                          'HEAD'), 'date': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())
+        } if arguments else {},
+        'processor': processor,
+        'cores': os.cpu_count(),
+        'load': os.getloadavg(),
+        'system': platform.platform(),
+        'python': platform.python_version(),
+        'numpy': np.__version__,
+        'openmm': openmm.version.version,
+        'plugin_sha256': digest,
+        'commit': command('git', 'rev-parse', 'HEAD'),
+        'date': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())
     }
 
 

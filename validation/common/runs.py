@@ -62,13 +62,19 @@ class Plan:
     def settings(self):
         """What must be the same to go on with a run."""
         return json.dumps({
-            'scheme': self.scheme, 'step': self.step, 'every': self.every, 'frames': self.frames,
-            'settle': self.settle, 'replicas': self.replicas, 'lags': self.lags.tolist(),
-            'observables': list(self.observables), 'msd': list(self.msd), 'edges': {
-                k: [len(v), v[0], v[-1]]
-                for k, v in self.edges.items()
-            }, 'body': [self.body.name, self.body.strength,
-                        self.body.weights.sum()]
+            'scheme': self.scheme,
+            'step': self.step,
+            'every': self.every,
+            'frames': self.frames,
+            'settle': self.settle,
+            'replicas': self.replicas,
+            'lags': self.lags.tolist(),
+            'observables': list(self.observables),
+            'msd': list(self.msd),
+            'edges': {k: [len(v), v[0], v[-1]]
+                      for k, v in self.edges.items()},
+            'body': [self.body.name, self.body.strength,
+                     self.body.weights.sum()]
         })
 
 
@@ -78,7 +84,8 @@ class Tally:
         self.plan = plan
         n = plan.replicas
         self.arrays = {
-            'positions': np.zeros((n, 3)), 'orientations': np.zeros((n, 4)),
+            'positions': np.zeros((n, 3)),
+            'orientations': np.zeros((n, 4)),
             'numbers': np.zeros(6),  # chunks, frames, steps, redone steps, seconds, times begun
             'restarted': np.zeros(n, dtype=np.int64)
         }
@@ -305,28 +312,50 @@ def summary(tally):
     plan, (_, frames, steps, redone, seconds, begun) = tally.plan, tally.arrays['numbers']
     errors, bins = tally.reached()
     found = {
-        'scheme': plan.scheme, 'step': plan.step, 'replicas': plan.replicas,
-        'spacing': plan.step*plan.every, 'frames': int(frames), 'steps': int(steps),
-        'time_of_all_replicas': steps*plan.step*plan.replicas, 'settled': plan.settle,
+        'scheme': plan.scheme,
+        'step': plan.step,
+        'replicas': plan.replicas,
+        'spacing': plan.step*plan.every,
+        'frames': int(frames),
+        'steps': int(steps),
+        'time_of_all_replicas': steps*plan.step*plan.replicas,
+        'settled': plan.settle,
         'seconds': seconds,
         'us_per_step_and_body': 1e6*seconds/((steps + round(plan.settle/plan.step))*plan.replicas),
-        'redone_steps': int(redone), 'redone_per_step_and_body': redone/(steps*plan.replicas),
-        'restarted': int(
-            tally.arrays['restarted'].sum()), 'seed': plan.seed, 'times_begun': int(begun),
-        'platform': plan.platform, 'worst_relative_error': tally.worstError(),
-        'reached_error': errors, 'reached_chi2': bins, 'means': {
-            name: {'mean': m, 'error': e, 'exact': x}
+        'redone_steps': int(redone),
+        'redone_per_step_and_body': redone/(steps*plan.replicas),
+        'restarted': int(tally.arrays['restarted'].sum()),
+        'seed': plan.seed,
+        'times_begun': int(begun),
+        'platform': plan.platform,
+        'worst_relative_error': tally.worstError(),
+        'reached_error': errors,
+        'reached_chi2': bins,
+        'means': {
+            name: {
+                'mean': m,
+                'error': e,
+                'exact': x
+            }
             for name, (m, e, x) in tally.means().items()
-        }, 'histograms': {}, 'msd': {}
+        },
+        'histograms': {},
+        'msd': {}
     }
     for key, edges in plan.edges.items():
         P, error = tally.histogram(key)
         chi2, count = tally.chi2(key)
         l2 = tally.l2(key)
         found['histograms'][key] = {
-            'edges': edges, 'P': np.round(P, 8), 'error': np.round(error, 8),
-            'exact': np.round(plan.exact[key], 8), 'chi2_per_bin': chi2, 'bins_of_chi2': count,
-            'significance': tally.significance(key), 'L2': l2[0], 'L2_of_noise': l2[1],
+            'edges': edges,
+            'P': np.round(P, 8),
+            'error': np.round(error, 8),
+            'exact': np.round(plan.exact[key], 8),
+            'chi2_per_bin': chi2,
+            'bins_of_chi2': count,
+            'significance': tally.significance(key),
+            'L2': l2[0],
+            'L2_of_noise': l2[1],
             'L2_without_noise': l2[2]
         }
     if plan.lateFrom is not None:

@@ -105,18 +105,23 @@ def main():
     rows = np.array(rows)
     mean, error = rows.mean(axis=0), rows.std(axis=0, ddof=1)/np.sqrt(len(rows))
     ratio = lambda a, b: {
-        "mean": float(np.mean(rows[:, a])/np.mean(rows[:, b]) - 1), "standard_error": float(
-            np.std(rows[:, a] - rows[:, b], ddof=1)/np.sqrt(len(rows))/mean[b])
+        "mean": float(np.mean(rows[:, a])/np.mean(rows[:, b]) - 1),
+        "standard_error": float(np.std(rows[:, a] - rows[:, b], ddof=1)/np.sqrt(len(rows))/mean[b])
     }
     result = {
-        "molecules": n, "frames": options.frames, "milliseconds_per_force_call": cost,
+        "molecules": n,
+        "frames": options.frames,
+        "milliseconds_per_force_call": cost,
         "energy_fast_minus_exact_kJ_per_mol_of_the_box": {
-            "mean": float(mean[0]), "standard_error": float(error[0]),
+            "mean": float(mean[0]),
+            "standard_error": float(error[0]),
             "standard_deviation": float(rows[:, 0].std(ddof=1))
-        }, "force_difference_rms_relative": float(np.sqrt(mean[1]/mean[2])),
+        },
+        "force_difference_rms_relative": float(np.sqrt(mean[1]/mean[2])),
         "torque_difference_rms_relative": float(np.sqrt(mean[4]/mean[5])),
         "mean_force_square_fast_over_exact_minus_1": ratio(3, 2),
-        "mean_torque_square_fast_over_exact_minus_1": ratio(6, 5), "provenance": run.provenance()
+        "mean_torque_square_fast_over_exact_minus_1": ratio(6, 5),
+        "provenance": run.provenance()
     }
     with open(options.output/"potentials.json", "w") as file:
         json.dump(result, file, indent=1)

@@ -30,13 +30,17 @@ import tip4p_model as tip4p
 _WEIGHT_O = -tip4p.MASS_H/tip4p.MASS_O
 _WEIGHT_M = tip4p.W_M + (1 - 2*tip4p.W_M)*_WEIGHT_O
 _COMBINATION = {
-    "O": (_WEIGHT_O, _WEIGHT_O), "H1": (1.0, 0.0), "H2": (0.0, 1.0), "M": (_WEIGHT_M, _WEIGHT_M)
+    "O": (_WEIGHT_O, _WEIGHT_O),
+    "H1": (1.0, 0.0),
+    "H2": (0.0, 1.0),
+    "M": (_WEIGHT_M, _WEIGHT_M)
 }
 _SQUARED_LENGTH = dict(zip(tip4p.SITE_NAMES, np.sum(tip4p.site_coordinates()**2, axis=1)))
 _PAIRS = {
-    "OO": [("O", "O")], "HH": [("H1", "H1"), ("H1", "H2"), ("H2", "H1"),
-                               ("H2", "H2")], "HM": [("H1", "M"), ("H2", "M"), ("M", "H1"),
-                                                     ("M", "H2")], "MM": [("M", "M")],
+    "OO": [("O", "O")],
+    "HH": [("H1", "H1"), ("H1", "H2"), ("H2", "H1"), ("H2", "H2")],
+    "HM": [("H1", "M"), ("H2", "M"), ("M", "H1"), ("M", "H2")],
+    "MM": [("M", "M")],
     "OH": [("O", "H1"), ("O", "H2"), ("H1", "O"),
            ("H2", "O")],  # no interaction; counted for the RDF
 }

@@ -27,12 +27,22 @@ import tip4p_model as tip4p  # noqa: E402
 
 ROWS = ("T_tk", "T_rk", "T_tc", "T_rc", "U", "P_ex", "g_OO", "g_OH", "g_HH")
 LABELS = {
-    "T_tk": "T_tk, K", "T_rk": "T_rk, K", "T_tc": "T_tc, K", "T_rc": "T_rc, K", "U": "U, kcal/mol",
-    "P_ex": "P_ex, MPa", "g_OO": "g_OO(2.78 Å)", "g_OH": "g_OH(1.82 Å)", "g_HH": "g_HH(2.38 Å)"
+    "T_tk": "T_tk, K",
+    "T_rk": "T_rk, K",
+    "T_tc": "T_tc, K",
+    "T_rc": "T_rc, K",
+    "U": "U, kcal/mol",
+    "P_ex": "P_ex, MPa",
+    "g_OO": "g_OO(2.78 Å)",
+    "g_OH": "g_OH(1.82 Å)",
+    "g_HH": "g_HH(2.38 Å)"
 }
 SCHEMES = ("A", "B", "C", "gradient")
 NAMES = {
-    "A": "Langevin A", "B": "Langevin B", "C": "Langevin C", "gradient": "Gradient",
+    "A": "Langevin A",
+    "B": "Langevin B",
+    "C": "Langevin C",
+    "gradient": "Gradient",
     "SETTLE": "LangevinMiddle + SETTLE"
 }
 LARGEST_H = {"gradient": 4}  # largest step of the fit, fs; for Langevin 6
@@ -41,27 +51,45 @@ Z95 = 1.96
 # Table 1: (A0, 95 % of A0, E_A, 95 % of E_A); P_ex with the + convention, as in the paper's table.
 PAPER = {
     "A": {
-        "T_tk": (300.0, 0.2, -0.136, 0.008), "T_rk": (299.9, 0.2, -0.808, 0.008),
-        "T_tc": (300.1, 0.3, 0.022, 0.013), "T_rc": (299.8, 0.3, 0.158, 0.011),
-        "U": (-9.068, 0.004, -0.0004, 0.0002), "P_ex": (-117.4, 1.3, -0.02, 0.05),
-        "g_OO": (3.007, 0.004, 0.0006, 0.0002), "g_OH": (1.490, 0.003, 0.0003, 0.0002),
+        "T_tk": (300.0, 0.2, -0.136, 0.008),
+        "T_rk": (299.9, 0.2, -0.808, 0.008),
+        "T_tc": (300.1, 0.3, 0.022, 0.013),
+        "T_rc": (299.8, 0.3, 0.158, 0.011),
+        "U": (-9.068, 0.004, -0.0004, 0.0002),
+        "P_ex": (-117.4, 1.3, -0.02, 0.05),
+        "g_OO": (3.007, 0.004, 0.0006, 0.0002),
+        "g_OH": (1.490, 0.003, 0.0003, 0.0002),
         "g_HH": (1.283, 0.002, 0.00012, 0.00007)
-    }, "B": {
-        "T_tk": (299.9, 0.2, 0.100, 0.013), "T_rk": (299.8, 0.3, -0.092, 0.013),
-        "T_tc": (299.9, 0.4, 0.45, 0.02), "T_rc": (299.6, 0.4, 0.99, 0.02),
-        "U": (-9.071, 0.004, 0.0059, 0.0002), "P_ex": (-117.4, 1.6, 0.27, 0.09),
-        "g_OO": (3.009, 0.004, -0.0027, 0.0002), "g_OH": (1.492, 0.002, -0.0024, 0.0002),
+    },
+    "B": {
+        "T_tk": (299.9, 0.2, 0.100, 0.013),
+        "T_rk": (299.8, 0.3, -0.092, 0.013),
+        "T_tc": (299.9, 0.4, 0.45, 0.02),
+        "T_rc": (299.6, 0.4, 0.99, 0.02),
+        "U": (-9.071, 0.004, 0.0059, 0.0002),
+        "P_ex": (-117.4, 1.6, 0.27, 0.09),
+        "g_OO": (3.009, 0.004, -0.0027, 0.0002),
+        "g_OH": (1.492, 0.002, -0.0024, 0.0002),
         "g_HH": (1.284, 0.002, -0.00082, 0.00006)
-    }, "C": {
-        "T_tk": (300.0, 0.2, -0.135, 0.007), "T_rk": (300.1, 0.2, -0.803, 0.008),
-        "T_tc": (300.1, 0.3, 0.021, 0.013), "T_rc": (299.9, 0.3, 0.152, 0.011),
-        "U": (-9.066, 0.003, -0.0005, 0.0002), "P_ex": (-117.5, 1.4, -0.01, 0.05),
-        "g_OO": (3.009, 0.004, 0.0004, 0.0002), "g_OH": (1.490, 0.002, 0.00028, 0.00009),
+    },
+    "C": {
+        "T_tk": (300.0, 0.2, -0.135, 0.007),
+        "T_rk": (300.1, 0.2, -0.803, 0.008),
+        "T_tc": (300.1, 0.3, 0.021, 0.013),
+        "T_rc": (299.9, 0.3, 0.152, 0.011),
+        "U": (-9.066, 0.003, -0.0005, 0.0002),
+        "P_ex": (-117.5, 1.4, -0.01, 0.05),
+        "g_OO": (3.009, 0.004, 0.0004, 0.0002),
+        "g_OH": (1.490, 0.002, 0.00028, 0.00009),
         "g_HH": (1.282, 0.002, 0.00018, 0.00007)
-    }, "gradient": {
-        "T_tc": (299.6, 1.0, 3.6, 0.5), "T_rc": (298.6, 1.6, 9.9, 0.4),
-        "U": (-9.075, 0.011, 0.033, 0.004), "P_ex": (-118, 11, 1.7, 2.8),
-        "g_OO": (3.012, 0.009, -0.011, 0.004), "g_OH": (1.491, 0.007, -0.011, 0.002),
+    },
+    "gradient": {
+        "T_tc": (299.6, 1.0, 3.6, 0.5),
+        "T_rc": (298.6, 1.6, 9.9, 0.4),
+        "U": (-9.075, 0.011, 0.033, 0.004),
+        "P_ex": (-118, 11, 1.7, 2.8),
+        "g_OO": (3.012, 0.009, -0.011, 0.004),
+        "g_OH": (1.491, 0.007, -0.011, 0.002),
         "g_HH": (1.284, 0.004, -0.004, 0.002)
     },
 }
@@ -123,7 +151,11 @@ def fit(h, values, errors, power, fixed=None):
     error = scale*np.sqrt(np.diag(covariance))
     a0, a0_error = (solution[0], error[0]) if fixed is None else (fixed, 0.0)
     return {
-        "A0": a0, "A0_error": a0_error, "E": solution[-1], "E_error": error[-1], "chi2": chi2,
+        "A0": a0,
+        "A0_error": a0_error,
+        "E": solution[-1],
+        "E_error": error[-1],
+        "chi2": chi2,
         "degrees_of_freedom": freedom
     }
 
@@ -149,13 +181,19 @@ def analyse(runs):
         entry = {
             "points": {
                 f"{h:g}":
-                {k: {"mean": float(v[0]), "error95": float(Z95*v[1])}
+                {k: {
+                    "mean": float(v[0]),
+                    "error95": float(Z95*v[1])
+                }
                  for k, v in p.items()}
                 for h, p in sorted(points.items())
-            }, "measured_steps": {
+            },
+            "measured_steps": {
                 f"{h:g}": sum(r["steps"] for r in good if r["h_fs"] == h)
                 for h in sorted(points)
-            }, "fits": {}, "failed": {
+            },
+            "fits": {},
+            "failed": {
                 f"{r['h_fs']:g}": r["failed"]
                 for r in runs if r["scheme"] == scheme and "failed" in r
             }
@@ -317,7 +355,9 @@ def write_report(out, work):
     summary = {
         "what": "Davidchack, Ouldridge, Tretyakov 2015, Table 1",
         "confidence": "errors named error95 are 95 %; others one "
-        "standard error", "schemes": analysis, "runs": [{
+        "standard error",
+        "schemes": analysis,
+        "runs": [{
             k: r.get(k)
             for k in ("scheme", "h_fs", "molecules", "steps", "equilibration_steps", "seed",
                       "replica", "potential", "platform", "seconds", "ms_per_step",

@@ -118,7 +118,9 @@ def simulate(spec, start, job=None):
         r, g = sums.rdf(kind)
         position, height = observables.rdf_first_maximum(r, g, where)
         rdf[kind] = {
-            "r_nm": np.round(r, 5).tolist(), "g": np.round(g, 4).tolist(), "maximum_nm": position,
+            "r_nm": np.round(r, 5).tolist(),
+            "g": np.round(g, 4).tolist(),
+            "maximum_nm": position,
             "maximum": height
         }
     result = dict(spec)
@@ -173,7 +175,8 @@ def exact_minus_fast(sums, pairs):
     difference = -pairs[:, 4]/(tip4p.BOLTZMANN*tip4p.TEMPERATURE)
     shift = lambda a: float(-np.cov(a, difference)[0, 1])
     return {
-        "U": shift(pairs[:, 0]/sums.n/tip4p.KCAL), "P_ex": shift(sums.pressure(pairs[:, 1])),
+        "U": shift(pairs[:, 0]/sums.n/tip4p.KCAL),
+        "P_ex": shift(sums.pressure(pairs[:, 1])),
         "laplacian_translation_relative": shift(pairs[:, 2])/pairs[:, 2].mean(),
         "laplacian_rotation_relative": shift(pairs[:, 3])/pairs[:, 3].mean(),
         "standard_deviation_of_energy_difference_in_kT": float(difference.std())
@@ -257,10 +260,16 @@ def run_series(options):
             if equilibration is None:
                 equilibration = 10000 if scheme == "gradient" else max(5000, int(round(20e3/h, -2)))
             specs.append({
-                "scheme": scheme, "h_fs": h, "molecules": options.molecules, "steps": options.steps,
-                "equilibration_steps": equilibration, "potential": options.potential,
-                "platform": options.platform, "replica": options.replica, "seed": options.seed +
-                10000*options.replica + 100*(SCHEMES + ("SETTLE",)).index(scheme) + int(round(10*h))
+                "scheme": scheme,
+                "h_fs": h,
+                "molecules": options.molecules,
+                "steps": options.steps,
+                "equilibration_steps": equilibration,
+                "potential": options.potential,
+                "platform": options.platform,
+                "replica": options.replica,
+                "seed": options.seed + 10000*options.replica + 100*
+                (SCHEMES + ("SETTLE",)).index(scheme) + int(round(10*h))
             })
     start = start_positions(options.molecules, options.start_file
                             or options.work/f"start_{options.molecules}.npz")

@@ -115,8 +115,12 @@ def perform(task, job, start):
 def tasks(options):
     """All trials, grouped: {group: list of tasks, each with its scan variable `x`}."""
     common = {
-        "molecules": options.molecules, "seed": options.seed, "gamma": 5.0, "Gamma": 10.0,
-        "upsilon_fs": 4.0, "Upsilon_fs": 1.0
+        "molecules": options.molecules,
+        "seed": options.seed,
+        "gamma": 5.0,
+        "Gamma": 10.0,
+        "upsilon_fs": 4.0,
+        "Upsilon_fs": 1.0
     }
     picoseconds = 5.0 if options.quick else options.picoseconds
     groups = {}
@@ -133,7 +137,8 @@ def tasks(options):
                      steps=int(picoseconds*1e3/h) // 20*20) for h in hs
             ]
     products = {
-        "upsilon": [80, 110, 130, 150, 170, 200, 240], "Upsilon": [30, 50, 60, 70, 80, 100, 130]
+        "upsilon": [80, 110, 130, 150, 170, 200, 240],
+        "Upsilon": [30, 50, 60, 70, 80, 100, 130]
     }
     for name, values in products.items():
         groups[f"gradient, h {name}"] = [
@@ -257,7 +262,9 @@ def write(results, seconds, out):
     with open(os.path.join(out, "stability.json"), "w") as file:
         json.dump(
             {
-                "limits": limits(results), "trials": results, "seconds": seconds,
+                "limits": limits(results),
+                "trials": results,
+                "seconds": seconds,
                 "provenance": run.provenance()
             }, file, indent=1)
     picture(results, os.path.join(out, "stability.png"))

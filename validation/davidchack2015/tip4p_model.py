@@ -266,7 +266,9 @@ def make_integrator(n, scheme, step_fs, gamma=5.0, Gamma=10.0, upsilon_fs=4.0, U
         integrator = plugin.CustomRigidHIIntegrator(temperature, step_fs*1e-3)
         plugin.app.addRigidWater(integrator, make_topology(n))
         integrator.setScheme({
-            "A": integrator.LangevinA, "B": integrator.LangevinB, "C": integrator.LangevinC,
+            "A": integrator.LangevinA,
+            "B": integrator.LangevinB,
+            "C": integrator.LangevinC,
             "gradient": integrator.GradientThermostat
         }[scheme])
         integrator.setFriction(gamma)

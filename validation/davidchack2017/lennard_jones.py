@@ -54,12 +54,17 @@ QUANTITIES = ('kT_t', 'kT_r1', 'kT_r2', 'kT_r3', 'U/N')
 #: any integrator (A0, error).
 PAPER = {
     0.1: {
-        'kT_t': (0.100012, 1.4e-5, -0.06972, 1.1e-4), 'kT_r1': (0.100010, 1.8e-5, -0.00257, 1.5e-4),
+        'kT_t': (0.100012, 1.4e-5, -0.06972, 1.1e-4),
+        'kT_r1': (0.100010, 1.8e-5, -0.00257, 1.5e-4),
         'kT_r2': (0.099992, 1.4e-5, -0.00778, 1.2e-4),
-        'kT_r3': (0.100011, 1.2e-5, -0.01388, 1.1e-4), 'U/N': (-2.34352, 3e-5, -0.0098, 4e-4)
-    }, 0.2: {
-        'kT_t': (0.20001, 2e-5, -0.1293, 5e-4), 'kT_r1': (0.19998, 3e-5, -0.0027, 7e-4),
-        'kT_r2': (0.20002, 2e-5, -0.0171, 6e-4), 'kT_r3': (0.19999, 3e-5, -0.0235, 5e-4),
+        'kT_r3': (0.100011, 1.2e-5, -0.01388, 1.1e-4),
+        'U/N': (-2.34352, 3e-5, -0.0098, 4e-4)
+    },
+    0.2: {
+        'kT_t': (0.20001, 2e-5, -0.1293, 5e-4),
+        'kT_r1': (0.19998, 3e-5, -0.0027, 7e-4),
+        'kT_r2': (0.20002, 2e-5, -0.0171, 6e-4),
+        'kT_r3': (0.19999, 3e-5, -0.0235, 5e-4),
         'U/N': (-2.13921, 1.4e-4, -0.056, 3e-3)
     }
 }
@@ -180,12 +185,21 @@ def run(argument, job=None):
     between = float(np.mean(perCluster, axis=0).std(ddof=1)/np.sqrt(clusters))
     error[4] = max(error[4], between)
     return {
-        'kT': kT, 'h': step, 'model': modelName, 'clusters': clusters, 'time_per_cluster': duration,
-        'preparation': preparation, 'seed': seed, 'steps': int(len(rows)*every),
-        'samples': len(rows), 'seconds': seconds + time.time() - began,
-        'rejected_steps': int(rejected), 'mean': dict(zip(QUANTITIES, mean)), 'error': dict(
-            zip(QUANTITIES,
-                error)), 'U/N_error_between_clusters': between, 'U/N_difference_to_OpenMM': check
+        'kT': kT,
+        'h': step,
+        'model': modelName,
+        'clusters': clusters,
+        'time_per_cluster': duration,
+        'preparation': preparation,
+        'seed': seed,
+        'steps': int(len(rows)*every),
+        'samples': len(rows),
+        'seconds': seconds + time.time() - began,
+        'rejected_steps': int(rejected),
+        'mean': dict(zip(QUANTITIES, mean)),
+        'error': dict(zip(QUANTITIES, error)),
+        'U/N_error_between_clusters': between,
+        'U/N_difference_to_OpenMM': check
     }
 
 
@@ -201,7 +215,11 @@ def fits(runs, kT):
         e = np.array([r['error'][name] for r in fitted])
         (a0, ea), (da0, dea), chi2 = weightedFit([np.ones_like(h), h**2], y, e)
         found['fit'][name] = {
-            'A0': a0, 'A0_error': da0, 'E_A': ea, 'E_A_error': dea, 'chi2_per_dof': chi2,
+            'A0': a0,
+            'A0_error': da0,
+            'E_A': ea,
+            'E_A_error': dea,
+            'chi2_per_dof': chi2,
             'paper': dict(zip(('A0', 'A0_error', 'E_A', 'E_A_error'), PAPER[kT][name]))
         }
         # Order: the exponent p of |A(h) - A(0)| = E h^p, with the exact A(0), from the points that
@@ -238,15 +256,21 @@ def analyse(runs):
             entry['U/N_at_h_0.005_to_0.02'] = {
                 'each': [(r['h'], r['mean']['U/N'], r['error']['U/N'],
                           (r['mean']['U/N'] - exact)/np.hypot(r['error']['U/N'], exactError))
-                         for r in small], 'pooled': pooled, 'error': error, 'Monte_Carlo': exact,
-                'Monte_Carlo_error': exactError, 'z': (pooled - exact)/np.hypot(error, exactError)
+                         for r in small],
+                'pooled': pooled,
+                'error': error,
+                'Monte_Carlo': exact,
+                'Monte_Carlo_error': exactError,
+                'z': (pooled - exact)/np.hypot(error, exactError)
             }
         entry['models'] = []
         for r in other:
             same = [f for f in free if f['h'] == r['h']]
             if same:
                 entry['models'].append({
-                    'h': r['h'], 'model': r['model'], **{
+                    'h': r['h'],
+                    'model': r['model'],
+                    **{
                         f'z {name}': (r['mean'][name] - same[0]['mean'][name])/np.hypot(
                             r['error'][name], same[0]['error'][name])
                         for name in QUANTITIES
@@ -374,7 +398,9 @@ def main():
     def result():
         done = [runs[key] for key in order if key in runs]
         return done, {
-            'runs': done, 'analysis': analyse(compared + done), 'provenance': provenance(args)
+            'runs': done,
+            'analysis': analyse(compared + done),
+            'provenance': provenance(args)
         }
 
     def finish(index, r):

@@ -48,17 +48,18 @@ PARTS = ('states', 'noise', 'diagram', 'animation')
 #: f, tau, kind of start, time to settle, window, the state in the paper, and the results of an
 #: independent calculation (period, orbital speed, spin), by model and truncation.
 STATES = (('Fig 7', 1.0, 0.0, 'random', 700.0, 300.0, '5+1 drafting', {
-    ('RPY', 'switch'): (46.2, 0.3077, 0.1092), ('FTS+lubrication', 'switch'): (64.8, 0.2889, 0.1227)
-}), ('Fig 8(a)', 1.2, -4.0, 'random', 700.0,
-     200.0, 'steady pairs', {('RPY', 'switch'): (None, 0.2117, -1.6605),
-                             ('FTS+lubrication', 'switch'): (None, 0.1488, -1.4271),
-                             ('FTS+lubrication', 'none'): (None, 0.1488, -1.4271)}),
-          ('Fig 8(b)', 1.2, -3.0, 'random', 4000.0, 950.0, 'pair drafting',
-           {}), ('Fig 8(c)', 0.4, -4.0, 'random', 1200.0, 400.0, 'in-phase triplets',
-                 {}), ('Fig 8(c), start with theta(i+3) = theta(i) + pi', 0.4, -4.0, 'opposite',
-                       1200.0, 400.0, 'in-phase triplets', {
-                           ('FTS+lubrication', 'none'): (82.0, -0.054, None)
-                       }), ('video f0tau-5', 0.0, -5.0, 'random', 1200.0, 400.0, 'drafting', {}))
+    ('RPY', 'switch'): (46.2, 0.3077, 0.1092),
+    ('FTS+lubrication', 'switch'): (64.8, 0.2889, 0.1227)
+}), ('Fig 8(a)', 1.2, -4.0, 'random', 700.0, 200.0, 'steady pairs', {
+    ('RPY', 'switch'): (None, 0.2117, -1.6605),
+    ('FTS+lubrication', 'switch'): (None, 0.1488, -1.4271),
+    ('FTS+lubrication', 'none'): (None, 0.1488, -1.4271)
+}), ('Fig 8(b)', 1.2, -3.0, 'random', 4000.0, 950.0, 'pair drafting',
+     {}), ('Fig 8(c)', 0.4, -4.0, 'random', 1200.0, 400.0, 'in-phase triplets', {}),
+          ('Fig 8(c), start with theta(i+3) = theta(i) + pi', 0.4, -4.0, 'opposite', 1200.0, 400.0,
+           'in-phase triplets', {
+               ('FTS+lubrication', 'none'): (82.0, -0.054, None)
+           }), ('video f0tau-5', 0.0, -5.0, 'random', 1200.0, 400.0, 'drafting', {}))
 
 
 # ---- The scene -----------------------------------------------------------------------------------
@@ -218,16 +219,29 @@ def runState(arguments, job=None):
         np.linalg.norm(places[:, i] - places[:, j], axis=1).min() for i in range(COUNT)
         for j in range(i))
     return {
-        'f': f, 'tau': tau, 'kT': kT, 'model': model, 'truncation': truncation, 'start': kind,
-        'seed': seed, 'h': step, 'settle': settle + window*(attempt - 1), 'window': window,
-        'state': state, 'fluctuation': fluctuation, 'period': period,
-        'fingerprint': fingerprint(gaps), 'least_mismatch_by_one': float(
-            mismatch(gaps, 1, np.arange(0,
-                                        len(gaps) // 2, 5)).min()), 'orbital_speed': orbit,
-        'spin': float(trajectory.spin.mean()), 'smallest_gap': float(nearest - 2),
+        'f': f,
+        'tau': tau,
+        'kT': kT,
+        'model': model,
+        'truncation': truncation,
+        'start': kind,
+        'seed': seed,
+        'h': step,
+        'settle': settle + window*(attempt - 1),
+        'window': window,
+        'state': state,
+        'fluctuation': fluctuation,
+        'period': period,
+        'fingerprint': fingerprint(gaps),
+        'least_mismatch_by_one': float(mismatch(gaps, 1, np.arange(0,
+                                                                   len(gaps) // 2, 5)).min()),
+        'orbital_speed': orbit,
+        'spin': float(trajectory.spin.mean()),
+        'smallest_gap': float(nearest - 2),
         'distances': neighbourDistances(places, trajectory.theta)
-        if state.startswith('steady') else None, 'largest_out_of_plane': float(
-            abs(places[:, :, 2]).max()), 'seconds': before + time.time() - began
+        if state.startswith('steady') else None,
+        'largest_out_of_plane': float(abs(places[:, :, 2]).max()),
+        'seconds': before + time.time() - began
     }
 
 
@@ -253,8 +267,10 @@ def made(args, path, tasks):
         more = todo[index][1]
         row.update(more)
         rows[key(row)] = row
-        save(path.parent, path.name,
-             {'rows': [rows[k] for k in order if k in rows], 'provenance': provenance(args)})
+        save(path.parent, path.name, {
+            'rows': [rows[k] for k in order if k in rows],
+            'provenance': provenance(args)
+        })
         print(
             f'f {row["f"]:g} tau {row["tau"]:g} seed {row["seed"]}: {row["state"]}, period '
             f'{row["period"]}, '
@@ -284,12 +300,21 @@ def states(args, path):
             if args.quick:
                 settle, window = 300.0, 180.0
             tasks.append(({
-                'f': f, 'tau': tau, 'kT': 0, 'model': args.model, 'truncation': args.truncation,
-                'kind': kind, 'settle': settle, 'window': window, 'seed': args.seed + k,
-                'step': COARSE_STEP if args.quick else STEP, 'attempts': 3
+                'f': f,
+                'tau': tau,
+                'kT': 0,
+                'model': args.model,
+                'truncation': args.truncation,
+                'kind': kind,
+                'settle': settle,
+                'window': window,
+                'seed': args.seed + k,
+                'step': COARSE_STEP if args.quick else STEP,
+                'attempts': 3
             }, {
-                'name': name, 'paper': paper, 'independent': reference.get(
-                    (args.model, args.truncation))
+                'name': name,
+                'paper': paper,
+                'independent': reference.get((args.model, args.truncation))
             }))
     return made(args, path, tasks)
 
@@ -310,9 +335,17 @@ def noise(args, path):
     To which of the two noiseless states is each run nearer, and is it still periodic?
     """
     todo = [(name, paper, {
-        'f': f, 'tau': tau, 'kT': kT, 'model': args.model, 'truncation': args.truncation,
-        'kind': 'random', 'settle': settle, 'window': window*(1 if kT < 1e-3 else 3),
-        'seed': args.seed, 'step': COARSE_STEP, 'attempts': 1
+        'f': f,
+        'tau': tau,
+        'kT': kT,
+        'model': args.model,
+        'truncation': args.truncation,
+        'kind': 'random',
+        'settle': settle,
+        'window': window*(1 if kT < 1e-3 else 3),
+        'seed': args.seed,
+        'step': COARSE_STEP,
+        'attempts': 1
     }) for kT in (0.0, 1e-5, 1e-4, 1e-3, 1e-2)
             for name, f, tau, _, settle, window, paper, _ in STATES[:2]]
     rows, noiseless = together(runState, [arguments for _, _, arguments in todo], args), {}
@@ -348,16 +381,30 @@ def diagram(args, path):
                     continue
                 slower = 1/np.clip(max(f, abs(tau)/4), 0.25, 1)
                 tasks.append(({
-                    'f': f, 'tau': tau, 'kT': 0, 'model': args.model, 'truncation': args.truncation,
-                    'kind': 'random', 'settle': SETTLE*slower, 'window': WINDOW*slower,
-                    'seed': args.seed + k, 'step': COARSE_STEP, 'attempts': args.attempts
+                    'f': f,
+                    'tau': tau,
+                    'kT': 0,
+                    'model': args.model,
+                    'truncation': args.truncation,
+                    'kind': 'random',
+                    'settle': SETTLE*slower,
+                    'window': WINDOW*slower,
+                    'seed': args.seed + k,
+                    'step': COARSE_STEP,
+                    'attempts': args.attempts
                 }, {}))
     return made(args, path, tasks)
 
 
 COLOURS = {
-    '5+1 drafting': 'C0', 'steady pairs': 'C1', 'pair drafting': 'C2', 'in-phase triplets': 'C3',
-    'alternating triplets': 'C4', 'uniform': 'C5', 'steady triplets': 'C6', 'steady cluster': 'C7',
+    '5+1 drafting': 'C0',
+    'steady pairs': 'C1',
+    'pair drafting': 'C2',
+    'in-phase triplets': 'C3',
+    'alternating triplets': 'C4',
+    'uniform': 'C5',
+    'steady triplets': 'C6',
+    'steady cluster': 'C7',
     'undecided': 'k'
 }
 
@@ -406,9 +453,16 @@ def animation(args, path):
     from matplotlib.patches import Circle, Wedge
     shown = [s for s in STATES if s[0] in ('Fig 7', 'Fig 8(a)', 'Fig 8(b)') or s[3] == 'opposite']
     records = together(film, [{
-        'f': f, 'tau': tau, 'kT': 0,
-        'model': args.model, 'truncation': args.truncation, 'kind': kind, 'settle': min(
-            settle, 2000), 'window': 96.0, 'seed': args.seed, 'step': COARSE_STEP
+        'f': f,
+        'tau': tau,
+        'kT': 0,
+        'model': args.model,
+        'truncation': args.truncation,
+        'kind': kind,
+        'settle': min(settle, 2000),
+        'window': 96.0,
+        'seed': args.seed,
+        'step': COARSE_STEP
     } for _, f, tau, kind, settle, *_ in shown], args)
     places, orientations = ([np.array(record[key]) for record in records]
                             for key in ('places', 'orientations'))
@@ -462,8 +516,11 @@ def main():
         if part == 'animation':
             animation(args, args.output/f'ring_{suffix}.gif')
             continue
-        rows = {'states': states, 'noise': noise,
-                'diagram': diagram}[part](args, args.output/f'ring_{part}_{suffix}.json')
+        rows = {
+            'states': states,
+            'noise': noise,
+            'diagram': diagram
+        }[part](args, args.output/f'ring_{part}_{suffix}.json')
         if part == 'diagram':
             drawDiagram(rows, args.output/f'ring_diagram_{suffix}.png')
 

@@ -35,7 +35,8 @@ PAPER = {
 #: Solved by boundary collocation with Lamb's solution (40 to 120 harmonics), independently of this
 #: package and of the paper.
 COLLOCATION = {
-    '10': (1.3947015340, 0.006973274431), '3': (1.1840839517, 0.064558335059),
+    '10': (1.3947015340, 0.006973274431),
+    '3': (1.1840839517, 0.064558335059),
     '25/12': (1.0756206190, 0.097726919137)
 }
 MODELS = ('RPY', 'FTS', 'FTS+lubrication', 'multiblob 12', 'multiblob 42', 'multiblob 162')
@@ -159,9 +160,14 @@ def ladder(argument, job):
         state.save(rows=rows, ends=ends, seconds=time.time() - began)
     h, drag, spin, _ = np.array(rows).T
     return {
-        'h': h, 'F/U_h': drag, 'omega/U_h': spin, 'steps': [int(r[3]) for r in rows],
-        'seconds': time.time() - began, 'F/U': np.polyfit(h**2, drag, 2)[-1], 'omega/U': np.polyfit(
-            h**2, spin, 2)[-1], 'F/U_straight_line': np.polyfit(h**2, drag, 1)[-1],
+        'h': h,
+        'F/U_h': drag,
+        'omega/U_h': spin,
+        'steps': [int(r[3]) for r in rows],
+        'seconds': time.time() - began,
+        'F/U': np.polyfit(h**2, drag, 2)[-1],
+        'omega/U': np.polyfit(h**2, spin, 2)[-1],
+        'F/U_straight_line': np.polyfit(h**2, drag, 1)[-1],
         'omega/U_straight_line': np.polyfit(h**2, spin, 1)[-1]
     }
 
@@ -219,9 +225,11 @@ def main():
         drag, spin = exactPair(SEPARATIONS[s])
         known = COLLOCATION.get(s)
         result['exact'][s] = {
-            'F/U': (known or (drag, spin))[0], 'omega/U': (known or (drag, spin))[1],
+            'F/U': (known or (drag, spin))[0],
+            'omega/U': (known or (drag, spin))[1],
             'source': 'collocation' if known else 'fundamental solutions',
-            'F/U_fundamental_solutions': drag, 'omega/U_fundamental_solutions': spin,
+            'F/U_fundamental_solutions': drag,
+            'omega/U_fundamental_solutions': spin,
             'paper': PAPER[s]
         }
         print(f'l = {s}: exact F/U {drag:.9f}, omega/U {spin:.9f}' + (

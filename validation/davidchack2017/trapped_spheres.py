@@ -36,10 +36,23 @@ from spheres import RESULTS, Spheres, campaign, provenance, pyplot, sample, save
 #: time.
 SETS = {
     'inertial (Figs 2, 3)': {
-        'm': 1.0, 'I': 0.4, 'kt': 10.0, 'kr': 20.0, 'kT': 0.1, 'lag': 4.0, 'every': 0.05,
+        'm': 1.0,
+        'I': 0.4,
+        'kt': 10.0,
+        'kr': 20.0,
+        'kT': 0.1,
+        'lag': 4.0,
+        'every': 0.05,
         'time': 5e4
-    }, 'overdamped (Figs 4, 5)': {
-        'm': 0.05, 'I': 0.02, 'kt': 0.5, 'kr': 1.0, 'kT': 0.005, 'lag': 20.0, 'every': 0.1,
+    },
+    'overdamped (Figs 4, 5)': {
+        'm': 0.05,
+        'I': 0.02,
+        'kt': 0.5,
+        'kr': 1.0,
+        'kT': 0.005,
+        'lag': 20.0,
+        'every': 0.1,
         'time': 1.7e5
     }
 }
@@ -51,10 +64,16 @@ MODELS = {
 }
 #: The ten functions: sphere and variable of a and of b.
 FUNCTIONS = {
-    'x1 x1': ('x1', 'x1'), 'z1 z1': ('z1', 'z1'), 'chiy1 chiy1': ('chiy1', 'chiy1'),
-    'chiz1 chiz1': ('chiz1', 'chiz1'), 'x1 x2': ('x1', 'x2'), 'z1 z2': ('z1', 'z2'),
-    'chiy1 chiy2': ('chiy1', 'chiy2'), 'chiz1 chiz2': ('chiz1', 'chiz2'),
-    'x1 chiy2': ('x1', 'chiy2'), 'x1 chiy1': ('x1', 'chiy1')
+    'x1 x1': ('x1', 'x1'),
+    'z1 z1': ('z1', 'z1'),
+    'chiy1 chiy1': ('chiy1', 'chiy1'),
+    'chiz1 chiz1': ('chiz1', 'chiz1'),
+    'x1 x2': ('x1', 'x2'),
+    'z1 z2': ('z1', 'z2'),
+    'chiy1 chiy2': ('chiy1', 'chiy2'),
+    'chiz1 chiz2': ('chiz1', 'chiz2'),
+    'x1 chiy2': ('x1', 'chiy2'),
+    'x1 chiy1': ('x1', 'chiy1')
 }
 VARIABLES = ('x1', 'z1', 'chiy1', 'chiz1', 'x2', 'z2', 'chiy2', 'chiz2')
 #: Sign of each kind under the mirror z -> -z that exchanges the spheres.
@@ -167,8 +186,10 @@ def saveBiases(args):
             bias = biases(Linear(parameters, probe.fluid.getFrictionInContext(probe.context)),
                           parameters)[2]
             result[f'{setName} R={R:g}'] = {f'{h:g}': b for h, b in bias.items()}
-    save(args.output, 'trapped_spheres_bias.json',
-         {'largest_bias_by_step': result, 'provenance': provenance(args)})
+    save(args.output, 'trapped_spheres_bias.json', {
+        'largest_bias_by_step': result,
+        'provenance': provenance(args)
+    })
 
 
 # ---- The run -------------------------------------------------------------------------------------
@@ -283,25 +304,38 @@ def run(argument, job=None):
     difference = {n: tcf[n] - exact[n] for n in exact}
     z = {n: float(np.sqrt(np.mean((difference[n][1:]/errors[n][1:])**2))) for n in exact}
     return {
-        'set': setName, 'R': R, 'kT': kT, 'model': model, 'h': h, 'bias_of_this_step': bias,
-        'time': len(data)*parameters['every'], 'seed': seed, 'seconds': time.time() - began,
-        'samples': len(data), 'spacing': parameters['every'], 'variance_over_kT_by_K': {
+        'set': setName,
+        'R': R,
+        'kT': kT,
+        'model': model,
+        'h': h,
+        'bias_of_this_step': bias,
+        'time': len(data)*parameters['every'],
+        'seed': seed,
+        'seconds': time.time() - began,
+        'samples': len(data),
+        'spacing': parameters['every'],
+        'variance_over_kT_by_K': {
             k: float(v*parameters['kr' if 'chi' in k else 'kt']/kT)
             for k, v in variance.items()
-        }, 'largest_standard_error': largest(errors),
+        },
+        'largest_standard_error': largest(errors),
         'largest_difference': {n: float(abs(d).max())
-                               for n, d in difference.items()}, 'rms_z': z, 'extremes': {
-                                   n: [float(times[abs(c).argmax()]),
-                                       float(c[abs(c).argmax()])]
-                                   for n, c in tcf.items() if FUNCTIONS[n][0] != FUNCTIONS[n][1]
-                               }, 'friction_x_and_z_rows': friction[np.ix_([0, 4, 6, 10],
-                                                                           [0, 4, 6, 10])],
-        'times': times, 'measured': {n: np.round(v, 6)
-                                     for n, v in tcf.items()}, 'standard_error': {
-                                         n: np.round(v, 6)
-                                         for n, v in errors.items()
-                                     }, 'theory': {n: np.round(v, 6)
-                                                   for n, v in exact.items()}
+                               for n, d in difference.items()},
+        'rms_z': z,
+        'extremes': {
+            n: [float(times[abs(c).argmax()]),
+                float(c[abs(c).argmax()])]
+            for n, c in tcf.items() if FUNCTIONS[n][0] != FUNCTIONS[n][1]
+        },
+        'friction_x_and_z_rows': friction[np.ix_([0, 4, 6, 10], [0, 4, 6, 10])],
+        'times': times,
+        'measured': {n: np.round(v, 6)
+                     for n, v in tcf.items()},
+        'standard_error': {n: np.round(v, 6)
+                           for n, v in errors.items()},
+        'theory': {n: np.round(v, 6)
+                   for n, v in exact.items()}
     }
 
 

@@ -50,7 +50,8 @@ BISECTOR = np.array([1.0, 1.0, 0])/2**0.5
 CUTOFF = 0.3
 #: Table 1: chi_2D (um^2/s), chi_2D/chi_3D, chi_theta (rad^2/s), h_g of a tip (um), sphere's ratio.
 PAPER = {
-    1: (0.226, 0.834, 1.42, 1.77, 0.837), 10: (0.194, 0.716, 0.79, 0.605, 0.724),
+    1: (0.226, 0.834, 1.42, 1.77, 0.837),
+    10: (0.194, 0.716, 0.79, 0.605, 0.724),
     20: (0.185, 0.683, 0.22, 0.419, 0.680)
 }
 
@@ -73,7 +74,8 @@ def centres():
         N[0])._value
     about = analysis.mobilityAboutPoint(N[0], CoM)[:3, :3]
     return {
-        'CoH': float(CoH @ BISECTOR), 'CoM': float(CoM @ BISECTOR),
+        'CoH': float(CoH @ BISECTOR),
+        'CoM': float(CoM @ BISECTOR),
         'chi_3D': float(np.trace(about)/3),
         'D about CoM: bisector, in plane, normal': np.diag(axes @ about @ axes.T),
         'D_rot: bisector, in plane, normal': np.diag(axes @ N[0, 3:, 3:] @ axes.T)
@@ -92,7 +94,9 @@ def sphereRatio(height):
 def table(equilibrium, bulk, poses, random):
     """Table 1 at one weight."""
     points = {
-        'CoH': bulk['CoH']*BISECTOR, 'CoM': bulk['CoM']*BISECTOR, 'cross point': np.zeros(3),
+        'CoH': bulk['CoH']*BISECTOR,
+        'CoM': bulk['CoM']*BISECTOR,
+        'cross point': np.zeros(3),
         'tip': equilibrium.body.sites[0]
     }
 
@@ -106,8 +110,8 @@ def table(equilibrium, bulk, poses, random):
         for name, p in points.items()
     }
     functions.update({
-        'chi_theta where sine > cut-off, else 0': lambda N, A, h: isAbove(
-            A)*analysis.planarAngleMobility(N, A @ BISECTOR),
+        'chi_theta where sine > cut-off, else 0': lambda N, A, h: isAbove(A)*analysis.
+        planarAngleMobility(N, A @ BISECTOR),
         'fraction above cut-off': lambda N, A, h: isAbove(A)*1.0,
         'D_rot zz': lambda N, A, h: N[:, 5, 5]
     })
@@ -116,8 +120,10 @@ def table(equilibrium, bulk, poses, random):
     z = equilibrium.average(lambda h, u: h + u @ tip)
     height = equilibrium.average(lambda h, u: (h + u @ tip - z)**2)**0.5
     return {
-        'averages (mean, error)': means, 'chi_2D/chi_3D': means['chi_2D CoH'][0]/bulk['chi_3D'],
-        'h_g of a tip': height, 'sphere at h_g': sphereRatio(height),
+        'averages (mean, error)': means,
+        'chi_2D/chi_3D': means['chi_2D CoH'][0]/bulk['chi_3D'],
+        'h_g of a tip': height,
+        'sphere at h_g': sphereRatio(height),
         'mean h/a': equilibrium.average(lambda h, u: h + 0*u[:, 2])/A,
         'cos2 theta': equilibrium.average(lambda h, u: u[:, 2]**2 + 0*h)
     }
@@ -136,10 +142,12 @@ def plans(quick, seed):
             'cos²θ': (lambda h, A: A[..., 2, 2]**2, e.average(lambda h, u: u[:, 2]**2 + 0*h))
         }
         msd = {
-            'parallel cross point': runs.parallel((0, 0, 0)), 'parallel tip': runs.parallel(tip),
+            'parallel cross point': runs.parallel((0, 0, 0)),
+            'parallel tip': runs.parallel(tip),
             'parallel CoH': runs.parallel(bulk['CoH']*BISECTOR),
             'parallel CoM': runs.parallel(bulk['CoM']*BISECTOR),
-            'perpendicular tip': runs.perpendicular(tip), 'planar angle': runs.planarAngle(BISECTOR)
+            'perpendicular tip': runs.perpendicular(tip),
+            'planar angle': runs.planarAngle(BISECTOR)
         }
         frames = 40 if quick else 1200
         made += [
@@ -189,8 +197,10 @@ def main():
     bulk, equilibria = centres(), runs.planned(plans, args.quick, args.seed)[0]
     random = np.random.default_rng(args.seed)
     data = {
-        'paper: chi_2D, chi_2D/chi_3D, chi_theta, h_g, sphere': PAPER, 'bulk': bulk,
-        'cut-off': CUTOFF, 'table': {
+        'paper: chi_2D, chi_2D/chi_3D, chi_theta, h_g, sphere': PAPER,
+        'bulk': bulk,
+        'cut-off': CUTOFF,
+        'table': {
             g: table(e, bulk, 2560 if args.quick else args.poses, random)
             for g, e in equilibria.items()
         }

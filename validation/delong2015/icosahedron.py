@@ -67,11 +67,13 @@ def exact(equilibrium, poses, random):
         'mean h': height,
         'gravitational height': equilibrium.average(lambda h, u: (h - height)**2 + 0*u[:, 2])**0.5,
         'mean cos theta': equilibrium.average(lambda h, u: u[:, 2] + 0*h),
-        'without drift': withoutDrift(equilibrium, random), 'slopes (mean, error)': averageMobility(
-            equilibrium, functions, random, poses), 'slopes of the sphere': {
-                name: float(marginal[seen] @ function(N, None, None))
-                for name, function in functions.items()
-            }, 'rotational plateau (mean, error)': rotationalPlateau(equilibrium, random)
+        'without drift': withoutDrift(equilibrium, random),
+        'slopes (mean, error)': averageMobility(equilibrium, functions, random, poses),
+        'slopes of the sphere': {
+            name: float(marginal[seen] @ function(N, None, None))
+            for name, function in functions.items()
+        },
+        'rotational plateau (mean, error)': rotationalPlateau(equilibrium, random)
     }
 
 
@@ -84,8 +86,10 @@ def plans(quick, seed):
         'cosθ': (lambda h, A: A[..., 2, 2], equilibrium.average(lambda h, u: u[:, 2] + 0*h))
     }
     msd = {
-        'parallel': runs.parallel((0, 0, 0)), 'perpendicular': runs.perpendicular((0, 0, 0)),
-        'rotation xx': runs.rotational((0.5, 0.5, 0)), 'rotation zz': runs.rotational((0, 0, 1))
+        'parallel': runs.parallel((0, 0, 0)),
+        'perpendicular': runs.perpendicular((0, 0, 0)),
+        'rotation xx': runs.rotational((0.5, 0.5, 0)),
+        'rotation zz': runs.rotational((0, 0, 1))
     }
     return equilibrium, runs.plansOfCases(quick, seed, 'icosahedron', CASES, STEP, b, equilibrium,
                                           SPACING, 1 if quick else 30, observables, msd)
@@ -126,8 +130,9 @@ def main():
     args = runs.arguments(__doc__, RESULTS)
     equilibrium = runs.planned(plans, args.quick, args.seed)[0]
     data = {
-        'paper': PAPER, 'exact': exact(equilibrium, 2560 if args.quick else 128000,
-                                       np.random.default_rng(args.seed))
+        'paper': PAPER,
+        'exact': exact(equilibrium, 2560 if args.quick else 128000,
+                       np.random.default_rng(args.seed))
     }
     draw(runs.drive(plans, data, args, 'icosahedron.json'), args.output)
 

@@ -54,15 +54,17 @@ def exact(equilibrium, poses, random):
     variance = equilibrium.average(lambda h, u: (h - height)**2 + 0*u[:, 2])
     mobility = averageMobility(
         equilibrium, {
-            'slope centre': lambda N, A, h: 2*(N[:, 0, 0] + N[:, 1, 1]), 'slope vertex': lambda N,
-            A, h: 2*analysis.mobilityAboutPoint(N, A @ b.sites[3])[:, [0, 1], [0, 1]].sum(1),
+            'slope centre': lambda N, A, h: 2*(N[:, 0, 0] + N[:, 1, 1]),
+            'slope vertex': lambda N, A, h: 2*analysis.mobilityAboutPoint(N, A @ b.sites[3])
+            [:, [0, 1], [0, 1]].sum(1),
             'rotation xx': lambda N, A, h: N[:, 3, 3] + N[:, 4, 4]
         }, random, poses)
     return {
-        'mean h': height, 'gravitational height': variance**0.5,
+        'mean h': height,
+        'gravitational height': variance**0.5,
         'mean cos theta': equilibrium.average(lambda h, u: u[:, 2] + 0*h),
-        'without drift': withoutDrift(equilibrium,
-                                      random), 'mobility averages (mean, error)': mobility,
+        'without drift': withoutDrift(equilibrium, random),
+        'mobility averages (mean, error)': mobility,
         'rotational plateau (mean, error)': rotationalPlateau(equilibrium, random)
     }
 
@@ -76,9 +78,11 @@ def plans(quick, seed):
         'cos²θ': (lambda h, A: A[..., 2, 2]**2, equilibrium.average(lambda h, u: u[:, 2]**2 + 0*h))
     }
     msd = {
-        'centre parallel': runs.parallel((0, 0, 0)), 'vertex parallel': runs.parallel(b.sites[3]),
-        'centre perpendicular': runs.perpendicular((0, 0, 0)), 'rotation xx': runs.rotational(
-            (0.5, 0.5, 0)), 'rotation zz': runs.rotational((0, 0, 1))
+        'centre parallel': runs.parallel((0, 0, 0)),
+        'vertex parallel': runs.parallel(b.sites[3]),
+        'centre perpendicular': runs.perpendicular((0, 0, 0)),
+        'rotation xx': runs.rotational((0.5, 0.5, 0)),
+        'rotation zz': runs.rotational((0, 0, 1))
     }
     return equilibrium, runs.plansOfCases(quick, seed, 'tetramer', CASES, STEP, b, equilibrium,
                                           5*STEP, 10 if quick else 300, observables, msd)
@@ -117,8 +121,9 @@ def main():
     args = runs.arguments(__doc__, RESULTS)
     equilibrium = runs.planned(plans, args.quick, args.seed)[0]
     data = {
-        'paper': PAPER, 'exact': exact(equilibrium, 2560 if args.quick else 128000,
-                                       np.random.default_rng(args.seed))
+        'paper': PAPER,
+        'exact': exact(equilibrium, 2560 if args.quick else 128000,
+                       np.random.default_rng(args.seed))
     }
     draw(runs.drive(plans, data, args, 'tetramer.json'), args.output)
 

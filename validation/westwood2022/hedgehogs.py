@@ -187,9 +187,10 @@ class Run:
         return {
             'ratio': [found.ratio, found.ratioError],
             'shear_rate': [found.shearRate._value, found.shearRateError._value],
-            'tau_samples': found.tau, 'blocks': found.degrees + 1,
-            'cosine_over_sine': [found.cosine/found.amplitude,
-                                 found.cosineError/found.amplitude], 'trusted': found.isTrusted
+            'tau_samples': found.tau,
+            'blocks': found.degrees + 1,
+            'cosine_over_sine': [found.cosine/found.amplitude, found.cosineError/found.amplitude],
+            'trusted': found.isTrusted
         }
 
     def summary(self):
@@ -208,16 +209,27 @@ class Run:
         g = counts[segments]/expected
         half = len(counted) // 2
         return {
-            'bodies': self.bodies, 'side': edge, 'potential': self.potential,
-            'bare_shear_rate': self.bare, 'f0': model.forceDensity(self.bare, edge),
-            'k': 2*np.pi/edge, 'steps': self.steps, 'time_over_tau': self.steps*model.STEP,
-            'not_counted_over_tau': first*INTERVAL*model.STEP, 'tolerance': self.tolerance,
-            'cpu_ms_a_step': 1e3*self.seconds/self.steps, **self.estimate(counted), 'halves': [
+            'bodies': self.bodies,
+            'side': edge,
+            'potential': self.potential,
+            'bare_shear_rate': self.bare,
+            'f0': model.forceDensity(self.bare, edge),
+            'k': 2*np.pi/edge,
+            'steps': self.steps,
+            'time_over_tau': self.steps*model.STEP,
+            'not_counted_over_tau': first*INTERVAL*model.STEP,
+            'tolerance': self.tolerance,
+            'cpu_ms_a_step': 1e3*self.seconds/self.steps,
+            **self.estimate(counted), 'halves': [
                 self.estimate(part) for part in (counted[:half], counted[half:])
-            ], 'spread_of_samples': counted.std(axis=0), 'energy_of_a_body': {
+            ],
+            'spread_of_samples': counted.std(axis=0),
+            'energy_of_a_body': {
                 'start': start(self.folder, self.bodies, self.potential)[2][-1],
                 'by_segment': self.energies
-            }, 'r': (edges[1:] + edges[:-1])/2, 'g': g.mean(axis=0),
+            },
+            'r': (edges[1:] + edges[:-1])/2,
+            'g': g.mean(axis=0),
             'g_error': g.std(axis=0, ddof=1)/
             np.sqrt(len(g)) if len(g) > 1 else np.full(len(shells), np.nan)
         }
@@ -276,17 +288,24 @@ def fullSize(argument, job):
     k = 2*np.pi/hedgehogs.side
     mean, error = amplitudes.mean(axis=0), amplitudes.std(axis=0, ddof=1)/np.sqrt(sampled)
     return {
-        'bodies': model.BODIES, 'beads': model.BODIES*len(model.SITES), 'side': hedgehogs.side,
-        'potential': potential, 'bare_shear_rate': bare, 'steps': steps + 1 + sampled,
-        'seconds_a_step': wall, 'cpu_seconds_a_step': cpu,
+        'bodies': model.BODIES,
+        'beads': model.BODIES*len(model.SITES),
+        'side': hedgehogs.side,
+        'potential': potential,
+        'bare_shear_rate': bare,
+        'steps': steps + 1 + sampled,
+        'seconds_a_step': wall,
+        'cpu_seconds_a_step': cpu,
         'cpu_seconds_a_step_with_its_sample': sampling,
         'iterations_a_step': (now['solverIterations'] - done['solverIterations'])/steps,
-        'tolerance': TOLERANCE, 'hours_of_10000_steps': wall*1e4/3600, 'energy_of_a_body': [
-            energies[0], energies[-1], hedgehogs.energy()/model.BODIES
-        ], 'fluid': str(hedgehogs.integrator.getEffects()['hydrodynamics']), 'amplitude': [
-            mean[0], error[0]
-        ], 'ratio_of_the_short_run': [bare/k/mean[0], bare/k/mean[0]**2*error[0]
-                                      ], 'amplitude_on_cosine': [mean[1], error[1]]
+        'tolerance': TOLERANCE,
+        'hours_of_10000_steps': wall*1e4/3600,
+        'energy_of_a_body': [energies[0], energies[-1],
+                             hedgehogs.energy()/model.BODIES],
+        'fluid': str(hedgehogs.integrator.getEffects()['hydrodynamics']),
+        'amplitude': [mean[0], error[0]],
+        'ratio_of_the_short_run': [bare/k/mean[0], bare/k/mean[0]**2*error[0]],
+        'amplitude_on_cosine': [mean[1], error[1]]
     }
 
 
@@ -303,17 +322,28 @@ def report(output, args, bodies):
     rows = [run.summary() for run in tqdm(runs, desc='summaries', disable=args.silent)]
     data = {
         'model': {
-            'A': model.WELL, 'lambda': model.WIDTH, 'U0': model.PAIR_STRENGTH,
-            'b': model.PAIR_RANGE, 'cutoff': model.CUTOFF, 'volume_fraction': model.FRACTION,
-            'step_over_tau': model.STEP, 'interval_of_samples': INTERVAL,
-            'not_counted': EQUILIBRATION, 'units': 'a = 1, kT = 1, tau = 6 pi eta a^3/kT'
-        }, 'seed': SEED, 'runs': rows, 'tolerances': {
+            'A': model.WELL,
+            'lambda': model.WIDTH,
+            'U0': model.PAIR_STRENGTH,
+            'b': model.PAIR_RANGE,
+            'cutoff': model.CUTOFF,
+            'volume_fraction': model.FRACTION,
+            'step_over_tau': model.STEP,
+            'interval_of_samples': INTERVAL,
+            'not_counted': EQUILIBRATION,
+            'units': 'a = 1, kT = 1, tau = 6 pi eta a^3/kT'
+        },
+        'seed': SEED,
+        'runs': rows,
+        'tolerances': {
             potential: tolerances(folder, bodies, potential)
             for potential in POTENTIALS
-        }, 'without_forces_and_noise': {
+        },
+        'without_forces_and_noise': {
             potential: rigid(folder, bodies, potential)
             for potential in POTENTIALS
-        }, 'provenance': provenance(args)
+        },
+        'provenance': provenance(args)
     }
     save(output, 'hedgehogs.json', data)
     pictures.potentials(output/'hedgehogs_potentials.png')
@@ -385,8 +415,11 @@ def main():
                             [steps], 'step', "the paper's size")
         print(f'{model.BODIES} hedgehogs: {rows[0]["seconds_a_step"]:.2f} s a step '
               f'({rows[0]["cpu_seconds_a_step"]:.2f} s of one core)')
-        save(args.output, 'hedgehogs_full.json',
-             {'rows': rows, 'seed': SEED, 'provenance': provenance(args)})
+        save(args.output, 'hedgehogs_full.json', {
+            'rows': rows,
+            'seed': SEED,
+            'provenance': provenance(args)
+        })
         return
     if args.animate:
         animate(args.output, args.work, args.bodies, args.potentials[0], args.bare[0], 48,

@@ -12,7 +12,9 @@ from suspension import (CONTACT, LENGTH, PAIR_RANGE, PAIR_STRENGTH, STEP, TEMPER
                         Moving, placed)
 
 RODS = {
-    8: 64, 4: 128, 2: 256
+    8: 64,
+    4: 128,
+    2: 256
 }  # L/Ly: number of rods in the paper's periodic box, L x 2 Ly x L, a volume fraction of 10 %
 WALL_RANGE = 2.2  # b of eq. 59, nm
 WALL_STIFFNESS = 40/WALL_RANGE  # K = 40 kT/(ab), kJ/mol/nm^2
@@ -84,8 +86,12 @@ class Scene:
 
     def describe(self):
         return {
-            'width_over_L': 1/self.fraction, 'width': self.width, 'side': self.side,
-            'rods': self.rods, 'cutoff': self.cutoff, 'rods_of_paper': RODS[self.fraction],
+            'width_over_L': 1/self.fraction,
+            'width': self.width,
+            'side': self.side,
+            'rods': self.rods,
+            'cutoff': self.cutoff,
+            'rods_of_paper': RODS[self.fraction],
             'side_of_paper': LENGTH
         }
 

@@ -17,8 +17,11 @@ AXIS = np.array((0.0, 0.0, 1.0))
 MOVES = ('shift', 'turn', 'slide', 'mirror')
 #: How often a rod tries "mirror" in a sweep.
 MIRRORED = 0.5
-ADAPTED = {'shift': (0.5, 20.0), 'turn': (0.2, np.pi),
-           'slide': (2.0, 50.0)}  # first and largest sizes
+ADAPTED = {
+    'shift': (0.5, 20.0),
+    'turn': (0.2, np.pi),
+    'slide': (2.0, 50.0)
+}  # first and largest sizes
 
 
 def inner(u, v):

@@ -34,7 +34,9 @@ BINS_Y = {8: 24, 4: 32, 2: 48}  # of |y - Ly/2|, from 0 to Ly/2
 BINS_THETA = 45  # of two degrees
 #: Means of a configuration, each a number for each rod; their names in tables.
 MEANS = {
-    'theta': '⟨θ⟩', 'off': '⟨\\|y − Ly/2\\|⟩/a', 'walls': 'wall energy a rod/kT',
+    'theta': '⟨θ⟩',
+    'off': '⟨\\|y − Ly/2\\|⟩/a',
+    'walls': 'wall energy a rod/kT',
     'pairs': 'pair energy a rod/kT'
 }
 FRAME = 30  # steps between frames: tau/20
@@ -42,10 +44,15 @@ SEGMENT = 300  # steps whose histograms are saved together: tau/2
 TOLERANCE = 1e-3
 #: (L/Ly, cut-off): systems, sweeps, sweeps before anything is counted; runs of dynamics, steps of
 #: each run.
-PLANS = {(8, 6.0): (32, 5000, 2000, 12, 1500), (4, 6.0): (24, 4500, 2500, 8,
-                                                          900), (2, 6.0): (16, 2300, 1800, 3, 900),
-         (8, 4.0): (16, 3000, 1200, 0, 0), (8, 3.0): (32, 3500, 1500, 3, 900),
-         (4, 3.0): (24, 2000, 1000, 0, 0), (2, 3.0): (16, 1000, 500, 0, 0)}
+PLANS = {
+    (8, 6.0): (32, 5000, 2000, 12, 1500),
+    (4, 6.0): (24, 4500, 2500, 8, 900),
+    (2, 6.0): (16, 2300, 1800, 3, 900),
+    (8, 4.0): (16, 3000, 1200, 0, 0),
+    (8, 3.0): (32, 3500, 1500, 3, 900),
+    (4, 3.0): (24, 2000, 1000, 0, 0),
+    (2, 3.0): (16, 1000, 500, 0, 0)
+}
 CHUNK = 100  # sweeps that are saved together
 SAMPLE = 5  # sweeps between samples
 FEWEST_TRUSTED = 10  # runs from whose spread errors are taken
@@ -148,7 +155,8 @@ class Chains:
             self.sweeps += chunk
             self.seconds += time.time() - began
             self.state = {
-                'R': systems.R, 'q': systems.q,
+                'R': systems.R,
+                'q': systems.q,
                 'sizes': np.array([systems.steps[kind].sizes[0] for kind in montecarlo.ADAPTED])
             }
             self.acceptance = {
@@ -176,10 +184,15 @@ class Chains:
         starts.
         """
         found = {
-            'systems': self.count, 'sweeps': self.sweeps, 'burn_in': self.burnIn,
-            'seconds': self.seconds, 'acceptance': self.acceptance,
-            'sizes': dict(zip(montecarlo.ADAPTED, self.state['sizes'])), 'means': {},
-            'first_and_second_half_of_time': {}, 'flat_and_random_starts': {}
+            'systems': self.count,
+            'sweeps': self.sweeps,
+            'burn_in': self.burnIn,
+            'seconds': self.seconds,
+            'acceptance': self.acceptance,
+            'sizes': dict(zip(montecarlo.ADAPTED, self.state['sizes'])),
+            'means': {},
+            'first_and_second_half_of_time': {},
+            'flat_and_random_starts': {}
         }
         means = np.array(self.means)
         half = self.count // 2
@@ -196,7 +209,9 @@ class Chains:
             total = np.sum(counts, 0)
             P = total/total.sum(1, keepdims=True)
             found[name] = {
-                'edges': bounds, 'P': P.mean(0), 'error': P.std(0, ddof=1)/np.sqrt(len(P))
+                'edges': bounds,
+                'P': P.mean(0),
+                'error': P.std(0, ddof=1)/np.sqrt(len(P))
             }
         return found
 
@@ -291,9 +306,14 @@ class Run:
         R, q = chains.state['R'][start].copy(), chains.state['q'][start].copy()
         y, theta = histograms(self.scene, R[None], q[None])
         self.arrays = {
-            'y': np.empty((0, y.shape[1]), int), 'theta': np.empty((0, theta.shape[1]), int),
-            'means': np.empty((0, len(MEANS))), 'y0_': y[0], 'theta0_': theta[0],
-            'means0_': np.array(configurationMeans(self.scene, R, q)), 'R': R, 'q': q
+            'y': np.empty((0, y.shape[1]), int),
+            'theta': np.empty((0, theta.shape[1]), int),
+            'means': np.empty((0, len(MEANS))),
+            'y0_': y[0],
+            'theta0_': theta[0],
+            'means0_': np.array(configurationMeans(self.scene, R, q)),
+            'R': R,
+            'q': q
         }
 
     def go(self, steps, scheme, scaling, step, report):
@@ -357,10 +377,17 @@ class Runs:
         times = [round(run['y'].sum()/self.scene.rods)*FRAME*model.STEP for run in runs]
         steps = [round(t/self.step) for t in times]
         found = {
-            'scheme': self.scheme, 'scaling': self.scaling, 'step_over_tau': self.step,
-            'runs': len(runs), 'steps': steps, 'time_of_a_run_over_tau': times,
-            'seconds': self.seconds, 'redone_steps': self.redone,
-            'ms_a_step': 1e3*self.seconds/sum(steps), 'tolerance': TOLERANCE, 'means': {},
+            'scheme': self.scheme,
+            'scaling': self.scaling,
+            'step_over_tau': self.step,
+            'runs': len(runs),
+            'steps': steps,
+            'time_of_a_run_over_tau': times,
+            'seconds': self.seconds,
+            'redone_steps': self.redone,
+            'ms_a_step': 1e3*self.seconds/sum(steps),
+            'tolerance': TOLERANCE,
+            'means': {},
             'changes': {}
         }
         for k, name in enumerate(MEANS):
@@ -368,19 +395,24 @@ class Runs:
             mean[1] = max(mean[1], spread['means'][k]/np.sqrt(len(runs)))
             change = meanAndError([run['means'][:, k].mean() - run['means0_'][k] for run in runs])
             found['means'][name] = {
-                'mean': mean[0], 'error': mean[1], 'z': separation(mean, reference['means'][name])
+                'mean': mean[0],
+                'error': mean[1],
+                'z': separation(mean, reference['means'][name])
             }
             found['changes'][name] = {
-                'mean': change[0], 'error': change[1], 'z': change[0]/change[1]
+                'mean': change[0],
+                'error': change[1],
+                'z': change[0]/change[1]
             }
         for name in ('y', 'theta'):
             P = np.array([run[name].sum(0)/run[name].sum() for run in runs])
             first = np.array([run[f'{name}0_']/run[f'{name}0_'].sum() for run in runs])
             found[name] = {
-                'edges': reference[name]['edges'], 'P': P.mean(0),
+                'edges': reference[name]['edges'],
+                'P': P.mean(0),
                 'error': np.maximum(P.std(0, ddof=1), spread[name].std(0))/np.sqrt(len(P)),
-                'against_monte_carlo': compare(P, reference[name], spread[name]), 'change': compare(
-                    P - first, reference[name])
+                'against_monte_carlo': compare(P, reference[name], spread[name]),
+                'change': compare(P - first, reference[name])
             }
         return found
 
@@ -417,7 +449,10 @@ def compare(runs, reference, spread=None):
                             len(runs)) + np.add.reduceat(reference['error']**2, first)
     z = (merged.mean(0) - exact)/np.sqrt(np.maximum(error2, 1e-30))
     return {
-        'bins': len(z), 'z': z, 'mean_z2': np.mean(z**2), 'largest_z': np.abs(z).max(),
+        'bins': len(z),
+        'z': z,
+        'mean_z2': np.mean(z**2),
+        'largest_z': np.abs(z).max(),
         'expected_mean_z2': 1.0 if spread is not None else
         (len(runs) - 1)/(len(runs) - 3) if len(runs) > 3 else None
     }
@@ -447,12 +482,14 @@ def fullSize(argument, job):
     now = rods.integrator.getStepStatistics()
     after = configurationMeans(scene, *rods.poses())
     return {
-        **scene.describe(), 'steps': steps, 'ms_a_step': 1e3*seconds/steps,
+        **scene.describe(), 'steps': steps,
+        'ms_a_step': 1e3*seconds/steps,
         'processor_ms_a_step': 1e3*used/steps,
         'processor_hours_of_the_papers_10000_steps': used/steps*10000/3600,
         'iterations_a_step': (now['solverIterations'] - done['solverIterations'])/steps,
-        'redone_steps': rods.integrator.getNumRejectedSteps(), 'fluid': str(
-            rods.integrator.getEffects()['hydrodynamics']), 'tolerance': TOLERANCE,
+        'redone_steps': rods.integrator.getNumRejectedSteps(),
+        'fluid': str(rods.integrator.getEffects()['hydrodynamics']),
+        'tolerance': TOLERANCE,
         'means_before_and_after': {name: [before[k], after[k]]
                                    for k, name in enumerate(MEANS)}
     }
@@ -482,11 +519,18 @@ def report(folder, args, plans):
     """Write the JSON and the pictures, from what --work has."""
     data = {
         'model': {
-            'beads_of_a_rod': len(model.SITES), 'rod_length': 2*(model.HALF_LENGTH + 1),
-            'K': model.WALL_STIFFNESS, 'wall_range': model.WALL_RANGE, 'U0': model.PAIR_STRENGTH,
-            'pair_range': model.PAIR_RANGE, 'step_over_tau': model.STEP,
+            'beads_of_a_rod': len(model.SITES),
+            'rod_length': 2*(model.HALF_LENGTH + 1),
+            'K': model.WALL_STIFFNESS,
+            'wall_range': model.WALL_RANGE,
+            'U0': model.PAIR_STRENGTH,
+            'pair_range': model.PAIR_RANGE,
+            'step_over_tau': model.STEP,
             'units': 'a = 1, kT = 1, tau = 6 pi eta a^3/kT'
-        }, 'seed': SEED, 'least_in_bin': LEAST_IN_BIN, 'scenes': []
+        },
+        'seed': SEED,
+        'least_in_bin': LEAST_IN_BIN,
+        'scenes': []
     }
     tracks = {}
     for (fraction, cutoff), (systems, _, burnIn, _, _) in plans.items():
@@ -523,8 +567,10 @@ PAPERS = 'gDC, τ/600'
 
 def variant(run):
     """The name of a run of the dynamics in tables."""
-    scheme = {'DriftCorrectorFD': 'gDC',
-              'EulerMaruyama': 'Euler–Maruyama'}.get(run['scheme'], run['scheme'])
+    scheme = {
+        'DriftCorrectorFD': 'gDC',
+        'EulerMaruyama': 'Euler–Maruyama'
+    }.get(run['scheme'], run['scheme'])
     scaling = '' if run['scaling'] == 'Whole' else ' ' + run['scaling']
     return f'{scheme}{scaling}, τ/{1/run["step_over_tau"]:.0f}'
 

@@ -270,11 +270,19 @@ def provenance(began):
     dict
     """
     return {
-        'finished': _now(), 'wall_seconds': round(time.perf_counter() - began, 1),
-        'load_at_end': _load(), 'processor': _processor(), 'processors': os.cpu_count(),
-        'system': platform.system(), 'architecture': platform.machine(), 'versions': {
-            'openmmrigidhi': _loading.version, 'openmm': openmm.version.full_version,
-            'python': platform.python_version(), 'numpy': np.__version__, 'scipy': scipy.__version__
+        'finished': _now(),
+        'wall_seconds': round(time.perf_counter() - began, 1),
+        'load_at_end': _load(),
+        'processor': _processor(),
+        'processors': os.cpu_count(),
+        'system': platform.system(),
+        'architecture': platform.machine(),
+        'versions': {
+            'openmmrigidhi': _loading.version,
+            'openmm': openmm.version.full_version,
+            'python': platform.python_version(),
+            'numpy': np.__version__,
+            'scipy': scipy.__version__
         }
     }
 

@@ -29,8 +29,11 @@ class BodyTable:
         inBodies = sum(mass.sum() for _, mass in self.groups)
         self.massFraction = inBodies/masses.sum()
         self.degrees = {
-            'translational': 3*len(scene.bodies), 'rotational1': int(live[0]),
-            'rotational2': int(live[1]), 'rotational3': int(live[2]), 'removed': removed
+            'translational': 3*len(scene.bodies),
+            'rotational1': int(live[0]),
+            'rotational2': int(live[1]),
+            'rotational3': int(live[2]),
+            'removed': removed
         }
 
     @staticmethod

@@ -32,7 +32,8 @@ OBSERVABLES = {
         'description': 'velocities of spheres from forces on them, as for blobs: the grid follows '
         'the envelope of forces, '
         'sigma = a/sqrt(pi) = 0.564 a'
-    }, 'wrenches': {
+    },
+    'wrenches': {
         'label': 'products with forces and torques',
         'description': 'velocities and angular velocities from forces and torques, as for bodies '
         'that are one '
@@ -235,8 +236,8 @@ class GridStudy:
         del context
         count('lattice sums')
         exact = {
-            'wrenches': matrix, 'forces': matrix.reshape(n, 6, n,
-                                                         6)[:, :3, :, :3].reshape(3*n, 3*n)
+            'wrenches': matrix,
+            'forces': matrix.reshape(n, 6, n, 6)[:, :3, :, :3].reshape(3*n, 3*n)
         }
         norms = {
             name: self._norm(
@@ -247,10 +248,12 @@ class GridStudy:
         rows, timed = [], []
         for observable, kind, value, spacing in settings:
             row = {
-                'observable': observable, 'kind': kind, 'setting': value, 'status': STABLE,
+                'observable': observable,
+                'kind': kind,
+                'setting': value,
+                'status': STABLE,
                 'message': '',
-                **dict.fromkeys(('nodes', 'fineness', 'described', 'error', 'own_error', 'typical',
-                                 'seconds_product', 'seconds_median'))
+                **dict.fromkeys(('nodes', 'fineness', 'described', 'error', 'own_error', 'typical', 'seconds_product', 'seconds_median'))
             }
             rows.append(row)
             try:
@@ -280,8 +283,11 @@ class GridStudy:
         for row, _, _, times in timed:
             row['seconds_product'], row['seconds_median'] = min(times), float(np.median(times))
         about = {
-            'name': self.scene.name, 'description': self.scene.description, 'bodies': n,
-            'edges': self.edges.tolist(), 'least_radius': float(self.spheres.radii.min()),
+            'name': self.scene.name,
+            'description': self.scene.description,
+            'bodies': n,
+            'edges': self.edges.tolist(),
+            'least_radius': float(self.spheres.radii.min()),
             'seconds_dense': dense
         }
         return GridResult(
@@ -289,8 +295,11 @@ class GridStudy:
                 name: dict(OBSERVABLES[name], width=float(WIDTHS[name]), norm=norms[name])
                 for name in self.observables
             }, {
-                'rounds': rounds, 'threads': self.threads, 'seed': self.seed,
-                'platform': self.platform, **provenance(began)
+                'rounds': rounds,
+                'threads': self.threads,
+                'seed': self.seed,
+                'platform': self.platform,
+                **provenance(began)
             })
 
     def _settings(self, observable):

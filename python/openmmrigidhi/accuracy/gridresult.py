@@ -101,10 +101,11 @@ class GridResult(Result):
             if any(row['error'] is None for row in rows):
                 continue
             candidates.append({
-                'tolerance': tolerance, 'seconds_product': sum(row['seconds_product']
-                                                               for row in rows),
+                'tolerance': tolerance,
+                'seconds_product': sum(row['seconds_product'] for row in rows),
                 'error': max(max(row['error'], row['typical']) for row in rows),
-                'nodes': rows[0]['nodes'], 'verdict': 'yes' if all(
+                'nodes': rows[0]['nodes'],
+                'verdict': 'yes' if all(
                     max(row['error'], row['typical']) <= item.tolerance
                     for row, item in zip(rows, wanted)) else 'no'
             })
@@ -152,8 +153,11 @@ class GridResult(Result):
     def asDict(self):
         """Everything, as a dict for JSON."""
         return {
-            'format': self.FORMAT, 'scene': self.scene, 'observables': self.observables,
-            'provenance': self.provenance, 'rows': self.rows
+            'format': self.FORMAT,
+            'scene': self.scene,
+            'observables': self.observables,
+            'provenance': self.provenance,
+            'rows': self.rows
         }
 
     @classmethod

@@ -174,7 +174,8 @@ class LadderStudy:
             best = plain[-1]
         if plain and best == plain[-1]:
             return {
-                'rung': best.name, 'believed': converged,
+                'rung': best.name,
+                'believed': converged,
                 'seconds': [rung.name for rung in plain[:-1]]
             }
         finest = max((rung.blobs for rung in known if rung.blobs != best.blobs), default=0)
@@ -182,7 +183,8 @@ class LadderStudy:
         # The smallest of the distances says most.
         distances = [d for d in (distance(rung, best) for rung in seconds) if d is not None]
         return {
-            'rung': best.name, 'believed': min(distances, default=None),
+            'rung': best.name,
+            'believed': min(distances, default=None),
             'seconds': [rung.name for rung in seconds]
         }
 
@@ -253,18 +255,26 @@ class LadderStudy:
         scene = self.scenes[middle]
         about = {
             'name': self.parameter + 's of ' + scene.name if self.isSweep else scene.name,
-            'description': scene.description, 'harder': self.harder, 'bodies': len(scene.bodies),
-            'temperature': scene.temperature, 'timed_at': middle if self.isSweep else None
+            'description': scene.description,
+            'harder': self.harder,
+            'bodies': len(scene.bodies),
+            'temperature': scene.temperature,
+            'timed_at': middle if self.isSweep else None
         }
         return LadderResult(
             about, self.parameter if self.isSweep else None, rows, references,
-            {o.name: {'label': o.label, 'description': o.description}
+            {o.name: {
+                'label': o.label,
+                'description': o.description
+            }
              for o in self.observables}, {rung.name: rung.description
-                                          for rung in self.rungs},
-            {
-                'rounds': rounds, 'threads': self.threads, 'seed': self.seed,
-                'platforms': ', '.join(self.platforms), **provenance(began)
-            })
+                                          for rung in self.rungs}, {
+                                              'rounds': rounds,
+                                              'threads': self.threads,
+                                              'seed': self.seed,
+                                              'platforms': ', '.join(self.platforms),
+                                              **provenance(began)
+                                          })
 
     def _text(self, value, rung):
         return f'{rung.name} {self.parameter} {value:g}' if self.isSweep else rung.name
@@ -297,8 +307,11 @@ class LadderStudy:
                 right = scene.exact[observable.name]
                 chosen = {'rung': EXACT, 'believed': DIGITS_ERROR, 'seconds': [], 'value': right}
             else:
-                chosen = {'rung': BEST, 'believed': PAIR_ERROR, 'seconds': []
-                          } if exact else self.chooseReference(observable, values)
+                chosen = {
+                    'rung': BEST,
+                    'believed': PAIR_ERROR,
+                    'seconds': []
+                } if exact else self.chooseReference(observable, values)
                 right = values[chosen['rung']]
             reference['observables'][observable.name] = chosen
             for rung in self.rungs:
@@ -306,12 +319,15 @@ class LadderStudy:
                                            right) if rung.name in values else None
                 measured = values.get(rung.name)
                 rows.append({
-                    'parameter': value, 'rung': rung.name, 'observable': observable.name,
+                    'parameter': value,
+                    'rung': rung.name,
+                    'observable': observable.name,
                     'status': STABLE if rung.name in values else NOT_APPLICABLE,
-                    'message': messages.get((value, rung.name),
-                                            ''), 'value': None if measured is None else
+                    'message': messages.get((value, rung.name), ''),
+                    'value': None if measured is None else
                     float(measured if np.ndim(measured) == 0 else np.linalg.norm(measured)),
-                    'error': error, 'believed': chosen['believed'],
+                    'error': error,
+                    'believed': chosen['believed'],
                     'is_reference': rung.name == chosen['rung']
                 })
         return reference
@@ -366,8 +382,10 @@ class LadderStudy:
                 if rung.name not in costs or middle < costs[rung.name]['seconds_step']:
                     effect = integrator.getEffects().get('hydrodynamics', '')
                     costs[rung.name] = {
-                        'seconds_step': float(middle), 'seconds_low': float(low),
-                        'seconds_high': float(high), 'seconds_forces': forces[platform],
+                        'seconds_step': float(middle),
+                        'seconds_low': float(low),
+                        'seconds_high': float(high),
+                        'seconds_forces': forces[platform],
                         'platform': platform,
                         'solver': 'matrix-free' if ' 0 groups matrix-free' not in effect else
                         'dense' if ' 0 groups with dense' not in effect else 'none'

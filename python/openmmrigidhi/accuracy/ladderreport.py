@@ -11,13 +11,26 @@ from .measurement import STABLE
 from .rungs import BEST
 
 COLOURS = {
-    'FreeDraining': '#7F7F7F', 'RPY': '#E69F00', 'ForceCoupling': '#CC79A7', 'FTS': '#D55E00',
-    'multiblob12': '#9ECAE1', 'multiblob42': '#4292C6', 'multiblob162': '#08519C',
-    'multiblob642': '#08204C', 'FTS+lubrication': '#009E73'
+    'FreeDraining': '#7F7F7F',
+    'RPY': '#E69F00',
+    'ForceCoupling': '#CC79A7',
+    'FTS': '#D55E00',
+    'multiblob12': '#9ECAE1',
+    'multiblob42': '#4292C6',
+    'multiblob162': '#08519C',
+    'multiblob642': '#08204C',
+    'FTS+lubrication': '#009E73'
 }
 MARKERS = {
-    'FreeDraining': 'x', 'RPY': 's', 'ForceCoupling': '<', 'FTS': '^', 'multiblob12': 'v',
-    'multiblob42': 'D', 'multiblob162': 'o', 'multiblob642': 'P', 'FTS+lubrication': '*'
+    'FreeDraining': 'x',
+    'RPY': 's',
+    'ForceCoupling': '<',
+    'FTS': '^',
+    'multiblob12': 'v',
+    'multiblob42': 'D',
+    'multiblob162': 'o',
+    'multiblob642': 'P',
+    'FTS+lubrication': '*'
 }
 #: Places of names that would otherwise overlap: points from the marker, alignment. Force coupling
 #: is near RPY, and both kinds of FTS may be near each other.
@@ -122,7 +135,8 @@ class LadderReport(Report):
 def _style(rung):
     base = rung.replace('+self', '')
     return {
-        'color': COLOURS.get(base, '#882255'), 'marker': MARKERS.get(base, 'h'),
+        'color': COLOURS.get(base, '#882255'),
+        'marker': MARKERS.get(base, 'h'),
         'ls': ':' if base != rung else '-'
     }
 

@@ -147,9 +147,13 @@ class LadderResult(Result):
                 and row['error'] is not None and row['believed'] is not None
             ]
             candidates.append({
-                'rung': rung, 'seconds_step': self.seconds(rung), 'platform': rows[0]['platform'],
-                'error': max(errors, default=None), 'bound': max(bounds, default=None),
-                'isWhole': all(row['status'] == STABLE for row in rows), 'verdict': worst(verdicts)
+                'rung': rung,
+                'seconds_step': self.seconds(rung),
+                'platform': rows[0]['platform'],
+                'error': max(errors, default=None),
+                'bound': max(bounds, default=None),
+                'isWhole': all(row['status'] == STABLE for row in rows),
+                'verdict': worst(verdicts)
             })
         candidates.sort(key=lambda candidate: candidate['seconds_step'])
         return self._conclude(candidates, wanted)
@@ -284,10 +288,17 @@ class LadderResult(Result):
     def asDict(self):
         """Everything, as a dict for JSON."""
         return {
-            'format': self.FORMAT, 'scene': self.scene, 'parameter': self.parameter,
-            'observables': self.observables, 'rungs': self.rungs, 'provenance': self.provenance,
-            'references': [{'parameter': value, **entry}
-                           for value, entry in self.references.items()], 'rows': self.rows
+            'format': self.FORMAT,
+            'scene': self.scene,
+            'parameter': self.parameter,
+            'observables': self.observables,
+            'rungs': self.rungs,
+            'provenance': self.provenance,
+            'references': [{
+                'parameter': value,
+                **entry
+            } for value, entry in self.references.items()],
+            'rows': self.rows
         }
 
     @classmethod

@@ -249,17 +249,34 @@ def _row(knob, setting, record, observable, seed, clock, typicalTau):
     speeds = wallSpeeds if clock == 'wall' else cpuSpeeds
     low, middle, high = np.percentile(speeds, [16, 50, 84]) if speeds else (None, None, None)
     row = {
-        'method': setting.method.name, 'knob': knob.name, 'value': setting.value,
-        'step_size': setting.stepSize, 'status': record.status, 'message': record.message,
-        'ns_per_day': _float(middle), 'ns_per_day_low': _float(low),
+        'method': setting.method.name,
+        'knob': knob.name,
+        'value': setting.value,
+        'step_size': setting.stepSize,
+        'status': record.status,
+        'message': record.message,
+        'ns_per_day': _float(middle),
+        'ns_per_day_low': _float(low),
         'ns_per_day_high': _float(high),
         'ns_per_cpu_day': _float(np.median(cpuSpeeds)) if cpuSpeeds else None,
-        'ns_per_wall_day': _float(np.median(wallSpeeds)) if wallSpeeds else None, 'speeds': [
-            float(x) for x in speeds
-        ], 'length': record.length, 'equilibration': record.equilibration, 'seed': seed,
-        'observable': observable.name, 'mean': None, 'standard_error': None, 'degrees': None,
-        'tau': None, 'samples': 0, 'drift': None, 'note': '', 'sample_interval': record.samplesAt,
-        'variance': None, 'own_tau': None, 'own_tau_error': None, 'noise': None,
+        'ns_per_wall_day': _float(np.median(wallSpeeds)) if wallSpeeds else None,
+        'speeds': [float(x) for x in speeds],
+        'length': record.length,
+        'equilibration': record.equilibration,
+        'seed': seed,
+        'observable': observable.name,
+        'mean': None,
+        'standard_error': None,
+        'degrees': None,
+        'tau': None,
+        'samples': 0,
+        'drift': None,
+        'note': '',
+        'sample_interval': record.samplesAt,
+        'variance': None,
+        'own_tau': None,
+        'own_tau_error': None,
+        'noise': None,
         'noise_degrees': None
     }
     series = _series(record, observable)

@@ -352,10 +352,9 @@ def _isPositive(value):
 
 #: Options by letter; byName() says which methods have them.
 OPTIONS = {
-    'I': Option('moments times {}', _isPositive,
-                'above 0'), 'g': Option('gamma = {}/ps', _isPositive,
-                                        'above 0'), 'G': Option('Gamma = {}/ps', _isPositive,
-                                                                'above 0'),
+    'I': Option('moments times {}', _isPositive, 'above 0'),
+    'g': Option('gamma = {}/ps', _isPositive, 'above 0'),
+    'G': Option('Gamma = {}/ps', _isPositive, 'above 0'),
     'H': Option('hydrogens of {} dalton, their mass taken from the heaviest particle of the body',
                 lambda mass: HEAVIEST_HYDROGEN < mass < math.inf,
                 f'above {HEAVIEST_HYDROGEN}, the heaviest hydrogen'),

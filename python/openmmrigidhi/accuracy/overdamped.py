@@ -394,7 +394,8 @@ def measure(R, q, sites):
     heights = (R[..., 2:] + vertical @ sites.T)/RADIUS
     gaps = heights - 1
     return {
-        'height': heights[..., len(sites) // 2], 'cos2': vertical[..., 2]**2,
+        'height': heights[..., len(sites) // 2],
+        'cos2': vertical[..., 2]**2,
         'repulsion': wallRepulsion(gaps).sum(axis=-1)
     }
 
@@ -463,7 +464,8 @@ METHODS = {
     **{
         name: Method(name, RigidScheme(getattr(Scheme, name)), 1, None, 'without momenta')
         for name in SCHEMES
-    }, **{
+    },
+    **{
         name: Method(name, _Inertial(rate), 1, None, f'masses such that momenta relax in '
                      f'{1/rate:.3g} steps')
         for name, rate in INERTIA.items()

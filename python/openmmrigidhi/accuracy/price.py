@@ -195,20 +195,21 @@ class Prices:
                 math.isfinite(item.tolerance) for item in wanted)
             factor = max((one[1] for one in judged if one[0] == 'undecided'), default=None)
             candidates.append({
-                **self._setting(row), 'bias': verdict if hasPrice else 'n/a', 'verdict': None,
+                **self._setting(row), 'bias': verdict if hasPrice else 'n/a',
+                'verdict': None,
                 'seconds': float(seconds[k]) if hasPrice else math.inf,
                 'seconds_low': float(low[k]) if hasPrice else math.inf,
                 'seconds_high': float(high[k]) if hasPrice else math.inf,
-                'observable': item.observable, 'bias_part': float(
-                    (limit.bias[k]/item.tolerance)**2) if hasPrice else None,
+                'observable': item.observable,
+                'bias_part': float((limit.bias[k]/item.tolerance)**2) if hasPrice else None,
                 'own_tau': limit.rows[k]['own_tau'],
                 'effective_per_second': limit.rows[k]['effective_per_second'],
                 'equilibration_part': float(limit.equilibration[k]/self.speed[k]/
                                             seconds[k]) if hasPrice else None,
                 'length': float(seconds[k]*self.speed[k] -
                                 limit.equilibration[k]) if hasPrice else math.inf,
-                'factor': factor if verdict == 'undecided' else None, 'marks': list(
-                    dict.fromkeys(mark for each in all_ for mark in marks(each.rows[k])))
+                'factor': factor if verdict == 'undecided' else None,
+                'marks': list(dict.fromkeys(mark for each in all_ for mark in marks(each.rows[k])))
             })
         good = [k for k, each in enumerate(candidates) if each['bias'] == 'yes']
         best = min(good, key=lambda k: candidates[k]['seconds'], default=None)
@@ -320,7 +321,8 @@ class Prices:
                 'total_error_high': math.inf if out[k] else float(high[k]),
                 'bias': None if out[k] else abs(float(known.bias[k])),
                 'standard_error': None if out[k] else float(math.sqrt(known.noise[k]/length)),
-                'length': max(0.0, float(length)), 'marks': marks(known.rows[k])
+                'length': max(0.0, float(length)),
+                'marks': marks(known.rows[k])
             })
         best = min((k for k in range(len(candidates)) if not out[k]), key=lambda k: errors[k],
                    default=None)

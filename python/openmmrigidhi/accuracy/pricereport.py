@@ -48,7 +48,8 @@ class PriceReport:
         """The answers as a dict for JSON, where infinite numbers are null."""
         def plain(answer, **about):
             return {
-                **about, **{
+                **about,
+                **{
                     key: _finite(getattr(answer, key))
                     for key in ('verdict', 'setting', 'factor', 'text', 'candidates')
                 }
@@ -206,8 +207,11 @@ class PriceReport:
                                min(each['seconds_high'], top)], color=colour, lw=1.3, alpha=0.8,
                               zorder=2)
                     if each['seconds_high'] > top:
-                        axes.annotate('', (x, top), (x, top*0.75),
-                                      arrowprops={'arrowstyle': '->', 'color': colour, 'lw': 1.3})
+                        axes.annotate('', (x, top), (x, top*0.75), arrowprops={
+                            'arrowstyle': '->',
+                            'color': colour,
+                            'lw': 1.3
+                        })
             points = sorted((each['value']*knob.scale + shift, each['seconds']) for each in mine
                             if each['seconds'] <= top)
             if points:

@@ -14,19 +14,38 @@ from .pricereport import PriceReport
 #: Colours that the colour-blind can tell apart (Okabe and Ito), one for each method. Users' own
 #: methods take the other colours in turn.
 COLOURS = {
-    'LangevinC': '#0072B2', 'LangevinMiddle': '#D55E00', 'LangevinB': '#009E73',
-    'LangevinA': '#E69F00', 'GradientThermostat': '#CC79A7', 'EulerMaruyama': '#999999',
-    'FixmanMidpoint': '#E69F00', 'RandomFiniteDifference': '#56B4E9',
-    'TractionEulerMaruyama': '#B8A800', 'TrapezoidalSlip': '#0072B2', 'DriftCorrectorFD': '#CC79A7',
-    'DriftCorrectorRFD': '#882255', 'LangevinHI(0.3)': '#009E73', 'LangevinHI(1)': '#D55E00',
+    'LangevinC': '#0072B2',
+    'LangevinMiddle': '#D55E00',
+    'LangevinB': '#009E73',
+    'LangevinA': '#E69F00',
+    'GradientThermostat': '#CC79A7',
+    'EulerMaruyama': '#999999',
+    'FixmanMidpoint': '#E69F00',
+    'RandomFiniteDifference': '#56B4E9',
+    'TractionEulerMaruyama': '#B8A800',
+    'TrapezoidalSlip': '#0072B2',
+    'DriftCorrectorFD': '#CC79A7',
+    'DriftCorrectorRFD': '#882255',
+    'LangevinHI(0.3)': '#009E73',
+    'LangevinHI(1)': '#D55E00',
     'LangevinHI(3)': '#000000'
 }
 SPARE_COLOURS = ('#56B4E9', '#000000', '#7F7F7F', '#8C564B')
 MARKERS = {
-    'LangevinC': 'o', 'LangevinMiddle': 's', 'LangevinB': '^', 'LangevinA': 'v',
-    'GradientThermostat': 'D', 'EulerMaruyama': 'X', 'FixmanMidpoint': '^',
-    'RandomFiniteDifference': 's', 'TractionEulerMaruyama': 'v', 'TrapezoidalSlip': 'o',
-    'DriftCorrectorFD': '<', 'DriftCorrectorRFD': '>', 'LangevinHI(0.3)': 'D', 'LangevinHI(1)': 'P',
+    'LangevinC': 'o',
+    'LangevinMiddle': 's',
+    'LangevinB': '^',
+    'LangevinA': 'v',
+    'GradientThermostat': 'D',
+    'EulerMaruyama': 'X',
+    'FixmanMidpoint': '^',
+    'RandomFiniteDifference': 's',
+    'TractionEulerMaruyama': 'v',
+    'TrapezoidalSlip': 'o',
+    'DriftCorrectorFD': '<',
+    'DriftCorrectorRFD': '>',
+    'LangevinHI(0.3)': 'D',
+    'LangevinHI(1)': 'P',
     'LangevinHI(3)': '*'
 }
 #: More methods than this need a legend of several columns.
@@ -213,8 +232,11 @@ class StudyReport(Report):
         if reference.standardError > 0:
             axes.axhspan(reference.value - reference.standardError,
                          reference.value + reference.standardError, color='black', alpha=0.15, lw=0)
-        what = {'exact': 'exact', 'given': 'given',
-                'extrapolated': 'limit of small steps'}[reference.kind]
+        what = {
+            'exact': 'exact',
+            'given': 'given',
+            'extrapolated': 'limit of small steps'
+        }[reference.kind]
         errorText = f' ± {reference.standardError:.1g}' if reference.standardError else ''
         axes.set_title(
             f'{what}: {reference.value:.6g}{errorText} {result.observables[observable]["unit"]}',
@@ -259,8 +281,10 @@ class StudyReport(Report):
                     f'{speed}')
             if entry['ratio'] is not None and method != self.baseline:
                 # The baseline may be good for larger steps than were measured, or the method.
-                bound = {(False, True): 'at most ', (True, False): 'at least '}.get(
-                             (entry['capped'], comparison[self.baseline]['capped']), '')
+                bound = {
+                    (False, True): 'at most ',
+                    (True, False): 'at least '
+                }.get((entry['capped'], comparison[self.baseline]['capped']), '')
                 text += (
                     f'; {bound}{entry["ratio"]:.2f} times the {knob.speedUnit} of {self.baseline} '
                     f'({entry["ratio_low"]:.2f} to '

@@ -96,13 +96,20 @@ class Reference:
         result = {'value': self.value, 'standard_error': self.standardError, 'kind': self.kind}
         if self.fit is not None:
             result['fit'] = {
-                'model': 'A0 + E h^p + F h^2p, h in ps', 'coefficients': self.fit.coefficients,
-                'chi2': self.fit.chi2, 'degrees_of_freedom': self.fit.degrees,
-                'probability': self.fit.probability, 'note': self.fit.note, 'weights': [{
-                    'method': method, 'value': value, 'weight': weight, 'used': used
+                'model': 'A0 + E h^p + F h^2p, h in ps',
+                'coefficients': self.fit.coefficients,
+                'chi2': self.fit.chi2,
+                'degrees_of_freedom': self.fit.degrees,
+                'probability': self.fit.probability,
+                'note': self.fit.note,
+                'weights': [{
+                    'method': method,
+                    'value': value,
+                    'weight': weight,
+                    'used': used
                 } for (method, value
                        ), weight, used in zip(self.points, self.fit.weights.tolist(), self.fit.used)
-                                                                                        ]
+                            ]
             }
         return result
 
@@ -283,8 +290,12 @@ class StudyResult(Result):
             factor = max((each[1] for each in verdicts if each[0] == 'undecided'), default=None)
             likely = all(each[2] for each in verdicts)
             candidates.append({
-                'method': key[0], 'value': key[1], 'step_size': first['step_size'],
-                'ns_per_day': first['ns_per_day'], 'verdict': verdict, 'likely': likely,
+                'method': key[0],
+                'value': key[1],
+                'step_size': first['step_size'],
+                'ns_per_day': first['ns_per_day'],
+                'verdict': verdict,
+                'likely': likely,
                 'factor': factor if verdict == 'undecided' else None
             })
         candidates.sort(key=lambda candidate: -candidate['ns_per_day'])
@@ -426,10 +437,14 @@ class StudyResult(Result):
             rates = np.median(rate[:shared][picks], axis=1)
             perNs = SECONDS_PER_DAY/1000
             curves[method] = {
-                'step': step, 'capped': bool(step >= curve.largest),
-                'ns_per_day': step*np.median(rate)*perNs, 'steps_per_second': float(
-                    np.median(rate)), 'chi2': curve.chi2, 'degrees': curve.degrees,
-                'coefficients': curve.coefficients.tolist(), 'largest_fitted_step': curve.fitted
+                'step': step,
+                'capped': bool(step >= curve.largest),
+                'ns_per_day': step*np.median(rate)*perNs,
+                'steps_per_second': float(np.median(rate)),
+                'chi2': curve.chi2,
+                'degrees': curve.degrees,
+                'coefficients': curve.coefficients.tolist(),
+                'largest_fitted_step': curve.fitted
             }
             clouds[method] = (steps, steps*rates*perNs)
         tails = [50*(1 - self.confidence), 50*(1 + self.confidence)]
@@ -573,17 +588,23 @@ class StudyResult(Result):
         """
         speeds = {(row['method'], row['value']): row['speeds'] for row in self.rows}
         return {
-            'format': self.FORMAT, 'confidence': self.confidence, 'knob': asdict(self.knob),
-            'scene': self.scene, 'orders': self.orders, 'observables': self.observables,
-            'refusals': self.refusals, 'provenance': self.provenance, 'references': {
-                name: reference.asDict()
-                for name, reference in self.references.items()
-            }, 'rows': [{key: value
-                         for key, value in row.items() if key != 'speeds'}
-                        for row in self.rows], 'ns_per_day_of_rounds': [{
-                            'method': method, 'value': value,
-                            'speeds': [float(f'{x:.6g}') for x in values]
-                        } for (method, value), values in speeds.items()]
+            'format': self.FORMAT,
+            'confidence': self.confidence,
+            'knob': asdict(self.knob),
+            'scene': self.scene,
+            'orders': self.orders,
+            'observables': self.observables,
+            'refusals': self.refusals,
+            'provenance': self.provenance,
+            'references': {name: reference.asDict()
+                           for name, reference in self.references.items()},
+            'rows': [{key: value
+                      for key, value in row.items() if key != 'speeds'} for row in self.rows],
+            'ns_per_day_of_rounds': [{
+                'method': method,
+                'value': value,
+                'speeds': [float(f'{x:.6g}') for x in values]
+            } for (method, value), values in speeds.items()]
         }
 
     @classmethod

@@ -366,7 +366,8 @@ def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0,
         f'field of {field:g} '
         f'kT on their dipoles, {temperature:g} K; gamma = {gamma:g}/ps, Gamma = {Gamma:g}/ps; '
         f'exact averages known', exact={
-            'potential_energy': inWell + inField, 'energy_group_0': inWell,
+            'potential_energy': inWell + inField,
+            'energy_group_0': inWell,
             'energy_group_1': inField
         }, equilibration=1.0, sampleInterval=0.05,
         stepSizes=[0.1/frequency*k for k in (2, 4, 6, 8, 10, 12)])
@@ -489,8 +490,12 @@ class Sweep(dict):
 #: if all rotate alike. K is from A. A. Zick, G. M. Homsy, J. Fluid Mech. 115, 13 (1982), with more
 #: digits by a collocation of this project; KR is by the same collocation.
 SIMPLE_CUBIC = {
-    0.001: (1.212141, 1.001001), 0.027: (2.007748, 1.027761), 0.064: (2.810198, 1.068608),
-    0.125: (4.291589, 1.145253), 0.216: (7.441954, 1.292910), 0.343: (15.39949, 1.635752),
+    0.001: (1.212141, 1.001001),
+    0.027: (2.007748, 1.027761),
+    0.064: (2.810198, 1.068608),
+    0.125: (4.291589, 1.145253),
+    0.216: (7.441954, 1.292910),
+    0.343: (15.39949, 1.635752),
     0.45: (28.0864, 2.318367)
 }
 
@@ -740,5 +745,8 @@ def platformProperties(platform, threads):
 #: Scenes by name, for the command line; those for the hydrodynamic ladder.
 BUILT_IN = {'water': water, 'trap': trap}
 OF_SPHERES = {
-    'pairs': pairs, 'suspension': suspension, 'arrays': arrays, 'periodic': periodicSuspension
+    'pairs': pairs,
+    'suspension': suspension,
+    'arrays': arrays,
+    'periodic': periodicSuspension
 }

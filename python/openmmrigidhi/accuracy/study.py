@@ -303,8 +303,12 @@ class Study:
 
     def _provenance(self, began, rounds, jobs):
         return {
-            'rounds': rounds, 'jobs': jobs, 'seed': self.seed, 'platform': self.platform,
-            'threads': self.threads if self.platform == 'CPU' else 1, 'clock': self.clock,
+            'rounds': rounds,
+            'jobs': jobs,
+            'seed': self.seed,
+            'platform': self.platform,
+            'threads': self.threads if self.platform == 'CPU' else 1,
+            'clock': self.clock,
             **provenance(began)
         }
 
@@ -323,13 +327,19 @@ class Study:
                 references[observable.name] = reference
         orders = {method.name: method.order for method in self.methods}
         scene = {
-            'name': self.scene.name, 'description': self.scene.description,
-            'bodies': len(self.scene.bodies), 'particles': self.scene.system.getNumParticles(),
-            'temperature': self.scene.temperature, 'friction': self.scene.friction,
+            'name': self.scene.name,
+            'description': self.scene.description,
+            'bodies': len(self.scene.bodies),
+            'particles': self.scene.system.getNumParticles(),
+            'temperature': self.scene.temperature,
+            'friction': self.scene.friction,
             'rotational_friction': self.scene.rotationalFriction
         }
         return StudyResult(self.knob, scene, rows, references, orders,
-                           {o.name: {'label': o.label, 'unit': o.unit}
+                           {o.name: {
+                               'label': o.label,
+                               'unit': o.unit
+                           }
                             for o in self.observables}, refusals, about)
 
 

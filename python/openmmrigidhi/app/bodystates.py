@@ -31,11 +31,11 @@ _VERSION = 1
 
 #: name: (shape of a frame with n bodies, type, dimension)
 _FRAME_DATA = {
-    'time': (lambda n: (), 'f8', _units.TIME), 'step': (lambda n: (), 'i8', _units.NONE),
+    'time': (lambda n: (), 'f8', _units.TIME),
+    'step': (lambda n: (), 'i8', _units.NONE),
     'positions': (lambda n: (n, 3), 'f8', _units.LENGTH),
-    'orientations': (lambda n:
-                     (n, 4), 'f8', _units.NONE), 'velocities': (lambda n:
-                                                                (n, 3), 'f8', _units.VELOCITY),
+    'orientations': (lambda n: (n, 4), 'f8', _units.NONE),
+    'velocities': (lambda n: (n, 3), 'f8', _units.VELOCITY),
     'angularVelocities': (lambda n: (n, 3), 'f8', _units.ANGULAR_VELOCITY),
     'boxVectors': (lambda n: (3, 3), 'f8', _units.LENGTH),
 }
@@ -88,7 +88,8 @@ class RigidBodyReporter(Hdf5Reporter):
 
     def _frame(self, simulation, state, integrator):
         return {
-            'time': state.getTime()._value, 'step': simulation.currentStep,
+            'time': state.getTime()._value,
+            'step': simulation.currentStep,
             'positions': integrator.getBodyPositions()._value,
             'orientations': integrator.getBodyOrientations(),
             'velocities': integrator.getBodyVelocities()._value,

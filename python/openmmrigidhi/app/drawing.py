@@ -497,8 +497,11 @@ class _Picture:
             end = length*self.view[:2, k]
             if np.hypot(*end) < 0.15*length:
                 continue
-            ax.annotate('', origin + end, origin,
-                        arrowprops={'arrowstyle': '->', 'color': '0.3', 'linewidth': 0.8}, zorder=3)
+            ax.annotate('', origin + end, origin, arrowprops={
+                'arrowstyle': '->',
+                'color': '0.3',
+                'linewidth': 0.8
+            }, zorder=3)
             ax.text(*(origin + 1.35*end), name, color='0.3', ha='center', va='center',
                     fontsize='small', zorder=3)
 

@@ -280,10 +280,13 @@ def _readFrame(frame, first, bodies, k, file):
     spins = np.divide(momenta, moments, out=np.zeros_like(momenta), where=moments > 0)
     return {
         'step': int(frame.configuration.step),
-        'time': float(frame.log[_TIME][0]) if _TIME in frame.log else 0.0, 'box': box,
+        'time': float(frame.log[_TIME][0]) if _TIME in frame.log else 0.0,
+        'box': box,
         'R': particles.position.astype(float) +
-        (particles.image @ box if _isPeriodic(first) else 0), 'q': q,
-        'v': particles.velocity[bodies].astype(float), 'omega': rotate(q, spins)
+        (particles.image @ box if _isPeriodic(first) else 0),
+        'q': q,
+        'v': particles.velocity[bodies].astype(float),
+        'omega': rotate(q, spins)
     }
 
 
@@ -314,13 +317,17 @@ def _constants(scene):
         'typeid': np.concatenate([
             scene.typeIndices,
             len(scene.typeNames) + np.searchsorted(radii, scene.radii[scene.blobs])
-        ]), 'type_shapes': shapes + [{'type': 'Sphere', 'diameter': float(2*radius)}
-                                     for radius in radii],
+        ]),
+        'type_shapes': shapes + [{
+            'type': 'Sphere',
+            'diameter': float(2*radius)
+        } for radius in radii],
         'mass': np.concatenate([scene.masses, np.zeros(len(scene.blobs))]),
         'moment_inertia': np.concatenate([scene.moments,
                                           np.zeros((len(scene.blobs), 3))]),
-        'diameter': 2*np.concatenate([largest, scene.radii[scene.blobs]]), 'body': np.concatenate(
-            [np.arange(count), scene.blobBodies]) if len(scene.blobs) else np.full(count, -1),
+        'diameter': 2*np.concatenate([largest, scene.radii[scene.blobs]]),
+        'body': np.concatenate([np.arange(count), scene.blobBodies])
+        if len(scene.blobs) else np.full(count, -1),
     }
 
 

@@ -39,9 +39,20 @@ _UNITS_VERSION = (1, 0)
 _BODIES, _BLOBS = 'bodies', 'blobs'
 #: The known symbols of H5MD's unit strings: power of length, power of time, value in nm and ps.
 _SYMBOLS = {
-    'm': (1, 0, 1e9), 'mm': (1, 0, 1e6), 'um': (1, 0, 1e3), 'nm': (1, 0, 1.0), 'pm': (1, 0, 1e-3),
-    'Ang': (1, 0, 0.1), 'Angstrom': (1, 0, 0.1), 's': (0, 1, 1e12), 'ms': (0, 1, 1e9),
-    'us': (0, 1, 1e6), 'ns': (0, 1, 1e3), 'ps': (0, 1, 1.0), 'fs': (0, 1, 1e-3), 'rad': (0, 0, 1.0)
+    'm': (1, 0, 1e9),
+    'mm': (1, 0, 1e6),
+    'um': (1, 0, 1e3),
+    'nm': (1, 0, 1.0),
+    'pm': (1, 0, 1e-3),
+    'Ang': (1, 0, 0.1),
+    'Angstrom': (1, 0, 0.1),
+    's': (0, 1, 1e12),
+    'ms': (0, 1, 1e9),
+    'us': (0, 1, 1e6),
+    'ns': (0, 1, 1e3),
+    'ps': (0, 1, 1.0),
+    'fs': (0, 1, 1e-3),
+    'rad': (0, 0, 1.0)
 }
 
 
@@ -207,11 +218,13 @@ class H5mdReporter(Hdf5Reporter):
                 f'write to '
                 'another file')
         there = {
-            'velocities': f'particles/{_BODIES}/velocity' in file, 'blobs': f'particles/{_BLOBS}'
-            in file, 'periodic boundaries': f'particles/{_BODIES}/box/edges' in file
+            'velocities': f'particles/{_BODIES}/velocity' in file,
+            'blobs': f'particles/{_BLOBS}' in file,
+            'periodic boundaries': f'particles/{_BODIES}/box/edges' in file
         }
         wanted = {
-            'velocities': self._velocities, 'blobs': self._blobs,
+            'velocities': self._velocities,
+            'blobs': self._blobs,
             'periodic boundaries': scene.periodic
         }
         for what in there:

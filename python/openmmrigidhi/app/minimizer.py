@@ -271,11 +271,15 @@ class _Search:
             try:
                 result = scipy.optimize.minimize(
                     scaledValue, np.zeros(self._size()), jac=True, method='L-BFGS-B',
-                    callback=self._afterIteration, bounds=np.stack([-limits, limits], axis=1),
-                    options={
-                        'maxiter': 2**30, 'maxfun': 2**30, 'ftol': 0, 'gtol': 0, 'maxcor': 20,
-                        'maxls': 30
-                    })
+                    callback=self._afterIteration, bounds=np.stack([-limits, limits],
+                                                                   axis=1), options={
+                                                                       'maxiter': 2**30,
+                                                                       'maxfun': 2**30,
+                                                                       'ftol': 0,
+                                                                       'gtol': 0,
+                                                                       'maxcor': 20,
+                                                                       'maxls': 30
+                                                                   })
                 self._note(result.x, *self._value(result.x))
                 stuck = before - self.energy <= _SMALLEST_DECREASE*abs(self.energy)
             except (_Recentre, _Finished):

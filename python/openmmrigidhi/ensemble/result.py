@@ -195,13 +195,21 @@ class EnsembleResult:
     def asDict(self):
         """Everything but the samples, as values that JSON can hold."""
         tasks = [{
-            'setting': task.setting, 'replica': task.replica, 'seed': task.seed,
-            'status': task.status, 'message': task.message, 'samples': task.samples,
-            'length': task.length, 'seconds': round(task.seconds, 3)
+            'setting': task.setting,
+            'replica': task.replica,
+            'seed': task.seed,
+            'status': task.status,
+            'message': task.message,
+            'samples': task.samples,
+            'length': task.length,
+            'seconds': round(task.seconds, 3)
         } for task in self.tasks]
         return {
-            'format': 'openmmrigidhi ensemble result 1', 'definition': self.definition,
-            'observables': self.observables, 'rows': self.rows, 'tasks': tasks,
+            'format': 'openmmrigidhi ensemble result 1',
+            'definition': self.definition,
+            'observables': self.observables,
+            'rows': self.rows,
+            'tasks': tasks,
             'sessions': self.about['sessions']
         }
 

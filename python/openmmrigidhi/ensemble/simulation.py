@@ -25,7 +25,8 @@ from .taskfiles import TaskFile
 
 #: Scenes by name.
 BUILT_IN = {
-    **scenes.BUILT_IN, 'suspension': scenes.suspension, 'periodic': scenes.periodicSuspension,
+    **scenes.BUILT_IN, 'suspension': scenes.suspension,
+    'periodic': scenes.periodicSuspension,
     'boomerang': overdamped.boomerang
 }
 #: Settings that are set on the integrator, if the scene's function has no parameter of this name.
@@ -134,10 +135,12 @@ class SceneSource:
         with open(about, 'w') as file:
             json.dump(
                 {
-                    'name': self.scene.name, 'description': self.scene.description,
-                    'exact': self.scene.exact, 'equilibration': self.scene.equilibration,
-                    'sampleInterval': self.scene.sampleInterval, 'stepSizes': list(
-                        self.scene.stepSizes)
+                    'name': self.scene.name,
+                    'description': self.scene.description,
+                    'exact': self.scene.exact,
+                    'equilibration': self.scene.equilibration,
+                    'sampleInterval': self.scene.sampleInterval,
+                    'stepSizes': list(self.scene.stepSizes)
                 }, file, indent=1)
 
     @classmethod
@@ -296,14 +299,24 @@ class _Run:
         if saved is None:
             self.position, self.series = 0, {observable.name: [] for observable in task.observables}
             self.about = {
-                'setting': task.setting, 'replica': task.replica, 'settings': task.settings,
-                'seed': task.seed, 'scene': scene.name, 'description': scene.description,
-                'digest': digest, 'step_size': stepSize, 'sample_interval': self.interval,
-                'equilibration': self.warm*self.interval, 'platform': task.platform, 'position': 0,
-                'samples': 0, 'exact': {
+                'setting': task.setting,
+                'replica': task.replica,
+                'settings': task.settings,
+                'seed': task.seed,
+                'scene': scene.name,
+                'description': scene.description,
+                'digest': digest,
+                'step_size': stepSize,
+                'sample_interval': self.interval,
+                'equilibration': self.warm*self.interval,
+                'platform': task.platform,
+                'position': 0,
+                'samples': 0,
+                'exact': {
                     observable.name: observable.exact(scene)
                     for observable in task.observables
-                }, 'sessions': []
+                },
+                'sessions': []
             }
         else:
             self.about, self.position = saved.about, saved.about['position']
@@ -315,10 +328,17 @@ class _Run:
                     observable for observable in task.observables if observable.name in self.extras
                 ])
         self.segment = {
-            'from_position': self.position, 'to_position': self.position, 'seconds': 0.0,
-            'seconds_sampling': 0.0, 'host': socket.gethostname(),
-            'architecture': machine.machine(), 'started': _now(), 'saved': None, 'versions': {
-                'openmmrigidhi': _loading.version, 'openmm': openmm.version.full_version,
+            'from_position': self.position,
+            'to_position': self.position,
+            'seconds': 0.0,
+            'seconds_sampling': 0.0,
+            'host': socket.gethostname(),
+            'architecture': machine.machine(),
+            'started': _now(),
+            'saved': None,
+            'versions': {
+                'openmmrigidhi': _loading.version,
+                'openmm': openmm.version.full_version,
                 'numpy': np.__version__
             }
         }

@@ -216,10 +216,16 @@ class Study:
         # The values are as JSON gives them back: tuples become lists, and so on.
         return json.loads(
             json.dumps({
-                'scene': self.source.specification, 'settings': self.settings,
-                'replicas': int(self.replicas), 'length': float(self.length), 'observables': names,
-                'seed': int(self.seed), 'platform': self.platform, 'threads': int(self.threads),
-                'equilibration': self.equilibration, 'default_equilibration': first,
+                'scene': self.source.specification,
+                'settings': self.settings,
+                'replicas': int(self.replicas),
+                'length': float(self.length),
+                'observables': names,
+                'seed': int(self.seed),
+                'platform': self.platform,
+                'threads': int(self.threads),
+                'equilibration': self.equilibration,
+                'default_equilibration': first,
                 'sample_interval': self.sampleInterval
             }))
 
@@ -321,7 +327,8 @@ class Study:
             taskfiles.clean(os.path.join(directory, TASKS))
             began, session = time.perf_counter(), {
                 **beginning(), 'jobs': jobs,
-                'cluster': cluster if cluster is None else str(cluster), 'length': self.length,
+                'cluster': cluster if cluster is None else str(cluster),
+                'length': self.length,
                 'host': socket.gethostname()
             }
             todo, aside = self._left(directory, about)
@@ -334,9 +341,14 @@ class Study:
                 session['attempts'] = session.get('attempts', 0) + outcome.attempts
                 if failure is not None:
                     failures[key] = {
-                        'setting': task.setting, 'replica': task.replica, 'settings': task.settings,
-                        'seed': task.seed, 'kind': failure.kind, 'message': failure.message,
-                        'traceback': failure.traceback, 'attempts': outcome.attempts
+                        'setting': task.setting,
+                        'replica': task.replica,
+                        'settings': task.settings,
+                        'seed': task.seed,
+                        'kind': failure.kind,
+                        'message': failure.message,
+                        'traceback': failure.traceback,
+                        'attempts': outcome.attempts
                     }
                 about['failures'].pop(key, None)
                 about['failures'].update(failures)
@@ -377,11 +389,20 @@ class Study:
                     'back, or take another directory')
             self.source.save(directory)
             about = {
-                'format': FORMAT, 'identity': str(uuid.uuid4()), 'definition': wanted,
-                'seeds': self.seeds(), 'earlier_definitions': [], 'observables': {
-                    observable.name: {'label': observable.label, 'unit': observable.unit}
+                'format': FORMAT,
+                'identity': str(uuid.uuid4()),
+                'definition': wanted,
+                'seeds': self.seeds(),
+                'earlier_definitions': [],
+                'observables': {
+                    observable.name: {
+                        'label': observable.label,
+                        'unit': observable.unit
+                    }
                     for observable in self.observables
-                }, 'failures': {}, 'sessions': []
+                },
+                'failures': {},
+                'sessions': []
             }
             _writeAbout(directory, about)
             return about

@@ -20,7 +20,9 @@ import recording  # noqa: E402
 
 # Names in the results, and the models of the hydrodynamic ladder.
 MODELS = {
-    'RPY': 'RPY', 'force coupling': 'ForceCoupling', 'FTS': 'FTS',
+    'RPY': 'RPY',
+    'force coupling': 'ForceCoupling',
+    'FTS': 'FTS',
     'FTS + lubrication': 'FTS+lubrication'
 }
 NUMBERS = {'K': 'drag', 'KR': 'rotational_drag'}
@@ -40,7 +42,8 @@ def measure(fraction, rung):
 def row(fraction, job):
     """One array by all models."""
     return {
-        'fraction': fraction, 'exact': dict(zip(NUMBERS, accuracy.scenes.SIMPLE_CUBIC[fraction])),
+        'fraction': fraction,
+        'exact': dict(zip(NUMBERS, accuracy.scenes.SIMPLE_CUBIC[fraction])),
         **{name: measure(fraction, rung)
            for name, rung in MODELS.items()}
     }
@@ -61,8 +64,10 @@ def main():
             f'{each["fraction"]:6.3f}',
             *(f'{name}: K {values["K"]:.6f}, KR {values["KR"]:.6f};'
               for name, values in each.items() if name != 'fraction'))
-    recording.save(arguments.output, 'simple_cubic.json',
-                   {'arrays': rows, 'run': recording.provenance(arguments)})
+    recording.save(arguments.output, 'simple_cubic.json', {
+        'arrays': rows,
+        'run': recording.provenance(arguments)
+    })
 
 
 if __name__ == '__main__':

@@ -34,7 +34,8 @@ FIRST_SEED = 100
 
 #: name: (integrator, step in fs)
 METHODS = {
-    'LangevinC 2 fs': ('LangevinC', 2), 'LangevinC 4 fs': ('LangevinC', 4),
+    'LangevinC 2 fs': ('LangevinC', 2),
+    'LangevinC 4 fs': ('LangevinC', 4),
     'LangevinMiddle + SETTLE 2 fs': ('LangevinMiddle', 2),
 }
 REFERENCE = 'LangevinMiddle + SETTLE 2 fs'
@@ -119,9 +120,13 @@ def simulate(argument, job, positions):
             if integratorName != 'LangevinMiddle':
                 residual = max(residual, integrator.getPoseResidual()._value)
     run = {
-        'method': method, 'seed': seed, 'step_fs': step, 'equilibration_ps': equilibration,
-        'length_ps': length, 'seconds': round(time.perf_counter() - start,
-                                              1), 'density': averages(series)
+        'method': method,
+        'seed': seed,
+        'step_fs': step,
+        'equilibration_ps': equilibration,
+        'length_ps': length,
+        'seconds': round(time.perf_counter() - start, 1),
+        'density': averages(series)
     }
     if integratorName != 'LangevinMiddle':
         run['largest_pose_residual_nm'] = residual
@@ -150,7 +155,8 @@ def evaluate(runs):
                 ]
         blocks = np.array(blocks)
         table[method] = {
-            'density_kg_m3': blocks.mean(), 'error': blocks.std(ddof=1)/np.sqrt(len(blocks)),
+            'density_kg_m3': blocks.mean(),
+            'error': blocks.std(ddof=1)/np.sqrt(len(blocks)),
             'blocks': len(blocks)
         }
     other = table[REFERENCE]
@@ -214,11 +220,17 @@ def main():
     table = evaluate(runs)
     save(
         arguments.output, 'npt_density.json', {
-            'provenance': provenance(arguments), 'threads': arguments.threads,
-            'molecules': MOLECULES, 'temperature_K': TEMPERATURE._value,
-            'pressure_bar': PRESSURE._value, 'cutoff_nm': CUTOFF._value,
-            'barostat_interval_ps': BAROSTAT_TIME, 'average_ps': AVERAGE, 'block_ps': BLOCK,
-            'methods': table, 'runs': runs
+            'provenance': provenance(arguments),
+            'threads': arguments.threads,
+            'molecules': MOLECULES,
+            'temperature_K': TEMPERATURE._value,
+            'pressure_bar': PRESSURE._value,
+            'cutoff_nm': CUTOFF._value,
+            'barostat_interval_ps': BAROSTAT_TIME,
+            'average_ps': AVERAGE,
+            'block_ps': BLOCK,
+            'methods': table,
+            'runs': runs
         })
     draw(arguments.output/'npt_density.png', runs, table)
     for method, row in table.items():

@@ -118,7 +118,8 @@ def conserve(argument, job, start):
     values = energies(ctx, integrator, steps, every, job,
                       (waters, step, every, platformName, threads))
     return {
-        'energies': values, 'seconds': time.time() - began,
+        'energies': values,
+        'seconds': time.time() - began,
         'random_numbers': int(integrator.getStepStatistics()['randomNumbers'])
     }
 
@@ -162,12 +163,20 @@ def main():
     t = 0.1*(1 + np.arange(len(e)))
     slope, error = slopeWithError(t, e)
     result = {
-        'waters': args.waters, 'steps_of_1_fs': args.steps, 'seconds': drift['seconds'],
-        'slope_kT_per_molecule_per_ps': slope, 'slope_error': error, 'promised_below': 1e-4,
+        'waters': args.waters,
+        'steps_of_1_fs': args.steps,
+        'seconds': drift['seconds'],
+        'slope_kT_per_molecule_per_ps': slope,
+        'slope_error': error,
+        'promised_below': 1e-4,
         'rms_fluctuation_kT_per_molecule': float((e - np.polyval(np.polyfit(t, e, 1), t)).std()),
-        'random_numbers_drawn': drift['random_numbers'], 'error_against_step': scan,
-        'fitted_order_1_to_4_fs': order, 'platform': args.platform, 'threads': args.threads,
-        'seed': 1, 'provenance': provenance(args),
+        'random_numbers_drawn': drift['random_numbers'],
+        'error_against_step': scan,
+        'fitted_order_1_to_4_fs': order,
+        'platform': args.platform,
+        'threads': args.threads,
+        'seed': 1,
+        'provenance': provenance(args),
     }
     save(args.output, 'energy_conservation.json', result)
     print(result)

@@ -25,11 +25,16 @@ GENERAL = ('mobility', 'sedimentation', 'relative_mobility', 'rotation_translati
 WANTED = {
     'pairs': [
         'mobility:5%', 'sedimentation:1%', 'rotation_translation:5%', 'relative_mobility:10%'
-    ], 'suspension': ['mobility:5%', 'mobility:1%', 'sedimentation:1%', 'own_forces:0.1%'],
-    'arrays': ['drag:10%', 'rotational_drag:10%'], 'periodic': ['mobility:5%', 'sedimentation:1%']
+    ],
+    'suspension': ['mobility:5%', 'mobility:1%', 'sedimentation:1%', 'own_forces:0.1%'],
+    'arrays': ['drag:10%', 'rotational_drag:10%'],
+    'periodic': ['mobility:5%', 'sedimentation:1%']
 }
 OBSERVABLES = {
-    'pairs': GENERAL, 'suspension': ('own_forces', *GENERAL), 'arrays': None, 'periodic': GENERAL
+    'pairs': GENERAL,
+    'suspension': ('own_forces', *GENERAL),
+    'arrays': None,
+    'periodic': GENERAL
 }
 #: Shells whose matrices would take hours to compute.
 TOO_LARGE = {'suspension': ('multiblob642',), 'periodic': ('multiblob642',)}
@@ -38,7 +43,8 @@ TOO_LARGE = {'suspension': ('multiblob642',), 'periodic': ('multiblob642',)}
 def scenes():
     return {
         'pairs': accuracy.scenes.pairs((0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10)),
-        'suspension': accuracy.scenes.suspension(12, 0.15), 'arrays': accuracy.scenes.arrays(),
+        'suspension': accuracy.scenes.suspension(12, 0.15),
+        'arrays': accuracy.scenes.arrays(),
         'periodic': accuracy.scenes.periodicSuspension(8, 0.15)
     }
 

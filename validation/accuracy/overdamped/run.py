@@ -22,10 +22,14 @@ RESULTS = HERE/'results'
 #: longest steps are at the edge of stability.
 STEPS = {
     'boomerang': ((0.1, 0.2), {
-        'LangevinHI(0.3)': (0.1, 0.2, 0.5), 'LangevinHI(1)': (0.05, 0.1, 0.2),
+        'LangevinHI(0.3)': (0.1, 0.2, 0.5),
+        'LangevinHI(1)': (0.05, 0.1, 0.2),
         'LangevinHI(3)': (0.05, 0.1)
-    }), 'suspension': ((0.05, 0.1), {
-        'LangevinHI(0.3)': (0.05, 0.1, 0.2), 'LangevinHI(1)': (0.05, 0.1), 'LangevinHI(3)': (0.05,)
+    }),
+    'suspension': ((0.05, 0.1), {
+        'LangevinHI(0.3)': (0.05, 0.1, 0.2),
+        'LangevinHI(1)': (0.05, 0.1),
+        'LangevinHI(3)': (0.05,)
     })
 }
 #: Wishes that are drawn as lines and answered.

@@ -171,8 +171,11 @@ def row(argument, job):
         fraction, exact, stresslets = which
         ratios = [lattice(fraction, count) for count in WAVES]
         return {
-            'fraction': fraction, 'exact': exact, 'stresslets': stresslets,
-            'spheres_to_a_wave': WAVES, 'ratios': ratios,
+            'fraction': fraction,
+            'exact': exact,
+            'stresslets': stresslets,
+            'spheres_to_a_wave': WAVES,
+            'ratios': ratios,
             'extrapolated': ratios[-1] + (ratios[-1] - ratios[-2])/((WAVES[-1]/WAVES[-2])**2 - 1),
             'force_coupling': lattice(fraction, WAVES[0], 'ForceCoupling', False)
         }
@@ -183,7 +186,11 @@ def row(argument, job):
         return {'model': model, 'edges': BOXES, 'slopes': slopes}
     own = stressletRadius(sites, radius, model)
     return {
-        'model': model, 'blobs': n, 'stresslet_radius': own, 'edges': BOXES, 'slopes': slopes,
+        'model': model,
+        'blobs': n,
+        'stresslet_radius': own,
+        'edges': BOXES,
+        'slopes': slopes,
         'slopes_over_their_due': [slope/(2.5*own**3) for slope in slopes]
     }
 
@@ -311,13 +318,21 @@ def brownian(steps, scheme, job=None, rods=27, edge=24.0, blobs=3, peclet=1.0, r
     found = analysis.viscosityFromAmplitudes(scene.context, amplitudes)
     plain = analysis.viscosityFromAmplitudes(scene.context, amplitudes._value*(1, 1, 0, 0))
     return {
-        'scheme': scheme, 'blobs': blobs, 'rods': rods, 'edge': edge,
-        'volume_fraction': rods*blobs*4/3*np.pi/edge**3, 'steps': steps, 'peclet': peclet,
-        'step_times_D': resolution, 'seed': seed, 'ratio_less_1': [
-            found.ratio - 1, found.ratioError
-        ], 'with_the_fields_own_noise': [plain.ratio - 1, plain.ratioError],
-        'tau_samples': found.tau, 'due': rods*(resists + diffuses)/edge**3,
-        'due_by_resisting': rods*resists/edge**3, 'due_by_diffusion': rods*diffuses/edge**3
+        'scheme': scheme,
+        'blobs': blobs,
+        'rods': rods,
+        'edge': edge,
+        'volume_fraction': rods*blobs*4/3*np.pi/edge**3,
+        'steps': steps,
+        'peclet': peclet,
+        'step_times_D': resolution,
+        'seed': seed,
+        'ratio_less_1': [found.ratio - 1, found.ratioError],
+        'with_the_fields_own_noise': [plain.ratio - 1, plain.ratioError],
+        'tau_samples': found.tau,
+        'due': rods*(resists + diffuses)/edge**3,
+        'due_by_resisting': rods*resists/edge**3,
+        'due_by_diffusion': rods*diffuses/edge**3
     }
 
 
@@ -399,8 +414,10 @@ def main():
                                           for scheme in arguments.schemes],
                             [f'brownian {scheme}' for scheme in arguments.schemes], arguments,
                             [arguments.steps]*len(arguments.schemes), 'sample', 'rods')
-        recording.save(arguments.output, 'brownian.json',
-                       {'rows': rows, 'run': recording.provenance(arguments)})
+        recording.save(arguments.output, 'brownian.json', {
+            'rows': rows,
+            'run': recording.provenance(arguments)
+        })
         for row in rows:
             print({
                 key: value
@@ -408,8 +425,9 @@ def main():
             })
         return
     data = measure(arguments)
-    recording.save(arguments.output, 'viscosity.json',
-                   {**data, 'run': recording.provenance(arguments)})
+    recording.save(arguments.output, 'viscosity.json', {
+        **data, 'run': recording.provenance(arguments)
+    })
     picture(data, arguments.output/'viscosity.png')
     print('\n'.join(tables(data)))
 

@@ -95,9 +95,15 @@ def follow(argument, job, scene):
     positions, orientations, dipole = simulate(scene, factor, frames, equilibration, seed, job)
     D, tau = diffusion(positions, orientations), reorientationTime(orientations, dipole)
     return {
-        'factor': factor, 'step_ps': STEPS[factor], 'length_ps': frames*INTERVAL,
-        'equilibration_ps': equilibration*INTERVAL, 'seed': seed, 'diffusion_nm2_per_ps': D[0],
-        'diffusion_error': D[1], 'reorientation_ps': tau[0], 'reorientation_error': tau[1]
+        'factor': factor,
+        'step_ps': STEPS[factor],
+        'length_ps': frames*INTERVAL,
+        'equilibration_ps': equilibration*INTERVAL,
+        'seed': seed,
+        'diffusion_nm2_per_ps': D[0],
+        'diffusion_error': D[1],
+        'reorientation_ps': tau[0],
+        'reorientation_error': tau[1]
     }
 
 
@@ -122,8 +128,12 @@ def main():
                                   for step in STEPS.values()], 'step', 'motion', given=scene)
     recording.save(
         options.output, 'motion.json', {
-            'scene': scene.description, 'frame_interval_ps': INTERVAL, 'blocks': BLOCKS,
-            'lag_times_ps': [FROM, TO], 'rows': rows, 'provenance': recording.provenance(options)
+            'scene': scene.description,
+            'frame_interval_ps': INTERVAL,
+            'blocks': BLOCKS,
+            'lag_times_ps': [FROM, TO],
+            'rows': rows,
+            'provenance': recording.provenance(options)
         })
     print('\n| factor | step, fs | D, 1e-3 nm²/ps | dipoles forget in, ps |\n|---|---|---|---|')
     for row in rows:

@@ -48,25 +48,55 @@ REFERENCES = {'potential_energy': (-46.498, 0.042)}
 #: Method -> time steps in fs.
 SERIES = {
     'scout': {
-        'LangevinC': (9,), 'LangevinC-g1-G2': (9,), 'LangevinC-I4-g1-G2': (12,),
-        'LangevinC-I4-g3-G3': (13,), 'LangevinC-I8-g1-G2': (14, 16), 'LangevinC-I8-g3-G3': (15,),
-        'LangevinC-I8-g5-G2': (15, 16), 'LangevinC-I16': (15,), 'LangevinMiddle-g1': (7,),
-        'LangevinMiddle-H2-g1': (9,), 'LangevinMiddle-H3-g1': (10, 12),
-        'LangevinMiddle-H4-g1': (12, 13, 14), 'LangevinMiddle-N2-g1': (7,),
+        'LangevinC': (9,),
+        'LangevinC-g1-G2': (9,),
+        'LangevinC-I4-g1-G2': (12,),
+        'LangevinC-I4-g3-G3': (13,),
+        'LangevinC-I8-g1-G2': (14, 16),
+        'LangevinC-I8-g3-G3': (15,),
+        'LangevinC-I8-g5-G2': (15, 16),
+        'LangevinC-I16': (15,),
+        'LangevinMiddle-g1': (7,),
+        'LangevinMiddle-H2-g1': (9,),
+        'LangevinMiddle-H3-g1': (10, 12),
+        'LangevinMiddle-H4-g1': (12, 13, 14),
+        'LangevinMiddle-N2-g1': (7,),
         'LangevinMiddle-N2-H3-g1': (8, 10)
-    }, 'long': {'LangevinC-I8': (15,), 'LangevinMiddle': (7,), 'LangevinMiddle-H3': (12,)},
+    },
+    'long': {
+        'LangevinC-I8': (15,),
+        'LangevinMiddle': (7,),
+        'LangevinMiddle-H3': (12,)
+    },
     'best': {
-        'LangevinC-I4-g1-G2': (13,), 'LangevinC-I8-g2-G2': (15,), 'LangevinC-I8-g5-G2': (15,),
-        'LangevinMiddle-g1': (7,), 'LangevinMiddle-H3-g0.5': (12,), 'LangevinMiddle-H3-g1': (12,)
-    }, 'recommended': {'LangevinC-I8-g2-G2': (15,)},
+        'LangevinC-I4-g1-G2': (13,),
+        'LangevinC-I8-g2-G2': (15,),
+        'LangevinC-I8-g5-G2': (15,),
+        'LangevinMiddle-g1': (7,),
+        'LangevinMiddle-H3-g0.5': (12,),
+        'LangevinMiddle-H3-g1': (12,)
+    },
+    'recommended': {
+        'LangevinC-I8-g2-G2': (15,)
+    },
 }
 #: Settings whose molecules are followed; lags of cosines, ps; number of blocks for errors.
 MOTION = {
-    'LangevinC': (9,), 'LangevinC-g1-G2': (8,), 'LangevinC-I4': (13,),
-    'LangevinC-I4-g1-G2': (12, 13), 'LangevinC-I4-g2-G2': (13,), 'LangevinC-I8': (15,),
-    'LangevinC-I8-g1-G2': (14,), 'LangevinC-I8-g2-G2': (15,), 'LangevinC-I8-g5-G2': (15,),
-    'LangevinMiddle': (7,), 'LangevinMiddle-g1': (7,), 'LangevinMiddle-H3': (12,),
-    'LangevinMiddle-H3-g0.5': (12,), 'LangevinMiddle-H3-g1': (12,), 'LangevinMiddle-N2-H3': (12,)
+    'LangevinC': (9,),
+    'LangevinC-g1-G2': (8,),
+    'LangevinC-I4': (13,),
+    'LangevinC-I4-g1-G2': (12, 13),
+    'LangevinC-I4-g2-G2': (13,),
+    'LangevinC-I8': (15,),
+    'LangevinC-I8-g1-G2': (14,),
+    'LangevinC-I8-g2-G2': (15,),
+    'LangevinC-I8-g5-G2': (15,),
+    'LangevinMiddle': (7,),
+    'LangevinMiddle-g1': (7,),
+    'LangevinMiddle-H3': (12,),
+    'LangevinMiddle-H3-g0.5': (12,),
+    'LangevinMiddle-H3-g1': (12,),
+    'LangevinMiddle-N2-H3': (12,)
 }
 LAGS, BLOCKS = (2.0, 4.0), 5
 #: ps that a setting advances in one turn, between two saves on disk.
@@ -314,8 +344,11 @@ def motion(options):
     rows = []
     for setting, record in study.records:
         row = {
-            'method': setting.method.name, 'step_fs': 1000*setting.stepSize,
-            'status': record.status, 'message': record.message, 'length_ps': record.length
+            'method': setting.method.name,
+            'step_fs': 1000*setting.stepSize,
+            'status': record.status,
+            'message': record.message,
+            'length_ps': record.length
         }
         if record.status == measurement.STABLE:
             series_ = [
@@ -329,7 +362,8 @@ def motion(options):
             for name, values in (('diffusion_nm2_per_ps', D), ('reorientation_ps', taus), ('energy',
                                                                                            energy)):
                 row.update({
-                    name: np.mean(values), f'{name}_error': np.std(values, ddof=1)/math.sqrt(BLOCKS)
+                    name: np.mean(values),
+                    f'{name}_error': np.std(values, ddof=1)/math.sqrt(BLOCKS)
                 })
         rows.append(row)
         print(row)
@@ -339,7 +373,10 @@ def motion(options):
     rows = [row for row in old['rows'] if (row['method'], row['step_fs']) not in again] + rows
     recording.save(
         options.output, 'motion.json', {
-            'lags_ps': LAGS, 'blocks': BLOCKS, 'seed': options.seed, 'rows': rows,
+            'lags_ps': LAGS,
+            'blocks': BLOCKS,
+            'seed': options.seed,
+            'rows': rows,
             'provenance': [*old['provenance'], recording.provenance(options)]
         })
 
@@ -390,7 +427,9 @@ def clockSpeeds(options):
                         count*step/1000*measurement.SECONDS_PER_DAY/(time.process_time() - began))
                     bar.update(1)
     recording.save(options.output, 'speeds.json', {
-        'ns_per_cpu_day': speeds, 'ps_per_turn': TIMED, 'provenance': recording.provenance(options)
+        'ns_per_cpu_day': speeds,
+        'ps_per_turn': TIMED,
+        'provenance': recording.provenance(options)
     })
 
 
@@ -459,10 +498,16 @@ def report(options):
     rows.sort(key=lambda row: (row.get('dipole_hours', math.inf), -row.get('ns_per_cpu_day', 0)))
     recording.save(
         options.output, 'prices.json', {
-            'wish': WISH, 'dipole_squared': mean, 'dipole_relative_variance': relativeVariance,
-            'dipole_tau_over_reorientation': share, 'ratios': ratios(rows),
-            'sample_interval_ps': SAMPLE_INTERVAL, 'equilibration_ps': EQUILIBRATION,
-            'seed': options.seed, 'rows': rows, 'provenance': recording.provenance(options)
+            'wish': WISH,
+            'dipole_squared': mean,
+            'dipole_relative_variance': relativeVariance,
+            'dipole_tau_over_reorientation': share,
+            'ratios': ratios(rows),
+            'sample_interval_ps': SAMPLE_INTERVAL,
+            'equilibration_ps': EQUILIBRATION,
+            'seed': options.seed,
+            'rows': rows,
+            'provenance': recording.provenance(options)
         })
     print(share, mean, relativeVariance, ratios(rows))
     table(rows)
@@ -473,7 +518,9 @@ def rowOf(each, energy, motion, speeds):
     """The row of a setting in prices.json."""
     record = each.record
     row = {
-        'method': each.key[0], 'step_fs': each.key[1], 'status': record.status,
+        'method': each.key[0],
+        'step_fs': each.key[1],
+        'status': record.status,
         'message': record.message,
         'length_ps': record.length + (motion['length_ps'] if motion else 0)
     }
@@ -529,9 +576,12 @@ def dipolesShare(rows):
     ]
     ratio = (values/errors**2).sum()/(errors**-2).sum()
     return {
-        'ratio': ratio, 'error': (errors**-2).sum()**-0.5,
+        'ratio': ratio,
+        'error': (errors**-2).sum()**-0.5,
         'chi2': (((values - ratio)/errors)**2).sum(),
-        'of': [[row['method'], row['step_fs']] for row in long], 'values': values, 'errors': errors
+        'of': [[row['method'], row['step_fs']] for row in long],
+        'values': values,
+        'errors': errors
     }
 
 
@@ -553,7 +603,8 @@ def ratios(rows):
     }
     return {
         kind: {
-            'setting': [row['method'], row['step_fs']], 'hours': row['dipole_hours'],
+            'setting': [row['method'], row['step_fs']],
+            'hours': row['dipole_hours'],
             'over_ours': row['dipole_hours']/best['ours']['dipole_hours'],
             'relative_error': math.hypot(row['dipole_hours_relative_error'],
                                          best['ours']['dipole_hours_relative_error']),

@@ -34,7 +34,8 @@ if __name__ == '__main__':
         accuracy.scenes.water(216, seed=2026, threads=1),
         ['LangevinC', 'LangevinMiddle',
          accuracy.Method('LangevinMiddle, 1/ps', weaklyCoupled)], {
-             'LangevinC': [0.009, 0.0095], 'LangevinMiddle': [0.007, 0.0075, 0.008],
+             'LangevinC': [0.009, 0.0095],
+             'LangevinMiddle': [0.007, 0.0075, 0.008],
              'LangevinMiddle, 1/ps': [0.006, 0.007]
          }, references={'potential_energy': (-46.498, 0.042)
                         },  # the limit of small steps of results/results.json

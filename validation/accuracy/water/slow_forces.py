@@ -60,7 +60,8 @@ def share(molecules, count, bar):
         bar.update(1)
     middle = {name: float(np.median(values)) for name, values in seconds.items()}
     return {
-        'molecules': molecules, 'seconds': middle,
+        'molecules': molecules,
+        'seconds': middle,
         'scatter': {name: float(np.std(values, ddof=1))
                     for name, values in seconds.items()},
         'reciprocal_share': middle['reciprocal']/(middle['reciprocal'] + middle['without']),
@@ -129,7 +130,11 @@ def impulses(argument, job, scene):
     stride = max(1, round(SAMPLE_INTERVAL/outer))
     energies, temperatures, done = [], [], 0
     result = {
-        'method': name, 'step_fs': step, 'every': every, 'outer_fs': every*step, 'seed': seed,
+        'method': name,
+        'step_fs': step,
+        'every': every,
+        'outer_fs': every*step,
+        'seed': seed,
         'equilibration_ps': EQUILIBRATION
     }
     cycles = math.ceil((length + EQUILIBRATION)/outer)
@@ -154,9 +159,12 @@ def impulses(argument, job, scene):
         return {**result, 'status': 'unstable', 'message': f'after {done:.3g} ps: {error}'}
     summary = statistics.seriesStatistics(np.array(energies))
     return {
-        **result, 'status': 'stable', 'length_ps': len(energies)*stride*outer,
-        'energy': summary.mean, 'standard_error': summary.standardError,
-        'blocks': summary.degrees + 1, 'tau_ps': summary.tau*stride*outer,
+        **result, 'status': 'stable',
+        'length_ps': len(energies)*stride*outer,
+        'energy': summary.mean,
+        'standard_error': summary.standardError,
+        'blocks': summary.degrees + 1,
+        'tau_ps': summary.tau*stride*outer,
         'translational_temperature': float(np.mean(temperatures))
     }
 
@@ -185,7 +193,9 @@ def main():
         print(row)
     recording.save(
         options.output, 'slow_forces.json', {
-            'scene': scene.description, 'shares': shares, 'impulses': rows,
+            'scene': scene.description,
+            'shares': shares,
+            'impulses': rows,
             'provenance': recording.provenance(options)
         })
 
