@@ -144,7 +144,8 @@ def test_constants_agree(cls):
 def test_python_class_has_the_method(cls, declaration):
     name, parameters = method(declaration)
     python = vars(python_class(cls)).get(name)
-    assert python is not None, f'{name} is not defined in the Python class: units would not be checked'
+    assert python is not None, (
+        f'{name} is not defined in the Python class: units would not be checked')
     expected = [p for p in parameters if p not in RESULTS.get(name, ())]
     assert list(inspect.signature(python).parameters)[1:][:len(expected)] == expected
 

@@ -55,7 +55,8 @@ def test_in_the_directories_of_the_system_and_below_a_prefix(configure, tmp_path
 
 def test_what_is_wrong_is_said(configure, tmp_path):
     status, output = configure(f'-DOPENMM_DIR={tmp_path}')
-    assert status != 0 and f"OPENMM_DIR: '{tmp_path}'" in output and 'name the prefix in which it is: -DOPENMM_DIR=prefix' in output
+    assert (status != 0 and f"OPENMM_DIR: '{tmp_path}'" in output
+            and 'name the prefix in which it is: -DOPENMM_DIR=prefix' in output)
     status, output = configure(version='99.5')
     assert status != 0 and 'is too old: openmm-rigidhi needs 99.5 or newer' in output
     (tmp_path/'lib').mkdir()

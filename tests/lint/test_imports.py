@@ -104,7 +104,8 @@ def test_own_modules_are_imported_at_the_top(name):
         f'line {line}: {imported}' for line, imported, inFunction in IMPORTS[name]
         if inFunction and (name, imported) not in IN_FUNCTIONS
     ]
-    assert not hidden, f'{name} imports in a function, where circles hide: {"; ".join(hidden)}: import it at the top, or say in this file why not'
+    assert not hidden, (f'{name} imports in a function, where circles hide: {"; ".join(hidden)}: '
+                        'import it at the top, or say in this file why not')
 
 
 def test_reasons_are_still_needed():

@@ -32,7 +32,8 @@ for _ in range(3):
 integrator = openmmrigidhi.CustomRigidHIIntegrator(300.0, 0.002)
 integrator.addRigidBody([0, 1, 2])
 for name in ("Reference", "CPU"):
-    context = openmm.Context(system, openmmrigidhi.CustomRigidHIIntegrator.cast(integrator.__copy__()),
+    copied = openmmrigidhi.CustomRigidHIIntegrator.cast(integrator.__copy__())
+    context = openmm.Context(system, copied,
                              openmm.Platform.getPlatformByName(name))
     context.setPositions([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)])
     context.getIntegrator().step(10)

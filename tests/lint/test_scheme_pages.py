@@ -66,7 +66,8 @@ def test_page_has_equations_symbols_and_one_example(page):
 
 
 #: What ends with a dot and no sentence.
-ABBREVIATIONS = r'\b(?:[A-Z]|al|eqs?|Phys|Chem|Comput|Fluid|Mech|Int|Multiphase|Trans|Camb|Phil|Proc|Soc|Lond|Math|Sci|Eng)\. '
+ABBREVIATIONS = (r'\b(?:[A-Z]|al|eqs?|Phys|Chem|Comput|Fluid|Mech|Int|Multiphase|Trans|Camb|Phil|'
+                 r'Proc|Soc|Lond|Math|Sci|Eng)\. ')
 
 
 @pytest.mark.parametrize('page', PAGES)

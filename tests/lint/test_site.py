@@ -18,8 +18,10 @@ sys.path.insert(0, str(ROOT/'site'))
 import check  # noqa: E402
 import collect  # noqa: E402
 
-GOOD = '<html><body id="top"><a href="other.html#here">there</a><img src="a.png" alt="Two spheres"></body></html>'
-OTHER = '<html><body><p id="here"></p><a href="index.html">back</a><a href="https://openmm.org">OpenMM</a></body></html>'
+GOOD = ('<html><body id="top"><a href="other.html#here">there</a>'
+        '<img src="a.png" alt="Two spheres"></body></html>')
+OTHER = ('<html><body><p id="here"></p><a href="index.html">back</a>'
+         '<a href="https://openmm.org">OpenMM</a></body></html>')
 
 
 @pytest.fixture

@@ -76,6 +76,17 @@ def test_yapf():
     assert not unformatted, 'run `make format` on ' + ', '.join(unformatted)
 
 
+@pytest.mark.parametrize('language, patterns', [('Python', ('*.py',)), ('C++', ('*.h', '*.cpp'))])
+def test_no_line_is_wider_than_100(language, patterns):
+    """Addresses of the web are excepted: they cannot be wrapped."""
+    wide = [
+        f'{name}:{number}' for name in git_files(*patterns)
+        for number, line in enumerate(read(name).splitlines(), 1)
+        if len(line) > 100 and not re.search(r'https?://\S{30}', line)
+    ]
+    assert not wide, f'{language}: lines wider than 100 columns:\n' + '\n'.join(wide)
+
+
 def test_a_sentence_of_markdown_is_a_line():
     pages = [page for page in git_files('*.md') if '/results/' not in page]
     result = subprocess.run([sys.executable, 'tools/format_markdown.py', '--check', *pages],
@@ -119,8 +130,8 @@ def test_shared_header_compiles_alone(header, tmp_path, build_directory):
 def test_public_headers_need_openmm_and_the_standard_library_only():
     for header in PUBLIC_HEADERS:
         for included in re.findall(r'#include\s+[<"]([^>"]+)', read(header)):
-            assert included.startswith(('openmm/', 'openmmrigidhi/')) or '/' not in included and '.' not in included, \
-                f'{header} includes {included}'
+            assert (included.startswith(('openmm/', 'openmmrigidhi/'))
+                    or '/' not in included and '.' not in included), f'{header} includes {included}'
 
 
 @pytest.mark.parametrize('scheme', SCHEMES)
@@ -134,7 +145,8 @@ def test_pages_know_the_schemes():
     """The table of the user guide is made from the list of schemes, and every scheme has its
     equations."""
     assert _schemes.markdown() in read('docs/USER_GUIDE.md'), \
-        f'put this table into docs/USER_GUIDE.md, "Schemes, and how to choose":\n{_schemes.markdown()}'
+        ('put this table into docs/USER_GUIDE.md, "Schemes, and how to choose":\n'
+         f'{_schemes.markdown()}')
     for traits in _schemes.TABLE:
         assert re.search(
             rf'`{traits.name}`',

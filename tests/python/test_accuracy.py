@@ -626,7 +626,8 @@ class TestCommandLine(unittest.TestCase):
                 self.assertIn(message, file.read())
 
     def testAWrongAmountIsRefusedBeforeAnythingIsMeasured(self):
-        with unittest.mock.patch.object(accuracy.StepSizeStudy, 'run', side_effect=AssertionError('it was measured')), \
+        with unittest.mock.patch.object(accuracy.StepSizeStudy, 'run',
+                                        side_effect=AssertionError('it was measured')), \
                 unittest.mock.patch('sys.stderr', io.StringIO()) as error:
             self.assertEqual(
                 cli.main([

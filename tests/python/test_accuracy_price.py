@@ -239,7 +239,8 @@ def test_a_biased_setting_is_never_recommended_however_fast():
     alone = knownResult([('LangevinMiddle', 200, 0.45, 1e-9, 0)],
                         sigma=0.1).price('potential_energy:0.5%')
     assert alone.verdict == 'cannot tell' and alone.setting is None
-    assert 'cannot tell. The bias is not known well enough for LangevinMiddle at 200 fs; run longer: about 11 times' in alone.text
+    assert ('cannot tell. The bias is not known well enough for LangevinMiddle at 200 fs; '
+            'run longer: about 11 times') in alone.text
 
 
 # ---- Coverage ------------------------------------------------------------------------------------
@@ -501,8 +502,8 @@ def test_a_short_run_with_prices(tmp_path, capsys):
         'energy_group_0:50%,energy_group_1:80%', '--spend', 'energy_group_0:1h', '--output',
         str(tmp_path), '--quiet'
     ]) == 0
-    assert 'energy of force group 0 per body to 50% and energy of force group 1 per body to 80%' in capsys.readouterr(
-    ).out
+    assert ('energy of force group 0 per body to 50% and '
+            'energy of force group 1 per body to 80%') in capsys.readouterr().out
     assert 'price_energy_group_0_50pc_energy_group_1_80pc.png' in os.listdir(tmp_path)
     result = StudyResult.fromJson(str(tmp_path/'results.json'))
     assert [row['sample_interval'] for row in result.rows] == pytest.approx([0.016]*4)

@@ -427,7 +427,8 @@ def test_the_tracking_point_matters_at_short_times_only(brownianBoomerangs):
         # The slowest direction turns in 1/(0.134 + 0.116) = 4 s: from 15 to 20 s the tip's slope is
         # still 0.002 high.
         assert long.value._value/3 == pytest.approx(0.26961, abs=4*long.error._value/3 + 0.0025)
-        assert short.error._value < 0.01*short.value._value and long.error._value < 0.06*long.value._value
+        assert (short.error._value < 0.01*short.value._value
+                and long.error._value < 0.06*long.value._value)
         means[name] = short.value._value/3
     assert means['tip'] > 1.1*means['cross point'] and means['cross point'] > 1.5*means['center']
 

@@ -229,7 +229,8 @@ def test_without_a_name_openmm_takes_the_fastest_platform(opencl, monkeypatch):
 LATE = """
 import glob, os, sys
 import openmm, openmmrigidhi
-names = lambda: [openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())]
+names = lambda: [openmm.Platform.getPlatform(i).getName()
+                 for i in range(openmm.Platform.getNumPlatforms())]
 assert 'OpenCL' not in names()
 openmm.Platform.loadPluginLibrary(os.path.join(sys.argv[1], 'libOpenMMOpenCL.so'))
 assert 'OpenCL' in names()

@@ -775,7 +775,8 @@ def test_a_library_that_does_not_load_fails_loudly(tmp_path):
     (package/'lib'/'plugins'/'libOpenMMRigidHICPU.so').write_bytes(b'no library')
     result = run('import openmmrigidhi', str(tmp_path))
     assert result.returncode != 0
-    assert 'ImportError: openmmrigidhi: cannot load the platform library libOpenMMRigidHICPU.so' in result.stderr
+    assert ('ImportError: openmmrigidhi: cannot load the platform library '
+            'libOpenMMRigidHICPU.so') in result.stderr
     assert str(
         package
     ) in result.stderr and 'invalid ELF header' in result.stderr or 'file too short' in result.stderr
@@ -786,7 +787,8 @@ def test_another_copy_of_the_library_is_not_mixed_in(tmp_path):
     package, say, for a build tree."""
     copy = shutil.copy(os.path.join(packageDirectory(), 'lib', 'libOpenMMRigidHI.so'), tmp_path)
     result = run(f'import ctypes; ctypes.CDLL({copy!r}); import openmmrigidhi')
-    assert f'ImportError: openmmrigidhi: its library libOpenMMRigidHI.so was loaded from {copy}' in result.stderr
+    assert ('ImportError: openmmrigidhi: its library libOpenMMRigidHI.so was loaded from '
+            f'{copy}') in result.stderr
     assert 'two copies of openmm-rigidhi would be mixed' in result.stderr
 
 
@@ -807,7 +809,8 @@ def test_kernels_in_the_plugin_directory_of_openmm_serve(tmp_path):
     package = tmp_path/'python'/'openmmrigidhi'
     shutil.copytree(packageDirectory(), package)
     shutil.move(package/'lib', tmp_path/'openmm')
-    code = 'import openmmrigidhi; openmmrigidhi.checkPlatform("CPU"); print(openmmrigidhi.describe())'
+    code = ('import openmmrigidhi; openmmrigidhi.checkPlatform("CPU"); '
+            'print(openmmrigidhi.describe())')
     environment = {
         'OPENMM_PLUGIN_DIR': os.pathsep.join(
             [str(tmp_path/'openmm'/'plugins'),
@@ -840,7 +843,8 @@ sys.modules['openmmrigidhi'] = package
 from openmmrigidhi.integrator import CustomRigidHIIntegrator
 system = openmm.System()
 system.addParticle(1.0)
-openmm.Context(system, CustomRigidHIIntegrator(300, 0.001), openmm.Platform.getPlatformByName('Reference'))
+openmm.Context(system, CustomRigidHIIntegrator(300, 0.001),
+               openmm.Platform.getPlatformByName('Reference'))
 ''')
     assert 'no platform has its kernels; libOpenMMRigidHIReference.so' in result.stderr
     assert 'loadPluginsFromDirectory' in result.stderr

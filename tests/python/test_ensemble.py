@@ -255,7 +255,9 @@ def test_workers_without_the_plugin_or_with_another_version(cluster, monkeypatch
 CLUSTER_SCRIPT = """
 import distributed, sys, time
 if __name__ == '__main__':
-    made = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address='127.0.0.1:0', memory_limit=0, silence_logs=50)
+    made = distributed.LocalCluster(n_workers=1, threads_per_worker=1,
+                                    dashboard_address='127.0.0.1:0', memory_limit=0,
+                                    silence_logs=50)
     print(made.scheduler_address, flush=True)
     sys.stdin.readline()
     made.scale(0)
@@ -470,7 +472,8 @@ def test_a_failing_setting_is_reported_and_the_rest_goes_on(tmp_path):
     assert [task.status for task in result.tasks] == ['complete', 'complete', 'failed', 'failed']
     failed = result.problems()[0]
     assert failed.seed == ensemble.taskSeed(1, 1, 0) and failed.settings == {'broken': True}
-    assert 'ArithmeticError: this scene is broken on purpose' in failed.message and 'in scene' in failed.traceback
+    assert ('ArithmeticError: this scene is broken on purpose' in failed.message
+            and 'in scene' in failed.traceback)
     assert str(failed.seed) in result.table() and '2 failed' in result.row('energy', 1)['note']
     assert result.row('energy', 1)['mean'] is None and result.row('energy', 0)['replicas'] == 2
 
@@ -624,7 +627,8 @@ def test_a_worker_that_does_not_see_the_directory(tmp_path):
     task, = larger._left(directory, about)[0]
     task.study = 'another'
     outcome, = tasks.run(studyModule.simulate, [task], quiet=True)
-    assert outcome.failure.kind == 'FileNotFoundError' and 'it does not see the study in' in outcome.failure.message
+    assert (outcome.failure.kind == 'FileNotFoundError'
+            and 'it does not see the study in' in outcome.failure.message)
 
 
 @pytest.mark.parametrize(

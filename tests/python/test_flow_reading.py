@@ -160,7 +160,8 @@ def test_points_that_are_none(points, error, problem):
                                                   ('SlipChannel', (0, -1e-9, 0), (0, 0, 0)),
                                                   ('SlipChannel', (0, 5.6, 0), (0, 5.5, 0))])
 def test_points_behind_walls(boundary, behind, at):
-    model = MobilityForce.ForceCoupling if boundary == 'SlipChannel' else MobilityForce.RotnePragerYamakawa
+    model = (MobilityForce.ForceCoupling
+             if boundary == 'SlipChannel' else MobilityForce.RotnePragerYamakawa)
     fluid, _, context = spheres('Reference', [(3, 2, 4)], [1], lambda fluid: None, model,
                                 getattr(MobilityForce, boundary))
     with pytest.raises(
@@ -187,7 +188,8 @@ def test_fluids_that_are_not_one(read, name):
                                 lambda fluid: fluid.setGroups([0, 1]), **with_)
     with pytest.raises(
             openmm.OpenMMException,
-            match=rf'{name}\(\): there are 2 groups of bodies, each in a fluid of its own; ask in a '
+            match=rf'{name}\(\): there are 2 groups of bodies, each in a fluid of its own; '
+            'ask in a '
             rf'Context with one group'):
         read(fluid, context)
     fluid, _, context = spheres('Reference', [(3, 2, 4), (1, 1, 1)], [1, 0.5], lambda fluid: None,

@@ -134,7 +134,8 @@ def test_the_cheapest_tolerance_is_named(result):
     for row in result.rows:
         row['typical'] = max(row['typical'], 2e-4) if row['setting'] == 1e-4 else row['typical']
     assert result.recommend('forces:0.01%').setting['tolerance'] == 1e-6
-    assert answer.verdict == 'none of these' and 'The smallest error is 5.0e-07, with a tolerance of 1e-06.' in answer.text
+    assert (answer.verdict == 'none of these'
+            and 'The smallest error is 5.0e-07, with a tolerance of 1e-06.' in answer.text)
     with pytest.raises(ValueError, match='wanted error: got'):
         result.recommend('torques:1%')
 
@@ -146,7 +147,9 @@ def test_missed_tolerances_are_said(result):
     for row in result.rows:
         row['error'] = 3*row['described']
     text = '\n'.join(result.report().paragraphs())
-    assert 'every error' not in text and 'the error is above the tolerance at 0.01 (3.0e-02)' in text and 'above the tolerance that describeEffects() says: sigma/dx' in text
+    assert ('every error' not in text
+            and 'the error is above the tolerance at 0.01 (3.0e-02)' in text
+            and 'above the tolerance that describeEffects() says: sigma/dx' in text)
 
 
 def test_command_line_and_files(tmp_path):
@@ -160,7 +163,8 @@ def test_command_line_and_files(tmp_path):
                              '--observables', 'forces', '--rounds', '1', '--wanted-error',
                              'forces:0.1%', '--output', str(tmp_path))
     assert status == 0, error
-    assert 'a tolerance of 0.0001, with errors up to' in out and 'By lattice sums a product takes' in out
+    assert ('a tolerance of 0.0001, with errors up to' in out
+            and 'By lattice sums a product takes' in out)
     page = (tmp_path/'grid.html').read_text()
     assert 'src="data:image/png' in page and 'sqrt(ln 1/eps)/pi' in page and (
         tmp_path/'grid_forces.png').stat().st_size > 10000

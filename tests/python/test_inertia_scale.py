@@ -195,7 +195,8 @@ def test_the_accuracy_tool_compares_inertia_scales():
     integrator = method.makeIntegrator(scene, 0.003, 5)
     assert integrator.getInertiaScale() == 8 and integrator.getScheme(
     ) == CustomRigidHIIntegrator.LangevinC
-    assert method.order == 2 and method.name == 'LangevinC-I8' and 'moments times 8' in method.description
+    assert (method.order == 2 and method.name == 'LangevinC-I8'
+            and 'moments times 8' in method.description)
     assert accuracy.methods.byName('LangevinC').makeIntegrator(scene, 0.003,
                                                                5).getInertiaScale() == 1
     for wrong in ('GradientThermostat-I8', 'LangevinMiddle-I8', 'LangevinC-I0', 'LangevinC-Inf',

@@ -402,7 +402,8 @@ def test_command_line_of_pairs(tmp_path):
                              'FTS+lubrication', '--rounds', '1', '--platform', 'Reference',
                              '--wanted-error', 'mobility:1%', '--output', str(tmp_path))
     assert status == 0, error
-    assert 'gaps 0.1 to 1: FTS+lubrication' in out and 'Where mobility:1% is met, by gap: RPY: nowhere' in out
+    assert ('gaps 0.1 to 1: FTS+lubrication' in out
+            and 'Where mobility:1% is met, by gap: RPY: nowhere' in out)
     status, out, error = run('--from', str(tmp_path/'ladder.json'), '--wanted-error',
                              'mobility:50%', '--output', str(tmp_path/'again'))
     assert status == 0, error
@@ -519,7 +520,8 @@ def test_fts_cannot_follow_a_dense_array(arrays):
     assert arrays.goodUpTo('rotational_drag:2%')['FTS+lubrication'] == 0.45
     assert good['multiblob42'] == 0.343
     text = next(text for text in ladderreport.summary(arrays, [], []) if text.startswith('Drag K'))
-    assert 'FTS: up to 0.125; ' in text and 'the exact number is 28.09, and found are FreeDraining 1, RPY 9.881' in text
+    assert ('FTS: up to 0.125; ' in text
+            and 'the exact number is 28.09, and found are FreeDraining 1, RPY 9.881' in text)
     # Shells that do not fit between their images are named with the arrays for which that is so.
     assert any(
         text.startswith('multiblob42 cannot be used at volume fraction 0.45: ')
@@ -529,7 +531,8 @@ def test_fts_cannot_follow_a_dense_array(arrays):
 def test_what_was_not_possible_everywhere_is_not_the_most_accurate(arrays):
     assert '(in part)' in ladderreport.textTable(arrays)
     answer = arrays.recommend('drag:1%')
-    assert answer.verdict == 'none of these' and 'the most accurate is ForceCoupling with 37 %' in answer.text
+    assert (answer.verdict == 'none of these'
+            and 'the most accurate is ForceCoupling with 37 %' in answer.text)
 
 
 def test_files_of_arrays(arrays, tmp_path):

@@ -168,7 +168,8 @@ def test_a_run_without_noise_is_a_mean_over_time():
         np.hstack([amplitudes, 0*amplitudes])*(unit.nanometer/unit.picosecond))
     assert again == found and found.samples == 12
     statistics = analysis.series.seriesStatistics(amplitudes[:, 0])
-    assert found.amplitude._value == statistics.mean and found.amplitudeError._value == statistics.standardError > 0
+    assert (found.amplitude._value == statistics.mean
+            and found.amplitudeError._value == statistics.standardError > 0)
     assert found.tau == pytest.approx(
         12*statistics.standardError**2/(2*np.var(amplitudes[:, 0], ddof=1)))
     assert found.ratioError/found.ratio == pytest.approx(statistics.standardError/statistics.mean)

@@ -81,7 +81,8 @@ def test_best_known_and_far_from_the_wall():
             context.reinitialize(preserveState=True)
             mobilities[kind, height] = fluid.getMobilityInContext(context)
     stokes = 1/(6*np.pi*120.4428152*0.5)
-    brenner = 0.15770665  # at a gap of 0.2 radii; the other body, which is free to move, takes 1e-3 of it
+    # At a gap of 0.2 radii; the other body, which is free to move, takes 1e-3 of it.
+    brenner = 0.15770665
     assert mobilities[MobilityForce.BestKnown, 1.4][2, 2]/stokes == pytest.approx(brenner, rel=2e-3)
     assert mobilities[MobilityForce.FromModel, 1.4][2, 2]/stokes > 0.3
     far = [mobilities[kind, -1e4] for kind in (MobilityForce.FromModel, MobilityForce.BestKnown)]
