@@ -41,21 +41,23 @@ VARIANTS = {
     'multiblob 12, matrix-free, 1e-3': dict(model=RPY, blobs=12, solver=KRYLOV, tolerance=1e-3),
 }
 #: (effect, variant with it, variant without it).
-PRICES = (('noise, FreeDraining', 'FreeDraining',
-           'FreeDraining, no noise'), ('noise, RPY dense', 'RPY, dense', 'RPY, dense, no noise'),
-          ('noise, RPY matrix-free', 'RPY, matrix-free, 1e-3', 'RPY, matrix-free, 1e-3, no noise'),
-          ('a fluid without interactions', 'FreeDraining',
-           'LangevinC, no fluid'), ('interactions: RPY', 'RPY, dense',
-                                    'FreeDraining'), ('rotation and its coupling', 'RPY, dense',
-                                                      'RPY, dense, no rotation'),
-          ('stresslets: FTS', 'FTS', 'RPY, dense'), ('lubrication', 'FTS and lubrication', 'FTS'),
-          ('12 blobs a sphere', 'multiblob 12, dense',
-           'RPY, dense'), ('12 blobs a sphere, without interactions', 'multiblob 12, FreeDraining',
-                           'FreeDraining'), ('dense instead of matrix-free (1e-3)', 'RPY, dense',
-                                             'RPY, matrix-free, 1e-3'),
-          ('dense instead of matrix-free (1e-3), multiblob 12', 'multiblob 12, dense',
-           'multiblob 12, matrix-free, 1e-3'), ('tolerance 1e-6 instead of 1e-3',
-                                                'RPY, matrix-free, 1e-6', 'RPY, matrix-free, 1e-3'))
+# yapf: disable
+PRICES = (
+    ('noise, FreeDraining', 'FreeDraining', 'FreeDraining, no noise'),
+    ('noise, RPY dense', 'RPY, dense', 'RPY, dense, no noise'),
+    ('noise, RPY matrix-free', 'RPY, matrix-free, 1e-3', 'RPY, matrix-free, 1e-3, no noise'),
+    ('a fluid without interactions', 'FreeDraining', 'LangevinC, no fluid'),
+    ('interactions: RPY', 'RPY, dense', 'FreeDraining'),
+    ('rotation and its coupling', 'RPY, dense', 'RPY, dense, no rotation'),
+    ('stresslets: FTS', 'FTS', 'RPY, dense'),
+    ('lubrication', 'FTS and lubrication', 'FTS'),
+    ('12 blobs a sphere', 'multiblob 12, dense', 'RPY, dense'),
+    ('12 blobs a sphere, without interactions', 'multiblob 12, FreeDraining', 'FreeDraining'),
+    ('dense instead of matrix-free (1e-3)', 'RPY, dense', 'RPY, matrix-free, 1e-3'),
+    ('dense instead of matrix-free (1e-3), multiblob 12', 'multiblob 12, dense', 'multiblob 12, matrix-free, 1e-3'),
+    ('tolerance 1e-6 instead of 1e-3', 'RPY, matrix-free, 1e-6', 'RPY, matrix-free, 1e-3'),
+)
+# yapf: enable
 
 
 def main():

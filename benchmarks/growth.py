@@ -34,22 +34,29 @@ TOLERANCE = 1e-3
 #: The table of a page stands between these.
 BEGIN, END = '<!-- table of benchmarks/growth.py -->', '<!-- end of the table -->'
 #: Series: (what, model, boundary, solver).
-SERIES = tuple(('spheres', *each) for each in (
-    ('FreeDraining', 'Unbounded', 'Auto'), ('RotnePragerYamakawa', 'Unbounded', 'Dense'),
-    ('RotnePragerYamakawa', 'Unbounded', 'MatrixFree'),
-    ('RotnePragerYamakawa', 'NoSlipWall', 'Dense'),
-    ('RotnePragerYamakawa', 'NoSlipWall', 'MatrixFree'),
-    ('RotnePragerYamakawa', 'Periodic', 'Dense'), ('RotnePragerYamakawa', 'Periodic', 'MatrixFree'),
-    ('ForceCoupling', 'Periodic', 'Dense'), ('ForceCoupling', 'Periodic', 'MatrixFree'),
-    ('ForceCoupling', 'SlipChannel', 'Dense'), ('ForceCoupling', 'SlipChannel', 'MatrixFree'),
-    ('StokesianDynamics', 'Unbounded', 'Dense'),
-    ('StokesianDynamics', 'Periodic', 'Dense'))) + tuple(
-        ('blobs', *each) for each in (('RotnePragerYamakawa', 'Unbounded', 'Dense'),
-                                      ('RotnePragerYamakawa', 'Unbounded', 'MatrixFree'),
-                                      ('RotnePragerYamakawa', 'NoSlipWall', 'Dense'),
-                                      ('RotnePragerYamakawa', 'NoSlipWall', 'MatrixFree'),
-                                      ('RotnePragerYamakawa', 'Periodic', 'MatrixFree'),
-                                      ('ForceCoupling', 'Periodic', 'MatrixFree')))
+# yapf: disable
+SERIES = (
+    ('spheres', 'FreeDraining', 'Unbounded', 'Auto'),
+    ('spheres', 'RotnePragerYamakawa', 'Unbounded', 'Dense'),
+    ('spheres', 'RotnePragerYamakawa', 'Unbounded', 'MatrixFree'),
+    ('spheres', 'RotnePragerYamakawa', 'NoSlipWall', 'Dense'),
+    ('spheres', 'RotnePragerYamakawa', 'NoSlipWall', 'MatrixFree'),
+    ('spheres', 'RotnePragerYamakawa', 'Periodic', 'Dense'),
+    ('spheres', 'RotnePragerYamakawa', 'Periodic', 'MatrixFree'),
+    ('spheres', 'ForceCoupling', 'Periodic', 'Dense'),
+    ('spheres', 'ForceCoupling', 'Periodic', 'MatrixFree'),
+    ('spheres', 'ForceCoupling', 'SlipChannel', 'Dense'),
+    ('spheres', 'ForceCoupling', 'SlipChannel', 'MatrixFree'),
+    ('spheres', 'StokesianDynamics', 'Unbounded', 'Dense'),
+    ('spheres', 'StokesianDynamics', 'Periodic', 'Dense'),
+    ('blobs', 'RotnePragerYamakawa', 'Unbounded', 'Dense'),
+    ('blobs', 'RotnePragerYamakawa', 'Unbounded', 'MatrixFree'),
+    ('blobs', 'RotnePragerYamakawa', 'NoSlipWall', 'Dense'),
+    ('blobs', 'RotnePragerYamakawa', 'NoSlipWall', 'MatrixFree'),
+    ('blobs', 'RotnePragerYamakawa', 'Periodic', 'MatrixFree'),
+    ('blobs', 'ForceCoupling', 'Periodic', 'MatrixFree'),
+)
+# yapf: enable
 COLOURS = {
     'FreeDraining': 'tab:gray',
     'RotnePragerYamakawa': 'tab:blue',
@@ -61,7 +68,7 @@ PARTS = ('seconds_spreading', 'seconds_fft', 'seconds_averaging', 'seconds_solve
 
 
 def arranged(count, boundary, spacing):
-    """Centres on a lattice, displaced at random where that leaves a gap; and the box: (count, 3), (3,)."""
+    """Centres on a lattice, displaced at random, and the box: (count, 3), (3,)."""
     random = np.random.default_rng(1)
     if boundary in ('NoSlipWall', 'SlipChannel'):
         layers = max(1, int(np.ceil(count/10000)))

@@ -243,7 +243,8 @@ def scene():
 
 
 def result(scene, cls, name):
-    arguments = [scene['context'], *QUESTIONS.get(name, [])] if name.endswith('InContext') else ['fx'] if name == 'getExpression' else \
+    arguments = [scene['context'], *QUESTIONS.get(name, [])] if name.endswith('InContext') \
+        else ['fx'] if name == 'getExpression' else \
         [0] if name in NEEDS_INDEX else []
     return getattr(scene[cls], name)(*arguments)
 

@@ -46,8 +46,8 @@ def test_links_lead_somewhere(page):
 def test_files_that_are_named_exist(page):
     here = (ROOT/page).parent
     for name in re.findall(
-            r'`((?:openmmapi|platforms|serialization|python|tests|examples|validation|benchmarks|docs|'
-            r'tools)/[\w./-]+)`', read(page)):
+            r'`((?:openmmapi|platforms|serialization|python|tests|examples|validation|benchmarks|'
+            r'docs|tools)/[\w./-]+)`', read(page)):
         assert (ROOT/name).exists() or (here/
                                         name).exists(), f'{page} names {name}, which is not there'
 

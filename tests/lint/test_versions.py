@@ -12,5 +12,6 @@ def test_every_place_has_the_one_version():
                     read('debian/changelog'))[1] == version, 'debian/changelog'
     assert re.search(r'^## ([0-9.]+)', read('CHANGELOG.md'),
                      flags=re.M)[1] == version, 'CHANGELOG.md'
-    assert re.search(r'^    find_package\(OpenMMRigidHI|find_package\(OpenMMRigidHI ([0-9.]+)', read('debian/tests/program'))[1] == \
-        version.rpartition('.')[0], 'debian/tests/program'
+    found = re.search(r'^    find_package\(OpenMMRigidHI|find_package\(OpenMMRigidHI ([0-9.]+)',
+                      read('debian/tests/program'))[1]
+    assert found == version.rpartition('.')[0], 'debian/tests/program'

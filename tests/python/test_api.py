@@ -777,9 +777,8 @@ def test_a_library_that_does_not_load_fails_loudly(tmp_path):
     assert result.returncode != 0
     assert ('ImportError: openmmrigidhi: cannot load the platform library '
             'libOpenMMRigidHICPU.so') in result.stderr
-    assert str(
-        package
-    ) in result.stderr and 'invalid ELF header' in result.stderr or 'file too short' in result.stderr
+    assert str(package) in result.stderr and 'invalid ELF header' in result.stderr \
+        or 'file too short' in result.stderr
 
 
 def test_another_copy_of_the_library_is_not_mixed_in(tmp_path):

@@ -140,9 +140,9 @@ def test_a_task_that_kills_every_worker_is_given_up(where):
     """Dead workers are replaced, each attempt is counted, and there is an end to it."""
     outcomes = tasks.run(ensemble_tasks.alwaysDie, range(4), 2, where, retries=1, quiet=True)
     assert [outcome.value for outcome in outcomes] == [0, None, 2, 3]
-    assert outcomes[
-        1].failure.kind == 'WorkerDied' and 'are not made: look for what ends the process' in outcomes[
-            1].failure.message
+    failure = outcomes[1].failure
+    assert failure.kind == 'WorkerDied'
+    assert 'are not made: look for what ends the process' in failure.message
     # This scheduler would allow 3 failures: it has begun another attempt when we say that it is
     # enough.
     assert outcomes[1].attempts == (2 if where == 'processes' else 3)

@@ -138,9 +138,8 @@ def test_radii_of_shells(n, rotation):
     def drag(velocities):
         """velocities . forces: its error is the square of that of the residual, times a condition
         number of thousands."""
-        relative = {
-            'rtol' if 'rtol' in inspect.signature(scipy.sparse.linalg.cg).parameters else 'tol': 1e-7
-        }  # SciPy 1.12 renamed it
+        hasRtol = 'rtol' in inspect.signature(scipy.sparse.linalg.cg).parameters
+        relative = {'rtol' if hasRtol else 'tol': 1e-7}  # SciPy 1.12 renamed it
         forces, status = scipy.sparse.linalg.cg(
             scipy.sparse.linalg.LinearOperator((3*n, 3*n), product), velocities.ravel(), atol=0,
             **relative)

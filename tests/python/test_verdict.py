@@ -1,4 +1,4 @@
-"""validation/verdict.py: the page is what it writes, and what it says of made-up numbers is right."""
+"""validation/verdict.py writes the page, and is right about made-up numbers."""
 import importlib
 import pathlib
 

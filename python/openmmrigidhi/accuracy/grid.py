@@ -45,6 +45,9 @@ OBSERVABLES = {
 LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-14, 0.1
 #: Norms are wanted to two digits.
 NORM_TOLERANCE = 0.005
+#: Columns that stay empty where a setting was refused.
+_NOT_MEASURED = ('nodes', 'fineness', 'described', 'error', 'own_error', 'typical',
+                 'seconds_product', 'seconds_median')
 
 
 def gridSizes(least, most):
@@ -253,7 +256,7 @@ class GridStudy:
                 'setting': value,
                 'status': STABLE,
                 'message': '',
-                **dict.fromkeys(('nodes', 'fineness', 'described', 'error', 'own_error', 'typical', 'seconds_product', 'seconds_median'))
+                **dict.fromkeys(_NOT_MEASURED)
             }
             rows.append(row)
             try:

@@ -312,7 +312,8 @@ def textTable(result):
             largest = percent(max(
                 (abs(r['error']) for r in rows),
                 default=None)) + ('' if len(rows) == len(result.references) else ' (in part)')
-            line += f'{"reference" if rows and all(r["is_reference"] for r in rows) else largest:>{width}}'
+            isReference = rows and all(r['is_reference'] for r in rows)
+            line += f'{"reference" if isReference else largest:>{width}}'
         lines.append(line)
     return '\n'.join(lines)
 

@@ -246,11 +246,9 @@ class StudyResult(Result):
             if amount.endswith('%'):
                 reference = self.references.get(name)
                 value *= abs(reference.value)/100 if reference is not None else math.nan
-            result.append(
-                Wanted(
-                    name, value,
-                    f'{amount if amount.endswith("%") else amount + " " + self.observables[name]["unit"]}'
-                    f' of {self.observables[name]["label"]}'))
+            unit = '' if amount.endswith('%') else ' ' + self.observables[name]['unit']
+            text = f'{amount}{unit} of {self.observables[name]["label"]}'
+            result.append(Wanted(name, value, text))
         return result
 
     def recommend(self, wanted, confidence=None):
