@@ -54,7 +54,8 @@ PRICES = (
     ('12 blobs a sphere', 'multiblob 12, dense', 'RPY, dense'),
     ('12 blobs a sphere, without interactions', 'multiblob 12, FreeDraining', 'FreeDraining'),
     ('dense instead of matrix-free (1e-3)', 'RPY, dense', 'RPY, matrix-free, 1e-3'),
-    ('dense instead of matrix-free (1e-3), multiblob 12', 'multiblob 12, dense', 'multiblob 12, matrix-free, 1e-3'),
+    ('dense instead of matrix-free (1e-3), multiblob 12', 'multiblob 12, dense',
+     'multiblob 12, matrix-free, 1e-3'),
     ('tolerance 1e-6 instead of 1e-3', 'RPY, matrix-free, 1e-6', 'RPY, matrix-free, 1e-3'),
 )
 # yapf: enable
