@@ -215,8 +215,9 @@ def compare(D, expected):
 
     Both are scaled to expected^(-1/2) . expected^(-1/2), so that the expected tensor becomes the
     identity. The result has the mean and the standard error of the 21 entries, and chi^2. Theory
-    gives the errors: they are 2 times one variance for entries on the diagonal, and 1 times it for
-    entries off the diagonal. This variance comes from the scatter of all entries over the blocks.
+    gives the ratio of their errors: squared, they are 2 times one variance for entries on the
+    diagonal, and 1 times it for entries off the diagonal. This variance comes from the scatter of
+    all entries over the blocks.
     """
     values, vectors = np.linalg.eigh(expected)
     scale = vectors @ np.diag(values**-0.5) @ vectors.T
