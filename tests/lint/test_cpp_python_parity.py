@@ -49,7 +49,7 @@ def class_body(text, cls):
 def public_part(name, cls):
     text = read(name)
     # What is marked @private is not for users.
-    text = re.sub(r'/\*\* @private.*?\*/.*?;', '', text, flags=re.S)
+    text = re.sub(r'/\*\*[\s*]*@private.*?\*/.*?;', '', text, flags=re.S)
     body = class_body(without_comments(text), cls)
     body = re.sub(r'%extend\s*{.*?\n    }', '', body, flags=re.S)
     return re.split(r'\b(?:protected|private)\s*:', body.split('public:', 1)[1])[0]

@@ -69,11 +69,12 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
     drawsNoise.assign(numSlots, false);
     // An entry a line would be hard to read.
     // clang-format off
-    for (auto* v : {&R[0], &R[1], &R[2], &q[1], &q[2], &q[3], &p[0], &p[1], &p[2], &l[0], &l[1], &l[2], &force_lab[0],
-                    &force_lab[1], &force_lab[2], &torque_body[0], &torque_body[1], &torque_body[2], &inverseMass,
-                    &inverseMoments[0], &inverseMoments[1], &inverseMoments[2], &noise_p, &noise_l[0], &noise_l[1],
-                    &noise_l[2], &move_R, &noise_R, &move_q[0], &move_q[1], &move_q[2], &noise_q[0], &noise_q[1],
-                    &noise_q[2]})
+    for (auto* v : {&R[0], &R[1], &R[2], &q[1], &q[2], &q[3], &p[0], &p[1], &p[2], &l[0], &l[1],
+                    &l[2], &force_lab[0], &force_lab[1], &force_lab[2], &torque_body[0],
+                    &torque_body[1], &torque_body[2], &inverseMass, &inverseMoments[0],
+                    &inverseMoments[1], &inverseMoments[2], &noise_p, &noise_l[0], &noise_l[1],
+                    &noise_l[2], &move_R, &noise_R, &move_q[0], &move_q[1], &move_q[2],
+                    &noise_q[0], &noise_q[1], &noise_q[2]})
         v->assign(numSlots, 0.0);
     // clang-format on
     for (auto* v : {&q[0], &decay_p, &decay_l[0], &decay_l[1], &decay_l[2]})
