@@ -62,9 +62,7 @@ void CustomBodyForceImpl::initialize(ContextImpl& context) {
     if (ours == nullptr)
         fail("the Context's integrator is a " + className(integrator) +
              ", which has no rigid bodies; a CustomBodyForce works under a CustomRigidHIIntegrator "
-             "only: use that, or "
-             "remove "
-             "the force from the System");
+             "only: use that, or remove the force from the System");
     copyEntries(owner, numParameters, bodies, parameters);
     for (size_t i = 0; i < bodies.size(); i++)
         if (bodies[i] >= ours->getNumRigidBodies())
@@ -88,8 +86,7 @@ void CustomBodyForceImpl::updateParametersInContext(ContextImpl& context) {
     if (newBodies != bodies)
         fail(
             "updateParametersInContext(): the force acts on other bodies than when the Context was "
-            "created; only "
-            "parameters can be updated: call Context::reinitialize()");
+            "created; only parameters can be updated: call Context::reinitialize()");
     parameters = newParameters;
     context.systemChanged();
 }

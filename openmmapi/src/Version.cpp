@@ -36,8 +36,7 @@ string versionConflict(const string& library, const string& version, const strin
         return library + ": it was compiled for OpenMM " + openMMVersion +
                ", and the OpenMM that is loaded is version " + loaded +
                "; plugins work with the version that they were compiled for: build openmm-rigidhi "
-               "against this OpenMM, "
-               "or install the other one";
+               "against this OpenMM, or install the other one";
     if (version != getVersion() || openMMVersion != getOpenMMVersionOfBuild())
         return library + ": it is version " + version + " for OpenMM " + openMMVersion + ", and " +
                getLibraryPath() + ", which was loaded before it, is version " + getVersion() +

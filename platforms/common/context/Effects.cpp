@@ -107,8 +107,7 @@ private:
         set("stochastic drift", false,
             scheme.isOverdamped() ? "positions are not set yet"
             : scheme.hasMomenta ? "the scheme has momenta, which relax while the friction changes: "
-                                  "what makes it is "
-                                  "there without a term of its own"
+                                  "what makes it is there without a term of its own"
                                 : "the mobility does not depend on poses");
         set("finite differences", false,
             scheme.isOverdamped() ? "positions are not set yet" : "the scheme has none");
@@ -161,8 +160,8 @@ private:
             !scene.stock.hasCMMotionRemover ? "the System has no CMMotionRemover"
             : massesAreTheSystems(scene)
                 ? "the System has a CMMotionRemover"
-                : "the System has a CMMotionRemover; what is removed is the bodies' own "
-                  "momentum, since not all their masses are the System's");
+                : "the System has a CMMotionRemover; what is removed is the bodies' own momentum, "
+                  "since not all their masses are the System's");
         set("barostat", !scene.stock.barostat.empty(),
             scene.stock.barostat.empty() ? "the System has none"
                                          : "the System has a " + scene.stock.barostat);

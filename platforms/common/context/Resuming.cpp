@@ -51,8 +51,8 @@ void checkAgainstDefinition(const Scene& scene, int b, const BodyGeometry& saved
     fail("body " + to_string(b) +
          " was saved with another shape or mass than this integrator gives it: " + difference +
          "; load the state into the integrator it was saved with, or (after "
-         "setRigidBodyParameters()) call "
-         "reinitialize() without preserveState and set positions and velocities again");
+         "setRigidBodyParameters()) call reinitialize() without preserveState and set positions "
+         "and velocities again");
 }
 
 /** The present geometry of a body by its definition, its saved geometry and the present System. */
@@ -164,9 +164,8 @@ void adoptState(const SerializationNode& node, Scene& scene, ContextMirror& mirr
         }
     fail(
         "the State's integrator parameters belong to another integrator; save it without them (in "
-        "Python: "
-        "getState(getIntegratorParameters=False)), or load it under the integrator it was saved "
-        "with");
+        "Python: getState(getIntegratorParameters=False)), or load it under the integrator it was "
+        "saved with");
 }
 
 void checkPosesAgainstPositions(const Scene& scene, const SavedState& saved) {

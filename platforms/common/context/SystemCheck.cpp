@@ -57,8 +57,7 @@ void checkTies(const System& system, const vector<int>& bodyOf) {
                        " defined by " + particleText(parent) + owner(parent) +
                        ", a kind that need not turn with a body; use a TwoParticleAverageSite, "
                        "ThreeParticleAverageSite, OutOfPlaneSite or LocalCoordinatesSite, or make "
-                       "it a massless "
-                       "member of the body that is no virtual site");
+                       "it a massless member of the body that is no virtual site");
             if (bodyOf[parent] == bodyOf[i]) continue;
             refuse("virtual site " + particleText(i) + owner(i) + " depends on " +
                    particleText(parent) +
@@ -82,8 +81,7 @@ void checkMolecules(const ContextImpl& context, const CustomRigidHIIntegrator& i
             if (moleculeOf[p] != moleculeOf[particles[0]])
                 refuse(bodyText(b) + ": " + particleText(particles[0]) + " and " + particleText(p) +
                        " are in different molecules, so OpenMM would tear the body apart at the "
-                       "periodic boundary; tie "
-                       "them with bonds or constraints, or call "
+                       "periodic boundary; tie them with bonds or constraints, or call "
                        "openmmrigidhi.app.bindBodies(system, integrator)");
     }
 }
@@ -140,8 +138,8 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
                    "OpenMM's DrudeLangevinIntegrator");
         if (dynamic_cast<const AndersenThermostat*>(&force))
             refuse("force " + to_string(i) +
-                   ", an AndersenThermostat, changes velocities of single particles and so "
-                   "breaks rigid bodies; remove it: this integrator is a thermostat itself");
+                   ", an AndersenThermostat, changes velocities of single particles and so breaks "
+                   "rigid bodies; remove it: this integrator is a thermostat itself");
         if (auto* remover = dynamic_cast<const CMMotionRemover*>(&force)) {
             stock.hasCMMotionRemover = true;
             stock.removalFrequencies.push_back(remover->getFrequency());
@@ -185,8 +183,7 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
         if (!(low < high))
             fail(
                 "boundary SlipChannel has walls at y = 0 and 0 nm, where the first must be below "
-                "the second; set them "
-                "by setChannelWalls()");
+                "the second; set them by setChannelWalls()");
     }
     if (force.getSphereWallMobility() != MobilityForce::BestKnown) return;
     if (force.getBoundary() != MobilityForce::NoSlipWall)
@@ -197,9 +194,8 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
     if (integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing)
         fail(
             "sphere-wall mobility BestKnown is that of spheres outside the wall, so it does not go "
-            "with the wall "
-            "rejection "
-            "Crossing; use setWallRejection(Overlap) or setSphereWallMobility(FromModel)");
+            "with the wall rejection Crossing; use setWallRejection(Overlap) or "
+            "setSphereWallMobility(FromModel)");
 }
 
 /**
@@ -220,11 +216,8 @@ static void checkMasses(const System& system, const CustomRigidHIIntegrator& int
         if (mass == 0)
             refuse(bodyText(b) + " has mass 0, but scheme " + name +
                    " needs a positive mass; give its particles masses in the System, add it with "
-                   "explicit mass, moments "
-                   "and "
-                   "site positions, or choose a scheme without momenta such as FixmanMidpoint, "
-                   "with a MobilityForce: that "
-                   "serves Monte Carlo too");
+                   "explicit mass, moments and site positions, or choose a scheme without momenta "
+                   "such as FixmanMidpoint, with a MobilityForce: that serves Monte Carlo too");
     }
     for (int p : stock.freeParticles)
         if (system.getParticleMass(p) == 0)
@@ -241,9 +234,7 @@ static void checkOverdamped(const SystemInventory& stock, const string& name) {
             refuse(particleText(p) + " is in no body and has hydrodynamic radius 0, so scheme " +
                    name +
                    " has no mobility for it; give it a radius with MobilityForce.addParticle(), "
-                   "make it part of a "
-                   "body, or "
-                   "give it mass 0 to hold it where it is");
+                   "make it part of a body, or give it mass 0 to hold it where it is");
 }
 
 /** Refuse what a scheme without velocities cannot do. */
@@ -290,13 +281,11 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
         if (stock.hasCMMotionRemover)
             refuse("the System has a CMMotionRemover, but with scheme " + name +
                    " the fluid exchanges momentum with the bodies; create the System with "
-                   "removeCMMotion=False, or remove "
-                   "the force");
+                   "removeCMMotion=False, or remove the force");
         if (!stock.barostat.empty())
             refuse("the System has a " + stock.barostat + ", which scheme " + name +
                    " does not support: the fluid has no pressure that could balance it; remove the "
-                   "barostat, or use "
-                   "LangevinC");
+                   "barostat, or use LangevinC");
         for (int i = 0; i < system.getNumConstraints(); i++) {
             int a, b;
             double distance;
@@ -307,8 +296,7 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
                     refuse("constraint " + to_string(i) + " holds " + particleText(p) +
                            ", which is in no body and has a hydrodynamic radius; scheme " + name +
                            " takes constraints of free particles without one only: make its "
-                           "molecule a rigid body, or set "
-                           "its radius to 0");
+                           "molecule a rigid body, or set its radius to 0");
         }
     }
 }

@@ -47,8 +47,8 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
         result[WarningCause::OmittedDrift] =
             string(traits.name) +
             " omits the stochastic drift kT div N, which is not 0 here, and samples a wrong "
-            "distribution; use "
-            "RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or DriftCorrectorRFD";
+            "distribution; use RandomFiniteDifference, FixmanMidpoint, TrapezoidalSlip or "
+            "DriftCorrectorRFD";
     if (unresolved > 0 && traits.hasMomenta)
         result[WarningCause::UnresolvedRotation] =
             "the step of " + number(h) + " ps does not resolve the rotation of " +
@@ -70,8 +70,7 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
             "the drift factor nu of " + string(traits.name) + " fluctuates by " + number(spread) +
             " about 1, above " + number(driftFactorLimit) +
             ", so that the step is too large for the drift; take a smaller step, or "
-            "RandomFiniteDifference or "
-            "TrapezoidalSlip";
+            "RandomFiniteDifference or TrapezoidalSlip";
     return result;
 }
 

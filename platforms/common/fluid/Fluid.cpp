@@ -69,9 +69,8 @@ void Fluid::checkInertia(const BodySet& bodies) const {
             group->relaxation->getMobility().getWay() == BodyMobility::Dense)
             fail(
                 "solver MatrixFree is there for bodies that the fluid and their moments let rotate "
-                "about the same "
-                "axes, "
-                "not for spheres and blobs off a line with a zero moment; use setSolver(Dense)");
+                "about the same axes, not for spheres and blobs off a line with a zero moment; use "
+                "setSolver(Dense)");
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++) {
             if (!group->bodies.hasNullVector(e)) continue;
@@ -86,9 +85,8 @@ void Fluid::checkInertia(const BodySet& bodies) const {
             if (momentum > directionTolerance)
                 fail("body " + to_string(elements[e].body) +
                      ": its hydrodynamic particles lie on a line, about which the fluid does not "
-                     "hold it, but it has "
-                     "inertia about that line; give it a zero moment about the line, or more "
-                     "particles off the line");
+                     "hold it, but it has inertia about that line; give it a zero moment about the "
+                     "line, or more particles off the line");
         }
     }
 }
@@ -111,11 +109,8 @@ void Fluid::checkTorque(const FluidGroup& group, int e, const Matrix<double, 6, 
     ostringstream text;
     text << "body " << element.body << ": a torque of " << power
          << " kJ/mol acts about the line of its hydrodynamic particles, where neither the fluid "
-            "nor inertia resists; "
-            "it must be 0 "
-            "within 1e-9 of force times size and torque: remove it, or give the body hydrodynamic "
-            "particles off the "
-            "line";
+            "nor inertia resists; it must be 0 within 1e-9 of force times size and torque: remove "
+            "it, or give the body hydrodynamic particles off the line";
     fail(text.str());
 }
 
@@ -176,8 +171,8 @@ void Fluid::checkBox() {
                  << " nm, its radii included, and would overlap its own image: in " << describeBox()
                  << " the shortest lattice vector has " << shortest
                  << " nm; make the box larger by setPeriodicBoxVectors() on the Context (or "
-                    "setDefaultPeriodicBoxVectors() on the "
-                    "System before), or use the boundary Unbounded";
+                    "setDefaultPeriodicBoxVectors() on the System before), or use the boundary "
+                    "Unbounded";
             fail(text.str());
         }
     for (const auto& group : groups)

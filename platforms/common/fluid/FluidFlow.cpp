@@ -373,8 +373,7 @@ void Fluid::checkLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Sc
         throw OpenMM::OpenMMException(
             "CustomRigidHIIntegrator: the saved state's last step of scheme " + saved.scheme +
             " is damaged, or that of other bodies; load it into an integrator with the same bodies "
-            "and groups, or use "
-            "another");
+            "and groups, or use another");
 }
 
 void Fluid::setLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) {

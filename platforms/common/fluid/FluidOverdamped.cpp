@@ -148,8 +148,7 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT,
                             : spheres + alone + ", whose divergence is known");
     else if (byFields)
         differences << "off: the divergence is that of the random field, by its gradient; "
-                       "setFiniteDifferenceStep() has "
-                       "no effect";
+                       "setFiniteDifferenceStep() has no effect";
     else {
         differences << "on: steps of " << smallest;
         if (largest > smallest) differences << " (dense) and " << largest << " (matrix-free)";
@@ -415,8 +414,7 @@ void Fluid::checkMemory(const SchemeMemory& saved, CustomRigidHIIntegrator::Sche
         throw OpenMM::OpenMMException(
             "CustomRigidHIIntegrator: the saved state's memory of scheme " + saved.scheme +
             " is damaged, or that of other bodies; load it into an integrator with the same bodies "
-            "and groups, or use "
-            "another");
+            "and groups, or use another");
 }
 
 void Fluid::setMemory(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) {

@@ -76,8 +76,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force,
         fail("it has " + to_string(force.getNumParticles()) + " radii, but the System has " +
              to_string(system.getNumParticles()) +
              " particles; call addParticle() once for each particle of the System, with radius 0 "
-             "where the fluid does "
-             "not see it");
+             "where the fluid does not see it");
     flow.check();
     const vector<int>& labels = force.getGroups();
     if (!labels.empty() && (int)labels.size() != numBodies)
@@ -92,8 +91,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force,
         if (force.getModel() == MobilityForce::StokesianDynamics)
             fail("body " + to_string(b) +
                  " was given a tensor of its own, which model StokesianDynamics cannot take; use "
-                 "RotnePragerYamakawa or "
-                 "FreeDraining");
+                 "RotnePragerYamakawa or FreeDraining");
     }
 
     int nextGroup = 0;
@@ -108,8 +106,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force,
         if (element.particles.empty() && !(freeDraining && force.getBodyHasOwnTensor(b)))
             fail("body " + to_string(b) +
                  " has no particle with a hydrodynamic radius, so the fluid would not see it; give "
-                 "at least one of its "
-                 "particles a radius above 0");
+                 "at least one of its particles a radius above 0");
         elementsOfGroups[freeDraining     ? nextGroup++
                          : labels.empty() ? 0
                                           : labels[b]]
@@ -131,8 +128,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force,
             fail("particle " + to_string(p) + " has hydrodynamic radius " +
                  to_string(force.getParticleRadius(p)) +
                  " nm but is a virtual site in no body, which the fluid cannot move; make it part "
-                 "of a body, or give it "
-                 "radius 0");
+                 "of a body, or give it radius 0");
     for (int i = 0; i < freeParticles.getNumParticles(); i++)
         indexOfFree[freeParticles.getParticles()[i]] = i;
 }

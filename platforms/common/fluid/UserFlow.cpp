@@ -61,8 +61,7 @@ void UserFlow::check() const {
     if (boundary == MobilityForce::Periodic || boundary == MobilityForce::SlipChannel)
         fail("a background flow with boundary " + string(boundaryName(boundary)) +
              ", where the mean velocity is 0 and a gradient is not periodic; use "
-             "setSinusoidalForceDensity(), or "
-             "setBoundary(Unbounded)");
+             "setSinusoidalForceDensity(), or setBoundary(Unbounded)");
     if (boundary != MobilityForce::NoSlipWall) return;
     const double rounding = 1e-12, height = wallHeight;
     double largest = 0;

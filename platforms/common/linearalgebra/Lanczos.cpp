@@ -313,8 +313,7 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
                 << " with a mobility whose eigenvalues go from " << column.smallest << " to "
                 << column.largest
                 << "; raise the tolerance (setSolverTolerance), or change radii, masses or step "
-                   "size that differ by so "
-                   "much";
+                   "size that differ by so much";
         throw OpenMMException(message.str());
     }
     return true;

@@ -50,8 +50,7 @@ void MobilityAt::addFlowAt(const FlowSources&, const std::vector<OpenMM::Vec3>&,
                            Velocities&) {
     throw OpenMM::OpenMMException(
         "MobilityForce: the model does not know the flow at points of the fluid; ask for the "
-        "velocities of bodies by "
-        "applyMobilityInContext()");
+        "velocities of bodies by applyMobilityInContext()");
 }
 
 void MobilityAt::dense(Eigen::MatrixXd& mobility) {

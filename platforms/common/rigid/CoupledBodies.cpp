@@ -39,12 +39,11 @@ CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFa
             nullTwists.find(e, element.sites);
         }
         if (hasOwnTensor && hasNullVector(e))
-            throw OpenMM::OpenMMException("MobilityForce: body " + to_string(element.body) +
-                                          " was given a tensor of its own, but its hydrodynamic "
-                                          "particles lie on a line: the model has no "
-                                          "mobility about the line that the tensor could be "
-                                          "combined with; give only one of them a radius, or "
-                                          "use FreeDraining");
+            throw OpenMM::OpenMMException(
+                "MobilityForce: body " + to_string(element.body) +
+                " was given a tensor of its own, but its hydrodynamic particles lie on a line: the "
+                "model has no mobility about the line that the tensor could be combined with; give "
+                "only one of them a radius, or use FreeDraining");
     }
     if (constant) return;
     for (size_t e = 0; e < elements.size(); e++)

@@ -29,8 +29,7 @@ void FluidOrnsteinUhlenbeck::decompose(const Eigen::MatrixXd& matrix, bool isInv
              << " matrix is not positive definite: its mass-weighted eigenvalues are from "
              << smallest << " to " << largest
              << ", and rounding is about 1e-16 of the largest; look for overlapping or nearly "
-                "touching particles, or "
-                "make the masses and radii of bodies more alike";
+                "touching particles, or make the masses and radii of bodies more alike";
         throw OpenMM::OpenMMException(text.str());
     }
     for (int i = 0; i < n; i++) rates[i] = isInverse ? 1 / rates[i] : std::max(0.0, rates[i]);

@@ -15,8 +15,7 @@ void reportNonFinite(Scene& scene, const char* what) {
     const string where = "step " + to_string(scene.arrays->getStepCount() + 1) + ": ",
                  remedy =
                      "; the Context keeps the state before this step: look there for overlapping "
-                     "particles, or take a "
-                     "smaller step";
+                     "particles, or take a smaller step";
     const BodySet& bodies = scene.bodies;
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         const BodyState state = bodies.getState(b);

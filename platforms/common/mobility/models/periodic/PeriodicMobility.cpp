@@ -26,10 +26,8 @@ void checkPeriodicRows(int rows, int largestRows) {
         "MobilityForce: boundary Periodic is done by dense matrices of up to " + text(largestRows) +
         " rows, and here there are " + text(rows) +
         ": six for each sphere, three for each blob or particle in no body (StokesianDynamics: "
-        "eleven for "
-        "each sphere), and as many for its image in a SlipChannel; use fewer particles, or groups "
-        "of them by "
-        "setGroups()");
+        "eleven for each sphere), and as many for its image in a SlipChannel; use fewer particles, "
+        "or groups of them by setGroups()");
 }
 
 void PeriodicMobility::checkWave(const BoxVectors& box, int axis, int periods) const {
@@ -64,8 +62,7 @@ std::string PeriodicMobility::coincidence(const Placement& placement,
                    ", both of radius " + text(particles.radii[i]) +
                    " nm, are at the same place of the periodic box, " + text(distance) +
                    " nm apart, so that their mobility matrix is singular; move one of them, or "
-                   "give it the radius 0 or "
-                   "another radius";
+                   "give it the radius 0 or another radius";
         }
     return {};
 }

@@ -56,8 +56,7 @@ void refuseIndefiniteSpheres(int numSpheres) {
     throw OpenMMException(
         "StokesianDynamics: the matrix of " + std::to_string(numSpheres) +
         " spheres is not positive definite; do spheres overlap by more than a minimum gap can "
-        "bridge? Separate them, "
-        "use smaller time steps, or the model RotnePragerYamakawa");
+        "bridge? Separate them, use smaller time steps, or the model RotnePragerYamakawa");
 }
 
 StokesianDynamics::StokesianDynamics(const HydrodynamicParticles& particles, double viscosity,

@@ -259,8 +259,7 @@ string SphereWallCongruence::objection(const Placement& placement) const {
             !(wall.heightOver(positions[i][2], particles.radii[i]) > particles.radii[i]))
             return "NoSlipWall: " + particleAndBody(particles, i) +
                    " touches the wall, where a sphere cannot move by BestKnown; move it up, use "
-                   "smaller time steps, or "
-                   "setSphereWallMobility(FromModel)";
+                   "smaller time steps, or setSphereWallMobility(FromModel)";
     return {};
 }
 
