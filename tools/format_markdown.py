@@ -18,10 +18,11 @@ import sys
 ABBREVIATIONS = (
     r'(?:\b(?:e\.g|i\.e|cf|vs|al|[Ee]qs?|[Ff]igs?|[Nn]o|[Ss]ec|[Cc]h|pp?|approx|resp|Phys|Chem|Rev'
     r'|Lett|Mech|Comput|Comm|Math|Sci|Soc|Proc|Acad|Theory|Ann|Mol|Biol|Vol|St|Dr|Trans|Camb|Phil'
-    r'|Lond|Eng|Int|ibid|[A-Z])\.)$')
+    r'|Lond|Eng|Int|ibid)\.|(?<![0-9\x01] )\b[A-Z]\.)$')  # "300 K." ends a sentence, "J." does not
 SENTENCE_END = re.compile(r'(?<=[.!?])(?P<close>[)"\'*_\]]*)\s+(?=[A-Z(\[*_"\x00ÄÖÜÉΔΓΦΨΩ])')
-#: inline code, inline formulas and addresses: never split
-ATOM = re.compile(r'(`+)(?!`).+?(?<!`)\1(?!`)|\$[^$\n]+\$|\]\([^)\s]*\)|<https?:[^>]*>')
+#: inline code, inline formulas, images, links and addresses: never split
+ATOM = re.compile(r'(`+)(?!`).+?(?<!`)\1(?!`)|\$[^$\n]+\$|!?\[[^\[\]]*\]\([^)\s]*\)'
+                  r'|\]\([^)\s]*\)|<https?:[^>]*>')
 ITEM = re.compile(r'^(\s*)([-*+]|\d+[.)])(\s+)(?=\S)')
 FENCE = re.compile(r'^\s*(```+|~~~+|:::+)')
 VERBATIM = re.compile(r'^\s*(#{1,6}\s|\||<|\[[^\]]+\]:\s|\(\S+\)=\s*$|---+\s*$|===+\s*$|:\S+:|%)')

@@ -101,7 +101,7 @@ CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double step
       driftCorrectorScaling(SlipOnly), friction(1), rotationalFriction(1), inertiaScale(1),
       gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(1e-3),
       finiteDifferenceStep(0), randomSeed(0), settingsVersion(0), maximumRejections(100),
-      numHostThreads(0), hasKernel(false) {
+      numHostThreads(0), hasKernel(false), contextIsGone(false) {
     setTemperature(temperature);
     setStepSize(stepSize);
     setConstraintTolerance(1e-5);
@@ -479,9 +479,12 @@ void CustomRigidHIIntegrator::setConstraintTolerance(double tolerance) {
 // ---- The state of the bodies of the bound Context ----
 
 void CustomRigidHIIntegrator::requireContext(const char* method) const {
-    if (!hasKernel)
-        throw OpenMMException(string("CustomRigidHIIntegrator: ") + method +
-                              " needs a Context: create one with this integrator first");
+    if (hasKernel) return;
+    throw OpenMMException(
+        string("CustomRigidHIIntegrator: ") + method + " needs a Context" +
+        (contextIsGone ? ", and that of this integrator was deleted (Python deletes a Context that "
+                         "no variable refers to): keep the Context in a variable"
+                       : ": create one with this integrator first"));
 }
 
 IntegrateRigidBodiesKernel& CustomRigidHIIntegrator::boundKernel(const char* method) const {
@@ -639,12 +642,14 @@ void CustomRigidHIIntegrator::initialize(ContextImpl& contextImpl) {
         kernel.getAs<IntegrateRigidBodiesKernel>().initialize(contextImpl, *this);
     } catch (...) {
         cleanup();
+        contextIsGone = false;
         throw;
     }
 }
 
 void CustomRigidHIIntegrator::cleanup() {
     kernel = Kernel();
+    contextIsGone = hasKernel;
     hasKernel = false;
 }
 

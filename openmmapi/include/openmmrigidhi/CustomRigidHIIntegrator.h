@@ -549,6 +549,8 @@ private:
      * gone, and after a failed creation.
      */
     bool hasKernel;
+    /** Whether the last Context was deleted, for messages. */
+    bool contextIsGone;
     OpenMM::Kernel kernel;
 };
 

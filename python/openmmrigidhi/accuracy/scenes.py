@@ -695,10 +695,12 @@ def importObject(specification, what):
     try:
         return getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:
-        raise ValueError(
-            f'{what}: got {specification!r}, which cannot be imported ({error}): put the module on '
-            f'PYTHONPATH '
-            'or run in its directory') from error
+        remedy = ('put the module on PYTHONPATH or run in its directory'
+                  if module != '__main__' else
+                  'it was defined in a script, and is found only while this script runs: go on in '
+                  'the script, or define it in a module from the beginning')
+        raise ValueError(f'{what}: got {specification!r}, which cannot be imported ({error}): '
+                         f'{remedy}') from error
 
 
 def findObservable(name, kind, builtIn, fromFunction):

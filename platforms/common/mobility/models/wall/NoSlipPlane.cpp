@@ -14,8 +14,9 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * A body's pose determines z of its particles to some roundings of the larger of z, the wall's
- * height and the body's size.
+ * A body's pose determines z of its particles to some roundings of the largest of z, the wall's
+ * height and the body's size. The size is not known here, so this is many roundings: enough for
+ * bodies a thousand times as large as the others.
  */
 const double touchTolerance = 1e-12;
 
