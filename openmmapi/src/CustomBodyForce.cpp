@@ -24,9 +24,9 @@ namespace {
 
 void checkIndex(int index, size_t count, const char* method, const string& what) {
     if (index < 0 || index >= (int)count)
-        fail(method, "nothing has index " + to_string(index),
+        fail(method, "there is no index " + to_string(index),
              "this force has " + to_string(count) + " " + what + ", numbered from 0",
-             "add it first, or name another");
+             "add what is missing first, or give another index");
 }
 
 void checkFinite(double value, const string& object, const string& quantity) {

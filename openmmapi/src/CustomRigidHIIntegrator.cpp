@@ -82,10 +82,12 @@ void checkRows(size_t rows, int bodies, int known, const char* method) {
     if (known != bodies)
         fail(method, "got " + text(rows) + " rows",
              "the Context has " + text(bodies) + " bodies, the integrator " + text(known) +
-                 ", since those that were added later wait for the next Context",
-             "give one row for each of the Context's, or call reinitialize() on it first");
+                 ", because bodies that are added later become part of the next Context only",
+             "give one row for each body of the Context, or call reinitialize() on the Context "
+             "first");
     fail(method, "got " + text(rows) + " rows",
-         "there must be one for each of the " + text(bodies) + " bodies", "give that many");
+         "there must be one row for each of the " + text(bodies) + " bodies",
+         "give as many rows as bodies");
 }
 
 void checkVectors(const vector<Vec3>& rows, int bodies, int known, const char* method,
@@ -411,9 +413,10 @@ void CustomRigidHIIntegrator::setFiniteDifferenceStep(double relative) {
     checkNonNegative(relative, "setFiniteDifferenceStep()", "relative step", "body lengths");
     const double largest = 0.1;
     if (relative > largest)
-        fail("setFiniteDifferenceStep()", "the relative step is " + text(relative),
-             "it must not be above " + text(largest),
-             "1e-5 is right for most; 0 chooses by the solver");
+        fail(
+            "setFiniteDifferenceStep()", "the relative step is " + text(relative),
+            "it must not be above " + text(largest),
+            "give 1e-5, which suits most systems, or 0, with which the solver determines the step");
     finiteDifferenceStep = relative;
     settingsVersion++;
 }
@@ -454,8 +457,8 @@ void CustomRigidHIIntegrator::setMaximumRejections(int number) {
     if (number < 0 || number > most)
         fail("setMaximumRejections()", "the number is " + text(number),
              "it must be from 0 to " + text(most) +
-                 ", as many attempts as have random numbers of their own",
-             "give a value in this range, and where steps are redone so often a smaller step");
+                 ", since no further attempts at a step have random numbers of their own",
+             "give a value in this range; if steps are redone so often, take a smaller step");
     maximumRejections = number;
     settingsVersion++;
 }
@@ -482,8 +485,8 @@ void CustomRigidHIIntegrator::requireContext(const char* method) const {
     if (hasKernel) return;
     throw OpenMMException(
         string("CustomRigidHIIntegrator: ") + method + " needs a Context" +
-        (contextIsGone ? ", and that of this integrator was deleted (Python deletes a Context that "
-                         "no variable refers to): keep the Context in a variable"
+        (contextIsGone ? ", and the Context of this integrator was deleted (Python deletes a "
+                         "Context that no variable refers to): keep the Context in a variable"
                        : ": create one with this integrator first"));
 }
 
@@ -533,7 +536,7 @@ void CustomRigidHIIntegrator::setBodyOrientations(const vector<QuaternionArray>&
         // The comparison is written so that NaN fails too.
         if (!(abs(length - 1) <= lengthTolerance))
             fail(bodyName(i), "its quaternion has length " + text(length),
-                 "that must be 1 within " + text(lengthTolerance),
+                 "the length must be 1 within " + text(lengthTolerance),
                  "normalise it, in the order (w, x, y, z)");
         for (double& component : q) component /= length;
     }
@@ -625,10 +628,10 @@ map<string, double> CustomRigidHIIntegrator::getStepStatistics() const {
 void CustomRigidHIIntegrator::initialize(ContextImpl& contextImpl) {
     if (hasKernel)
         fail("initialize()", "this integrator is already bound to a context",
-             "it can serve one at a time", "make a copy for the other Context");
+             "an integrator can serve one Context at a time", "make a copy for the other Context");
     // A CompoundIntegrator does not tell its integrators when the Context is deleted.
     if (&contextImpl.getIntegrator() != this)
-        fail("initialize()", "this integrator is part of another one",
+        fail("initialize()", "this integrator is part of another integrator",
              "it must be the Context's own integrator", "do not put it into a CompoundIntegrator");
     // From here on ~Integrator must tell this ContextImpl of its end, whether initialisation
     // succeeds or not. After a failed reinitialize() the ContextImpl lives on, and after a failed

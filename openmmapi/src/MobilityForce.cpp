@@ -156,7 +156,7 @@ void MobilityForce::setBoundary(Boundary boundary) {
 void MobilityForce::setWallHeight(double height) {
     if (!isfinite(height))
         fail("setWallHeight()", "height is " + text(height) + " nm", "it must be finite",
-             "give the z of the wall");
+             "give the z coordinate of the wall");
     wallHeight = height;
 }
 
@@ -216,7 +216,7 @@ void MobilityForce::setBackgroundFlow(const Vec3& velocity, const vector<double>
     for (double x : gradient) {
         if (!isfinite(x))
             fail("setBackgroundFlow()", "the gradient has an entry " + text(x),
-                 "all must be finite", "give finite numbers");
+                 "all entries must be finite", "give finite numbers");
         largest = max(largest, abs(x));
     }
     if (!isFinite(velocity))
@@ -225,8 +225,9 @@ void MobilityForce::setBackgroundFlow(const Vec3& velocity, const vector<double>
     const double trace = gradient[0] + gradient[4] + gradient[8];
     if (!(abs(trace) <= traceTolerance * largest))
         fail("setBackgroundFlow()", "the trace of the gradient is " + text(trace) + "/ps",
-             "it must be 0 to 1e-12 of its largest entry, since the fluid is incompressible",
-             "correct its diagonal");
+             "it must be 0 within 1e-12 of the largest entry of the gradient, since the fluid is "
+             "incompressible",
+             "correct the diagonal of the gradient");
     flowVelocity = velocity;
     flowGradient = gradient;
 }
@@ -262,7 +263,7 @@ void MobilityForce::checkTensor(int body, const vector<double>& tensor, const ch
              "give 36 numbers");
     for (double x : tensor)
         if (!isfinite(x))
-            fail(object, "its tensor has an entry " + text(x), "all must be finite",
+            fail(object, "its tensor has an entry " + text(x), "all entries must be finite",
                  "give finite numbers");
     for (int i = 0; i < 6; i++)
         for (int k = 0; k < i; k++) {
@@ -276,8 +277,8 @@ void MobilityForce::checkTensor(int body, const vector<double>& tensor, const ch
         }
     vector<double> factor(tensor);
     if (!factorise(factor))
-        fail(object, "its tensor is not positive definite", "a body that moves dissipates",
-             "check its signs");
+        fail(object, "its tensor is not positive definite",
+             "the motion of a body must dissipate energy", "check the signs of its entries");
 }
 
 void MobilityForce::setBodyMobility(int body, const vector<double>& mobility) {
@@ -294,9 +295,9 @@ const MobilityForce::OwnTensor& MobilityForce::ownTensor(int body, const char* m
     const auto found = ownTensors.find(body);
     if (found == ownTensors.end())
         fail(method, "body " + text(body) + " has no tensor of its own",
-             "only those that were set can be asked for",
-             "call setBodyMobility() or setBodyFriction() first; getMobilityInContext() has what "
-             "the model makes");
+             "only tensors that were set can be returned",
+             "call setBodyMobility() or setBodyFriction() first; getMobilityInContext() returns "
+             "the mobility that the model gives");
     return found->second;
 }
 
@@ -380,7 +381,7 @@ vector<Vec3> MobilityForce::getFlowInContext(Context& context, const vector<Vec3
     for (size_t i = 0; i < points.size(); i++)
         if (!isFinite(points[i]))
             fail("getFlowInContext()", "point " + text(i) + " is at " + text(points[i]) + " nm",
-                 "it must be finite", "give a place in the fluid");
+                 "it must be finite", "give a position in the fluid");
     return kernel.getFlow(const_cast<MobilityForce*>(this)->getContextImpl(context), points);
 }
 
@@ -405,7 +406,7 @@ ForceImpl* MobilityForce::createImpl() const { return new MobilityForceImpl(*thi
 void MobilityForceImpl::initialize(ContextImpl& context) {
     if (dynamic_cast<CustomRigidHIIntegrator*>(&context.getIntegrator()) == nullptr)
         fail("Context", "its integrator is not a CustomRigidHIIntegrator",
-             "other integrators would ignore the fluid",
+             "another integrator would ignore the fluid",
              "use openmmrigidhi.CustomRigidHIIntegrator, or remove the Force");
 }
 

@@ -35,14 +35,15 @@ string versionConflict(const string& library, const string& version, const strin
     if (majorMinor(loaded) != openMMVersion)
         return library + ": it was compiled for OpenMM " + openMMVersion +
                ", and the OpenMM that is loaded is version " + loaded +
-               "; plugins work with the version that they were compiled for: build openmm-rigidhi "
-               "against this OpenMM, or install the other one";
+               "; a plugin works only with the version of OpenMM that it was compiled for: build "
+               "openmm-rigidhi against the OpenMM that is loaded, or install the other version of "
+               "OpenMM";
     if (version != getVersion() || openMMVersion != getOpenMMVersionOfBuild())
         return library + ": it is version " + version + " for OpenMM " + openMMVersion + ", and " +
                getLibraryPath() + ", which was loaded before it, is version " + getVersion() +
                " for OpenMM " + getOpenMMVersionOfBuild() +
-               "; two copies of openmm-rigidhi are mixed: remove one of them, or let only one be "
-               "found";
+               "; two copies of openmm-rigidhi are mixed: remove one of the copies, or let only "
+               "one of them be found";
     return "";
 }
 

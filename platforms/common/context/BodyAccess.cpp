@@ -109,7 +109,8 @@ double BodyAccess::getPoseResidual() {
 // Forces and energies
 
 void BodyAccess::requireGeometry() {
-    if (!scene.isBuilt()) prepare("the geometry of bodies that were added without one");
+    if (!scene.isBuilt())
+        prepare("the geometry of bodies that were added by their particles alone");
 }
 
 vector<Vec3> BodyAccess::getForces() {

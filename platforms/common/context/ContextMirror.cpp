@@ -190,8 +190,8 @@ BodyState ContextMirror::fitted(int b, double& residual) const {
              number(distance) + " nm from its place in the body, more than the pose tolerance " +
              number(tolerance) +
              " nm; give positions that fit the body's shape: whole molecules, not wrapped across "
-             "the periodic box; where constraints define the shape, call applyConstraints() on the "
-             "Context, elsewhere minimise with openmmrigidhi.app.minimize(); raise "
+             "the periodic box. Where constraints define the shape, call applyConstraints() on the "
+             "Context; elsewhere minimise with openmmrigidhi.app.minimize(). Or raise "
              "setPoseTolerance(), or call resetBodyGeometry() if the shape itself has changed");
     residual = max(residual, distance);
     return state;

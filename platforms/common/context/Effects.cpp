@@ -82,18 +82,19 @@ private:
         set("driven flow", !flow.empty(),
             !fluid ? missing
             : flow.empty()
-                ? string("neither setBackgroundFlow() nor setSinusoidalForceDensity() drives one")
+                ? string(
+                      "neither setBackgroundFlow() nor setSinusoidalForceDensity() drives a flow")
                 : flow);
         const int interacting = fluid ? fluid->numInteracting() : 0;
         set("hydrodynamic interactions", interacting > 0,
-            !fluid            ? missing
-            : interacting > 0 ? to_string(interacting) +
-                                    " bodies and free particles feel others through the fluid"
-            : !fluid->isUniform()
-                ? string("nothing feels others through the fluid, but everything feels ") +
-                      (fluid->isPeriodic() ? "its own images" : "the wall")
-                : string("nothing feels others through the fluid: every tensor is constant and "
-                         "known once for all"));
+            !fluid ? missing
+            : interacting > 0
+                ? to_string(interacting) + " bodies and free particles interact through the fluid"
+            : !fluid->isUniform() ? string("no bodies or free particles interact through the "
+                                           "fluid, but each of them interacts with ") +
+                                        (fluid->isPeriodic() ? "its own images" : "the wall")
+                                  : string("no bodies or free particles interact through the "
+                                           "fluid: every tensor is constant and computed once"));
     }
 
     /** The drift of schemes without momenta, and how it is computed. */
@@ -106,8 +107,8 @@ private:
         }
         set("stochastic drift", false,
             scheme.isOverdamped() ? "positions are not set yet"
-            : scheme.hasMomenta ? "the scheme has momenta, which relax while the friction changes: "
-                                  "what makes it is there without a term of its own"
+            : scheme.hasMomenta ? "the scheme has momenta, whose relaxation in a changing friction "
+                                  "makes the drift without a term of its own"
                                 : "the mobility does not depend on poses");
         set("finite differences", false,
             scheme.isOverdamped() ? "positions are not set yet" : "the scheme has none");
@@ -118,20 +119,22 @@ private:
         const bool on = factor != 1 && scheme.hasMomenta;
         set("inertia scale", on,
             on ? "the dynamics has the principal moments times " + number(factor) +
-                     ": averages over configurations do not depend on it, but motion is not the "
-                     "real one"
+                     ": averages over configurations do not depend on this factor, but the motion "
+                     "is not the real one"
             : factor == 1 ? string("the dynamics has the real principal moments")
-                          : "a scheme without momenta, in which the factor " + number(factor) +
-                                " has no part");
+                          : "the scheme has no momenta, so that the factor " + number(factor) +
+                                " has no effect");
     }
 
     void findRotation() {
         if (scheme.isOverdamped()) {
             set("rotation", scene.definitions.getNumBodies() > 0,
                 to_string(scene.definitions.getNumBodies()) +
-                    " bodies, each turned in the lab by its angular velocity times the step" +
+                    " bodies, each rotated in the lab frame by its angular velocity times the "
+                    "step" +
                     (fluid ? "; " + to_string(fluid->numCollinear()) +
-                                 " of them have their blobs on a line and do not turn about it"
+                                 " of them have their blobs on a line and do not rotate about this "
+                                 "line"
                            : string("; positions are not set yet")));
             return;
         }
@@ -160,8 +163,8 @@ private:
             !scene.stock.hasCMMotionRemover ? "the System has no CMMotionRemover"
             : massesAreTheSystems(scene)
                 ? "the System has a CMMotionRemover"
-                : "the System has a CMMotionRemover; what is removed is the bodies' own momentum, "
-                  "since not all their masses are the System's");
+                : "the System has a CMMotionRemover; the momentum that is removed is computed with "
+                  "the bodies' own masses, which are not all those of the System");
         set("barostat", !scene.stock.barostat.empty(),
             scene.stock.barostat.empty() ? "the System has none"
                                          : "the System has a " + scene.stock.barostat);
@@ -184,11 +187,12 @@ private:
                 firstSlow = b;
         }
         set("weakly thermostatted axes", slowBodies > 0,
-            slowBodies == 0 ? string("no body is that elongated")
+            slowBodies == 0 ? string("no body is so elongated that an axis relaxes at less than a "
+                                     "tenth of the mean rate")
                             : to_string(slowBodies) + " elongated bodies, the first of them body " +
                                   to_string(firstSlow) +
-                                  ": their thick axes relax at Gamma/(I sum 1/I), less than a "
-                                  "tenth of the mean rate");
+                                  ": their rotation about the axis of the largest moment relaxes "
+                                  "at Gamma/(I sum 1/I), less than a tenth of the mean rate");
     }
 
     /** Whether friction is a rate that the integrator sets. */

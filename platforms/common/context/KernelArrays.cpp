@@ -117,7 +117,7 @@ void KernelArrays::requireFinite(const vector<Vec3>& array, const char* what) co
         if (!isFinite(array[p]))
             fail("particle " + to_string(p) + " has a non-finite " + what + ", which platform " +
                  context.getPlatform().getName() +
-                 " cannot be given; set finite positions and velocities");
+                 " cannot hold; set finite positions and velocities");
 }
 
 void KernelArrays::give(const vector<Vec3>& positions) {

@@ -186,7 +186,7 @@ void checkPosesAgainstPositions(const Scene& scene, const SavedState& saved) {
                 fail("body " + to_string(b) + ": the saved state is corrupt: particle " +
                      to_string(particles[i]) + " is " + text(distance) +
                      " nm from where the saved pose puts it, more than the pose tolerance " +
-                     text(tolerance) + " nm; use another");
+                     text(tolerance) + " nm; use another state");
         }
     }
 }

@@ -61,19 +61,19 @@ void deriveUserStates(vector<SavedBody>& bodies, double inertiaScale) {
 void check(const SavedState& saved) {
     if (saved.stepNumber < 0)
         fail("the saved state is corrupt: its step number " + to_string(saved.stepNumber) +
-             " is below 0; use another");
+             " is below 0; use another state");
     const double coarsest = 1e-3;  // single precision is finer
     for (double rounding : {saved.rounding.positions, saved.rounding.velocities})
         if (!(rounding >= 0 && rounding <= coarsest))
             fail("the saved state is corrupt: its platform's rounding " + text(rounding) +
-                 " is not from 0 to " + text(coarsest) + "; use another");
+                 " is not from 0 to " + text(coarsest) + "; use another state");
     if (!(saved.inertiaScale > 0) || !isfinite(saved.inertiaScale))
         fail("the saved state is corrupt: its inertia scale " + text(saved.inertiaScale) +
-             " is not positive and finite; use another");
+             " is not positive and finite; use another state");
     for (const SavedParticle& particle : saved.particles)
         if (!isFinite(particle.position) || !isFinite(particle.velocity))
             fail("the saved state is corrupt: particle " + to_string(particle.index) +
-                 ", which is in no body, has infinite or undefined numbers; use another");
+                 ", which is in no body, has infinite or undefined numbers; use another state");
     for (size_t b = 0; b < saved.bodies.size(); b++) {
         const SavedBody& body = saved.bodies[b];
         const string corrupt = "body " + to_string(b) + ": the saved state is corrupt: ";
@@ -83,23 +83,24 @@ void check(const SavedState& saved) {
         for (double x : body.stored) finite = finite && isfinite(x);
         for (double x : body.q) finite = finite && isfinite(x);
         for (const Vec3& site : g.sites) finite = finite && isFinite(site);
-        if (!finite) fail(corrupt + "it has a non-finite number; use another");
+        if (!finite) fail(corrupt + "it has a non-finite number; use another state");
         const double sum = g.moments[0] + g.moments[1] + g.moments[2];
         const bool hasMomentum = body.stored[7] != 0 || body.stored[8] != 0 || body.stored[9] != 0;
         if (g.mass < 0 || (g.mass == 0 && hasMomentum))
-            fail(corrupt + "it has mass " + text(g.mass) + " amu; use another");
+            fail(corrupt + "it has mass " + text(g.mass) + " amu; use another state");
         for (int k = 0; k < 3; k++)
             if (g.moments[k] < 0 ||
                 g.moments[k] > (sum - g.moments[k]) * (1 + consistencyTolerance))
                 fail(corrupt + "no body has its moments (" + text(g.moments[0]) + ", " +
-                     text(g.moments[1]) + ", " + text(g.moments[2]) + ") amu nm^2; use another");
+                     text(g.moments[1]) + ", " + text(g.moments[2]) +
+                     ") amu nm^2; use another state");
         for (int inner = 0; inner < 2; inner++) {
             double square = 0;
             for (int k = 0; k < 4; k++)
                 square += pow(inner == 1 ? body.stored[3 + k] : body.q[k], 2);
             if (!(abs(sqrt(square) - 1) <= consistencyTolerance))
                 fail(corrupt + "its quaternion has length " + text(sqrt(square)) +
-                     ", which must be 1; use another");
+                     ", which must be 1; use another state");
         }
     }
 }
@@ -119,8 +120,8 @@ void checkUserStates(const SavedState& saved) {
         if (turn > consistencyTolerance || differ(is.R, must.R) ||
             differ(is.velocity, must.velocity) || differ(is.omega_lab, must.omega_lab))
             fail("body " + to_string(b) +
-                 ": the saved state is corrupt: its pose or twist is not that of its exact "
-                 "numbers; use another");
+                 ": the saved state is corrupt: its pose or velocities do not agree with its "
+                 "stored internal state; use another state");
     }
 }
 
@@ -149,7 +150,7 @@ public:
     int count() {
         const int32_t n = get<int32_t>();
         if (n < 0 || static_cast<size_t>(n) > bytes.size() - at)
-            fail("the checkpoint is corrupt: it says that " + to_string(n) +
+            fail("the checkpoint is corrupt: it claims that " + to_string(n) +
                  " items follow; use another checkpoint");
         return n;
     }
@@ -228,7 +229,7 @@ SchemeMemory readMemory(const StrictNode& node) {
             for (const SerializationNode& value : child.getChildren())
                 values.push_back(StrictNode(value, "State").number("value"));
             if (rows < 0 || columns < 0 || int64_t(rows) * columns != (int64_t)values.size())
-                vectors.wrongValue("rows", "the number of values over that of columns");
+                vectors.wrongValue("rows", "the number of values divided by the number of columns");
             memory.groups.back().push_back(
                 Eigen::Map<Eigen::MatrixXd>(values.data(), rows, columns));
         }
@@ -351,7 +352,9 @@ SavedState SavedState::read(istream& checkpoint) {
     checkpoint.read(mark, sizeof mark);
     checkpoint.get(digit);
     if (!checkpoint || memcmp(mark, checkpointMark, sizeof mark) != 0 || digit < '1' || digit > '9')
-        fail("the checkpoint was not written by this integrator; use one that was, or a State");
+        fail(
+            "the checkpoint was not written by this integrator; use a checkpoint of this "
+            "integrator, or a State");
     const int fileVersion = digit - '0', oldest = 2;
     if (fileVersion < oldest || fileVersion > version)
         fail("the checkpoint has version " + to_string(fileVersion) +
@@ -385,7 +388,7 @@ SavedState SavedState::read(istream& checkpoint) {
     if (fileVersion >= firstVersionWithInertiaScale) saved.inertiaScale = reader.get<double>();
     const int32_t count = reader.get<int32_t>();
     if (hasBodies < 0 || hasBodies > 1 || count < 0 || (count > 0 && !saved.hasBodies))
-        fail("the checkpoint is corrupt: it says to hold " + to_string(count) +
+        fail("the checkpoint is corrupt: it claims to hold " + to_string(count) +
              " bodies; use another checkpoint");
     for (int b = 0; b < count; b++) {
         SavedBody body;

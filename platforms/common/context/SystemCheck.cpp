@@ -173,9 +173,9 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
             if (hasBoundary(force.getModel(), MobilityForce::Boundary(b)))
                 boundaries += (boundaries.empty() ? "" : " or ") +
                               string(boundaryName(MobilityForce::Boundary(b)));
-        fail(string("boundary ") + boundaryName(force.getBoundary()) + " is there for the model " +
-             models + ", not for " + modelName(force.getModel()) + "; use setModel(" + models +
-             ") or setBoundary(" + boundaries + ")");
+        fail(string("boundary ") + boundaryName(force.getBoundary()) +
+             " can be used with the model " + models + ", not with " + modelName(force.getModel()) +
+             "; use setModel(" + models + ") or setBoundary(" + boundaries + ")");
     }
     if (force.getBoundary() == MobilityForce::SlipChannel) {
         double low, high;
@@ -193,9 +193,9 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
              " has no wall; use setBoundary(NoSlipWall) or setSphereWallMobility(FromModel)");
     if (integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing)
         fail(
-            "sphere-wall mobility BestKnown is that of spheres outside the wall, so it does not go "
-            "with the wall rejection Crossing; use setWallRejection(Overlap) or "
-            "setSphereWallMobility(FromModel)");
+            "sphere-wall mobility BestKnown is known only for spheres that do not overlap the "
+            "wall, so it cannot be used with the wall rejection Crossing; use "
+            "setWallRejection(Overlap) or setSphereWallMobility(FromModel)");
 }
 
 /**
@@ -215,9 +215,10 @@ static void checkMasses(const System& system, const CustomRigidHIIntegrator& int
             for (int p : integrator.getRigidBodyParticles(b)) mass += system.getParticleMass(p);
         if (mass == 0)
             refuse(bodyText(b) + " has mass 0, but scheme " + name +
-                   " needs a positive mass; give its particles masses in the System, add it with "
-                   "explicit mass, moments and site positions, or choose a scheme without momenta "
-                   "such as FixmanMidpoint, with a MobilityForce: that serves Monte Carlo too");
+                   " needs a positive mass; give its particles masses in the System, or add it "
+                   "with explicit mass, moments and site positions. A body without mass needs a "
+                   "scheme without momenta such as FixmanMidpoint, with a MobilityForce (for Monte "
+                   "Carlo too)");
     }
     for (int p : stock.freeParticles)
         if (system.getParticleMass(p) == 0)
@@ -242,7 +243,7 @@ static void checkNoMomenta(const SystemInventory& stock, const string& name,
                            const string& instead) {
     if (!stock.velocityDependentForce.empty())
         refuse(stock.velocityDependentForce + ", depends on vx, vy or vz, but scheme " + name +
-               " has no velocities; use a Langevin scheme, or expressions without them");
+               " has no velocities; use a Langevin scheme, or expressions without velocities");
     if (stock.numFreeConstraints > 0)
         refuse("the System has " + to_string(stock.numFreeConstraints) +
                " constraints between particles that are in no body; scheme " + name +
@@ -295,8 +296,9 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
                     stock.mobilityForce->getParticleRadius(p) > 0)
                     refuse("constraint " + to_string(i) + " holds " + particleText(p) +
                            ", which is in no body and has a hydrodynamic radius; scheme " + name +
-                           " takes constraints of free particles without one only: make its "
-                           "molecule a rigid body, or set its radius to 0");
+                           " allows constraints only between free particles without such a radius: "
+                           "make the molecule of this particle a rigid body, or set the radius of "
+                           "the particle to 0");
         }
     }
 }

@@ -68,9 +68,9 @@ void Fluid::checkInertia(const BodySet& bodies) const {
         if (force.getSolver() == MobilityForce::MatrixFree && group->relaxation &&
             group->relaxation->getMobility().getWay() == BodyMobility::Dense)
             fail(
-                "solver MatrixFree is there for bodies that the fluid and their moments let rotate "
-                "about the same axes, not for spheres and blobs off a line with a zero moment; use "
-                "setSolver(Dense)");
+                "solver MatrixFree cannot be used with a body that has a principal moment of 0 "
+                "about an axis about which the fluid resists its rotation (a sphere, or blobs that "
+                "are not on a line); use setSolver(Dense)");
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++) {
             if (!group->bodies.hasNullVector(e)) continue;
@@ -84,9 +84,10 @@ void Fluid::checkInertia(const BodySet& bodies) const {
             const double directionTolerance = 1e-6;
             if (momentum > directionTolerance)
                 fail("body " + to_string(elements[e].body) +
-                     ": its hydrodynamic particles lie on a line, about which the fluid does not "
-                     "hold it, but it has inertia about that line; give it a zero moment about the "
-                     "line, or more particles off the line");
+                     ": its hydrodynamic particles lie on a line, so that the fluid does not "
+                     "resist rotation about this line, but the body has a moment of inertia about "
+                     "the line; give the body a moment of 0 about the line, or hydrodynamic "
+                     "particles off the line");
         }
     }
 }
@@ -108,9 +109,10 @@ void Fluid::checkTorque(const FluidGroup& group, int e, const Matrix<double, 6, 
     if (abs(power) <= torqueTolerance * scale) return;
     ostringstream text;
     text << "body " << element.body << ": a torque of " << power
-         << " kJ/mol acts about the line of its hydrodynamic particles, where neither the fluid "
-            "nor inertia resists; it must be 0 within 1e-9 of force times size and torque: remove "
-            "it, or give the body hydrodynamic particles off the line";
+         << " kJ/mol acts about the line of its hydrodynamic particles, about which neither the "
+            "fluid nor inertia resists rotation; this torque must be 0 within 1e-9 of force times "
+            "size plus torque: remove the torque, or give the body hydrodynamic particles off the "
+            "line";
     fail(text.str());
 }
 
@@ -168,8 +170,8 @@ void Fluid::checkBox() {
             text << (element.isFree() ? "particle " + to_string(element.particles[0])
                                       : "body " + to_string(element.body))
                  << " has the length " << length
-                 << " nm, its radii included, and would overlap its own image: in " << describeBox()
-                 << " the shortest lattice vector has " << shortest
+                 << " nm, hydrodynamic radii included, and would overlap its own image: in "
+                 << describeBox() << " the shortest lattice vector has the length " << shortest
                  << " nm; make the box larger by setPeriodicBoxVectors() on the Context (or "
                     "setDefaultPeriodicBoxVectors() on the System before), or use the boundary "
                     "Unbounded";

@@ -182,16 +182,18 @@ string Fluid::describe(bool overdamped) const {
     text << modelName(force.getModel());
     if (force.getBoundary() == MobilityForce::NoSlipWall)
         text << " above a no-slip wall at z = " << force.getWallHeight()
-             << " nm (steps are redone after which a particle "
-             << (wallRejection == CustomRigidHIIntegrator::Crossing ? "has its centre behind it)"
-                                                                    : "overlaps it)");
+             << " nm (a step is redone if after it a particle "
+             << (wallRejection == CustomRigidHIIntegrator::Crossing
+                     ? "has its centre behind the wall)"
+                     : "overlaps the wall)");
     if (force.getBoundary() == MobilityForce::SlipChannel) {
         double low, high;
         force.getChannelWalls(low, high);
-        text << " between walls at y = " << low << " and " << high
-             << " nm that it slips along (steps are redone after which a particle "
-             << (wallRejection == CustomRigidHIIntegrator::Crossing ? "has its centre behind one)"
-                                                                    : "overlaps one)");
+        text << " between slip walls at y = " << low << " and " << high
+             << " nm (a step is redone if after it a particle "
+             << (wallRejection == CustomRigidHIIntegrator::Crossing
+                     ? "has its centre behind a wall)"
+                     : "overlaps a wall)");
     }
     if (isPeriodic())
         text << (force.getBoundary() == MobilityForce::SlipChannel
@@ -214,7 +216,7 @@ string Fluid::describe(bool overdamped) const {
     if (largest && largest->bodies.hasModel() && ways[BodyMobility::Krylov] > 0) {
         const string products = largest->bodies.getModel().describeFastProducts(
             MobilityAt::errorFor(force.getSolverTolerance()));
-        if (!products.empty()) text << ", products of iterations " << products;
+        if (!products.empty()) text << ", products in iterations " << products;
     }
     return text.str();
 }
@@ -227,9 +229,10 @@ string Fluid::describeFlow() const {
         return RigidHIPlugin::text(toVec3(flow.gradient.row(k).transpose()));
     };
     if (flow.waveVelocity != 0)
-        text << "a wave of the force density along " << axes[flow.forceAxis] << " with "
+        text << "a sinusoidal force density along " << axes[flow.forceAxis] << " with "
              << 2 * M_PI / flow.k << " nm along " << axes[flow.waveAxis]
-             << ", which without bodies is a flow of up to " << abs(flow.waveVelocity) << " nm/ps";
+             << ", which without bodies drives a flow of up to " << abs(flow.waveVelocity)
+             << " nm/ps";
     else
         text << "velocity " << RigidHIPlugin::text(toVec3(flow.velocity))
              << " nm/ps at the origin, gradient in rows " << row(0) << ", " << row(1) << ", "
@@ -246,7 +249,7 @@ string Fluid::describeFlow() const {
         << (stresslets
                 ? "; spheres resist its strain by stresslets, without lubrication of the strain"
                 : "; multiblobs resist its strain by their blobs, single spheres and blobs do not");
-    if (own) text << ", and bodies with tensors of their own as the blobs that they have";
+    if (own) text << "; bodies with tensors of their own resist it as their blobs do";
     return text.str();
 }
 

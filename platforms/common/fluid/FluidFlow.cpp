@@ -106,8 +106,8 @@ bool Fluid::lastStepIsPresent(const BodySet& bodies, const vector<OpenMM::Vec3>&
 FluidGroup& Fluid::onlyGroup(const char* method) const {
     if (force.getModel() == MobilityForce::FreeDraining)
         fail(method,
-             "model FreeDraining has a fluid for each body, and no flow between them; use "
-             "RotnePragerYamakawa");
+             "model FreeDraining has a separate fluid for each body, and no flow between bodies; "
+             "use RotnePragerYamakawa");
     if (!hasOneFlow())
         fail(method,
              "there are " + to_string(groups.size()) +
@@ -246,8 +246,8 @@ Velocities Fluid::flowAt(const vector<OpenMM::Vec3>& points, const FlowQuestion&
         const double coordinate = channel ? x[1] : x[2];
         if (coordinate < low || coordinate > high)
             fail(method, "point " + to_string(p) + " at " + text(x) +
-                             " nm is behind a wall, where there is no fluid; give points between "
-                             "walls or above them");
+                             " nm is behind a wall, where there is no fluid; give points above the "
+                             "wall or between the walls");
     }
     FlowOfGroup& made = findFlow(group, question);
     Velocities velocities = Velocities::Zero(3, points.size());
@@ -268,12 +268,13 @@ FluidGroup& Fluid::groupWithWave(const char* method, int forceAxis, int waveAxis
     const MobilityModel& model = group.bodies.getModel();
     if (!(model.fluidVolume(box) > 0))
         fail(method,
-             "the fluid has no modes with the boundary " +
+             "the flow has no Fourier modes with the boundary " +
                  string(boundaryName(force.getBoundary())) +
                  "; ask with the boundary Periodic or SlipChannel, or use getFlowInContext()");
     if (force.getBoundary() == MobilityForce::SlipChannel && (forceAxis == 1 || waveAxis == 1))
-        fail(method, "the axes are " + to_string(forceAxis) + " and " + to_string(waveAxis) +
-                         ", and in a SlipChannel both must be along the walls; give 0 and 2");
+        fail(method,
+             "the axes are " + to_string(forceAxis) + " and " + to_string(waveAxis) +
+                 ", and in a SlipChannel both must be along the walls; give the axes 0 and 2");
     model.checkWave(box, waveAxis, waveVectorIndex);
     wave.forceAxis = forceAxis;
     wave.waveAxis = waveAxis;
@@ -372,8 +373,8 @@ void Fluid::checkLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Sc
     if (!fits)
         throw OpenMM::OpenMMException(
             "CustomRigidHIIntegrator: the saved state's last step of scheme " + saved.scheme +
-            " is damaged, or that of other bodies; load it into an integrator with the same bodies "
-            "and groups, or use another");
+            " is damaged, or belongs to other bodies; load the state into an integrator with the "
+            "same bodies and groups, or use another state");
 }
 
 void Fluid::setLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) {

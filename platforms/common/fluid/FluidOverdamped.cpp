@@ -121,9 +121,10 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT,
         drift << "off: the temperature is 0";
     else if (known + others == 0)
         drift << "off: "
-              << (drifts.ofSpheres == 0 ? uniform + ", and it is 0 about their origins"
-                  : drifts.zero == 0    ? spheres
-                                        : spheres + alone + ", where it is 0 about their origins");
+              << (drifts.ofSpheres == 0 ? uniform + ", and the drift is 0 about their origins"
+                  : drifts.zero == 0
+                      ? spheres
+                      : spheres + alone + ", where the drift is 0 about their origins");
     else if (!*scheme.drift)
         drift << "off: " << scheme.name << " omits it, so averages are wrong for "
               << count(known + others);
@@ -135,7 +136,7 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT,
             drift << (asWritten > 0 ? ", " : "") << "without differences for " << count(known)
                   << " alone in a uniform fluid";
     }
-    if (kT > 0 && known + others > 0 && zero > 0) drift << "; it is 0 for " << count(zero);
+    if (kT > 0 && known + others > 0 && zero > 0) drift << "; the drift is 0 for " << count(zero);
     if (scheme.differenced == Differenced::Nothing)
         differences << "off: the scheme has none";
     else if (kT == 0)
@@ -147,7 +148,7 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT,
                             ? spheres
                             : spheres + alone + ", whose divergence is known");
     else if (byFields)
-        differences << "off: the divergence is that of the random field, by its gradient; "
+        differences << "off: the divergence is computed from the gradient of the random field; "
                        "setFiniteDifferenceStep() has no effect";
     else {
         differences << "on: steps of " << smallest;
@@ -413,8 +414,8 @@ void Fluid::checkMemory(const SchemeMemory& saved, CustomRigidHIIntegrator::Sche
     if (!fits)
         throw OpenMM::OpenMMException(
             "CustomRigidHIIntegrator: the saved state's memory of scheme " + saved.scheme +
-            " is damaged, or that of other bodies; load it into an integrator with the same bodies "
-            "and groups, or use another");
+            " is damaged, or belongs to other bodies; load the state into an integrator with the "
+            "same bodies and groups, or use another state");
 }
 
 void Fluid::setMemory(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) {

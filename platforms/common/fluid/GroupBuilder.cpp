@@ -49,10 +49,9 @@ bool isThermostatTensor(const MatrixXd& friction) {
 }
 
 [[noreturn]] void refuseMatrixFree(const MobilityForce& force) {
-    fail("solver MatrixFree is there for RotnePragerYamakawa, not for " +
-         string(modelName(force.getModel())) +
+    fail("solver MatrixFree cannot be used with model " + string(modelName(force.getModel())) +
          (force.getBoundary() == MobilityForce::Periodic ? " with boundary Periodic" : "") +
-         "; use setSolver(Dense)");
+         "; use setSolver(Dense), or setModel(RotnePragerYamakawa)");
 }
 
 }  // namespace

@@ -59,9 +59,9 @@ void UserFlow::check() const {
              "axes 0 and 2");
     if (!hasBackground()) return;
     if (boundary == MobilityForce::Periodic || boundary == MobilityForce::SlipChannel)
-        fail("a background flow with boundary " + string(boundaryName(boundary)) +
-             ", where the mean velocity is 0 and a gradient is not periodic; use "
-             "setSinusoidalForceDensity(), or setBoundary(Unbounded)");
+        fail("a background flow cannot be used with boundary " + string(boundaryName(boundary)) +
+             ", because the mean velocity of a periodic fluid is 0 and a velocity gradient is not "
+             "periodic; use setSinusoidalForceDensity(), or setBoundary(Unbounded)");
     if (boundary != MobilityForce::NoSlipWall) return;
     const double rounding = 1e-12, height = wallHeight;
     double largest = 0;
@@ -76,8 +76,8 @@ void UserFlow::check() const {
              " nm: component " + to_string(a) + " is " + number(atWall) +
              " nm/ps above the origin and has the gradients " + number(gradient[3 * a]) + " and " +
              number(gradient[3 * a + 1]) +
-             "/ps along the wall; give a flow of z alone that is 0 there, as a shear flow, by "
-             "setBackgroundFlow()");
+             "/ps along the wall; give a flow that depends on z alone and is 0 at the wall, such "
+             "as a shear flow, by setBackgroundFlow()");
     }
 }
 

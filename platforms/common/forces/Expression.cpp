@@ -93,7 +93,8 @@ public:
             const string name = equals == string::npos ? "" : trimmed(piece.substr(0, equals));
             if (name.empty())
                 fail("the definition '" + piece + "' does not name what it defines",
-                     "after a semicolon there must be 'name = expression'", "write it so");
+                     "after a semicolon there must be 'name = expression'",
+                     "write the definition in this form");
             const int root = parse(piece.substr(equals + 1));
             definitions.push_back(root);
             definitionOfName[name] = definitions.size() - 1;
@@ -227,7 +228,7 @@ private:
                 string known = "select";
                 for (const auto& f : functions1) known += ", " + f.first;
                 for (const auto& f : functions2) known += ", " + f.first;
-                fail("there is no function '" + node.name + "'", "there are " + known,
+                fail("there is no function '" + node.name + "'", "the functions are " + known,
                      "write the operator * if a product is meant");
             }
             if (given != expected)
@@ -247,7 +248,7 @@ private:
     void closeParenthesis() {
         if (tokens[at].kind != Token::Close)
             fail("a parenthesis is not closed before '" + tokens[at].text + "'",
-                 "each '(' needs its ')'", "add it");
+                 "each '(' needs its ')'", "add the parenthesis");
         at++;
     }
 
@@ -397,10 +398,11 @@ private:
             if (parser.definitionOfName.count(name))
                 parser.fail(
                     "'" + name +
-                        "' is defined by way of itself, or used to the right of its definition",
+                        "' is defined in terms of itself, or used to the right of its definition",
                     "a definition may use only definitions that stand to its right",
                     "reorder them");
-            parser.fail("there is no variable or parameter '" + name + "'", "there are " + known,
+            parser.fail("there is no variable or parameter '" + name + "'",
+                        "the variables and parameters are " + known,
                         "correct the name, or add a parameter or a definition of this name");
         }
         used[found->second] = true;
@@ -426,8 +428,9 @@ Expression::Expression(const string& text, const vector<string>& names, const do
     try {
         compiler.compile();
     } catch (const mu::Parser::exception_type& error) {
-        parser.fail("muParser: " + error.GetMsg(), "it must take what our own parser takes",
-                    "report this text");
+        parser.fail("muParser: " + error.GetMsg(),
+                    "muParser must accept each expression that the parser of this plugin accepts",
+                    "report this message with the expression");
     }
     zero = find(used.begin(), used.end(), true) == used.end() && evaluate() == 0;
 }

@@ -138,7 +138,9 @@ bool Lanczos::allowsRoughProducts(const Column& column) const {
 void Lanczos::start(Column& column, const VectorXd& x) {
     column.norm = x.norm();
     if (!std::isfinite(column.norm))
-        throw OpenMMException("MobilityForce: a vector for the Lanczos iteration is not finite");
+        throw OpenMMException(
+            "MobilityForce: a vector for the Lanczos iteration is not finite; look at the "
+            "positions, forces and torques");
     column.alpha.clear();
     column.beta.clear();
     column.wasRough.clear();
@@ -210,7 +212,8 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
         VectorXd functionValues(k);
         for (int i = 0; i < k; i++) functionValues[i] = function(ritzValues[i]);
         if (!functionValues.allFinite())
-            throw OpenMMException("MobilityForce: a function of the mobility is not finite");
+            throw OpenMMException(
+                "MobilityForce: a function of the mobility is not finite; look at the positions");
         Iterate& iterate = column.iterate[form];
         iterate.coefficients.noalias() =
             solver.eigenvectors() * functionValues.cwiseProduct(firstRow);
@@ -312,8 +315,8 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
                 << " cannot be reached: rounding makes an error of " << column.error
                 << " with a mobility whose eigenvalues go from " << column.smallest << " to "
                 << column.largest
-                << "; raise the tolerance (setSolverTolerance), or change radii, masses or step "
-                   "size that differ by so much";
+                << "; raise the tolerance (setSolverTolerance), or choose radii, masses and a step "
+                   "size that make the eigenvalues more alike";
         throw OpenMMException(message.str());
     }
     return true;

@@ -25,10 +25,11 @@ namespace {
     const auto text = [](const char* name, int value) {
         return *name ? string(name) : to_string(value);
     };
-    throw OpenMM::OpenMMException(
-        "MobilityForce: nothing computes model " + text(modelName(model), model) +
-        " with boundary " + text(boundaryName(boundary), boundary) +
-        "; choose a model and a boundary that it has by setModel() and setBoundary()");
+    throw OpenMM::OpenMMException("MobilityForce: model " + text(modelName(model), model) +
+                                  " cannot be used with boundary " +
+                                  text(boundaryName(boundary), boundary) +
+                                  "; choose a model that has this boundary by setModel(), or a "
+                                  "boundary that this model has by setBoundary()");
 }
 
 /**

@@ -41,9 +41,9 @@ CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFa
         if (hasOwnTensor && hasNullVector(e))
             throw OpenMM::OpenMMException(
                 "MobilityForce: body " + to_string(element.body) +
-                " was given a tensor of its own, but its hydrodynamic particles lie on a line: the "
-                "model has no mobility about the line that the tensor could be combined with; give "
-                "only one of them a radius, or use FreeDraining");
+                " was given a tensor of its own, but its hydrodynamic particles lie on a line; the "
+                "model has no rotational mobility about this line that the tensor could be "
+                "combined with: give only one of the particles a radius, or use FreeDraining");
     }
     if (constant) return;
     for (size_t e = 0; e < elements.size(); e++)
@@ -81,10 +81,10 @@ void CoupledBodies::checkSites(int e) const {
     ostringstream text;
     text << "MobilityForce: body " << element.body << ": its " << element.sites.size()
          << " hydrodynamic particles are all at one place, within " << size
-         << " nm; blobs that are nearer than 1e-6 of their radius, here "
+         << " nm; blobs that are nearer to each other than 1e-6 of their radius, here "
          << CoincidenceCheck::bound * largestRadius
-         << " nm, do not resist rotation: give all but one the radius 0, which makes the body a "
-            "sphere, or other sites";
+         << " nm, do not resist rotation: give all but one of them the radius 0, which makes the "
+            "body a sphere, or move their sites apart";
     throw OpenMM::OpenMMException(text.str());
 }
 

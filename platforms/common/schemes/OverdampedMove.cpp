@@ -140,9 +140,10 @@ void FlowOfStep::check(const string& scheme) const {
     if (abs(solveWeight - flowWeight) <= rounding * (1 + abs(flowWeight))) return;
     throw OpenMM::OpenMMException(
         "CustomRigidHIIntegrator: the scheme " + scheme +
-        " does not say what the flow of its step is: its solves for velocities are in it " +
-        to_string(solveWeight) + " times, and must be " + to_string(flowWeight) +
-        " times; use another scheme, or record each such solve (CONTRIBUTING.md)");
+        " does not record the flow of its step completely: the weights of its solves for "
+        "velocities in this flow add up to " +
+        to_string(solveWeight) + ", and must add up to " + to_string(flowWeight) +
+        "; use another scheme, or record each such solve (CONTRIBUTING.md)");
 }
 
 void OverdampedMove::recordSolve(double weight, int column, bool givesVelocity) {
@@ -246,8 +247,8 @@ bool OverdampedMove::isAccepted(const vector<Pose>& at) { return mobility.accept
 
 void OverdampedMove::failToDisplace(const vector<Pose>& at) {
     throw OpenMM::OpenMMException(
-        "the finite difference of the stochastic drift leads where the model has no mobility, both "
-        "ways: " +
+        "the finite difference of the stochastic drift leads in both directions to positions where "
+        "the model has no mobility: " +
         mobility.objection(at) + "; use a smaller setFiniteDifferenceStep(), or FixmanMidpoint");
 }
 

@@ -65,7 +65,7 @@ void FluidStep::moveThroughFluid() {
         parts.start.show();
         const string atStart = objection();
         fail("step " + to_string(scene.arrays->getStepCount() + 1) + ": " +
-             (atStart.empty() ? "half a step ahead, where the friction is taken: " + ahead
+             (atStart.empty() ? "half a step ahead, where the friction is computed: " + ahead
                               : atStart));
     }
     const double start = StepCounters::now();

@@ -15,10 +15,12 @@ void Rejections::count(int number, int attempts, const string& objection) {
                  where = step + objection;
     // Schemes that need no mobility at the start have not refused it.
     const string atStart = scene.fluid->objection(scene.bodies, scene.arrays->positions());
-    if (!atStart.empty()) fail(step + "it starts where the model has no mobility: " + atStart);
+    if (!atStart.empty())
+        fail(step + "the step starts at positions where the model has no mobility: " + atStart);
     if (scene.settings.kT == 0)
         fail(where +
-             "; at temperature 0 no other noise can help: take a smaller step, or add a repulsion");
+             "; at temperature 0 there is no noise, so that redoing the step cannot help: take a "
+             "smaller step, or add a repulsion");
     fail(where + "; the step was redone " + to_string(limit) +
          " times in a row, as often as setMaximumRejections() allows: take a smaller step, or add "
          "a stiffer repulsion");

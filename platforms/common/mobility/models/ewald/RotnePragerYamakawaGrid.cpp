@@ -264,7 +264,8 @@ RotnePragerYamakawaGrid::RotnePragerYamakawaGrid(const HydrodynamicParticles& pa
     if ((int)kinds.size() > mostRadii)
         throw OpenMM::OpenMMException(
             "MobilityForce: RotnePragerYamakawa on a grid has " + text(kinds.size()) +
-            " different radii, each of which takes transforms of its own, and may have " +
+            " different radii, each of which needs Fourier transforms of its own, but may have at "
+            "most " +
             text(mostRadii) + "; use setSolver(Dense), or fewer different radii by addParticle()");
 }
 
@@ -356,7 +357,7 @@ std::string RotnePragerYamakawaGrid::describe(const BoxVectors& box) const {
     const GridShape& shape = splitting.shape;
     return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.size[1]) +
            " x " + std::to_string(shape.size[2]) + " nodes, whose products have the tolerance " +
-           text(tolerance, 3) + ", and of pairs whose surfaces are up to " +
+           text(tolerance, 3) + ", and a sum over pairs whose surfaces are up to " +
            text(splitting.gap, 3) +
            " nm apart (positively split Ewald sums, xi = " + text(splitting.xi, 3) + "/nm)";
 }

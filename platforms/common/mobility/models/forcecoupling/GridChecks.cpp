@@ -35,10 +35,10 @@ void checkBoxOfGrid(const std::string& model, const BoxVectors& box) {
             model,
             "needs a box with edges along the axes, but the periodic box has the vectors " +
                 text(box[0]) + ", " + text(box[1]) + ", " + text(box[2]) +
-                " nm; use setSolver(Dense), which has triclinic boxes too, or an orthogonal box");
+                " nm; use setSolver(Dense), which takes triclinic boxes too, or an orthogonal box");
     if (!(box[0][0] > 0 && box[1][1] > 0 && box[2][2] > 0))
         refuseGrid(model,
-                   "needs a periodic box, and there is none; set one by "
+                   "needs a periodic box, but the System has none; set a box by "
                    "setDefaultPeriodicBoxVectors() on the System");
 }
 
@@ -47,8 +47,8 @@ void checkSizeOfGrid(const std::string& model, const BoxVectors& box, double spa
         if (!(box[axis][axis] / spacing < largestSize))
             refuseGrid(
                 model,
-                "would have " + text(box[axis][axis] / spacing, 6) + " nodes along an edge of " +
-                    text(box[axis][axis]) + " nm, where it may have " +
+                "would need " + text(box[axis][axis] / spacing, 6) + " nodes along an edge of " +
+                    text(box[axis][axis]) + " nm, but must have fewer than " +
                     std::to_string(largestSize) +
                     "; raise setSolverTolerance() or setGridSpacing(), or make the box smaller");
 }
@@ -63,9 +63,9 @@ void checkMemoryOfGrid(const std::string& model, const GridShape& shape, double 
                        double held) {
     if (fitsIntoMemory(bytes, held)) return;
     const double gigabytes = 1e-9 * bytes;
-    refuseGrid(model, "would take " + text(gigabytes, 3) + " GB for " +
+    refuseGrid(model, "needs " + text(gigabytes, 3) + " GB of memory for " +
                           std::to_string(shape.size[0]) + " x " + std::to_string(shape.numRows()) +
-                          " x " + std::to_string(shape.size[2]) + " nodes, and " +
+                          " x " + std::to_string(shape.size[2]) + " nodes, but only " +
                           text(1e-9 * freeMemory(), 3) +
                           " GB are free; raise setSolverTolerance() or setGridSpacing(), or make "
                           "the box smaller");
@@ -74,11 +74,12 @@ void checkMemoryOfGrid(const std::string& model, const GridShape& shape, double 
 void checkMemoryOfPairs(const std::string& model, double neighbours, double gap, double bytes,
                         double held) {
     if (fitsIntoMemory(bytes, held)) return;
-    refuseGrid(model, "would take " + text(1e-9 * bytes, 3) + " GB, most of it for the " +
-                          text(neighbours, 3) + " neighbours that a particle has within a gap of " +
-                          text(gap, 3) + " nm, and " + text(1e-9 * freeMemory(), 3) +
-                          " GB are free; lower setGridSpacing(), or let 0 choose it, raise "
-                          "setSolverTolerance(), or simulate fewer particles");
+    refuseGrid(model,
+               "needs " + text(1e-9 * bytes, 3) + " GB of memory, most of it for the " +
+                   text(neighbours, 3) + " neighbours of each particle within a gap of " +
+                   text(gap, 3) + " nm, but only " + text(1e-9 * freeMemory(), 3) +
+                   " GB are free; lower setGridSpacing() or set it to 0 (chosen by the solver "
+                   "tolerance), raise setSolverTolerance(), or simulate fewer particles");
 }
 
 }  // namespace RigidHIPlugin

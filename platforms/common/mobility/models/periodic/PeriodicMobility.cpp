@@ -23,11 +23,11 @@ PeriodicMobility::PeriodicMobility(const HydrodynamicParticles& particles, doubl
 void checkPeriodicRows(int rows, int largestRows) {
     if (rows <= largestRows) return;
     throw OpenMM::OpenMMException(
-        "MobilityForce: boundary Periodic is done by dense matrices of up to " + text(largestRows) +
-        " rows, and here there are " + text(rows) +
-        ": six for each sphere, three for each blob or particle in no body (StokesianDynamics: "
-        "eleven for each sphere), and as many for its image in a SlipChannel; use fewer particles, "
-        "or groups of them by setGroups()");
+        "MobilityForce: a periodic fluid without a grid uses dense matrices of at most " +
+        text(largestRows) + " rows, but these particles need " + text(rows) +
+        " rows: six for each sphere (StokesianDynamics: eleven), three for each blob or particle "
+        "in no body, and in a SlipChannel as many again for its image; use fewer particles, or "
+        "divide the bodies into groups by setGroups()");
 }
 
 void PeriodicMobility::checkWave(const BoxVectors& box, int axis, int periods) const {

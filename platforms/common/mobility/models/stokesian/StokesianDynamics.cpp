@@ -53,10 +53,10 @@ void inverseFromFactor(const MatrixXd& lower, MatrixXd& scratch, MatrixXd& inver
 }  // namespace
 
 void refuseIndefiniteSpheres(int numSpheres) {
-    throw OpenMMException(
-        "StokesianDynamics: the matrix of " + std::to_string(numSpheres) +
-        " spheres is not positive definite; do spheres overlap by more than a minimum gap can "
-        "bridge? Separate them, use smaller time steps, or the model RotnePragerYamakawa");
+    throw OpenMMException("StokesianDynamics: the matrix of " + std::to_string(numSpheres) +
+                          " spheres is not positive definite; look for spheres that overlap by "
+                          "more than the minimum gap can make up for: separate them, use smaller "
+                          "time steps, or use the model RotnePragerYamakawa");
 }
 
 StokesianDynamics::StokesianDynamics(const HydrodynamicParticles& particles, double viscosity,
@@ -125,12 +125,14 @@ std::string StokesianDynamics::objectionToPair(int i, int j, double distance,
     if (minimumGap > 0)
         return "StokesianDynamics: " + nameOf(particles, i) + " and " + image +
                nameOf(particles, j) +
-               " are at the same place, so their line of centres has no direction; move one";
+               " are at the same place, so their line of centres has no direction; move one of "
+               "them";
     if (distance > contact) return {};
     return "StokesianDynamics: " + nameOf(particles, i) + " and " + image + nameOf(particles, j) +
            " overlap or touch: their distance is " + text(distance) +
            " nm, the sum of their radii " + text(contact) +
-           " nm; separate them, allow it by setMinimumGap, or use the model RotnePragerYamakawa";
+           " nm; separate the particles, allow overlap by setMinimumGap(), or use the model "
+           "RotnePragerYamakawa";
 }
 
 std::string StokesianDynamics::objection(const Placement& placement) const {

@@ -47,7 +47,8 @@ string NoSlipPlane::objection(const HydrodynamicParticles& particles,
             return where + ", where a particle (this one of radius " + text(radius) +
                    " nm) has no mobility; move it above the wall, or use smaller time steps";
         return where + ", less than its radius, " + text(radius) +
-               " nm; move it up, use smaller time steps, or allow it by setWallRejection(Crossing)";
+               " nm; move it up, use smaller time steps, or allow the overlap by "
+               "setWallRejection(Crossing)";
     }
     return {};
 }

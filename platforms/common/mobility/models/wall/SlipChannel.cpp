@@ -192,14 +192,14 @@ std::string SlipChannel::objection(const Placement& placement) const {
         if (isWithin(placement, i,
                      walls.crossingAllowed ? CoincidenceCheck::bound * radius : radius - rounding))
             continue;
-        const std::string where = "SlipChannel: " + particleAndBody(particles, i) +
-                                  " has its centre at y = " + text(y) + " nm, between walls at " +
-                                  text(walls.low) + " and " + text(walls.high) + " nm";
+        const std::string where =
+            "SlipChannel: " + particleAndBody(particles, i) + " has its centre at y = " + text(y) +
+            " nm, with walls at y = " + text(walls.low) + " and " + text(walls.high) + " nm";
         if (walls.crossingAllowed)
             return where + ", where a particle (this one of radius " + text(radius) +
                    " nm) has no mobility; move it between the walls, or use smaller time steps";
-        return where + ", nearer to one than its radius, " + text(radius) +
-               " nm; move it away, use smaller time steps, or allow it by "
+        return where + ", nearer to a wall than its radius, " + text(radius) +
+               " nm; move it away from the wall, use smaller time steps, or allow the overlap by "
                "setWallRejection(Crossing)";
     }
     return {};
@@ -218,11 +218,12 @@ void SlipChannel::checkBox(const BoxVectors& box) const {
     if (box[1][0] != 0 || box[2][0] != 0 || box[2][1] != 0)
         fail("with edges along the axes, but the box has the vectors " + text(box[0]) + ", " +
              text(box[1]) + ", " + text(box[2]) +
-             " nm; set another by setPeriodicBoxVectors() on the Context");
+             " nm; set another box by setPeriodicBoxVectors() on the Context");
     if (!(box[1][1] > walls.high - walls.low))
         fail("whose y edge is longer than the channel is wide, but it has " + text(box[1][1]) +
              " nm, and the walls are at " + text(walls.low) + " and " + text(walls.high) +
-             " nm; bring them nearer by setChannelWalls(), or make the box larger");
+             " nm; bring the walls nearer to each other by setChannelWalls(), or make the box "
+             "larger");
     periodic->checkBox(twice(box));
 }
 

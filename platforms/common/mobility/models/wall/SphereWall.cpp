@@ -258,8 +258,8 @@ string SphereWallCongruence::objection(const Placement& placement) const {
         if (isSingleSphere(particles, i) &&
             !(wall.heightOver(positions[i][2], particles.radii[i]) > particles.radii[i]))
             return "NoSlipWall: " + particleAndBody(particles, i) +
-                   " touches the wall, where a sphere cannot move by BestKnown; move it up, use "
-                   "smaller time steps, or setSphereWallMobility(FromModel)";
+                   " touches the wall, where sphere-wall mobility BestKnown lets no sphere move; "
+                   "move it up, use smaller time steps, or use setSphereWallMobility(FromModel)";
     return {};
 }
 
