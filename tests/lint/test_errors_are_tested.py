@@ -21,8 +21,8 @@ UNREACHABLE = {
     'were registered with it',
     'unknown C++ exception in': 'a guard against exceptions that are no std::exception; nothing '
     'throws them',
-    'it must take what our own parser takes': 'a guard: our parser passes on nothing that muParser '
-    'refuses',
+    'muParser must accept each expression that the parser of this plugin accepts': 'a guard: our '
+    'parser passes on nothing that muParser refuses',
     ' needs a MobilityForce in the System': 'a guard: MobilityForce asks only after it has found '
     'itself in the Context',
 }

@@ -189,9 +189,9 @@ TEST_F(BadInput, RowsOfBodyStates) {
     EXPECT_EQ(integrator.getNumRigidBodiesOfContext(), 1);
     const vector<Vec3> R = integrator.getBodyPositions();
     integrator.setBodyPositions(R);
-    const vector<string> fragments = {"got 2 rows; the Context has 1 bodies, the integrator 2",
-                                      "those that were added later wait for the next Context",
-                                      "call reinitialize()"};
+    const vector<string> fragments = {
+        "got 2 rows; the Context has 1 bodies, the integrator 2",
+        "bodies that are added later become part of the next Context only", "call reinitialize()"};
     expectError([&] { integrator.setBodyPositions({Vec3(), Vec3()}); }, fragments);
     expectError([&] { integrator.setBodyVelocities({Vec3(), Vec3()}); }, fragments);
     expectError([&] { integrator.setBodyAngularVelocities({Vec3(), Vec3()}); }, fragments);

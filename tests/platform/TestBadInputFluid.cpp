@@ -94,14 +94,15 @@ TEST(BadFluid, Tensors) {
         vector<double> tensor = unitTensor();
         tensor[1] = nan_;
         expectError([&] { set(3, tensor); },
-                    {"body 3: its tensor has an entry nan", "all must be finite"});
+                    {"body 3: its tensor has an entry nan", "all entries must be finite"});
         tensor = unitTensor();
         tensor[1] = 0.1;
         expectError([&] { set(3, tensor); }, {"its tensor is not symmetric",
                                               "(1, 0) and (0, 1) are 0 and 0.1", "agree to 1e-9"});
         tensor[1] = tensor[6] = 1.5;
-        expectError([&] { set(3, tensor); },
-                    {"its tensor is not positive definite; a body that moves dissipates"});
+        expectError(
+            [&] { set(3, tensor); },
+            {"its tensor is not positive definite; the motion of a body must dissipate energy"});
         tensor = unitTensor();
         tensor[35] = 0;
         expectError([&] { set(3, tensor); }, {"not positive definite"});
@@ -112,8 +113,9 @@ TEST(BadFluid, Tensors) {
     for (auto ask : {+[](MobilityForce& f) { f.getBodyMobility(3); },
                      +[](MobilityForce& f) { f.getBodyFriction(3); },
                      +[](MobilityForce& f) { f.getBodyTensorIsFriction(3); }})
-        expectError([&] { ask(fluid); },
-                    {"body 3 has no tensor of its own; only those that were set can be asked for"});
+        expectError(
+            [&] { ask(fluid); },
+            {"body 3 has no tensor of its own; only tensors that were set can be returned"});
 }
 
 TEST(BadFluid, RadiiAndGroupsOfAnotherNumber) {
@@ -143,7 +145,7 @@ TEST(BadFluid, BodiesAndParticlesThatTheFluidCannotTake) {
     rod.moments[2] = 0.01;
     line.add(rod, Vec3(0, 5, 0));
     expectRefused(line, {"body 2: its hydrodynamic particles lie on a line",
-                         "it has inertia about that line"});
+                         "the body has a moment of inertia about the line"});
     // The line must be that of the dead axis, and go through the centre of mass.
     Pair shifted, askew;
     rod = rodKind();
@@ -321,7 +323,8 @@ TEST(BadFluid, WhatStokesianDynamicsCannotTake) {
     overlapping.integrator.setBodyPositions({Vec3(), Vec3(0.9, 0, 0)});
     for (const auto& action : {function<void()>([&] { overlapping.mobility(); }),
                                function<void()>([&] { overlapping.integrator.step(1); })})
-        expectError(action, {"body 0", "body 1", "; separate them, allow it by setMinimumGap"});
+        expectError(action, {"body 0", "body 1",
+                             "; separate the particles, allow overlap by setMinimumGap()"});
     overlapping.integrator.setBodyPositions({Vec3(), Vec3(1.1, 0, 0)});
     overlapping.integrator.step(1);
     tensor.fluid->setBodyMobility(1, unitTensor());
@@ -339,10 +342,10 @@ TEST(BadFluid, MatrixFreeWhereItCannotBe) {
     Pair model, dead;
     for (Pair* pair : {&model, &dead}) pair->fluid->setSolver(MobilityForce::MatrixFree);
     model.fluid->setModel(MobilityForce::StokesianDynamics);
-    expectRefused(model, {"solver MatrixFree is there for RotnePragerYamakawa",
-                          "not for StokesianDynamics", "use setSolver(Dense)"});
+    expectRefused(model, {"solver MatrixFree cannot be used with", "model StokesianDynamics",
+                          "use setSolver(Dense)"});
     dead.add({"linear sphere", 1, Vec3(1, 1, 0), {Vec3()}, {0.4}}, Vec3(0, 4, 0));
-    expectRefused(dead, {"solver MatrixFree", "with a zero moment"});
+    expectRefused(dead, {"solver MatrixFree", "has a principal moment of 0"});
 }
 
 TEST(BadFluid, StepsThatEndInOverlapUnderStokesianDynamics) {
@@ -360,7 +363,7 @@ TEST(BadFluid, StepsThatEndInOverlapUnderStokesianDynamics) {
         scene.start(testPlatform());
         const auto before = positionsOf(*scene.context);
         expectError([&] { scene.integrator.step(1); },
-                    {temperature == 0 ? "at temperature 0 no other noise can help"
+                    {temperature == 0 ? "at temperature 0 there is no noise"
                                       : "the step was redone 7 times in a row, as often as "
                                         "setMaximumRejections() allows",
                      "body 0", "body 1"});
@@ -386,7 +389,7 @@ TEST(BadFluid, Integrators) {
     system.addForce(fluid);
     VerletIntegrator verlet(0.001);
     expectError([&] { Context context(system, verlet, testPlatform()); },
-                {"its integrator is not a CustomRigidHIIntegrator; other integrators would ignore "
+                {"its integrator is not a CustomRigidHIIntegrator; another integrator would ignore "
                  "the fluid"});
     for (auto scheme : thermostats()) {
         Pair pair;
@@ -427,7 +430,7 @@ TEST(BadFluid, ConstraintsOfFreeParticles) {
         pair.system.addConstraint(2, 3, 0.5);
         if (seen)
             expectRefused(pair, {"constraint 0 holds particle 3", "has a hydrodynamic radius",
-                                 "set its radius to 0"});
+                                 "set the radius of the particle to 0"});
         else {
             pair.start(testPlatform());
             pair.integrator.step(1);
@@ -492,7 +495,7 @@ TEST(BadFluid, WhatNeedsNoPositionsIsRefusedBeforeThem) {
              f.setModel(MobilityForce::StokesianDynamics);
              f.setSolver(MobilityForce::MatrixFree);
          },
-         {"solver MatrixFree is there for", "not for StokesianDynamics"}},
+         {"solver MatrixFree cannot be used with", "model StokesianDynamics"}},
         {false,
          [](MobilityForce& f) {
              f.setModel(MobilityForce::StokesianDynamics);
@@ -510,18 +513,19 @@ TEST(BadFluid, WhatNeedsNoPositionsIsRefusedBeforeThem) {
              f.setModel(MobilityForce::StokesianDynamics);
              f.setBoundary(MobilityForce::NoSlipWall);
          },
-         {"boundary NoSlipWall is there for"}},
+         {"boundary NoSlipWall can be used with"}},
         {true,
          [](MobilityForce& f) { f.setModel(MobilityForce::ForceCoupling); },
-         {"boundary Unbounded is there for the model FreeDraining or RotnePragerYamakawa or "
+         {"boundary Unbounded can be used with the model FreeDraining or RotnePragerYamakawa or "
           "StokesianDynamics",
-          "not for ForceCoupling; use setModel(", "or setBoundary(Periodic or SlipChannel)"}},
+          "not with ForceCoupling; use setModel(", "or setBoundary(Periodic or SlipChannel)"}},
         {true,
          [](MobilityForce& f) {
              f.setModel(MobilityForce::ForceCoupling);
              f.setBoundary(MobilityForce::NoSlipWall);
          },
-         {"boundary NoSlipWall is there for the model RotnePragerYamakawa, not for ForceCoupling",
+         {"boundary NoSlipWall can be used with the model RotnePragerYamakawa, not with "
+          "ForceCoupling",
           "or setBoundary(Periodic or SlipChannel)"}},
         {true,
          [](MobilityForce& f) { f.setBoundary(MobilityForce::Periodic); },
@@ -541,7 +545,7 @@ TEST(BadFluid, ParametersHandedOverBeforePositionsAreChecked) {
     Context context(scene.system, scene.integrator, testPlatform());
     const auto update = [&] { scene.fluid->updateParametersInContext(context); };
     scene.fluid->setSolver(MobilityForce::MatrixFree);
-    expectError(update, {"solver MatrixFree is there for"});
+    expectError(update, {"solver MatrixFree cannot be used with"});
     scene.fluid->setSolver(MobilityForce::Dense);
     scene.fluid->setParticleRadius(0, 20);
     expectError(update, {"have the ratio 40"});

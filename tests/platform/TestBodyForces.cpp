@@ -486,9 +486,9 @@ TEST(BodyForces, SettersRefuse) {
     int body;
     vector<double> values;
     expectError([&] { force.getBodyParameters(1, body, values); },
-                {"nothing has index 1", "this force has 1 entries, numbered from 0",
-                 "add it first, or name another"});
-    expectError([&] { force.setBodyParameters(-1, 0, {}); }, {"nothing has index -1"});
+                {"there is no index 1", "this force has 1 entries, numbered from 0",
+                 "add what is missing first, or give another index"});
+    expectError([&] { force.setBodyParameters(-1, 0, {}); }, {"there is no index -1"});
     expectError([&] { force.getGlobalParameterName(1); }, {"this force has 1 global parameters"});
     expectError([&] { force.getPerBodyParameterName(1); },
                 {"this force has 1 per-body parameters"});

@@ -112,7 +112,7 @@ TEST(Channel, StartsBeyondAWallAreRefused) {
         scene.start(testPlatform());
         expectError([&] { scene.integrator.step(1); },
                     {"SlipChannel: particle 0 (body 0) has its centre at y = ",
-                     "between walls at 1 and 6.5 nm", "nearer to one than its radius, 0.8 nm",
+                     "with walls at y = 1 and 6.5 nm", "nearer to a wall than its radius, 0.8 nm",
                      "setWallRejection(Crossing)"});
         scene.integrator.setWallRejection(RigidHI::Crossing);
         scene.integrator.step(1);
@@ -154,7 +154,7 @@ TEST(Channel, WhatIsNotThereIsRefused) {
         scene.add(sphereKind(0.8), Vec3(4, 4, 4));
         scene.fluid->setModel(model);
         expectError([&] { scene.start(testPlatform()); },
-                    {"boundary SlipChannel is there for the model ForceCoupling"});
+                    {"boundary SlipChannel can be used with the model ForceCoupling"});
     }
     ChannelScene barostat;
     barostat.addBodies();
@@ -181,7 +181,7 @@ TEST(Channel, EffectsNameTheWalls) {
     scene.integrator.step(1);
     const string text = scene.integrator.getEffects().at("hydrodynamics");
     for (const char* words :
-         {"ForceCoupling between walls at y = 1 and 6.5 nm that it slips along", "overlaps one"})
+         {"ForceCoupling between slip walls at y = 1 and 6.5 nm", "overlaps a wall"})
         EXPECT_NE(text.find(words), string::npos) << text;
 }
 

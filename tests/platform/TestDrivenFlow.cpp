@@ -1005,13 +1005,13 @@ TEST(DrivenFlow, EffectsNameIt) {
     expectWords(effect(linear), {"velocity (0, 0, 0) nm/ps at the origin, gradient in rows (0, "
                                  "0.2, 0), (0, 0, 0), (0, 0, 0)/ps",
                                  "multiblobs resist its strain by their blobs",
-                                 "tensors of their own as the blobs that they have"});
+                                 "tensors of their own resist it as their blobs do"});
     FlowScene draining;
     draining.fluid->setModel(MobilityForce::FreeDraining);
     shear(0.2).set(*draining.fluid);
     draining.add(boomerangKind());
     draining.fluid->setBodyMobility(0, rowsOf(tensorWithoutSymmetry(1)));
-    expectWords(effect(draining), {"tensors of their own as the blobs that they have"});
+    expectWords(effect(draining), {"tensors of their own resist it as their blobs do"});
     StokesianScene spheres(true);
     shear(0.2).set(*spheres.fluid);
     spheres.addSpheres();
@@ -1036,13 +1036,13 @@ TEST(DrivenFlow, SettersRefuseWhatIsNoFlow) {
         [&] {
             fluid.setBackgroundFlow(Vec3(), {0, nan, 0, 0, 0, 0, 0, 0, 0});
         },
-        {"setBackgroundFlow(): the gradient has an entry nan", "all must be finite"});
+        {"setBackgroundFlow(): the gradient has an entry nan", "all entries must be finite"});
     expectError(
         [&] {
             fluid.setBackgroundFlow(Vec3(), {1, 0, 0, 0, 1, 0, 0, 0, 1});
         },
         {"setBackgroundFlow(): the trace of the gradient is 3/ps", "incompressible",
-         "correct its diagonal"});
+         "correct the diagonal"});
     expectError([&] { fluid.setSinusoidalForceDensity(nan, 0, 1, 1); },
                 {"setSinusoidalForceDensity(): f0 is nan kJ/(mol nm^4)",
                  "give a finite force density, or 0 for none"});
@@ -1108,8 +1108,9 @@ TEST(DrivenFlow, BoundariesWithoutItAreRefused) {
     for (auto boundary : {MobilityForce::Periodic, MobilityForce::SlipChannel})
         for (const LinearFlow& flow : {generalFlow(), uniform(Vector3d(0, 0, 1e-9)), shear(1e-9)})
             refusal(FCM, boundary, linear(flow),
-                    {"a background flow with boundary ",
-                     "where the mean velocity is 0 and a gradient is not periodic"});
+                    {"a background flow cannot be used with boundary ",
+                     "because the mean velocity of a periodic fluid is 0 and a velocity gradient "
+                     "is not periodic"});
     LinearFlow pushesWall = shear(1), slips, along, ofRounding;
     slips.gradient(0, 2) = 0.3;  // 0 at z = 0, and the wall is at 0.5
     along.gradient(0, 0) = 0.1;
@@ -1117,7 +1118,7 @@ TEST(DrivenFlow, BoundariesWithoutItAreRefused) {
     for (const LinearFlow& flow : {pushesWall, slips, along, uniform(Vector3d(0, 0.1, 0))})
         refusal(RPY, MobilityForce::NoSlipWall, linear(flow),
                 {"the background flow is not 0 at the NoSlipWall z = 0.5 nm: component ",
-                 "give a flow of z alone that is 0 there"});
+                 "give a flow that depends on z alone and is 0 at the wall"});
 }
 
 TEST(DrivenFlow, WavesTooShortForAGridAreRefused) {

@@ -999,17 +999,18 @@ TEST(Flow, DamagedLastStepsAreRefused) {
         loadState(*other->context, stream);
     };
     const vector<string> words = {
-        "the saved state's last step of scheme FixmanMidpoint is damaged, or that of other bodies",
-        "load it into an integrator with the same bodies and groups"};
+        "the saved state's last step of scheme FixmanMidpoint is damaged, or belongs to other "
+        "bodies",
+        "load the state into an integrator with the same bodies and groups"};
     // Without a group, without a number, with numbers that are none.
     const size_t group = xml.find("<Group", at), end = xml.find("</LastStep>", at);
     ASSERT_TRUE(group != string::npos && end != string::npos);
     const string groups = xml.substr(group, end - group);
     expectError([&] { load(xml.substr(0, end) + groups + xml.substr(end)); }, words);
     expectError([&] { load(replaced(xml, "value=\"", "value=\"-", at)); }, words);  // the step
-    expectError(
-        [&] { load(replaced(xml, "rows=\"18\"", "rows=\"17\"", at)); },
-        {"property 'rows' is '17'", "it must be the number of values over that of columns"});
+    expectError([&] { load(replaced(xml, "rows=\"18\"", "rows=\"17\"", at)); },
+                {"property 'rows' is '17'",
+                 "it must be the number of values divided by the number of columns"});
     expectError(
         [&] {
             load(replaced(xml, "<Vectors columns=\"1\" rows=\"15\"",

@@ -112,12 +112,12 @@ TEST(ForceCouplingGrid, GridsThatNoMachineHasAreRefusedBeforeTheyAreMade) {
     scene.side = 1000;
     scene.start(testPlatform());
     expectError([&] { scene.integrator.step(1); },
-                {"ForceCoupling on a grid would have", "nodes along an edge of 1000 nm",
+                {"ForceCoupling on a grid would need", "nodes along an edge of 1000 nm",
                  "raise setSolverTolerance()"});
     scene.setBox(2.5, 2.5, 2.5);
     expectError(
         [&] { scene.integrator.step(1); },
-        {"ForceCoupling on a grid would take ",
+        {"ForceCoupling on a grid needs ",
          " GB are free; raise setSolverTolerance() or setGridSpacing(), or make the box smaller"});
     scene.setBox(0.01, 0.01, 0.01);
     scene.integrator.step(1);

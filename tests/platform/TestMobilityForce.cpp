@@ -478,7 +478,7 @@ TEST(EveryEnumerator, OthersAreRefused) {
     const auto badModel = static_cast<MobilityForce::Model>(17);
     const auto badBoundary = static_cast<MobilityForce::Boundary>(-1);
     expectError([&] { RigidHIPlugin::checkOperator(badModel, MobilityForce::Unbounded); },
-                {"nothing computes model 17 with boundary Unbounded"});
+                {"model 17 cannot be used with boundary Unbounded"});
     expectError(
         [&] { RigidHIPlugin::checkOperator(MobilityForce::RotnePragerYamakawa, badBoundary); },
         {"model RotnePragerYamakawa with boundary -1"});
@@ -487,11 +487,11 @@ TEST(EveryEnumerator, OthersAreRefused) {
     fluid.setModel(MobilityForce::StokesianDynamics);
     fluid.setBoundary(MobilityForce::NoSlipWall);
     expectError([&] { RigidHIPlugin::createMobility(fluid, {}, {}); },
-                {"nothing computes model StokesianDynamics with boundary NoSlipWall"});
+                {"model StokesianDynamics cannot be used with boundary NoSlipWall"});
     fluid.setModel(MobilityForce::ForceCoupling);
     fluid.setBoundary(MobilityForce::Unbounded);
     expectError([&] { RigidHIPlugin::createMobility(fluid, {}, {}); },
-                {"nothing computes model ForceCoupling with boundary Unbounded"});
+                {"model ForceCoupling cannot be used with boundary Unbounded"});
 }
 
 namespace {

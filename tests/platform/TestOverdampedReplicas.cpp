@@ -304,9 +304,11 @@ TEST(OverdampedReplicas, AForbiddenStartIsNamed) {
             scene.addSpheres(1, 0.9);
             scene.begin();
             const bool asksLater = temperature == 0 && s.name.substr(0, 5) == "Drift";
-            expectError([&] { scene.integrator.step(1); },
-                        {"particle 2 (body 2) has its centre 0.9 nm above the wall", "move it up",
-                         asksLater ? "step 1: it starts where the model has no mobility: "
-                                   : "MobilityForce: "});
+            expectError(
+                [&] { scene.integrator.step(1); },
+                {"particle 2 (body 2) has its centre 0.9 nm above the wall", "move it up",
+                 asksLater
+                     ? "step 1: the step starts at positions where the model has no mobility: "
+                     : "MobilityForce: "});
         }
 }

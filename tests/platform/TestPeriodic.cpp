@@ -135,7 +135,7 @@ TEST(Periodic, BodiesThatOverlapTheirOwnImagesAreRefused) {
     } cases[] = {
         {false,
          1.9,
-         {"body 1 has the length 2 nm, its radii included", "would overlap its own image",
+         {"body 1 has the length 2 nm, hydrodynamic radii included", "would overlap its own image",
           "the periodic box (1.9, 0, 0), (0, 1.9, 0), (0, 0, 1.9) nm",
           "the shortest lattice vector has 1.9 nm", "setPeriodicBoxVectors()"}},
         {true, 2.9, {"body 0 has the length 3", "the shortest lattice vector has 2.9 nm"}}};
@@ -201,7 +201,8 @@ TEST(Periodic, EffectsNameTheBox) {
     alone.add(sphereKind(0.5));
     alone.start(testPlatform());
     EXPECT_EQ(alone.integrator.getEffects().at("hydrodynamic interactions"),
-              "off: nothing feels others through the fluid, but everything feels its own images");
+              "off: no bodies or free particles interact through the fluid, but each of them "
+              "interacts with its own images");
 }
 
 TEST(Periodic, WhatIsNotThereIsRefused) {
@@ -212,11 +213,12 @@ TEST(Periodic, WhatIsNotThereIsRefused) {
         scene.start(testPlatform());
     };
     expectError([&] { start(MobilityForce::FreeDraining, MobilityForce::Auto); },
-                {"boundary Periodic is there for the model RotnePragerYamakawa or "
+                {"boundary Periodic can be used with the model RotnePragerYamakawa or "
                  "StokesianDynamics or ForceCoupling",
-                 "not for FreeDraining", "or setBoundary(Unbounded)"});
-    expectError([&] { start(MobilityForce::StokesianDynamics, MobilityForce::MatrixFree); },
-                {"solver MatrixFree is there for", "with boundary Periodic; use setSolver(Dense)"});
+                 "not with FreeDraining", "or setBoundary(Unbounded)"});
+    expectError(
+        [&] { start(MobilityForce::StokesianDynamics, MobilityForce::MatrixFree); },
+        {"solver MatrixFree cannot be used with", "with boundary Periodic; use setSolver(Dense)"});
 }
 
 TEST(Periodic, BarostatsAreRefused) {

@@ -87,8 +87,8 @@ TEST(RotnePragerYamakawaGrid, PairsThatNoMachineHoldsAreRefusedBeforeTheyAreMade
     scene.fluid->setGridSpacing(100);
     scene.start(testPlatform());
     expectError([&] { scene.integrator.step(1); },
-                {"RotnePragerYamakawa on a grid would take ", " GB, most of it for the ",
-                 " neighbours that a particle has within a gap of ",
-                 " GB are free; lower setGridSpacing(), or let 0 choose it, raise "
-                 "setSolverTolerance(), or simulate fewer particles"});
+                {"RotnePragerYamakawa on a grid needs ", " GB of memory, most of it for the ",
+                 " neighbours of each particle within a gap of ",
+                 " GB are free; lower setGridSpacing() or set it to 0 (chosen by the solver "
+                 "tolerance), raise setSolverTolerance(), or simulate fewer particles"});
 }

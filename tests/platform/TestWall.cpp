@@ -284,12 +284,13 @@ TEST(Wall, RejectionsThatDoNotHelp) {
             scene.integrator.setMaximumRejections(5);
             scene.start(testPlatform());
             const auto before = positionsOf(*scene.context);
-            expectError([&] { scene.integrator.step(1); },
-                        {force > 100        ? "half a step ahead, where the friction is taken: "
-                         : temperature == 0 ? "at temperature 0 no other noise can help: take a "
-                                              "smaller step, or add a repulsion"
-                                            : "5 times in a row",
-                         "step 1: ", "particle 0 (body 0)", "above the wall at z = 0 nm"});
+            expectError(
+                [&] { scene.integrator.step(1); },
+                {force > 100        ? "half a step ahead, where the friction is computed: "
+                 : temperature == 0 ? "at temperature 0 there is no noise, so that redoing the "
+                                      "step cannot help: take a smaller step, or add a repulsion"
+                                    : "5 times in a row",
+                 "step 1: ", "particle 0 (body 0)", "above the wall at z = 0 nm"});
             EXPECT_TRUE(sameBits(positionsOf(*scene.context), before));
         }
 }
@@ -303,7 +304,7 @@ TEST(Wall, ModelsWithoutAWall) {
         scene.add(sphereKind(0.5), Vec3(0, 0, 3));
         expectError(
             [&] { scene.start(testPlatform()); },
-            {"boundary NoSlipWall is there for the model RotnePragerYamakawa, not for ",
+            {"boundary NoSlipWall can be used with the model RotnePragerYamakawa, not with ",
              model == MobilityForce::FreeDraining ? "FreeDraining; use" : "StokesianDynamics; use",
              model == MobilityForce::FreeDraining
                  ? "setModel(RotnePragerYamakawa) or setBoundary(Unbounded)"
@@ -315,7 +316,7 @@ TEST(Wall, SettingsOutOfBounds) {
     MobilityForce fluid;
     for (double bad : {double(NAN), double(INFINITY), -double(INFINITY)})
         expectError([&] { fluid.setWallHeight(bad); },
-                    {"setWallHeight(): height is ", "give the z of the wall"});
+                    {"setWallHeight(): height is ", "give the z coordinate of the wall"});
     CustomRigidHIIntegrator integrator(300, 0.001);
     for (int bad : {-1, 2}) {
         expectError(
@@ -336,7 +337,7 @@ TEST(Wall, SettingsOutOfBounds) {
 
 TEST(Wall, BestKnownDoesNotGoWithCrossing) {
     const vector<string> fragments = {
-        "sphere-wall mobility BestKnown", "it does not go with the wall rejection Crossing",
+        "sphere-wall mobility BestKnown", "it cannot be used with the wall rejection Crossing",
         "setWallRejection(Overlap) or setSphereWallMobility(FromModel)"};
     WallScene scene;
     scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
@@ -357,7 +358,7 @@ TEST(Wall, BestKnownDoesNotGoWithCrossing) {
 TEST(Wall, BestKnownAndCrossingAreRefusedWhereverTheyMeet) {
     // The shape comes from the first positions, so that the fluid is made there.
     const vector<string> fragments = {"BestKnown",
-                                      "it does not go with the wall rejection Crossing"};
+                                      "it cannot be used with the wall rejection Crossing"};
     WallScene scene;
     scene.fluid->setSphereWallMobility(MobilityForce::BestKnown);
     for (int p = 0; p < 3; p++) {

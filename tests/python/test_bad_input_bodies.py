@@ -116,7 +116,7 @@ def test_a_setting_that_must_be_positive(integrator, setter, value):
 @pytest.mark.parametrize('number', [-1, 65536, 2**31 - 1])
 def test_more_rejections_than_have_random_numbers(integrator, number):
     with refused('setMaximumRejections()', f'the number is {number}',
-                 'it must be from 0 to 65535, as many attempts', 'a smaller step'):
+                 'it must be from 0 to 65535, since no further attempts', 'a smaller step'):
         integrator.setMaximumRejections(number)
     assert integrator.getMaximumRejections() == 100
     integrator.setMaximumRejections(65535)
@@ -225,7 +225,7 @@ def test_the_context_was_deleted(integrator):
     integrator.step(1)
     del context
     for method in (lambda: integrator.step(1), integrator.getBodyPositions):
-        with refused('needs a Context, and that of this integrator was deleted',
+        with refused('needs a Context, and the Context of this integrator was deleted',
                      'keep the Context in a variable'):
             method()
 

@@ -95,7 +95,7 @@ def test_a_foreign_checkpoint(platform):
     context, _ = make(platform)
     foreign, _ = make(platform, integrator=openmm.LangevinMiddleIntegrator(300, 1, 0.001))
     with refused('the checkpoint was not written by this integrator',
-                 'use one that was, or a State'):
+                 'use a checkpoint of this integrator, or a State'):
         context.loadCheckpoint(foreign.createCheckpoint())
 
 

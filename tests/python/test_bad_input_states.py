@@ -138,7 +138,7 @@ def test_rows_of_body_states(scene, setter, columns):
     with refused(setter, 'got an array of shape (3,', f'the shape must be (2, {columns})',
                  error=ValueError):
         getattr(scene.integrator, setter)(np.tile(rows[0], (3, 1)))
-    with refused(setter, 'got 3 rows', 'there must be one for each of the 2 bodies'):
+    with refused(setter, 'got 3 rows', 'there must be one row for each of the 2 bodies'):
         getattr(_bindings.CustomRigidHIIntegrator, setter)(scene.integrator,
                                                            np.tile(rows[0], (3, 1)))
     rows[1, 0] = np.nan

@@ -281,7 +281,7 @@ def test_one_context_at_a_time(platform):
 def test_part_of_another_integrator(platform):
     compound = openmm.CompoundIntegrator()
     compound.addIntegrator(integrator_of([0, 1]))
-    with refused('this integrator is part of another one',
+    with refused('this integrator is part of another integrator',
                  'do not put it into a CompoundIntegrator'):
         openmm.Context(system_of(1, 1), compound, platform)
 

@@ -84,7 +84,7 @@ def test_spheres_stay_inside(platform, scheme, solver):
     integrator.step(20)
     y = integrator.getBodyPositions()._value[:, 1]
     assert np.all(y >= [1, 0.8]) and np.all(y <= [4.5, 4.7])
-    assert 'between walls at y = 0 and 5.5 nm' in integrator.describeEffects()
+    assert 'between slip walls at y = 0 and 5.5 nm' in integrator.describeEffects()
 
 
 def test_xml():
@@ -126,9 +126,8 @@ def test_refused():
         integrator.step(1)
     _, integrator, _ = channel('Reference', [(3, 5, 2)], [1])
     with pytest.raises(
-            openmm.OpenMMException,
-            match=r'particle 0 \(body 0\) has its centre at y = 5 nm, between walls at 0 and 5.5 nm'
-    ):
+            openmm.OpenMMException, match=r'particle 0 \(body 0\) has its centre at y = 5 nm, '
+            'with walls at y = 0 and 5.5 nm'):
         integrator.step(1)
 
 

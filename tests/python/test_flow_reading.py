@@ -138,16 +138,16 @@ def test_the_last_step_is_answered(platform):
 # ---- What is refused -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('points, error, problem', [
-    ((1, 2, 3), ValueError,
-     r'getFlowInContext: points: got an array of shape \(3,\); the shape must be \(m, '
-     r'3\)|getFlowInContext: points'),
-    (np.zeros((2, 2)), ValueError, r'getFlowInContext: points: got an array of shape \(2, 2\)'),
-    (np.zeros((2, 3))*unit.picosecond, TypeError, 'getFlowInContext: points: got a quantity in'),
-    ([(0, 0, 0), (0, float('nan'), 0)], openmm.OpenMMException,
-     r'getFlowInContext\(\): point 1 is at .*nan.* nm; it must be finite: give a place in the fluid'
-     ),
-])
+@pytest.mark.parametrize(
+    'points, error, problem',
+    [((1, 2, 3), ValueError,
+      r'getFlowInContext: points: got an array of shape \(3,\); the shape must be \(m, '
+      r'3\)|getFlowInContext: points'),
+     (np.zeros((2, 2)), ValueError, r'getFlowInContext: points: got an array of shape \(2, 2\)'),
+     (np.zeros((2, 3))*unit.picosecond, TypeError, 'getFlowInContext: points: got a quantity in'),
+     ([(0, 0, 0), (0, float('nan'), 0)], openmm.OpenMMException,
+      r'getFlowInContext\(\): point 1 is at .*nan.* nm; it must be finite: give a '
+      'position in the fluid'),])
 def test_points_that_are_none(points, error, problem):
     fluid, _, context = spheres('Reference', [(3, 2, 4)], [1], lambda fluid: None)
     with pytest.raises(error, match=problem):
@@ -167,7 +167,7 @@ def test_points_behind_walls(boundary, behind, at):
     with pytest.raises(
             openmm.OpenMMException, match=
             r'getFlowInContext\(\): point 1 at .* nm is behind a wall, where there is no fluid; '
-            'give points between walls or above them'):
+            'give points above the wall or between the walls'):
         fluid.getFlowInContext(context, [(1, 1, 1), behind])
     fluid.getFlowInContext(context, [at])
 
@@ -195,33 +195,33 @@ def test_fluids_that_are_not_one(read, name):
     fluid, _, context = spheres('Reference', [(3, 2, 4), (1, 1, 1)], [1, 0.5], lambda fluid: None,
                                 MobilityForce.FreeDraining)
     with pytest.raises(
-            openmm.OpenMMException, match=
-            rf'{name}\(\): model FreeDraining has a fluid for each body, and no flow between them; '
-            rf'use RotnePragerYamakawa'):
+            openmm.OpenMMException,
+            match=rf'{name}\(\): model FreeDraining has a separate fluid for each body, and no '
+            'flow between bodies; use RotnePragerYamakawa'):
         read(fluid, context)
 
 
 @pytest.mark.parametrize('name', ['getFlowModeInContext', 'getRandomFlowModeInContext'])
-@pytest.mark.parametrize('boundary, axes, error, problem', [
-    ('Unbounded', (0, 1, 1), openmm.OpenMMException,
-     r'{}\(\): the fluid has no modes with the boundary Unbounded; ask with the boundary Periodic '
-     r'or SlipChannel, '
-     r'or use getFlowInContext\(\)'),
-    ('NoSlipWall',
-     (0, 1, 1), openmm.OpenMMException, 'the fluid has no modes with the boundary NoSlipWall'),
-    ('SlipChannel', (0, 1, 1), openmm.OpenMMException,
-     r'{}\(\): the axes are 0 and 1, and in a SlipChannel both must be along the walls; give 0 and '
-     r'2'),
-    ('SlipChannel',
-     (1, 2, 1), openmm.OpenMMException, 'the axes are 1 and 2, and in a SlipChannel'),
-    ('Periodic', (0, 3, 1), openmm.OpenMMException, r'{}\(\): an axis is 3; it must be 0, 1 or 2'),
-    ('Periodic', (1, 1, 1), openmm.OpenMMException, r'{}\(\): both axes are 1'),
-    ('Periodic', (0, 1, 0), openmm.OpenMMException,
-     r'{}\(\): the wave-vector index is 0; it must be at least 1'),
-    ('Periodic', (0.5, 1, 1), TypeError, '{}: forceAxis: got 0.5; it must be an integer'),
-    ('Periodic', (0, 'y', 1), TypeError, "{}: waveAxis: got 'y'; it must be an integer"),
-    ('Periodic', (0, 1, 1.5), TypeError, '{}: waveVectorIndex: got 1.5; it must be an integer'),
-])
+@pytest.mark.parametrize(
+    'boundary, axes, error, problem',
+    [('Unbounded', (0, 1, 1), openmm.OpenMMException,
+      r'{}\(\): the flow has no Fourier modes with the boundary Unbounded; ask with the '
+      r'boundary Periodic or SlipChannel, or use getFlowInContext\(\)'),
+     ('NoSlipWall',
+      (0, 1, 1), openmm.OpenMMException, 'the flow has no Fourier modes with the boundary '
+      'NoSlipWall'),
+     ('SlipChannel', (0, 1, 1), openmm.OpenMMException,
+      r'{}\(\): the axes are 0 and 1, and in a SlipChannel both must be along the walls; give the '
+      'axes 0 and 2'),
+     ('SlipChannel',
+      (1, 2, 1), openmm.OpenMMException, 'the axes are 1 and 2, and in a SlipChannel'),
+     ('Periodic', (0, 3, 1), openmm.OpenMMException, r'{}\(\): an axis is 3; it must be 0, 1 or 2'),
+     ('Periodic', (1, 1, 1), openmm.OpenMMException, r'{}\(\): both axes are 1'),
+     ('Periodic', (0, 1, 0), openmm.OpenMMException,
+      r'{}\(\): the wave-vector index is 0; it must be at least 1'),
+     ('Periodic', (0.5, 1, 1), TypeError, '{}: forceAxis: got 0.5; it must be an integer'),
+     ('Periodic', (0, 'y', 1), TypeError, "{}: waveAxis: got 'y'; it must be an integer"),
+     ('Periodic', (0, 1, 1.5), TypeError, '{}: waveVectorIndex: got 1.5; it must be an integer'),])
 def test_modes_that_are_none(name, boundary, axes, error, problem):
     model = MobilityForce.ForceCoupling if boundary in (
         'Periodic', 'SlipChannel') else MobilityForce.RotnePragerYamakawa

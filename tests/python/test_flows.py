@@ -127,10 +127,10 @@ def test_xml_and_copies():
       r'setBackgroundFlow\(\): the velocity is .*inf.* nm/ps; it must be finite: give a finite '
       r'velocity at the origin'),
      ((0, 0, 0), GRADIENT*[1, 1, float('nan')], openmm.OpenMMException,
-      'the gradient has an entry nan; all must be finite: give finite numbers'),
+      'the gradient has an entry nan; all entries must be finite: give finite numbers'),
      ((0, 0, 0), np.eye(3), openmm.OpenMMException,
-      'the trace of the gradient is 3/ps; it must be 0 to 1e-12 of its largest entry, '
-      'since the fluid is incompressible: correct its diagonal'),
+      'the trace of the gradient is 3/ps; it must be 0 within 1e-12 of the largest entry of '
+      'the gradient, since the fluid is incompressible: correct the diagonal'),
      ((0, 0, 0), np.diag([1, -1, 1e-11
                           ]), openmm.OpenMMException, 'the trace of the gradient is 1e-11/ps'),])
 def test_background_flows_that_are_none(velocity, gradient, error, problem):
@@ -195,15 +195,16 @@ def wave(*arguments):
       'across axis 1; both must be along the walls: give axes 0 and 2'),
      ('SlipChannel', wave(1, 0, 1, 1), 'along axis 0 with its wave along axis 1'),
      ('Periodic', background((0, 0, 1), np.zeros((3, 3))),
-      'a background flow with boundary Periodic, where the mean velocity is 0 and a gradient is '
-      r'not periodic; use setSinusoidalForceDensity\(\)'),
+      'a background flow cannot be used with boundary Periodic, because the mean velocity of a '
+      r'periodic fluid is 0 and a velocity gradient is not periodic; '
+      r'use setSinusoidalForceDensity\(\)'),
      ('SlipChannel', background(
-         (0, 0, 0), GRADIENT), 'a background flow with boundary SlipChannel'),
+         (0, 0, 0), GRADIENT), 'a background flow cannot be used with boundary SlipChannel'),
      ('NoSlipWall', background((0, 0, 0), [(0, 1, 0), (0, 0, 0), (0, 0, 0)]),
       'the background flow is not 0 at the NoSlipWall z = 0 nm: component 0'),
      ('NoSlipWall', background((0, 0.5, 0), np.zeros((3, 3))),
       'component 1 is 0.5 nm/ps above the origin and has the gradients 0 and 0/ps along the wall; '
-      'give a flow of z alone that is 0 there, as a shear flow'),])
+      'give a flow that depends on z alone and is 0 at the wall, such as a shear flow'),])
 def test_boundaries_that_do_not_have_the_flow(boundary, setUp, problem):
     model = MobilityForce.ForceCoupling if boundary in (
         'Periodic', 'SlipChannel') else MobilityForce.RotnePragerYamakawa
@@ -295,7 +296,8 @@ def test_a_wave_carries_its_spheres(platform):
     moved = integrator.getBodyPositions()._value - x
     assert np.allclose(moved[:, 0], s*0.6/(ETA*k**2)*np.sin(k*x[:, 1]), rtol=0,
                        atol=1e-13) and abs(moved[:, 1:]).max() < 1e-13
-    assert 'force density along x with 4 nm along y' in integrator.getEffects()['driven flow']
+    assert 'sinusoidal force density along x with 4 nm along y' in integrator.getEffects(
+    )['driven flow']
 
 
 def test_a_flow_goes_through_a_saved_simulation(platform):

@@ -735,8 +735,8 @@ def test_bodies_without_mass_need_a_scheme_without_momenta():
     platform = openmm.Platform.getPlatformByName('Reference')
     with refused(
             'body 0 has mass 0',
-            'a scheme without momenta such as FixmanMidpoint, with a MobilityForce: that serves '
-            'Monte Carlo too', error=openmm.OpenMMException):
+            'a scheme without momenta such as FixmanMidpoint, with a MobilityForce (for Monte '
+            'Carlo too)', error=openmm.OpenMMException):
         openmm.Context(system, integrator, platform)
     integrator.setScheme(integrator.FixmanMidpoint)
     system.addForce(fluid)

@@ -313,9 +313,9 @@ def test_a_box_smaller_than_a_particle_is_refused(platform, box):
     scene = Scene(platform)
     scene.context.setPeriodicBoxVectors(*np.diag(box).astype(float))
     with pytest.raises(
-            openmm.OpenMMException,
-            match='body 0 has the length 2 nm, its radii included, and would overlap its own image'
-    ):
+            openmm.OpenMMException, match=
+            'body 0 has the length 2 nm, hydrodynamic radii included, and would overlap its own '
+            'image'):
         scene.integrator.step(1)
 
 
@@ -324,8 +324,8 @@ def test_grids_that_no_machine_has_are_refused(platform):
                                          radii=(0.001,))
     context.setPeriodicBoxVectors(*1000*np.eye(3))
     with pytest.raises(
-            openmm.OpenMMException,
-            match='nodes along an edge of 1000 nm, where it may have .*raise setSolverTolerance'):
+            openmm.OpenMMException, match=
+            'nodes along an edge of 1000 nm, but must have fewer than .*raise setSolverTolerance'):
         fluid.applyMobilityInContext(context, np.zeros((1, 6)))
 
 

@@ -135,11 +135,11 @@ def test_effects_say_that_motion_is_not_the_real_one(waterBox, platform):
     )['inertia scale'] == 'off: the dynamics has the real principal moments'
     integrator.setInertiaScale(4)
     assert 'inertia scale is on: the dynamics has the principal moments times 4: averages over ' \
-           'configurations do not depend on it, ' \
-           'but motion is not the real one' in integrator.describeEffects()
+           'configurations do not depend on this factor, ' \
+           'but the motion is not the real one' in integrator.describeEffects()
     integrator.setScheme(integrator.GradientThermostat)
     assert integrator.getEffects(
-    )['inertia scale'] == 'off: a scheme without momenta, in which the factor 4 has no part'
+    )['inertia scale'] == 'off: the scheme has no momenta, so that the factor 4 has no effect'
 
 
 def test_long_time_diffusion_in_a_fluid_is_the_real_one():

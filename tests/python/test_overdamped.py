@@ -192,8 +192,9 @@ def test_effects_of_the_drift(name):
         'on: ' + how) and effects['stochastic drift'].endswith('for 1 group of bodies')
     assert effects['finite differences'] == ('on: steps of 1e-05 body lengths, and radians'
                                              if hasDifferences else 'off: the scheme has none')
-    assert effects['hydrodynamic interactions'] == ('off: nothing feels others through the fluid, '
-                                                    'but everything feels the wall')
+    assert effects['hydrodynamic interactions'] == (
+        'off: no bodies or free particles interact through the fluid, but each of them interacts '
+        'with the wall')
     assert effects['noise'] == 'on: temperature 300 K' and effects['momenta'].startswith('off')
     assert '1 groups with dense matrices' in effects['hydrodynamics'] and effects[
         'rotation'].startswith('on: 1 bodies')
@@ -222,7 +223,7 @@ def test_effects_of_constant_mobility(name):
     integrator, _ = scene(name, sites=[(0, 0, -0.6), (0, 0, 0.6)])
     rod = integrator.getEffects()
     assert rod['stochastic drift'] == ('off: every body is alone in a uniform fluid, '
-                                       'and it is 0 about their origins')
+                                       'and the drift is 0 about their origins')
     assert '1 of them have their blobs on a line' in rod[
         'rotation'] and '1 alone with a constant tensor' in rod['hydrodynamics']
     before = integrator.getStepStatistics()

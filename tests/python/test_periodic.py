@@ -180,8 +180,8 @@ def test_a_box_that_changes():
     assert fluid.getMobilityInContext(context)[0, 0] > before[0, 0]
     context.setPeriodicBoxVectors((1.9, 0, 0), (0, 9, 0), (0, 0, 9))
     with pytest.raises(
-            openmm.OpenMMException,
-            match='body 0 has the length 2 nm, its radii included, and would overlap its own'):
+            openmm.OpenMMException, match=
+            'body 0 has the length 2 nm, hydrodynamic radii included, and would overlap its own'):
         integrator.step(1)
 
 

@@ -351,9 +351,10 @@ def test_a_checkpoint_of_version_two_has_no_inertia_scale_and_no_last_step(platf
     (' inertiaScale="[^"]*"', ' inertiaScale="inf"',
      ['the saved state is corrupt: its inertia scale inf']),
     (' inertiaScale="[^"]*"', ' inertiaScale="2"',
-     ['body 0', 'its pose or twist is not that of its exact numbers']),
+     ['body 0', 'its pose or velocities do not agree with its stored internal state']),
     (' positionsHash="[^"]*"', ' positionsHash="12x"', ["property 'positionsHash' is '12x'"]),
-    (' wx="[^"]*"', ' wx="7"', ['body 0', 'its pose or twist is not that of its exact numbers']),
+    (' wx="[^"]*"', ' wx="7"',
+     ['body 0', 'its pose or velocities do not agree with its stored internal state']),
     ('<Site [^>]*/>', '', ['body 0', 'particles']),
     ('<Site x="[^"]*"', '<Site x="nan"',
      ['body 0: the saved state is corrupt: it has a non-finite number; use another']),
@@ -434,9 +435,10 @@ def test_checkpoints_with_a_forged_check_sum(platform):
                                                               'it ends too early'),
                         (lambda body: body[:-8], 'it ends too early'), (lambda body: b'',
                                                                         'it ends too early'),
-                        (lambda body: body[:40] + b'\xff\xff\xff\xff', 'it says to hold -1 bodies'),
+                        (lambda body: body[:40] + b'\xff\xff\xff\xff',
+                         'it claims to hold -1 bodies'),
                         (lambda body: body[:-4] + b'\xff\xff\xff\xff',
-                         'it says that -1 items follow; use another')):
+                         'it claims that -1 items follow; use another')):
         with refused('the checkpoint is corrupt', piece):
             context.loadCheckpoint(forged(checkpoint, edit))
     context.loadCheckpoint(forged(checkpoint, lambda body: None))
@@ -459,11 +461,13 @@ def test_memory_of_a_scheme_that_is_not_of_these_bodies(platform):
     integrator.step(1)
     xml = stateXml(context)
     for memory, pieces in (('<Group><Vectors rows="2" columns="1"/></Group>', [
-            "property 'rows' is '2'", 'it must be the number of values over that of columns'
+            "property 'rows' is '2'",
+            'it must be the number of values divided by the number of columns'
     ]), ('<Group/><Group/>', [
-            "the saved state's memory of scheme FixmanMidpoint is damaged, or that of other bodies"
-    ]), ('<Group><Vectors rows="0" columns="0"/></Group>', ['is damaged, or that of other bodies'
-                                                            ])):
+            "the saved state's memory of scheme FixmanMidpoint is damaged, or belongs to other "
+            'bodies'
+    ]), ('<Group><Vectors rows="0" columns="0"/></Group>',
+         ['is damaged, or belongs to other bodies'])):
         before = integrator.getBodyPositions()._value, integrator.getBodyOrientations()
         with refused(*pieces):
             load(

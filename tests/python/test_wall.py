@@ -68,7 +68,7 @@ def test_rejection_may_change_between_steps():
     integrator.setWallRejection(CustomRigidHIIntegrator.Crossing)
     assert integrator.getWallRejection() is CustomRigidHIIntegrator.Crossing
     integrator.step(1)
-    assert 'has its centre behind it' in integrator.describeEffects()
+    assert 'has its centre behind the wall' in integrator.describeEffects()
 
 
 def test_best_known_and_far_from_the_wall():

@@ -400,7 +400,7 @@ TEST(BodyMobility, OwnTensorsOfRodsCannotBeCombinedWithNeighbours) {
     rod.ownMobility = tensorWithoutSymmetry(1);
     const Scene scene({kinds()[0].element, rod}, 9, 1);
     expectError([&] { scene.make(); }, {"body 1 was given a tensor of its own",
-                                        "the model has no mobility about the line"});
+                                        "the model has no rotational mobility about this line"});
 }
 
 TEST(BodyMobility, BlobsAtOnePlaceAreAnError) {

@@ -289,8 +289,8 @@ TEST(Expression, ErrorsNameWhatIsWrong) {
     const vector<double>& v = points[0];
     const vector<pair<string, vector<string> > > cases = {
         {"x+foo",
-         {"there is no variable or parameter 'foo'", "there are x, y, z, k, long_name2",
-          "correct the name"}},
+         {"there is no variable or parameter 'foo'",
+          "the variables and parameters are x, y, z, k, long_name2", "correct the name"}},
         {"ln(x)",
          {"there is no function 'ln'", "select", "write the operator * if a product is meant"}},
         {"min(x)", {"function 'min' has 1 arguments", "it takes 2", "write that many arguments"}},
@@ -299,7 +299,8 @@ TEST(Expression, ErrorsNameWhatIsWrong) {
         {"x y", {"unexpected 'y'", "must end or go on with an operator"}},
         {"+x", {"unexpected '+'", "or '-' must stand there"}},
         {"a; a", {"the definition 'a' does not name what it defines"}},
-        {"a; a=b; b=a", {"'a' is defined by way of itself, or used to the right", "reorder them"}},
+        {"a; a=b; b=a",
+         {"'a' is defined in terms of itself, or used to the right", "reorder them"}},
     };
     for (const auto& c : cases) {
         vector<string> fragments = c.second;

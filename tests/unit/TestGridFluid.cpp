@@ -468,5 +468,5 @@ TEST(ForceCouplingGrid, NeedsABox) {
         [&] {
             model.at({{Vec3()}, {}});
         },
-        {"ForceCoupling on a grid", "needs a periodic box, and there is none"});
+        {"ForceCoupling on a grid", "needs a periodic box, but the System has none"});
 }

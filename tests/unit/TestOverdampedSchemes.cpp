@@ -757,8 +757,9 @@ TEST(OverdampedSchemes, SayWhatTheirFlowIs) {
                 }
             }
     FlowOfStep forgotten;
-    expectError([&] { forgotten.check("Forgetful"); },
-                {"the scheme Forgetful does not say what the flow of its step is",
-                 "its solves for velocities are in it 0.000000 times, and must be 1.000000 times",
-                 "record each such solve"});
+    expectError(
+        [&] { forgotten.check("Forgetful"); },
+        {"the scheme Forgetful does not record the flow of its step completely",
+         "its solves for velocities in this flow add up to 0.000000, and must add up to 1.000000",
+         "record each such solve"});
 }

@@ -453,7 +453,7 @@ TEST(RotnePragerYamakawaWall, RefusesParticlesThatReachThroughTheWall) {
     for (const auto& positions : {good, low, lower}) EXPECT_EQ(crossing.objection({positions}), "");
     const vector<string> inNoBody = {
         "particle 17 (in no body) has its centre 0.375 nm above the wall at z = 2 nm",
-        "less than its radius, 0.5 nm; move it up, use smaller time steps, or allow it by "
+        "less than its radius, 0.5 nm; move it up, use smaller time steps, or allow the overlap by "
         "setWallRejection(Crossing)"};
     expectError([&] { overlap.at({low}); }, inNoBody);
     for (const string& text : inNoBody)

@@ -229,10 +229,10 @@ TEST(SphereWallCongruence, SpheresMustNotTouchTheWall) {
     EXPECT_TRUE(best.mayObject());
     for (double rounding : {0.0, 1e-14}) {
         scene.positions[1][2] = 0.2 - rounding;
-        expectError(
-            [&] { best.at({scene.positions}); },
-            {"particle 1 (in no body) touches the wall, where a sphere cannot move by BestKnown",
-             "setSphereWallMobility(FromModel)"});
+        expectError([&] { best.at({scene.positions}); },
+                    {"particle 1 (in no body) touches the wall, where sphere-wall mobility "
+                     "BestKnown lets no sphere move",
+                     "setSphereWallMobility(FromModel)"});
     }
     scene.positions[1][2] = 0.19;
     EXPECT_NE(best.objection({scene.positions}).find("less than its radius, 0.5 nm"), string::npos);

@@ -27,10 +27,10 @@ TEST(Versions, BelongTogether) {
 
 TEST(Versions, OpenMMOfAnotherVersionIsNoticed) {
     for (const string other : {"1.0", "7", "7.70", "99.1"})
-        expectParts(
-            versionConflict("libExample", getVersion(), other),
-            {"libExample: it was compiled for OpenMM " + other,
-             "the OpenMM that is loaded is version", "build openmm-rigidhi against this OpenMM"});
+        expectParts(versionConflict("libExample", getVersion(), other),
+                    {"libExample: it was compiled for OpenMM " + other,
+                     "the OpenMM that is loaded is version",
+                     "build openmm-rigidhi against the OpenMM that is loaded"});
 }
 
 TEST(Versions, AnotherCopyOfTheLibraryIsNoticed) {
