@@ -477,11 +477,12 @@ TEST(EveryEnumerator, RunsTheOperatorOfItsNameOnThisPlatform) {
 TEST(EveryEnumerator, OthersAreRefused) {
     const auto badModel = static_cast<MobilityForce::Model>(17);
     const auto badBoundary = static_cast<MobilityForce::Boundary>(-1);
-    expectError([&] { RigidHIPlugin::checkOperator(badModel, MobilityForce::Unbounded); },
-                {"model 17 cannot be used with boundary Unbounded"});
+    expectError(
+        [&] { RigidHIPlugin::checkOperator(badModel, MobilityForce::Unbounded); },
+        {"model 17 cannot be used with boundary Unbounded; choose a model that has this boundary"});
     expectError(
         [&] { RigidHIPlugin::checkOperator(MobilityForce::RotnePragerYamakawa, badBoundary); },
-        {"model RotnePragerYamakawa with boundary -1"});
+        {"model RotnePragerYamakawa cannot be used with boundary -1"});
     // The operator of unbounded fluid must not be used silently.
     MobilityForce fluid;
     fluid.setModel(MobilityForce::StokesianDynamics);

@@ -137,8 +137,10 @@ TEST(Periodic, BodiesThatOverlapTheirOwnImagesAreRefused) {
          1.9,
          {"body 1 has the length 2 nm, hydrodynamic radii included", "would overlap its own image",
           "the periodic box (1.9, 0, 0), (0, 1.9, 0), (0, 0, 1.9) nm",
-          "the shortest lattice vector has 1.9 nm", "setPeriodicBoxVectors()"}},
-        {true, 2.9, {"body 0 has the length 3", "the shortest lattice vector has 2.9 nm"}}};
+          "the shortest lattice vector has the length 1.9 nm", "setPeriodicBoxVectors()"}},
+        {true,
+         2.9,
+         {"body 0 has the length 3", "the shortest lattice vector has the length 2.9 nm"}}};
     for (const auto& c : cases)
         for (auto scheme : schemes) {
             PeriodicScene scene(0, 0.001, scheme);
@@ -178,8 +180,9 @@ TEST(Periodic, TheShortestLatticeVectorIsNotAlwaysASide) {
     scene.context->setPeriodicBoxVectors(Vec3(4, 0, 0), Vec3(2, 3, 0), Vec3(-1.9, -1.49, 2));
     scene.integrator.step(1);
     scene.context->setPeriodicBoxVectors(Vec3(4, 0, 0), Vec3(2, 3, 0), Vec3(-1.9, -1.49, 1.9));
-    expectError([&] { scene.integrator.step(1); },
-                {"particle 1 has the length 2.5 nm", "the shortest lattice vector has 2.4"});
+    expectError(
+        [&] { scene.integrator.step(1); },
+        {"particle 1 has the length 2.5 nm", "the shortest lattice vector has the length 2.4"});
 }
 
 TEST(Periodic, EffectsNameTheBox) {

@@ -49,7 +49,7 @@ TEST(RotnePragerYamakawaGrid, WhatItHasNotIsRefusedWithTheAlternative) {
     };
     const auto many = withRadii(9, MobilityForce::MatrixFree);
     expectError([&] { many->start(testPlatform()); },
-                {"RotnePragerYamakawa on a grid has 9 different radii", "may have 8",
+                {"RotnePragerYamakawa on a grid has 9 different radii", "may have at most 8",
                  "use setSolver(Dense), or fewer different radii by addParticle()"});
     withRadii(8, MobilityForce::MatrixFree)->start(testPlatform());
     // Auto has matrices where there are too many.

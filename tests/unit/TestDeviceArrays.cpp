@@ -376,7 +376,7 @@ TEST(DeviceArrays, NonFiniteNumbersAreNotGivenToTheDevice) {
     arrays.pullVelocities();
     arrays.positions()[4][1] = numeric_limits<double>::infinity();
     expectError([&] { arrays.pushPositions(); },
-                {"particle 4", "non-finite position", "cannot hold", "set finite"});
+                {"particle 4", "non-finite position", "cannot hold; set finite"});
     arrays.velocities()[2][0] = numeric_limits<double>::quiet_NaN();
     expectError([&] { arrays.pushVelocities(); }, {"particle 2", "non-finite velocity"});
 }

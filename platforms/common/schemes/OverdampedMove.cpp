@@ -247,8 +247,8 @@ bool OverdampedMove::isAccepted(const vector<Pose>& at) { return mobility.accept
 
 void OverdampedMove::failToDisplace(const vector<Pose>& at) {
     throw OpenMM::OpenMMException(
-        "the finite difference of the stochastic drift leads in both directions to positions where "
-        "the model has no mobility: " +
+        "CustomRigidHIIntegrator: the finite difference of the stochastic drift leads in both "
+        "directions to positions where the model has no mobility: " +
         mobility.objection(at) + "; use a smaller setFiniteDifferenceStep(), or FixmanMidpoint");
 }
 
