@@ -9,10 +9,6 @@
 #include "TestSupport.h"
 #include "openmmrigidhi/SchemeTraits.h"
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define RIGIDHI_MALLOC_IS_TAKEN
-#endif
-
 using namespace RigidHIPlugin;
 using namespace RigidHITest;
 using namespace OpenMM;
@@ -25,7 +21,6 @@ int allocations = 0;
 
 }  // namespace
 
-#ifndef RIGIDHI_MALLOC_IS_TAKEN
 // The program's malloc takes precedence over that of the C library, for all libraries: new, Eigen
 // and the vectors of C++ call it. OpenBLAS, which contains LAPACK, takes buffers of its own for
 // some sizes.
@@ -39,7 +34,6 @@ __attribute__((visibility("default"))) void* malloc(size_t size) {
     return __libc_malloc(size);
 }
 }
-#endif
 
 namespace {
 
@@ -93,11 +87,7 @@ int countAllocations(CustomRigidHIIntegrator::Scheme scheme, Kind kind, int numB
 }
 
 const char* const whyNot =
-#ifdef RIGIDHI_MALLOC_IS_TAKEN
-    "the sanitizer has a malloc of its own";
-#else
     onCpu() ? "OpenMM's own force evaluations allocate on the CPU platform" : nullptr;
-#endif
 
 }  // namespace
 

@@ -251,6 +251,14 @@ TEST(PoseFit, TakesTheSmallestTurnWhereARotationIsOpen) {
     // The opposite direction: any perpendicular axis, but a proper rotation.
     fit.fitPose({Vec3(0, 1, 0), Vec3(0, -1, 0)}, state, worst);
     EXPECT_NEAR(norm(rotate(state.q, Vec3(1, 0, 0)) - Vec3(0, -1, 0)), 0, 1e-14);
+    // Nearly opposite: the axis is known to rounding over the angle that is left to half a turn.
+    for (double left = 1e-2; left > 1e-13; left /= 10) {
+        const Vec3 before = rotate(state.q, Vec3(1, 0, 0)), across = rotate(state.q, Vec3(0, 0, 1)),
+                   now = across * sin(left) - before * cos(left);
+        fit.fitPose({-now, now}, state, worst);
+        EXPECT_LT(norm(rotate(state.q, Vec3(1, 0, 0)) - now), left > 5e-7 ? 1e-15 / left : 1e-14)
+            << left;
+    }
     // One site keeps its orientation.
     const PoseFit point({1, Vec3(), {Vec3()}}, {1}, {false});
     const QuaternionArray before = state.q;

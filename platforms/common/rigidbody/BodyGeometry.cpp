@@ -2,7 +2,7 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <functional>
 #include <map>
@@ -10,6 +10,7 @@
 
 #include "openmmrigidhi/internal/Messages.h"
 #include "rigidbody/EigenVec3.h"
+#include "rigidbody/PrincipalAxes.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -30,19 +31,15 @@ struct PrincipalFrame {
             centre += x[i] * masses[i];
         }
         centre /= mass;
-        // The second-moment tensor has the same axes. Its eigenvalues keep the thin directions of
-        // needles accurate, where the inertia tensor would subtract large numbers.
+        // The second-moment tensor has the same axes. It keeps the thin directions of needles
+        // accurate, where the inertia tensor would subtract large numbers.
         Eigen::MatrixXd scaled(3, x.size());
         for (size_t i = 0; i < x.size(); i++)
             scaled.col(i) = sqrt(masses[i]) * toEigen(x[i] - centre);
-        const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaled, Eigen::ComputeFullU);
-        const int rank = min<int>(3, x.size());
-        Eigen::Vector3d second = Eigen::Vector3d::Zero();
-        second.head(rank) =
-            svd.singularValues().head(rank).cwiseAbs2();  // descending: axis 0 is the longest
+        const PrincipalAxes principal = principalAxes(scaled);
+        const Eigen::Vector3d second = principal.singularValues.cwiseAbs2();  // axis 0: the longest
         moments = Vec3(second[1] + second[2], second[0] + second[2], second[0] + second[1]);
-        axes = svd.matrixU();
-        if (axes.determinant() < 0) axes.col(2) = -axes.col(2);
+        axes = principal.axes;
     }
     Vec3 toBody(const Vec3& x) const { return toVec3(axes.transpose() * toEigen(x - centre)); }
     Vec3 toOutside(const Vec3& s) const { return toVec3(axes * toEigen(s)) + centre; }

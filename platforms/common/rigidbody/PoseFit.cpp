@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "rigidbody/EigenVec3.h"
+#include "rigidbody/PrincipalAxes.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -14,10 +15,7 @@ namespace {
 /** Singular values below this fraction of the largest are rounding of site positions. */
 const double rankTolerance = 1e-10;
 
-/**
- * The principal frame of weighted sites about their centre. It does not come from eigenvalues of
- * the second moments, whose rounding is the square root of that of singular values.
- */
+/** The principal frame of weighted sites about their centre. */
 struct Principal {
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
     Eigen::Vector3d second = Eigen::Vector3d::Zero();  // second moments, descending
@@ -31,23 +29,35 @@ struct Principal {
             centre += weights[i] * sites[i];
         }
         centre /= total;
-        Eigen::Matrix3Xd scaled(3, sites.size());
+        Eigen::MatrixXd scaled(3, sites.size());
         for (size_t i = 0; i < sites.size(); i++)
             scaled.col(i) = sqrt(weights[i]) * (sites[i] - centre);
-        const Eigen::JacobiSVD<Eigen::Matrix3Xd> svd(scaled, Eigen::ComputeFullU);
-        const auto& values =
-            svd.singularValues();  // descending; their number is at most 3 and that of the sites
-        if (values.size() == 0 || !(values[0] > 0)) return;
-        rank = values.size() > 1 && values[1] > rankTolerance * values[0] ? 2 : 1;
-        second.head(values.size()) = values.cwiseAbs2();
-        axes = svd.matrixU();
-        if (axes.determinant() < 0) axes.col(2) = -axes.col(2);
+        const PrincipalAxes principal = principalAxes(scaled);
+        const Eigen::Vector3d& values = principal.singularValues;
+        if (!(values[0] > 0)) return;
+        rank = values[1] > rankTolerance * values[0] ? 2 : 1;
+        second = values.cwiseAbs2();
+        axes = principal.axes;
     }
 };
 
-/** The smallest rotation that takes the direction a to b. */
+/**
+ * The smallest rotation that takes the direction a to b. Eigen's own function takes a quarter of a
+ * minute to compile.
+ */
 Eigen::Quaterniond smallestTurn(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
-    return Eigen::Quaterniond::FromTwoVectors(a, b);  // any perpendicular axis where b = -a
+    const Eigen::Vector3d from = a.normalized(), to = b.normalized();
+    const double twice = (from + to).norm();  // the cosine of half the angle
+    Eigen::Quaterniond turn;
+    if (twice < 1e-6) {
+        // The axis is lost in rounding: half a turn about any perpendicular one, and the rest.
+        turn.w() = 0;
+        turn.vec() = from.unitOrthogonal();
+        return smallestTurn(-from, to) * turn;
+    }
+    turn.w() = twice / 2;
+    turn.vec() = from.cross(to) / twice;
+    return turn.normalized();
 }
 
 /** Horn's quaternion: the rotation that maximises sum w x . (A s), from the correlation sum w x
