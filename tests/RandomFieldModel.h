@@ -94,7 +94,7 @@ private:
                         cos(model.waves[w].k.dot(toEigen(points[p])) + model.waves[w].phase) *
                         model.waves[w].amplitude;
         }
-        /** A model whose waves are along no axis. */
+        /** The waves are along no axis, so they have no amplitude along a driven wave. */
         double amplitudeOf(const RigidHIPlugin::DrivenFlow&) override { return 0; }
         long long getNumRandomNumbers() const override { return amplitudes.size(); }
         const RandomFieldModel& model;

@@ -48,8 +48,10 @@ inline bool hasSingleForces() { return onCpu() || testPrecision() != "double"; }
  * Context
  */
 double readTolerance(double tolerance, double scale);
-/** The same for numbers that follow from forces. @param scale  their size, in the units of what is
- * compared */
+/**
+ * The tolerance of numbers that follow from forces.
+ * @param scale  their size, in the units of what is compared
+ */
 double forceTolerance(double tolerance, double scale);
 /** Skips a test whose promise does not hold for platforms that keep particles on a device. */
 #define SKIP_ON_DEVICES(reason) \
