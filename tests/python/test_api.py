@@ -616,7 +616,7 @@ def test_an_integrator_serves_one_context_at_a_time(platform):
 
 
 def test_an_integrator_survives_a_context_that_was_refused(platform):
-    """In this System there are fewer particles than the body needs."""
+    """Here the System is too small for the body's particles."""
     system, positions, definitions = dumbbells(2)
     small, _, _ = dumbbells(1)
     integrator = make()

@@ -519,7 +519,7 @@ def test_damaged_files_are_named_and_the_rest_is_used(undisturbed, tmp_path):
 
 
 def test_every_flipped_byte_that_matters_is_noticed(undisturbed, tmp_path):
-    """A file with any one wrong byte is refused, or its content is unchanged."""
+    """One wrong byte anywhere: the file is refused, or its content is unchanged."""
     source = undisturbed.tasks[0].path
     good, data = taskfiles.load(source), open(source, 'rb').read()
     rng, refused = np.random.default_rng(1), 0
