@@ -1,6 +1,6 @@
 // The interface between C++ and Python. It is kept thin: it passes numbers, strings, dictionaries,
-// and arrays as raw buffers of doubles or 32-bit integers. Units, shapes, defaults and documentation
-// are in openmmrigidhi/integrator.py.
+// and arrays as raw buffers of doubles or 32-bit integers. Units, shapes, defaults and
+// documentation are in openmmrigidhi/integrator.py.
 %module(package="openmmrigidhi") _bindings
 
 %begin %{
@@ -27,13 +27,15 @@ using RigidHIPlugin::QuaternionArray;
 
 namespace {
 
-/** Copy a C-contiguous buffer of numbers of one type and a length that is a multiple of the row into a vector. */
+/** Copy a C-contiguous buffer of numbers of one type and a length that is a multiple of the row
+ * into a vector. */
 template <class Number, class Row>
 bool copyBuffer(PyObject* object, const char* format, std::vector<Row>& rows) {
     static_assert(sizeof(Row) % sizeof(Number) == 0, "a row consists of numbers");
     Py_buffer view;
     if (PyObject_GetBuffer(object, &view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0) {
-        PyErr_SetString(PyExc_TypeError, "openmmrigidhi: expected an object with a C-contiguous buffer");
+        PyErr_SetString(PyExc_TypeError,
+                        "openmmrigidhi: expected an object with a C-contiguous buffer");
         return false;
     }
     const bool fits = view.itemsize == sizeof(Number) && view.format != nullptr &&
@@ -42,8 +44,9 @@ bool copyBuffer(PyObject* object, const char* format, std::vector<Row>& rows) {
         rows.resize(view.len / sizeof(Row));
         if (view.len > 0) std::memcpy(static_cast<void*>(rows.data()), view.buf, view.len);
     } else
-        PyErr_Format(PyExc_TypeError, "openmmrigidhi: expected a buffer of format '%s' with rows of %zu numbers", format,
-                     sizeof(Row) / sizeof(Number));
+        PyErr_Format(PyExc_TypeError,
+                     "openmmrigidhi: expected a buffer of format '%s' with rows of %zu numbers",
+                     format, sizeof(Row) / sizeof(Number));
     PyBuffer_Release(&view);
     return fits;
 }
@@ -56,7 +59,9 @@ PyObject* toBuffer(const Row* rows, size_t count) {
 
 PyObject* toPython(int value) { return PyLong_FromLong(value); }
 PyObject* toPython(double value) { return PyFloat_FromDouble(value); }
-PyObject* toPython(const std::string& value) { return PyUnicode_FromStringAndSize(value.data(), value.size()); }
+PyObject* toPython(const std::string& value) {
+    return PyUnicode_FromStringAndSize(value.data(), value.size());
+}
 
 template <class Value>
 PyObject* toDictionary(const std::map<std::string, Value>& entries) {
@@ -119,7 +124,9 @@ void setOpenMMException(const char* message) {
 
 // SWIG takes None for a null pointer, also for self.
 %typemap(check) SWIGTYPE* {
-    if (!$1) SWIG_exception_fail(SWIG_TypeError, "openmmrigidhi: in method '$symname', argument $argnum is None");
+    if (!$1)
+        SWIG_exception_fail(SWIG_TypeError,
+                            "openmmrigidhi: in method '$symname', argument $argnum is None");
 }
 
 // ---- Arrays -------------------------------------------------------------------------------------
@@ -136,19 +143,23 @@ void setOpenMMException(const char* message) {
     if (!copyBuffer<double>($input, "d", rows)) SWIG_fail;
     $1 = &rows;
 }
-%typemap(in) const std::vector<RigidHIPlugin::QuaternionArray>& (std::vector<RigidHIPlugin::QuaternionArray> rows) {
+%typemap(in) const std::vector<RigidHIPlugin::QuaternionArray>&
+    (std::vector<RigidHIPlugin::QuaternionArray> rows) {
     if (!copyBuffer<double>($input, "d", rows)) SWIG_fail;
     $1 = &rows;
 }
 %typemap(in) const OpenMM::Vec3& (std::vector<OpenMM::Vec3> rows) {
     if (!copyBuffer<double>($input, "d", rows)) SWIG_fail;
-    if (rows.size() != 1) SWIG_exception_fail(SWIG_TypeError, "openmmrigidhi: expected a buffer of 3 numbers");
+    if (rows.size() != 1)
+        SWIG_exception_fail(SWIG_TypeError, "openmmrigidhi: expected a buffer of 3 numbers");
     $1 = &rows[0];
 }
-%typemap(freearg) const std::vector<int>&, const std::vector<double>&, const std::vector<OpenMM::Vec3>&,
+%typemap(freearg) const std::vector<int>&, const std::vector<double>&,
+                  const std::vector<OpenMM::Vec3>&,
                   const std::vector<RigidHIPlugin::QuaternionArray>&, const OpenMM::Vec3& ""
-%typemap(typecheck, precedence=SWIG_TYPECHECK_DOUBLE_ARRAY) const std::vector<int>&, const std::vector<OpenMM::Vec3>&,
-    const std::vector<RigidHIPlugin::QuaternionArray>&, const OpenMM::Vec3& {
+%typemap(typecheck, precedence=SWIG_TYPECHECK_DOUBLE_ARRAY) const std::vector<int>&,
+    const std::vector<OpenMM::Vec3>&, const std::vector<RigidHIPlugin::QuaternionArray>&,
+    const OpenMM::Vec3& {
     $1 = PyObject_CheckBuffer($input);
 }
 
@@ -171,21 +182,26 @@ void setOpenMMException(const char* message) {
 %typemap(in) const std::string& (std::string text) {
     Py_ssize_t length = 0;
     const char* utf8 = PyUnicode_Check($input) ? PyUnicode_AsUTF8AndSize($input, &length) : nullptr;
-    if (!utf8) SWIG_exception_fail(SWIG_TypeError, "openmmrigidhi: expected text as argument $argnum of $symname");
+    if (!utf8)
+        SWIG_exception_fail(SWIG_TypeError,
+                            "openmmrigidhi: expected text as argument $argnum of $symname");
     text.assign(utf8, length);
     $1 = &text;
 }
 %typemap(freearg) const std::string& ""
-%typemap(out) std::map<std::string, int>, std::map<std::string, double>, std::map<std::string, std::string> {
+%typemap(out) std::map<std::string, int>, std::map<std::string, double>,
+              std::map<std::string, std::string> {
     $result = toDictionary($1);
 }
 
 // References that C++ fills in become a tuple of results.
 %typemap(in, numinputs=0) std::vector<int>& particles (std::vector<int> value) "$1 = &value;"
-%typemap(in, numinputs=0) std::vector<OpenMM::Vec3>& sitePositions (std::vector<OpenMM::Vec3> value) "$1 = &value;"
+%typemap(in, numinputs=0) std::vector<OpenMM::Vec3>& sitePositions (std::vector<OpenMM::Vec3> value)
+    "$1 = &value;"
 %typemap(in, numinputs=0) OpenMM::Vec3& principalMoments (OpenMM::Vec3 value) "$1 = &value;"
-%typemap(in, numinputs=0) double& mass (double value), double& gamma (double value), double& Gamma (double value),
-               double& yLow (double value), double& yHigh (double value), double& f0 (double value)
+%typemap(in, numinputs=0) double& mass (double value), double& gamma (double value),
+               double& Gamma (double value), double& yLow (double value),
+               double& yHigh (double value), double& f0 (double value)
     "$1 = &value;"
 %typemap(argout) std::vector<int>& particles, std::vector<OpenMM::Vec3>& sitePositions {
     $result = SWIG_AppendOutput($result, toBuffer($1->data(), $1->size()));
@@ -193,43 +209,49 @@ void setOpenMMException(const char* message) {
 %typemap(argout) OpenMM::Vec3& principalMoments {
     $result = SWIG_AppendOutput($result, toBuffer($1, 1));
 }
-%typemap(argout) double& mass, double& gamma, double& Gamma, double& yLow, double& yHigh, double& f0 {
+%typemap(argout) double& mass, double& gamma, double& Gamma, double& yLow, double& yHigh,
+                 double& f0 {
     $result = SWIG_AppendOutput($result, PyFloat_FromDouble(*$1));
 }
-%typemap(in, numinputs=0) int& bodyIndex (int value), int& forceAxis (int value), int& waveAxis (int value),
-               int& waveVectorIndex (int value) "$1 = &value;"
+%typemap(in, numinputs=0) int& bodyIndex (int value), int& forceAxis (int value),
+               int& waveAxis (int value), int& waveVectorIndex (int value) "$1 = &value;"
 %typemap(in, numinputs=0) std::vector<double>& parameters (std::vector<double> value),
                std::vector<double>& gradient (std::vector<double> value) "$1 = &value;"
 %typemap(in, numinputs=0) OpenMM::Vec3& velocity (OpenMM::Vec3 value) "$1 = &value;"
 %typemap(argout) OpenMM::Vec3& velocity { $result = SWIG_AppendOutput($result, toBuffer($1, 1)); }
-%typemap(argout) int& bodyIndex, int& forceAxis, int& waveAxis, int& waveVectorIndex { $result = SWIG_AppendOutput($result, PyLong_FromLong(*$1)); }
+%typemap(argout) int& bodyIndex, int& forceAxis, int& waveAxis, int& waveVectorIndex {
+    $result = SWIG_AppendOutput($result, PyLong_FromLong(*$1));
+}
 %typemap(argout) std::vector<double>& parameters, std::vector<double>& gradient {
     $result = SWIG_AppendOutput($result, toBuffer($1->data(), $1->size()));
 }
 %typemap(argout) const std::vector<double>& parameters, const std::vector<double>& gradient,
                  const OpenMM::Vec3& velocity ""
-%typemap(argout) const std::vector<OpenMM::Vec3>& sitePositions, const OpenMM::Vec3& principalMoments,
-                 const std::vector<int>& particles ""
+%typemap(argout) const std::vector<OpenMM::Vec3>& sitePositions,
+                 const OpenMM::Vec3& principalMoments, const std::vector<int>& particles ""
 
 %constant const char* version = RIGIDHI_VERSION;
 %constant const char* openmmVersionOfBuild = RIGIDHI_OPENMM_VERSION;
 %inline %{
-std::string versionConflictOfBindings() { return RigidHIPlugin::versionConflict("openmmrigidhi", RIGIDHI_VERSION, RIGIDHI_OPENMM_VERSION); }
+std::string versionConflictOfBindings() {
+    return RigidHIPlugin::versionConflict("openmmrigidhi", RIGIDHI_VERSION, RIGIDHI_OPENMM_VERSION);
+}
 std::string libraryPath() { return RigidHIPlugin::getLibraryPath(); }
 %}
 
 %include "openmmrigidhi/internal/SchemeList.h"
 %inline %{
-/* The table of schemes: name, number, momenta, needs a fluid, overdamped, weak order, order at T = 0,
- * forces a step, what is differenced, drift, description. */
+/* The table of schemes: name, number, momenta, needs a fluid, overdamped, weak order, order at
+ * T = 0, forces a step, what is differenced, drift, description. */
 PyObject* schemeTable() {
     static const char* const differenced[] = {"", "products", "solves", "square roots"};
     PyObject* table = PyList_New(0);
     for (const RigidHIPlugin::SchemeTraits& t : RigidHIPlugin::schemeTable) {
-        PyObject* row = Py_BuildValue("(siOOOiiisss)", t.name, static_cast<int>(t.scheme), t.hasMomenta ? Py_True : Py_False,
-                                      t.needsFluid() ? Py_True : Py_False, t.isOverdamped() ? Py_True : Py_False, t.weakOrder,
-                                      t.coldOrder, t.forces, differenced[static_cast<int>(t.differenced)], t.drift,
-                                      t.description);
+        PyObject* row = Py_BuildValue(
+            "(siOOOiiisss)", t.name, static_cast<int>(t.scheme), t.hasMomenta ? Py_True : Py_False,
+            t.needsFluid() ? Py_True : Py_False, t.isOverdamped() ? Py_True : Py_False,
+            t.weakOrder, t.coldOrder, t.forces, differenced[static_cast<int>(t.differenced)],
+            t.drift, t.description);
         PyList_Append(table, row);
         Py_DECREF(row);
     }
@@ -260,17 +282,20 @@ public:
     ~CustomRigidHIIntegrator();
 
     int addRigidBody(const std::vector<int>& particles);
-    int addRigidBody(const std::vector<int>& particles, double mass, const OpenMM::Vec3& principalMoments,
+    int addRigidBody(const std::vector<int>& particles, double mass,
+                     const OpenMM::Vec3& principalMoments,
                      const std::vector<OpenMM::Vec3>& sitePositions);
     int getNumRigidBodies() const;
     int getNumRigidBodiesOfContext() const;
-    void getRigidBodyParameters(int index, std::vector<int>& particles, double& mass, OpenMM::Vec3& principalMoments,
+    void getRigidBodyParameters(int index, std::vector<int>& particles, double& mass,
+                                OpenMM::Vec3& principalMoments,
                                 std::vector<OpenMM::Vec3>& sitePositions) const;
     const std::vector<int>& getRigidBodyParticles(int index) const;
     bool getRigidBodyIsExplicit(int index) const;
     bool getRigidBodyGeometryIsKnown(int index) const;
     void setRigidBodyParameters(int index, const std::vector<int>& particles, double mass,
-                                const OpenMM::Vec3& principalMoments, const std::vector<OpenMM::Vec3>& sitePositions);
+                                const OpenMM::Vec3& principalMoments,
+                                const std::vector<OpenMM::Vec3>& sitePositions);
     void resetBodyGeometry();
 
     Scheme getScheme() const;
@@ -337,7 +362,8 @@ public:
 
     %extend {
         /** The same object as this class, or None if it is of another class. Ownership stays. */
-        static RigidHIPlugin::CustomRigidHIIntegrator* _fromGeneric(OpenMM::Integrator* integrator) {
+        static RigidHIPlugin::CustomRigidHIIntegrator* _fromGeneric(
+            OpenMM::Integrator* integrator) {
             return dynamic_cast<CustomRigidHIIntegrator*>(integrator);
         }
     }
@@ -388,7 +414,8 @@ public:
     void setFastSummation(bool enabled);
     void getBackgroundFlow(OpenMM::Vec3& velocity, std::vector<double>& gradient) const;
     void setBackgroundFlow(const OpenMM::Vec3& velocity, const std::vector<double>& gradient);
-    void getSinusoidalForceDensity(double& f0, int& forceAxis, int& waveAxis, int& waveVectorIndex) const;
+    void getSinusoidalForceDensity(double& f0, int& forceAxis, int& waveAxis,
+                                   int& waveVectorIndex) const;
     void setSinusoidalForceDensity(double f0, int forceAxis, int waveAxis, int waveVectorIndex);
 
     void setBodyMobility(int body, const std::vector<double>& mobility);
@@ -406,13 +433,16 @@ public:
     void updateParametersInContext(OpenMM::Context& context);
     std::vector<double> getMobilityInContext(OpenMM::Context& context) const;
     std::vector<double> getFrictionInContext(OpenMM::Context& context) const;
-    std::vector<double> applyMobilityInContext(OpenMM::Context& context, const std::vector<double>& wrenches) const;
-    std::vector<double> applyBlobMobilityInContext(OpenMM::Context& context, const std::vector<double>& forces) const;
-    std::vector<OpenMM::Vec3> getFlowInContext(OpenMM::Context& context, const std::vector<OpenMM::Vec3>& points) const;
+    std::vector<double> applyMobilityInContext(OpenMM::Context& context,
+                                               const std::vector<double>& wrenches) const;
+    std::vector<double> applyBlobMobilityInContext(OpenMM::Context& context,
+                                                   const std::vector<double>& forces) const;
+    std::vector<OpenMM::Vec3> getFlowInContext(OpenMM::Context& context,
+                                               const std::vector<OpenMM::Vec3>& points) const;
     std::vector<double> getFlowModeInContext(OpenMM::Context& context, int forceAxis, int waveAxis,
                                              int waveVectorIndex) const;
-    std::vector<double> getRandomFlowModeInContext(OpenMM::Context& context, int forceAxis, int waveAxis,
-                                                   int waveVectorIndex) const;
+    std::vector<double> getRandomFlowModeInContext(OpenMM::Context& context, int forceAxis,
+                                                   int waveAxis, int waveVectorIndex) const;
     bool usesPeriodicBoundaryConditions() const;
 
     %extend {
@@ -425,8 +455,8 @@ public:
 
 class CustomBodyForce : public OpenMM::Force {
 public:
-    CustomBodyForce(const std::string& fx, const std::string& fy, const std::string& fz, const std::string& tx,
-                    const std::string& ty, const std::string& tz);
+    CustomBodyForce(const std::string& fx, const std::string& fy, const std::string& fz,
+                    const std::string& tx, const std::string& ty, const std::string& tz);
     ~CustomBodyForce();
 
     const std::string& getExpression(const std::string& component) const;

@@ -7,7 +7,7 @@
 
 namespace RigidHITest {
 
-/** A group of bodies with all strategies for it, at the same poses. */
+/** A group of bodies with all strategies of computation for this group, at the same poses. */
 class TestedBodies {
 public:
     typedef Eigen::MatrixXd MatrixXd;
@@ -22,13 +22,13 @@ public:
     CoupledBodies& operator*() const { return *bodies; }
     CoupledBodies* operator->() const { return bodies.get(); }
 
-    /** Without iterations: that of a constant tensor, or dense. */
+    /** The strategy without iterations, that of a constant tensor or dense matrices. */
     BodyMobility& byMatrices() {
         return strategies->get(bodies->isConstantInBodyFrame() ? BodyMobility::Constant
                                                                : BodyMobility::Dense);
     }
     BodyMobility& byProducts() { return strategies->get(BodyMobility::Krylov); }
-    /** As users' questions are answered: spheres without matrices. */
+    /** The strategy that answers questions of users. For spheres it has no matrices. */
     BodyMobility& answering() {
         return bodies->multipliesWithoutIterations() && !bodies->isConstantInBodyFrame()
                    ? byProducts()

@@ -1,8 +1,8 @@
 #ifndef RIGIDHI_FLOW_SUPPORT_H_
 #define RIGIDHI_FLOW_SUPPORT_H_
 
-// Bodies in flows that users drive, and in periodic fluids, for tests of where flows lead bodies
-// and of what bodies do to flows.
+// Scenes of bodies in flows that users drive and in periodic fluids. They are for tests of the
+// motion of bodies in flows, and of the effect of bodies on flows.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -46,7 +46,7 @@ struct LinearFlow {
     }
 };
 
-/** Rotation, strain and a velocity, none along an axis. */
+/** A flow with rotation, strain and a velocity, none of them along an axis. */
 inline LinearFlow generalFlow() {
     LinearFlow flow;
     flow.velocity << 0.3, -0.2, 0.1;
@@ -64,8 +64,8 @@ inline LinearFlow uniform(const Vector3d& velocity) {
     return flow;
 }
 
-/** f0 sin(k x_wave) along another axis, in a box with this edge along x_wave, averaged by particles
- * with s and t. */
+/** The flow of a force density f0 sin(k x_wave) along another axis, in a box with a given edge
+ * along x_wave. The averages over particles have the factors s and t. */
 struct Wave {
     double f0;
     int force, wave, index;
@@ -88,8 +88,8 @@ struct Wave {
     }
 };
 
-/** s(k) and t(k): averages over the surface and over the ball's dipole, or over Gaussians (Lomholt
- * and Maxey 2003). */
+/** The factors s(k) and t(k) are the averages over the surface and over the ball's dipole, or over
+ * Gaussians (Lomholt and Maxey 2003). */
 inline double sOf(MobilityForce::Model model, double a, double k) {
     const double x = k * a;
     return model == MobilityForce::ForceCoupling ? std::exp(-x * x / (2 * M_PI)) : sin(x) / x;
@@ -101,8 +101,8 @@ inline double tOf(MobilityForce::Model model, double a, double k) {
                : 3 * (sin(x) - x * cos(x)) / (x * x * x);
 }
 
-/** Bodies and free particles that go where a step takes them; a step without noise from one
- * evaluation is exact at any size. */
+/** Bodies and free particles whose velocities are read from the displacement in a step. Without
+ * noise, a step with one evaluation is exact for any size of the step. */
 struct FlowScene : FluidScene {
     explicit FlowScene(double temperature = 0, double h = 1,
                        RigidHI::Scheme scheme = RigidHI::EulerMaruyama)
@@ -115,7 +115,7 @@ struct FlowScene : FluidScene {
             field->addParticle(i, std::vector<double>());
         system.addForce(field);
     }
-    /** Sphere, sphere off its body's origin, multiblob, rod, free particle. */
+    /** Adds a sphere, a sphere off its body's origin, a multiblob, a rod and a free particle. */
     void addMixture() {
         std::mt19937 random(3);
         add(sphereKind(0.7), Vec3(3, 0.5, 3.5), randomQuaternion(random));
@@ -126,7 +126,8 @@ struct FlowScene : FluidScene {
         add(rodKind(), Vec3(0.5, -3, 5), randomQuaternion(random));
         addFree(1, 0.5, Vec3(-2.5, 1, 4));
     }
-    /** Slips of all particles that the fluid sees, in the order of labBodies(). */
+    /** The slips (surface velocities) of all particles that the fluid sees, in the order of
+     * labBodies(). */
     VectorXd slips(const LinearFlow& flow) {
         std::vector<double> rows;
         for (const LabBody& body : labBodies())
@@ -137,8 +138,8 @@ struct FlowScene : FluidScene {
             }
         return Eigen::Map<VectorXd>(rows.data(), rows.size());
     }
-    /** Velocities and angular velocities that a step moved with, 6 rows a body and then 3 a free
-     * particle. */
+    /** The velocities and angular velocities with which a step moved: 6 rows for each body, then 3
+     * for each free particle. */
     VectorXd stepTwists() {
         const double h = integrator.getStepSize();
         const auto R = integrator.getBodyPositions();
@@ -161,7 +162,7 @@ struct FlowScene : FluidScene {
         for (size_t i = 0; i < rows.size(); i++) twists.segment<3>(3 * i) = toEigen(rows[i]);
         return twists;
     }
-    /** Velocities and angular velocities that the bodies have, likewise. */
+    /** The velocities and angular velocities of the bodies, in the same order. */
     VectorXd twists() {
         const auto V = integrator.getBodyVelocities(),
                    omega = integrator.getBodyAngularVelocities(), v = velocitiesOf(*context);
@@ -175,7 +176,8 @@ struct FlowScene : FluidScene {
     void start() { FluidScene::start(testPlatform()); }
 };
 
-/** As close as positions of about 10 nm can tell on this platform, over a step of 1 ps. */
+/** Expects equality within the precision of positions of about 10 nm on this platform, over a step
+ * of 1 ps. */
 inline void expectNear(const VectorXd& found, const VectorXd& expected, double tolerance,
                        const std::string& what = "") {
     ASSERT_EQ(found.size(), expected.size()) << what;

@@ -13,7 +13,7 @@ namespace RigidHITest {
 /** The temperature at which kT is 1. */
 const double T1 = 1 / boltzmann;
 
-/** Bodies in a periodic box 8 nm wide, whose fluid is on a grid where the solver is MatrixFree. */
+/** Bodies in a periodic box 8 nm wide. With the solver MatrixFree the fluid is on a grid. */
 struct GridScene : FluidScene {
     GridScene(MobilityForce::Model model, double temperature,
               CustomRigidHIIntegrator::Scheme scheme, double h = 0.002,
@@ -26,8 +26,8 @@ struct GridScene : FluidScene {
         integrator.setScheme(scheme);
         side = 8;
     }
-    /** Spheres, multiblobs and a free particle, pulled; across faces of the box and outside of it.
-     */
+    /** Adds spheres, multiblobs and a free particle, across faces of the box and outside of it, and
+     * forces on them. */
     void addBodies() {
         add(sphereKind(1), Vec3(0, 0, 0));
         add(sphereKind(0.8), Vec3(2.1, 0.3, 8.2));

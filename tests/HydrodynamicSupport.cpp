@@ -209,7 +209,7 @@ void FluidScene::addFree(double mass, double radius, const Vec3& x) {
 
 void FluidScene::bind() {
     system.setDefaultPeriodicBoxVectors(Vec3(side, 0, 0), Vec3(0, side, 0), Vec3(shear, 0, side));
-    // OpenMM keeps molecules together, and knows them by bonds.
+    // OpenMM keeps molecules together, and bonds tell it what the molecules are.
     auto* bonds = new OpenMM::HarmonicBondForce();
     for (const auto& members : particles)
         for (size_t i = 1; i < members.size(); i++) bonds->addBond(members[0], members[i], 1, 0);
@@ -295,7 +295,7 @@ std::vector<Vec3> randomPlaces(int n, double size, double apart, std::mt19937& r
     std::uniform_real_distribution<double> u(0, size);
     std::vector<Vec3> places;
     for (int attempts = 0; (int)places.size() < n; attempts++) {
-        if (attempts == 1000) {  // too crowded: begin again
+        if (attempts == 1000) {  // too crowded, so begin again
             places.clear();
             attempts = 0;
         }

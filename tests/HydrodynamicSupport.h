@@ -1,10 +1,10 @@
 #ifndef RIGIDHI_HYDRODYNAMIC_SUPPORT_H_
 #define RIGIDHI_HYDRODYNAMIC_SUPPORT_H_
 
-// What hydrodynamic tests compare with: Rotne-Prager-Yamakawa tensors and rigid multiblobs written
-// down a second time, by the textbook and without regard for speed. Nothing here uses
-// platforms/common, but for what a wall adds, which TestRotnePragerYamakawaWall compares with
-// averages of Blake's solution over spheres.
+// Hydrodynamic tests compare with these Rotne-Prager-Yamakawa tensors and rigid multiblobs, which
+// are written down a second time, by the textbook and without regard for speed. They do not use
+// platforms/common. The only exception is the part that a wall adds, which
+// TestRotnePragerYamakawaWall compares with averages of Blake's solution over spheres.
 
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
@@ -30,8 +30,8 @@ using Eigen::VectorXd;
 
 Matrix3d cross(const Vector3d& v);
 
-/** The larger part of Wajnryb et al. 2013: velocities of i (rows V, W) from force and torque on j,
- * r = r_i - r_j. */
+/** The pair mobility of Wajnryb et al. 2013 without a wall: velocities of i (rows V, W) from force
+ * and torque on j, r = r_i - r_j. */
 MatrixXd pairOfSpheres(double a_i, double a_j, const Vector3d& r, double eta);
 
 /** A body (or free particle) as the fluid sees it, in the lab frame. */
@@ -46,12 +46,12 @@ struct LabBody {
     bool isLine() const;
 };
 
-/** Friction K^T M^-1 K, and mobility: its inverse on the twists that do not turn bodies on a line
- * about that line. */
+/** The friction K^T M^-1 K, and the mobility. The mobility is the inverse of the friction on the
+ * twists that do not turn bodies on a line about this line. */
 struct IndependentMobility {
     MatrixXd friction, mobility;
-    MatrixXd following;  // mobility K^T M^-1: twists of bodies without forces from slips of their
-                         // particles
+    MatrixXd following;  // mobility K^T M^-1: twists of bodies without forces from slips (surface
+                         // velocities) of their particles
     /** @param wall  if there is one */
     IndependentMobility(const std::vector<LabBody>& bodies, double eta,
                         const RigidHIPlugin::NoSlipPlane* wall = nullptr);
@@ -60,11 +60,11 @@ struct IndependentMobility {
 /** The largest difference of entries, relative to the largest entry. */
 double difference(const MatrixXd& a, const MatrixXd& b);
 
-/** Blocks of three rows turned by A. */
+/** The matrix with its blocks of three rows and columns turned by A. */
 MatrixXd turned(const MatrixXd& m, const Matrix3d& A);
 
-/** A positive definite 6 x 6 matrix without symmetry of any kind; translation about 1, rotation
- * about 2. */
+/** A positive definite 6 x 6 matrix without any further symmetry. Its translational part is about
+ * 1, the rotational one about 2. */
 MatrixXd tensorWithoutSymmetry(int seed);
 
 /** The matrix that is stored row after row, as MobilityForce gives and takes it. */
@@ -75,7 +75,7 @@ inline Vector3d toEigen(const Vec3& v) { return Vector3d(v[0], v[1], v[2]); }
 inline Vec3 toVec3(const Vector3d& v) { return Vec3(v[0], v[1], v[2]); }
 Matrix3d rotationOf(const QuaternionArray& q);
 
-/** A body with mass, moments and sites in its own frame; sites of radius 0 are markers. */
+/** A body with mass, moments and sites in its body frame. Sites of radius 0 are markers. */
 struct BodyKind {
     std::string name;
     double mass;
@@ -84,7 +84,7 @@ struct BodyKind {
     std::vector<double> radii;
 };
 BodyKind sphereKind(double radius, double mass = 1, double moment = 0.4);
-/** A multiblob without symmetry; its moments are not in ascending order. */
+/** A multiblob without symmetry, whose moments are not in ascending order. */
 BodyKind boomerangKind();
 /** Three blobs on the z axis, about which the body has no inertia. */
 BodyKind rodKind();
@@ -92,7 +92,7 @@ BodyKind rodKind();
 /** Bodies and free particles in a fluid. */
 struct FluidScene {
     OpenMM::System system;
-    MobilityForce* fluid = new MobilityForce();  // the System's; null after removeFluid()
+    MobilityForce* fluid = new MobilityForce();  // owned by the System; null after removeFluid()
     CustomRigidHIIntegrator integrator;
     std::unique_ptr<OpenMM::Context> context;
     std::vector<BodyKind> bodies;
@@ -123,10 +123,10 @@ struct FluidScene {
     VectorXd state();
     MatrixXd mobility();
     MatrixXd friction();
-    /** What the fluid sees, bodies first, at the present poses. */
+    /** The bodies, then the free particles that the fluid sees, at the present poses. */
     std::vector<LabBody> labBodies();
     bool isPeriodic() const { return fluid && fluid->usesPeriodicBoundaryConditions(); }
-    /** What is left is the same scene without a fluid. */
+    /** Removes the fluid from the scene. */
     void removeFluid() {
         system.removeForce(0);
         fluid = nullptr;
@@ -141,15 +141,16 @@ private:
 };
 
 /**
- * Four scenes that are the same, one with two threads: two run through `before`, where anything may
- * happen, and one of these goes on for so many steps; a checkpoint and an XML State of the other,
- * loaded into those that did not, go on to the same bits.
+ * Make the same scene four times, once with two threads. Two of them run through `before`, where
+ * anything may happen, and one of these two goes on for the given number of steps. A checkpoint and
+ * an XML State of the other one are loaded into the remaining two, which must then go on to the
+ * same bits.
  */
 template <class Scene>
 void expectToResumeBitForBit(const std::function<std::unique_ptr<Scene>(int threads)>& start,
                              const std::function<void(Scene&)>& before, int numSteps);
 
-/** n places in a cube, at random; if `apart` > 0 no two nearer than that. */
+/** n random places in a cube, no two nearer than `apart` if this is positive. */
 std::vector<Vec3> randomPlaces(int n, double size, double apart, std::mt19937& random);
 std::vector<QuaternionArray> randomTurns(int n, std::mt19937& random);
 

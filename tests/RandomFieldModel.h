@@ -11,8 +11,8 @@ namespace RigidHITest {
 
 /**
  * A fluid that has its own random field: a few plane waves w(r), each a flow without sources.
- * Particles go with the flow at their centres and turn with half its curl, so that with B, a row
- * for each velocity and a column for each wave, M = B B^T, and the field is B times random numbers.
+ * Particles move with the flow at their centres and turn with half its curl. B has a row for each
+ * velocity and a column for each wave. So M = B B^T, and the field is B times random numbers.
  */
 class RandomFieldModel : public RigidHIPlugin::MobilityModel {
 public:
@@ -42,10 +42,11 @@ public:
         if (onlyWave >= 0) amplitudes = VectorXd::Unit(numWaves(), onlyWave);
     }
     int numWaves() const { return waves.size(); }
-    /** Instead of random numbers: one wave alone, of amplitude 1. -1: random numbers. */
+    /** The index of one wave of amplitude 1 that replaces the random numbers, or -1 for random
+     * numbers. */
     static int onlyWave;
-    /** Covariance of the flows at two points, another way: sum of cos(k.(r - s)) (1 - k k/k^2)/k^2.
-     */
+    /** The covariance of the flows at two points, computed in another way: the sum of cos(k.(r -
+     * s)) (1 - k k/k^2)/k^2. */
     Eigen::Matrix3d covariance(const Vector3d& r, const Vector3d& s) const {
         Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
         for (size_t i = 0; i < waves.size(); i += 4) {
@@ -93,7 +94,7 @@ private:
                         cos(model.waves[w].k.dot(toEigen(points[p])) + model.waves[w].phase) *
                         model.waves[w].amplitude;
         }
-        /** Its waves are along no axis. */
+        /** The waves are along no axis, so they have no amplitude along a driven wave. */
         double amplitudeOf(const RigidHIPlugin::DrivenFlow&) override { return 0; }
         long long getNumRandomNumbers() const override { return amplitudes.size(); }
         const RandomFieldModel& model;

@@ -1,5 +1,5 @@
-// The only object that is compiled for each platform: it tells the tests in platform/ which one
-// they run on.
+// The only object that is compiled for each platform. It tells the tests in platform/ on which
+// platform they run.
 
 #include <openmm/VerletIntegrator.h>
 
@@ -15,21 +15,21 @@ string testPlatformName() { return RIGIDHI_TEST_PLATFORM; }
 
 double readTolerance(double tolerance, double scale) {
     if (!onDevice()) return tolerance;
-    // Several roundings on the way; "mixed" holds positions in single precision when it sorts
+    // There are several roundings. "mixed" holds positions in single precision when it sorts
     // particles.
     return max(tolerance, scale * 8 * pow(2, testPrecision() == "double" ? -53 : -24));
 }
 
 double forceTolerance(double tolerance, double scale) {
     if (!onDevice()) return tolerance;
-    // Sums are in fixed point with 32 bits after the point; functions such as 1/r are good to
-    // single precision even where numbers are double.
+    // Sums are in fixed point with 32 bits after the point. Functions such as 1/r have single
+    // precision even where numbers have double precision.
     return max(tolerance, scale * (testPrecision() == "double" ? 1e-7 : 1e-5));
 }
 
 namespace {
 
-/** Where there is no device, tests of its platform are skipped, and say so. */
+/** Where there is no device, tests of its platform are skipped with a message. */
 class NeedsDevice : public testing::Environment {
     void SetUp() override {
         OpenMM::System system;

@@ -23,35 +23,37 @@ using OpenMM::Vec3;
 using RigidHIPlugin::CustomRigidHIIntegrator;
 using RigidHIPlugin::QuaternionArray;
 
-/** Boltzmann's constant in OpenMM units, kJ/(mol K): the temperature 1/boltzmann has kT = 1. */
+/** Boltzmann's constant in OpenMM units, kJ/(mol K). At the temperature 1/boltzmann kT is 1. */
 extern const double boltzmann;
 
 /** Load the plugin (once) and give a platform by name. */
 OpenMM::Platform& platform(const std::string& name);
-/** What the program tests, where it is made of a file in platform/: "Reference", "CPU" or "OpenCL".
+/** The platform that a program made from a file in platform/ tests: "Reference", "CPU" or "OpenCL".
  */
 std::string testPlatformName();
 inline OpenMM::Platform& testPlatform() { return platform(testPlatformName()); }
 inline bool onCpu() { return testPlatformName() == "CPU"; }
 /** Whether forces are a device's, and particles are copied to and from it. */
 inline bool onDevice() { return testPlatformName() == "OpenCL"; }
-/** "double" but for device platforms, whose precision the environment variable
- * RIGIDHI_TEST_PRECISION says. */
+/** "double", except for device platforms. Their precision is given by the environment variable
+ * RIGIDHI_TEST_PRECISION. */
 std::string testPrecision();
 /** Whether OpenMM's forces are computed in single precision. */
 inline bool hasSingleForces() { return onCpu() || testPrecision() != "double"; }
 /**
- * The tolerance of a comparison on this platform: as given on Reference and CPU, elsewhere not
- * below what its numbers can tell.
+ * The tolerance of a comparison on this platform. On Reference and CPU it is the given one. On
+ * other platforms it is not below the precision of their numbers.
  *
  * @param scale     the size of what is compared, positions or velocities that were read from the
  * Context
  */
 double readTolerance(double tolerance, double scale);
-/** Likewise of what follows from forces. @param scale  their size, in the units of what is compared
+/**
+ * The tolerance of numbers that follow from forces.
+ * @param scale  their size, in the units of what is compared
  */
 double forceTolerance(double tolerance, double scale);
-/** The test's promise is not that of platforms which keep particles on a device. */
+/** Skips a test whose promise does not hold for platforms that keep particles on a device. */
 #define SKIP_ON_DEVICES(reason) \
     if (RigidHITest::onDevice()) GTEST_SKIP() << reason
 #define SKIP_ON_SINGLE_PRECISION_DEVICES(reason) \
@@ -59,7 +61,7 @@ double forceTolerance(double tolerance, double scale);
 /** Properties of a Context with this many threads on the CPU platform. */
 std::map<std::string, std::string> threads(const std::string& platformName, int count);
 
-/** Schemes that no fluid takes part in; those of them that have momenta. */
+/** The schemes without a fluid, and those of them that have momenta. */
 std::vector<CustomRigidHIIntegrator::Scheme> thermostats();
 std::vector<CustomRigidHIIntegrator::Scheme> thermostatsWithMomenta();
 
@@ -67,12 +69,12 @@ std::vector<CustomRigidHIIntegrator::Scheme> thermostatsWithMomenta();
 struct Estimate {
     double mean = 0, error = 0;
 };
-/** Of independent samples. */
+/** The mean of independent samples and its standard error. */
 Estimate estimate(const std::vector<double>& samples);
 
 /**
- * Statistical tests use fixed seeds and allow 5 standard errors: one test in 1.7 million would fail
- * by chance, all of the suite together (fewer than 150) less than one time in 10^4. The z-score is
+ * Statistical tests use fixed seeds and allow 5 standard errors. One test in 1.7 million would fail
+ * by chance, and the whole suite (fewer than 150 tests) less than one time in 10^4. The z-score is
  * printed.
  */
 void expectMean(const std::string& what, const Estimate& measured, double expected);
@@ -96,13 +98,13 @@ Shape waterShape();
 /** Every kind of shape that a rotor can have; see TestShapes. */
 std::vector<Shape> allShapes();
 
-/** Add `copies` bodies of a shape to a System and an integrator, implicitly (geometry from the
- * first positions). */
+/** Add `copies` bodies of a shape to a System and an integrator. The bodies are implicit: the first
+ * positions define their geometry. */
 void addBodies(OpenMM::System& system, CustomRigidHIIntegrator& integrator, const Shape& shape,
                int copies);
 /** Random orientations, origins on a line at the given spacing. */
 std::vector<Vec3> randomPoses(const Shape& shape, int copies, double spacing, int seed);
-/** The largest deviation of a distance between members of bodies of this shape from the shape's. */
+/** The largest deviation of a distance between members of bodies from that in the shape. */
 double largestDistortion(const std::vector<Vec3>& positions, const Shape& shape, int copies);
 
 std::vector<Vec3> positionsOf(OpenMM::Context& context);

@@ -11,7 +11,8 @@
 
 namespace RigidHITest {
 
-/** One number of one mode has a value, and its mirror image the conjugate; all others are 0. */
+/** Noise of which one number of one mode has a value, and its mirror image the conjugate. All other
+ * numbers are 0. */
 class UnitNoise : public RigidHIPlugin::ModeNoise {
 public:
     UnitNoise(std::array<int, 3> mode, int component, std::complex<double> value)

@@ -9,10 +9,10 @@ import pytest
 from conftest import read
 
 INTERFACE = 'python/openmmrigidhi.i'
-#: Every public class; its header is named after it.
+#: Every public class, whose header has its name.
 CLASSES = ['CustomBodyForce', 'CustomRigidHIIntegrator', 'MobilityForce']
 
-#: Names that C++ parameters by reference have as results in Python.
+#: C++ parameters by reference and their names as results in Python.
 RESULTS = {
     'getRigidBodyParameters': {'particles', 'mass', 'principalMoments', 'sitePositions'},
     'getBodyFriction': {'gamma', 'Gamma'},
@@ -21,9 +21,9 @@ RESULTS = {
     'getBackgroundFlow': {'velocity', 'gradient'},
     'getSinusoidalForceDensity': {'f0', 'forceAxis', 'waveAxis', 'waveVectorIndex'}
 }
-#: Python methods beyond C++, each with its reason.
+#: Python methods that C++ does not have, each with its reason.
 PYTHON_ONLY = {'cast': 'OpenMM returns generic objects in Python only'}
-#: Setters that others undo or that have another getter, and why.
+#: Setters that other methods undo or that have another getter, and why.
 WITHOUT_GETTER = {}
 INHERITED_GETTERS = {'getStepSize', 'getConstraintTolerance'}
 
@@ -48,7 +48,7 @@ def class_body(text, cls):
 
 def public_part(name, cls):
     text = read(name)
-    # What is marked @private is not for users.
+    # Methods that are marked @private are not for users.
     text = re.sub(r'/\*\*[\s*]*@private.*?\*/.*?;', '', text, flags=re.S)
     body = class_body(without_comments(text), cls)
     body = re.sub(r'%extend\s*{.*?\n    }', '', body, flags=re.S)
@@ -58,7 +58,7 @@ def public_part(name, cls):
 def declarations(name, cls):
     """Method declarations of the public part, in one form: 'int f(const A& a) const'."""
     body = re.sub(r'enum\b.*?};', '', public_part(name, cls), flags=re.S)
-    # The bodies of one-line methods; what follows them is a declaration of its own.
+    # Replace bodies of one-line methods, after which another declaration follows.
     body = re.sub(r'{[^{}]*}', ';', body)
     found = [' '.join(declaration.split()) for declaration in body.split(';')]
     found = [

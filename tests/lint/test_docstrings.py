@@ -39,7 +39,8 @@ def public_objects():
 
 
 OBJECTS = dict(public_objects())
-#: Methods with these names do what OpenMM's reporters and Python's protocols document.
+#: Methods with these names do as the documentation of OpenMM's reporters and of Python's protocols
+#: says.
 PROTOCOL = {'describeNextReport', 'report'}
 
 
@@ -174,7 +175,7 @@ UNITS = {
     },
     'CustomBodyForce': {}
 }
-#: Arrays over bodies: their number of columns.
+#: Results that are arrays over bodies, and their number of columns.
 COLUMNS = {
     'getBodyPositions': 3,
     'getBodyOrientations': 4,
@@ -183,13 +184,13 @@ COLUMNS = {
     'getBodyForces': 3,
     'getBodyTorques': 3
 }
-#: What getters of a Context are asked beside it.
+#: The arguments of getters of a Context, besides the Context.
 QUESTIONS = {
     'getFlowInContext': [[(0.1, 0.2, 0.3)]],
     'getFlowModeInContext': [0, 1, 1],
     'getRandomFlowModeInContext': [0, 1, 1]
 }
-#: Matrices over bodies or of one: their number of rows and columns.
+#: Results that are matrices over bodies or of one body, and their numbers of rows and columns.
 SQUARES = {'getBodyMobility': 6, 'getMobilityInContext': 12, 'getFrictionInContext': 12}
 NEEDS_INDEX = {
     'getRigidBodyParameters', 'getRigidBodyParticles', 'getRigidBodyIsExplicit',
@@ -208,7 +209,7 @@ GETTERS = sorted((cls, name) for cls in UNITS for name in dir(getattr(openmmrigi
 
 @pytest.fixture(scope='module')
 def scene():
-    """One object of each class, at work in a Context."""
+    """One object of each class, in use in a Context."""
     system = openmm.System()
     fluid = openmmrigidhi.MobilityForce()
     for _ in range(6):
@@ -216,7 +217,7 @@ def scene():
         fluid.addParticle(0.1)
     system.addForce(fluid)
     fluid.setBodyMobility(0, np.eye(6))
-    fluid.setBoundary(fluid.Periodic)  # which alone has modes
+    fluid.setBoundary(fluid.Periodic)  # only this fluid has modes
     bonds = openmm.HarmonicBondForce()
     for first, second in ((0, 1), (1, 2), (3, 4), (4, 5)):
         bonds.addBond(first, second, 1, 0)

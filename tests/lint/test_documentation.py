@@ -1,4 +1,4 @@
-"""README and docs: their Python snippets run, their links lead somewhere, their commands exist."""
+"""In README and docs, Python snippets run, links have targets, and commands exist."""
 import importlib
 import json
 import pathlib
@@ -13,7 +13,7 @@ PAGES = git_files('*.md')
 
 
 def snippets(page):
-    """The ```python blocks of a page; each needs those before it."""
+    """The ```python blocks of a page. Each block may need the earlier ones."""
     return re.findall(r'^```python\n(.*?)^```', read(page), flags=re.S | re.M)
 
 
@@ -61,8 +61,8 @@ def test_make_targets_that_are_named_exist():
 
 
 def test_every_public_method_is_in_a_guide_or_documented_reference():
-    """What a user guide need not repeat is in docstrings; but no guide may name a method that is
-    not there."""
+    """A user guide need not repeat what docstrings say, but no guide may name a method that does
+    not exist."""
     import openmmrigidhi
     known = set(dir(openmmrigidhi.CustomRigidHIIntegrator)) | set(dir(openmmrigidhi)) | set(
         dir(openmmrigidhi.app))

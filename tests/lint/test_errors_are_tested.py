@@ -2,8 +2,8 @@
 
 A site is a call of `fail`, `refuse`, `wrongValue`, `throw OpenMMException` in C++ or a `raise` in
 Python, with the literal text of its message. It counts as tested if some string in a test holds
-LENGTH consecutive characters of that text that occur at no other site. So a new message needs a
-test that expects it, and nothing else.
+LENGTH consecutive characters of that text that occur at no other site. So a new message needs only
+a test that expects it.
 """
 import ast
 import re
@@ -11,7 +11,7 @@ import re
 import pytest
 from conftest import git_files, read
 
-#: Shorter texts forward messages that are written elsewhere.
+#: Shorter literal texts only forward messages that are written elsewhere.
 MINIMUM = 10
 LENGTH = 14
 GAP = '\0'  # stands for a value inserted into a message
@@ -26,7 +26,7 @@ UNREACHABLE = {
     ' needs a MobilityForce in the System': 'a guard: MobilityForce asks only after it has found '
     'itself in the Context',
 }
-#: Messages without words of their own: a piece of each, and the test that provokes it.
+#: Messages whose words occur elsewhere too: a piece of each, and the test that provokes it.
 INDISTINCT = {
     f' is {GAP} {GAP}it must be finite and positive': 'test_a_setting_that_must_be_positive',
     f' is {GAP} {GAP}it must be finite and not negative': 'test_a_negative_or_non_finite_setting',
@@ -127,7 +127,8 @@ def normalise(text):
 
 
 def test_strings():
-    """All string literals in test files (not of this directory), cut where a pattern leaves room.
+    """All string literals in test files (except in this directory), cut where a pattern matches any
+    text.
     """
     found = set()
     for name in git_files('tests/*', 'platforms/*/tests/*'):

@@ -1,4 +1,4 @@
-"""How cmake/FindOpenMM.cmake finds OpenMM, and what it says if it does not."""
+"""The ways in which cmake/FindOpenMM.cmake finds OpenMM, and its messages if it does not."""
 import shutil
 import subprocess
 
@@ -34,7 +34,7 @@ def configure(tmp_path, monkeypatch):
 
 
 def found(output):
-    """The library that was found."""
+    """The library that CMake found."""
     return output.split('-- found ')[1].split()[1]
 
 
@@ -42,7 +42,7 @@ def test_in_the_directories_of_the_system_and_below_a_prefix(configure, tmp_path
     status, output = configure()
     assert status == 0, output
     library = found(output)
-    # /usr on Debian: libraries are in a directory of the architecture.
+    # Under /usr on Debian, libraries are in a directory of the architecture.
     if library.startswith('/usr/lib/'):
         assert found(configure('-DOPENMM_DIR=/usr')[1]) == library
     prefix = tmp_path/'prefix'

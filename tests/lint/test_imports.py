@@ -1,14 +1,14 @@
-"""Imports among the modules of the Python package: none goes round in a circle, and none hides in a
-function."""
+"""Imports among the modules of the Python package make no circle, and none is inside a function."""
 import ast
 
 import pytest
 from conftest import git_files, read
 
 PACKAGE = 'openmmrigidhi'
-#: Modules that are there after a build only.
+#: Modules that exist only after a build.
 GENERATED = {f'{PACKAGE}._bindings', f'{PACKAGE}._openmmrigidhi'}
-#: Imports of our own modules inside functions, (module, imported), each with its reason.
+#: Allowed imports of the package's modules inside functions, (module, imported), each with its
+#: reason.
 IN_FUNCTIONS = {
     (f'{PACKAGE}._loading', f'{PACKAGE}._bindings'): 'if the binding module does not load, the '
     'error says from where and why',
@@ -25,7 +25,7 @@ def python_modules():
 
 
 def imports(name, source, isPackage, known):
-    """What a module imports of the known ones: (line, imported module, whether within a function).
+    """The imports of known modules in a module: (line, imported module, whether within a function).
     """
     package = name if isPackage else name.rpartition('.')[0]
     found = []
@@ -54,8 +54,8 @@ def imports(name, source, isPackage, known):
 
 
 def needs(name, imported):
-    """The modules that run before the importing one goes on: the imported one, and the packages on
-    the way to it that are not its own."""
+    """The modules that run before the importing one goes on: the imported module, and the packages
+    that contain it but not the importing one."""
     parts = imported.split('.')
     chain = ['.'.join(parts[:k]) for k in range(1, len(parts) + 1)]
     return [one for one in chain if one == imported or not (name + '.').startswith(one + '.')]
@@ -115,8 +115,8 @@ def test_reasons_are_still_needed():
 
 
 def test_what_counts_as_a_circle():
-    """Two modules that import each other, also from within a function; two packages by way of what
-    their __init__ imports."""
+    """Circles are found for two modules that import each other, also from within a function, and
+    for two packages by the imports of their __init__."""
     sources = {
         'p': '',
         'p.a': 'from .b import x\ndef f():\n    from . import c',

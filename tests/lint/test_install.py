@@ -1,4 +1,5 @@
-"""What `make install` leaves works without the source and build trees, from Python and from C++."""
+"""The files that `make install` makes work without the source and build trees, from Python and from
+C++."""
 import shutil
 import subprocess
 import sys

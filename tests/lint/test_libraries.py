@@ -1,13 +1,14 @@
-"""The shared libraries export what is intended, and need what is intended."""
+"""The shared libraries export only the intended symbols, and depend only on the intended libraries.
+"""
 import subprocess
 
 import pytest
 
-#: Exported by the API library, after demangling: the public class, and what OpenMM runs when it
-#: loads the library.
+#: Exported by the API library, after demangling: the public classes, and the functions that OpenMM
+#: runs when it loads the library.
 API_CLASSES = ('RigidHIPlugin::CustomRigidHIIntegrator', 'RigidHIPlugin::MobilityForce',
                'RigidHIPlugin::CustomBodyForce', 'registerRigidHISerializationProxies')
-#: Exported for the platforms' libraries: state that the process has once.
+#: Exported for the platforms' libraries: state of which a process has one instance.
 SHARED_STATE = ('RigidHIPlugin::blasThreads()', 'RigidHIPlugin::fourierPlanner()')
 #: Functions of openmmrigidhi/Version.h.
 VERSIONS = ('RigidHIPlugin::getVersion[abi:cxx11]()',
@@ -37,7 +38,7 @@ def platform_library(request, package_directory):
 
 
 def unexpected(symbols, own):
-    """Symbols that belong neither to the given names nor to others' templates."""
+    """Symbols that belong neither to the given names nor to templates of other libraries."""
     result = []
     for symbol in symbols:
         name = symbol
@@ -69,8 +70,8 @@ def test_platform_library_exports_its_entry_points(platform_library):
 
 
 def test_platform_library_needs_the_api_library(platform_library):
-    # Or else the serialization proxies would not be registered when OpenMM alone loads the platform
-    # library.
+    # Otherwise the serialization proxies would not be registered when OpenMM loads only the
+    # platform library.
     assert 'libOpenMMRigidHI.so' in needed(platform_library)
     assert 'libOpenMMCPU.so' not in needed(platform_library)
 

@@ -1,12 +1,12 @@
-"""packages-debian.txt holds what is imported and included, site/packages-debian.txt what Sphinx is
-told to use."""
+"""packages-debian.txt names the packages of all imports and includes, and site/packages-debian.txt
+those that Sphinx is configured to use."""
 import ast
 import re
 import sys
 
 from conftest import git_files, read
 
-#: Which Debian package provides a Python module.
+#: The Debian package that provides a Python module.
 MODULES = {
     'numpy': 'python3-numpy',
     'scipy': 'python3-scipy',
@@ -20,7 +20,7 @@ MODULES = {
     'openmm': 'python3-openmm|python3-simtk',
     'pytest': 'python3-pytest'
 }
-#: The same for what site/conf.py names: extensions, and the theme.
+#: The same for the extensions and the theme that site/conf.py names.
 EXTENSIONS = {
     'sphinx': 'python3-sphinx',
     'myst_parser': 'python3-myst-parser',

@@ -1,6 +1,6 @@
-"""The recipes can be followed step by step, and a step that cannot is an error.
+"""The recipes can be followed step by step, and a step that cannot be followed is an error.
 
-`make recipes` builds and tests what they make.
+`make recipes` builds and tests the results of the recipes.
 """
 import importlib.util
 

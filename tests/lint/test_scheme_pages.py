@@ -1,5 +1,5 @@
-"""Every scheme and every model has its page: sections in one order, examples, facts that the
-library and the benchmarks have, too."""
+"""Every scheme and every model has its page, with sections in one order, examples, and facts that
+agree with the library and the benchmarks."""
 import json
 import re
 
@@ -25,7 +25,7 @@ OF_TOPIC = [
     'Equation', 'Symbols', 'What it does', 'Limits and errors', 'When to take it',
     'When not to take it', 'Example', 'Paper'
 ]
-#: What is said of models beside the models themselves.
+#: Pages about models that are not the page of one model.
 TOPICS = ['driven_flows', 'free_particles', 'own_tensors']
 
 PAGES = {f'docs/schemes/{name}.md': OF_SCHEME for name in SCHEMES}
@@ -34,13 +34,13 @@ PAGES.update({f'docs/models/{name}.md': OF_TOPIC for name in TOPICS})
 
 
 def sections(page, level='##'):
-    """Headings of a page and what is under them."""
+    """The headings of a page, each with the text under it."""
     parts = re.split(rf'^{level} (.*)\n', read(page), flags=re.M)
     return dict(zip(parts[1::2], parts[2::2]))
 
 
 def test_every_page_is_known():
-    """A page that is in no list would be tested by nothing, and found by nobody."""
+    """Every page is in a list. Otherwise no test would check it, and no reader would find it."""
     written = set(git_files('docs/schemes/*.md', 'docs/models/*.md'))
     assert written == set(PAGES) | {'docs/schemes/README.md', 'docs/models/README.md'}
 
@@ -65,7 +65,7 @@ def test_page_has_equations_symbols_and_one_example(page):
     assert max(map(len, examples[0].splitlines())) <= 130
 
 
-#: What ends with a dot and no sentence.
+#: Abbreviations whose dot does not end a sentence.
 ABBREVIATIONS = (r'\b(?:[A-Z]|al|eqs?|Phys|Chem|Comput|Fluid|Mech|Int|Multiphase|Trans|Camb|Phil|'
                  r'Proc|Soc|Lond|Math|Sci|Eng)\. ')
 
@@ -128,7 +128,8 @@ def make_context(system, fluid):
 
 
 def test_messages_that_are_quoted_are_those_of_the_library():
-    """Parts of a message between dots of omission are searched in the strings of the sources."""
+    """Messages on pages exist in the sources. Their parts between dots of omission are searched in
+    the string literals."""
     texts = ''.join(
         re.sub(r'"\s*\n?\s*"', '', read(name)) for name in cpp_files()
         if name.startswith(('openmmapi', 'platforms')))
@@ -151,7 +152,7 @@ def test_readme_and_guide_lead_to_every_page():
 
 
 def table_of_times():
-    """What steps cost, as benchmarks/overdamped.py measured it."""
+    """The times of steps are those that benchmarks/overdamped.py measured."""
     results = json.loads(read('benchmarks/results/overdamped.json'))
     one, interacting = results['one'], results['interacting']['4.0']
     rows = [

@@ -1,4 +1,4 @@
-"""Every property that has a setter survives XML, copying and pickling with a value that is not its
+"""Every property with a setter survives XML, copies and pickles with a value that is not its
 default."""
 import copy
 import pickle
@@ -80,7 +80,8 @@ VALUES = {
         'setBodyParameters': (0, 3, [1/3]),
     }
 }
-#: Setters of what a State or checkpoint holds, not the XML, or with one value only; and why.
+#: Setters that are left out, because a State or checkpoint holds their values, or because there is
+#: only one value; and why.
 ELSEWHERE = {
     'CustomRigidHIIntegrator': {
         'setBodyPositions': 'state of a Context',
@@ -91,7 +92,7 @@ ELSEWHERE = {
     'MobilityForce': {},
     'CustomBodyForce': {}
 }
-#: Setters whose getter takes the first argument.
+#: Setters whose getter takes the setter's first argument.
 INDEXED = {
     'setBodyFriction', 'setRigidBodyParameters', 'setParticleRadius', 'setBodyMobility',
     'setExpression', 'setPerBodyParameterName', 'setGlobalParameterName',
@@ -121,7 +122,7 @@ def fresh(cls):
 
 
 def value(thing, cls, setter):
-    """What the getter says; None if there is nothing to get yet."""
+    """The value that the getter returns, or None if there is none yet."""
     index = VALUES[cls][setter][:1] if setter in INDEXED else ()
     try:
         return getattr(thing, 'get' + setter[3:])(*index)

@@ -1,5 +1,5 @@
-"""The site: it is built without a warning, has a page of everything public, and its check finds
-what it is there to find."""
+"""The site is built without a warning, has a page for every public object, and its check finds the
+faults that it should find."""
 import enum
 import importlib.util
 import inspect
@@ -113,7 +113,7 @@ def test_first_page_leads_three_kinds_of_readers_to_five_pages_each():
 
 @pytest.fixture(scope='module')
 def html(tmp_path_factory):
-    """The site, as `make site` builds it: half a minute."""
+    """The site, as `make site` builds it, which takes half a minute."""
     lacking = [
         name for name in ('sphinx', 'myst_parser', 'breathe', 'furo')
         if importlib.util.find_spec(name) is None

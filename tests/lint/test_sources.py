@@ -27,7 +27,7 @@ FORBIDDEN = {
     'paths of one machine': r'/(?:work|root|home)/\w|/tmp/\w',
     'unfinished business': r'\b(?:TO' + r'DO|FIX' + r'ME|XX' + r'X|HA' + r'CK)\b',
 }
-#: Matches that are meant, as (file, text).
+#: Matches that are intended, as (file, text).
 MEANT = set()
 
 
@@ -45,7 +45,8 @@ def test_no(what):
 
 
 def test_clang_format():
-    """By the version of Debian 12: each formats a few places in another way."""
+    """C++ files are formatted by the clang-format of Debian 12. Other versions format a few places
+    in another way."""
     program = shutil.which('clang-format-14') or shutil.which('clang-format')
     if program is None:
         pytest.skip('clang-format is not installed')
@@ -62,7 +63,7 @@ def test_clang_format():
 
 
 def test_yapf():
-    """By the version of Debian 12, as above."""
+    """Python files are formatted by the yapf of Debian 12."""
     program = shutil.which('yapf3')
     if program is None:
         pytest.skip('yapf3 is not installed')
@@ -78,7 +79,8 @@ def test_yapf():
 
 @pytest.mark.parametrize('language, patterns', [('Python', ('*.py',)), ('C++', ('*.h', '*.cpp'))])
 def test_no_line_is_wider_than_100(language, patterns):
-    """Addresses of the web are excepted: they cannot be wrapped."""
+    """Lines are not too long. Lines with web addresses are excepted, because these cannot be
+    wrapped."""
     wide = [
         f'{name}:{number}' for name in git_files(*patterns)
         for number, line in enumerate(read(name).splitlines(), 1)
@@ -107,8 +109,8 @@ def test_public_header_compiles_alone(header, tmp_path):
 
 
 def compiled_first():
-    """Headers that some source has as its first line of code: where the build compiled that source,
-    they need nothing before them."""
+    """Headers that some source has as its first line of code. If the build compiled this source,
+    the header needs no other header before it."""
     sources = git_files('platforms/common/*.cpp')
     first_lines = (re.search(r'^[ ]*[^/\s].*', read(source), flags=re.M) for source in sources)
     included = (re.match(r'#include "([^"]+)"', line.group()) for line in first_lines if line)
@@ -142,7 +144,7 @@ def test_scheme_opens_with_its_description(scheme):
 
 
 def test_pages_know_the_schemes():
-    """The table of the user guide is made from the list of schemes, and every scheme has its
+    """The table of the user guide agrees with the list of schemes, and every scheme has its
     equations."""
     assert _schemes.markdown() in read('docs/USER_GUIDE.md'), \
         ('put this table into docs/USER_GUIDE.md, "Schemes, and how to choose":\n'
@@ -154,7 +156,7 @@ def test_pages_know_the_schemes():
 
 
 def test_no_scheme_is_known_by_its_number():
-    """What is true of some schemes is a column of the list (SchemeList.h), or a case of a switch
+    """Properties of some schemes are columns of the list (SchemeList.h), or cases of a switch
     without default."""
     for source in git_files('openmmapi/*.cpp', 'platforms/*.cpp', 'platforms/*.h',
                             'serialization/*.cpp'):
@@ -163,8 +165,8 @@ def test_no_scheme_is_known_by_its_number():
 
 
 def test_statistics_that_sanitizers_leave_out_are_tests():
-    """tests/CMakeLists.txt names them; a test that is renamed there must not come back to the
-    sanitizers unnoticed."""
+    """tests/CMakeLists.txt names the tests that sanitizers skip. A renamed test must not come back
+    to the sanitizers unnoticed."""
     lists = re.findall(r'^set\(RIGIDHI_STATISTICS\w*\n(.*?)\)$', read('tests/CMakeLists.txt'),
                        flags=re.S | re.M)
     named = re.findall(r'(\w+)\.(\w+)(\*?)', re.sub(r'#.*', '', '\n'.join(lists)))

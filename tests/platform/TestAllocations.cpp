@@ -1,4 +1,4 @@
-// Nothing is allocated in a dense step after the first ones.
+// After the first steps, a step with dense matrices allocates no memory.
 
 #include <dlfcn.h>
 
@@ -21,9 +21,9 @@ int allocations = 0;
 
 }  // namespace
 
-// The program's malloc takes precedence over that of the C library, for all libraries: new, Eigen
-// and the vectors of C++ call it. OpenBLAS, which contains LAPACK, takes buffers of its own for
-// some sizes.
+// The program's malloc takes precedence over that of the C library in all libraries. So new, Eigen
+// and the vectors of C++ call this function. OpenBLAS, which contains LAPACK, takes buffers of its
+// own for some sizes.
 extern "C" {
 void* __libc_malloc(size_t);
 __attribute__((visibility("default"))) void* malloc(size_t size) {
@@ -49,7 +49,8 @@ enum Kind {
     Unlubricated
 };
 
-/** How often a step allocates memory, the largest of three, after as many. */
+/** How often a step allocates memory: the largest number in three steps, after three steps that are
+ * not counted. */
 int countAllocations(CustomRigidHIIntegrator::Scheme scheme, Kind kind, int numBodies,
                      bool inShear) {
     FluidScene scene(300, 1e-4);
@@ -112,8 +113,8 @@ TEST(Allocations, NoneInADenseStep) {
             for (int numBodies : {4, 9})
                 for (bool inShear : {false, true}) {
                     if (kind == OneMultiblob) numBodies = 1;
-                    // LangevinHI decomposes a matrix: below 40 rows by Eigen, which allocates a
-                    // vector of its own.
+                    // LangevinHI decomposes a matrix. Below 40 rows it uses Eigen, which allocates
+                    // a vector of its own.
                     const bool eigen = !traits.isOverdamped() && numBodies == 4;
                     EXPECT_LE(countAllocations(traits.scheme, kind, numBodies, inShear),
                               eigen ? 1 : 0)

@@ -1,6 +1,6 @@
-// Errors that C++ users may make: every such call throws an OpenMMException that names object,
-// value, bound and remedy. (tests/python/test_bad_input_*.py do the same, and test runs and saved
-// states, on both platforms.)
+// For every error that C++ users may make, the call throws an OpenMMException that names object,
+// value, bound and remedy. (tests/python/test_bad_input_*.py test the same for Python, and also
+// runs and saved states, on both platforms.)
 
 #include <openmm/AndersenThermostat.h>
 #include <openmm/VirtualSite.h>
@@ -19,8 +19,8 @@ const double nan_ = numeric_limits<double>::quiet_NaN(),
              infinity = numeric_limits<double>::infinity();
 const vector<Vec3> twoSites = {Vec3(), Vec3(0.1, 0, 0)};
 
-/** A kind of virtual site that this library has never heard of, as each version of OpenMM may bring
- * one. */
+/** A kind of virtual site that this library does not know. Any new version of OpenMM may have such
+ * a kind. */
 struct MirroredSite : VirtualSite {
     explicit MirroredSite(int particle) { setParticles({particle}); }
 };
@@ -183,7 +183,7 @@ TEST_F(BadInput, RowsOfBodyStates) {
         },
         {"body 0", "normalise it"});
     integrator.step(1);
-    // A body that is added now is not one of the Context's.
+    // A body that is added now does not belong to the Context.
     integrator.addRigidBody({3});
     EXPECT_EQ(integrator.getNumRigidBodies(), 2);
     EXPECT_EQ(integrator.getNumRigidBodiesOfContext(), 1);

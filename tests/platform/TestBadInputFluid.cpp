@@ -1,6 +1,6 @@
-// Errors that users may make with a MobilityForce and LangevinHI: every such call throws an
-// OpenMMException that names object, value, bound and remedy. (tests/python/test_bad_input_fluid.py
-// has wrong types and shapes.)
+// For every error that users may make with a MobilityForce and LangevinHI, the call throws an
+// OpenMMException that names object, value, bound and remedy. (Wrong types and shapes are tested in
+// tests/python/test_bad_input_fluid.py.)
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -23,7 +23,7 @@ const double nan_ = numeric_limits<double>::quiet_NaN(),
 
 vector<double> unitTensor() { return rowsOf(MatrixXd::Identity(6, 6)); }
 
-/** Two spheres, ready to be spoilt. */
+/** Two spheres with valid settings, which a test then makes invalid. */
 struct Pair : FluidScene {
     Pair() : FluidScene(0, 0.01) {
         add(sphereKind(0.5));
@@ -146,7 +146,7 @@ TEST(BadFluid, BodiesAndParticlesThatTheFluidCannotTake) {
     line.add(rod, Vec3(0, 5, 0));
     expectRefused(line, {"body 2: its hydrodynamic particles lie on a line",
                          "the body has a moment of inertia about the line"});
-    // The line must be that of the dead axis, and go through the centre of mass.
+    // The line must be the axis without inertia, and it must go through the centre of mass.
     Pair shifted, askew;
     rod = rodKind();
     for (Vec3& site : rod.sites) site += Vec3(0.1, 0, 0);
@@ -156,12 +156,13 @@ TEST(BadFluid, BodiesAndParticlesThatTheFluidCannotTake) {
     rod.moments = Vec3(0, 0.9, 0.9);
     askew.add(rod, Vec3(0, 5, 0));
     expectRefused(askew, {"lie on a line"});
-    // Free draining sees it as well.
+    // Free draining refuses the body too.
     Pair draining;
     draining.fluid->setModel(MobilityForce::FreeDraining);
     draining.add(rod, Vec3(0, 5, 0));
     expectRefused(draining, {"lie on a line"});
-    // The mobility of the blobs has no part about the line to combine an own tensor with.
+    // An own tensor cannot be combined with the mobility of the blobs, which has no part about the
+    // line.
     Pair own;
     own.add(rodKind(), Vec3(0, 5, 0));
     own.fluid->setBodyFriction(2, unitTensor());
@@ -170,8 +171,8 @@ TEST(BadFluid, BodiesAndParticlesThatTheFluidCannotTake) {
 
 namespace {
 
-/** A body of two blobs at one place beside a third, turned and moved at random: rounding differs
- * from seed to seed. */
+/** A body of two blobs at one place beside a third one. It is turned and moved at random, so that
+ * rounding differs from seed to seed. */
 BodyKind twinKind(int seed, double distance = 0, double otherRadius = 0.5) {
     mt19937 generator(seed);
     uniform_real_distribution<double> u(-1, 1);
@@ -191,8 +192,8 @@ const vector<MobilityForce::Solver> solvers = {MobilityForce::Dense, MobilityFor
 TEST(BadFluid, BlobsOfABodyAtOnePlaceAreRefusedWithItsShape) {
     for (auto solver : solvers)
         for (int seed = 0; seed < 200; seed++) {
-            // At exactly one place, and apart by rounding or a little more: the bound is 1e-6 of
-            // the radius.
+            // The two blobs are at exactly one place, or apart by rounding or a little more. The
+            // bound is 1e-6 of the radius.
             const double distance = seed % 4 == 0   ? 0
                                     : seed % 4 == 1 ? 1e-16
                                     : seed % 4 == 2 ? 1e-10
@@ -286,7 +287,8 @@ TEST(BadFluid, SpheresAndFreeParticlesAtOnePlaceAreNamed) {
 }
 
 TEST(BadFluid, ParticlesAtOnePlaceThatDoNotFeelEachOther) {
-    // Replicas, free draining, different radii: none of them makes a matrix singular.
+    // Particles at one place do not make a matrix singular if they are replicas, under free
+    // draining, or if their radii differ.
     FluidScene groups, draining, radii;
     for (FluidScene* scene : {&groups, &draining, &radii})
         for (int b = 0; b < 2; b++)
@@ -349,8 +351,8 @@ TEST(BadFluid, MatrixFreeWhereItCannotBe) {
 }
 
 TEST(BadFluid, StepsThatEndInOverlapUnderStokesianDynamics) {
-    // Pushed together so hard, in so thin a fluid, that the step ends in overlap whatever the
-    // noise.
+    // The spheres are pushed together so hard, in so thin a fluid, that the step ends in overlap
+    // whatever the noise.
     for (double temperature : {0.0, 1e-6}) {
         FluidScene scene(temperature, 0.1);
         scene.fluid->setModel(MobilityForce::StokesianDynamics);
@@ -369,7 +371,7 @@ TEST(BadFluid, StepsThatEndInOverlapUnderStokesianDynamics) {
                      "body 0", "body 1"});
         EXPECT_TRUE(sameBits(positionsOf(*scene.context), before));
         EXPECT_EQ(scene.integrator.getNumRejectedSteps(), temperature == 0 ? 1 : 8);
-        // A smaller step resolves it.
+        // With a smaller step the spheres do not overlap.
         scene.integrator.setStepSize(0.001);
         scene.integrator.step(2);
     }
@@ -455,7 +457,7 @@ TEST(BadFluid, QuestionsWithoutAContextOrPositions) {
 
 namespace {
 
-/** Two bodies of two particles, whose shapes come from the first positions. */
+/** Two bodies of two particles, whose shapes are defined by the first positions. */
 struct Shapeless {
     System system;
     MobilityForce* fluid = new MobilityForce();
@@ -558,7 +560,7 @@ TEST(BadFluid, ParametersHandedOverBeforePositionsAreChecked) {
 }
 
 TEST(BadFluid, QuestionsToAContextOfAnotherIntegratorAreErrors) {
-    // The Force is in no Context with this integrator.
+    // The Force belongs to no Context with this integrator.
     System system;
     system.addParticle(1);
     VerletIntegrator verlet(0.001);
@@ -567,7 +569,7 @@ TEST(BadFluid, QuestionsToAContextOfAnotherIntegratorAreErrors) {
     fluid.addParticle(1);
     EXPECT_THROW(fluid.getMobilityInContext(context), OpenMMException);
     EXPECT_THROW(fluid.updateParametersInContext(context), OpenMMException);
-    // Nor in one without any MobilityForce.
+    // The Force does not belong to a Context without any MobilityForce either.
     CustomRigidHIIntegrator integrator(300, 0.001);
     Context own(system, integrator, testPlatform());
     own.setPositions({Vec3()});
@@ -618,7 +620,7 @@ TEST(BadFluid, ChangesThatNeedANewContext) {
 }
 
 TEST(BadFluid, RefusedChangesLeaveTheFluidAsItWas) {
-    // Refused only after the new fluid was made: inertia is checked by the scheme.
+    // This change is refused only after the new fluid was made, because the scheme checks inertia.
     FluidScene scene(0, 0.01);
     scene.fluid->setModel(MobilityForce::FreeDraining);
     BodyKind rod = rodKind();
@@ -654,8 +656,8 @@ TEST(BadFluid, StepsThatAreNotFiniteLeaveTheLastGoodState) {
 }
 
 TEST(BadFluid, ForcesAlongARodThatCancelAreNoTorque) {
-    // The wrench of the bodies is only rounding, in any direction. It must not be taken for a
-    // torque about the line.
+    // The wrench on the rod consists of rounding errors only, in any direction. It must not be
+    // taken for a torque about the line.
     for (int seed = 0; seed < 20; seed++) {
         Pair rod;
         mt19937 generator(seed);
@@ -676,8 +678,8 @@ TEST(BadFluid, ForcesAlongARodThatCancelAreNoTorque) {
 }
 
 TEST(BadFluid, TorquesAboutTheLineOfARod) {
-    // Neither the fluid nor inertia resists a turn about the line: the marker off the line, which
-    // the fluid does not see, is pulled.
+    // Neither the fluid nor inertia resists a turn about the line. A force pulls the marker off the
+    // line, which the fluid does not see.
     Pair rod;
     BodyKind marked = rodKind();
     marked.sites.push_back(Vec3(0.3, 0, 0.2));

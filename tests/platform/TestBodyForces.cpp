@@ -1,4 +1,5 @@
-// CustomBodyForce: motion under it, its order, what it sees, exact resume, what is refused.
+// CustomBodyForce: the motion of bodies under the force, the order of the scheme, the variables of
+// its expressions, exact resume, and the input that is refused.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/VerletIntegrator.h>
@@ -17,8 +18,8 @@ namespace {
 
 typedef CustomRigidHIIntegrator RigidIntegrator;
 
-/** Bodies with explicit mass, moments and four sites; the particles of the System are massless but
- * for the first. */
+/** Bodies with explicit mass, moments and four sites. All particles of the System are massless
+ * except the first. */
 struct Scene {
     System system;
     RigidIntegrator integrator;
@@ -94,7 +95,7 @@ TEST(BodyForces, ConstantForceGivesAParabola) {
 }
 
 TEST(BodyForces, ConstantTorqueSpinsUpASphere) {
-    // About an axis that is no body axis: the torque is in the lab frame.
+    // The torque is about an axis of the lab frame, which is not a body axis.
     Scene scene(0.01);
     scene.addBody(Vec3(), Vec3(2, 2, 2));
     scene.addForce({"0", "0", "0", "0.3", "-0.2", "0.6"})->addBody(0, {});
@@ -103,7 +104,7 @@ TEST(BodyForces, ConstantTorqueSpinsUpASphere) {
     scene.integrator.step(100);
     const Vec3 omega = Vec3(0.3, -0.2, 0.6) / 2.0;
     EXPECT_LT(norm(scene.integrator.getBodyAngularVelocities()[0] - omega), 1e-12);
-    // The axis stands, so the angle is omega t^2 / 2.
+    // The axis does not move, so the angle is omega t^2 / 2.
     const double angle = norm(omega) / 2;
     const Vec3 axis = omega / norm(omega);
     const QuaternionArray turn = {{cos(angle / 2), sin(angle / 2) * axis[0],
@@ -190,8 +191,8 @@ TEST(BodyForces, TrapEqualsCustomExternalForceOnTheParticle) {
 }
 
 TEST(BodyForces, ExpressionsSeeTheUsersFrame) {
-    // Whatever the order of the moments, which are sorted inside: a force along the body's own x
-    // axis, from q.
+    // Moments are sorted inside. Whatever their order, q is that of the user's frame: here it gives
+    // a force along the body's own x axis.
     mt19937 generator(8);
     for (const Vec3& moments : {Vec3(1, 2, 2.5), Vec3(2, 1, 2.5), Vec3(2.5, 2, 1), Vec3(1, 2.5, 2),
                                 Vec3(2.5, 1, 2), Vec3(2, 2.5, 1)}) {
@@ -217,7 +218,7 @@ TEST(BodyForces, ExpressionsSeeTheUsersFrame) {
 }
 
 TEST(BodyForces, DipoleInAFieldHasItsDistribution) {
-    // Torque n x E on the body axis n: <cos> is coth(u) - 1/u with u = E/kT.
+    // Under a torque n x E on the body axis n the exact <cos> is coth(u) - 1/u with u = E/kT.
     Scene scene(0.05, 1 / boltzmann);
     const int n = 400;
     for (int b = 0; b < n; b++) scene.addBody(Vec3(2.0 * b, 0, 0), Vec3(2.5, 1, 2));
@@ -343,7 +344,7 @@ TEST(BodyForces, ResumeBitForBit) {
 }
 
 TEST(BodyForces, WithoutAnyNothingChanges) {
-    // A CustomBodyForce that acts on nothing: the same bits as without one.
+    // With a CustomBodyForce that acts on no body, results are the same bit for bit as without one.
     vector<vector<double> > results;
     for (const bool idle : {true, false}) {
         Scene scene(0.01, 300);

@@ -1,5 +1,5 @@
-// A fluid between slip walls in a Context: dense and on a grid, rejections, boxes, resume, bad
-// input.
+// A fluid between slip walls in a Context, with dense matrices and on a grid: redone steps, changes
+// of the box, exact resume, and bad input.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/MonteCarloBarostat.h>
@@ -81,8 +81,8 @@ TEST(Channel, ResumesBitForBit) {
 }
 
 TEST(Channel, StepsBeyondEitherWallAreRedone) {
-    // A sphere that is pushed to a wall: with Overlap its surface, with Crossing its centre stays
-    // inside. Near a wall it moves little, so crossing takes long steps.
+    // A sphere is pushed to a wall. With Overlap its surface stays inside, with Crossing its
+    // centre. Near a wall the sphere moves little, so it crosses only in long steps.
     for (bool crossing : {false, true})
         for (double y : {2.0, 5.5}) {
             ChannelScene scene(T1, RigidHI::EulerMaruyama, MobilityForce::Dense,

@@ -1,6 +1,6 @@
-// Bodies in flows that users drive: against closed forms, rigid multiblobs assembled a second time,
-// spheres with stresslets written down a second time, Jeffery's orbits, exact averages; invariance,
-// resume.
+// The motion of bodies in flows that users drive is compared with closed forms, Jeffery's orbits
+// and exact averages. It is also compared with rigid multiblobs and with spheres with stresslets
+// that are written down a second time. Further tests are of invariance and of exact resume.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -34,7 +34,8 @@ TEST(DrivenFlow, CarriesSpheresAndFreeParticlesAndTurnsSpheres) {
                 scene.addFree(1, 0.3, places[2]);
                 scene.start();
                 VectorXd expected(15);
-                // Both ends or the mid-point: of a linear field their averages are the same.
+                // A scheme of order 2 takes the average of both ends or the mid-point. In a linear
+                // field both are the same.
                 const double h = 0.5, between = traits.coldOrder == 2 ? h / 2 : 0;
                 const auto carried = [&](const Vec3& x) {
                     return flow.at(toEigen(x) + between * flow.at(toEigen(x)));
@@ -85,7 +86,8 @@ TEST(DrivenFlow, MultiblobsGoAsTheirBlobsLetThem) {
 }
 
 TEST(DrivenFlow, MatrixFreeKeepsItsTolerance) {
-    // In the norm of the friction, as of velocities that belong to forces.
+    // The tolerance is one in the norm of the friction, as for velocities that are caused by
+    // forces.
     const LinearFlow flow = generalFlow();
     for (double tolerance : {1e-2, 1e-4, 1e-6}) {
         FlowScene scene;
@@ -153,8 +155,8 @@ TEST(DrivenFlow, BodiesWithTensorsOfTheirOwnGoAsTheirBlobs) {
     expected << scene.expected({bodies[0]}).following * slips.head<15>(),
         scene.expected({bodies[1]}).following * slips.segment<9>(15), flow.at(bodies[2].R),
         flow.halfCurl();
-    // The blobs of a rod do not determine its rotation about its line, but its own tensor does: it
-    // follows the flow.
+    // The blobs of a rod do not determine its rotation about its line, but its own tensor does.
+    // About its line the rod turns with the flow.
     const Vector3d line = (bodies[1].offsets[1] - bodies[1].offsets[0]).normalized();
     expected.segment<3>(9) += line * line.dot(flow.halfCurl());
     expectNear(scene.stepTwists(), expected, 1e-12);
@@ -164,8 +166,8 @@ TEST(DrivenFlow, BodiesWithTensorsOfTheirOwnGoAsTheirBlobs) {
 
 namespace {
 
-/** The corners of a square prism: its symmetry makes its rotation that of a body of revolution
- * (Bretherton 1962). */
+/** A blob at each corner of a square prism. By its symmetry the prism rotates like a body of
+ * revolution (Bretherton 1962). */
 BodyKind prismKind(double halfHeight) {
     BodyKind kind = {"prism", 1, Vec3(1, 1, 1), {}, {}};
     for (double x : {-0.6, 0.6})
@@ -216,15 +218,15 @@ TEST(DrivenFlow, JefferysOrbits) {
             EXPECT_LT(errors[1], 0.01);
             EXPECT_NEAR(errors[0] / errors[1], 4, 0.6) << traitsOf(scheme).name;
         }
-        // Half an orbit turns the axis by half a turn about the vorticity; its component along that
-        // is the same again.
+        // Half an orbit turns the axis by half a turn about the vorticity. The component of the
+        // axis along the vorticity is then the same as before.
         const Vector3d half =
             axisAfter(RigidHI::FixmanMidpoint, halfHeight, q, rate, period / 2, 400);
         EXPECT_NEAR(half[2], n[2], 1e-3);
         EXPECT_NEAR(half[0], -n[0], 1e-3);
         EXPECT_NEAR(half[1], -n[1], 1e-3);
     }
-    // A prism with the symmetry of a cube turns like a sphere, steadily.
+    // A prism with the symmetry of a cube turns at a constant rate, like a sphere.
     EXPECT_NEAR(brethertonConstant(0.6), 0, 1e-12);
     for (auto scheme : {RigidHI::EulerMaruyama, RigidHI::FixmanMidpoint}) {
         const Vector3d n = axisAfter(scheme, 0.6, q, rate, 2, 7);
@@ -235,7 +237,7 @@ TEST(DrivenFlow, JefferysOrbits) {
 }
 
 TEST(DrivenFlow, OrderWithoutNoise) {
-    // Multiblobs that feel each other in a strain with rotation.
+    // The bodies are multiblobs that feel each other, in a strain with rotation.
     const auto end = [](RigidHI::Scheme scheme, int steps) {
         FlowScene scene(0, 1.0 / steps, scheme);
         generalFlow().set(*scene.fluid);
@@ -360,13 +362,13 @@ TEST(DrivenFlow, SpheresResistStrainByStresslets) {
         scene.addSpheres();
         scene.start();
         const VectorXd expected = spheresInFlow(scene.x, scene.a, flow, 0.6);
-        // The scene would not tell much if stresslets were hardly felt.
+        // The effect of stresslets must be large in this scene, or the test would show little.
         VectorXd carried(18);
         for (int i = 0; i < 3; i++)
             carried.segment<6>(6 * i) << flow.at(scene.x[i]), flow.halfCurl();
         EXPECT_GT((expected - carried).norm(), 0.05 * carried.norm());
         expectNear(scene.stepTwists(), expected, 1e-12);
-        // The same at the positions after the step.
+        // The velocities are also right at the positions after the step.
         const auto places = scene.integrator.getBodyPositions();
         for (int i = 0; i < 3; i++) scene.x[i] = toEigen(places[i]);
         expectNear(scene.stepTwists(), spheresInFlow(scene.x, scene.a, flow, 0.6), 1e-12);
@@ -427,8 +429,8 @@ TEST(DrivenFlow, WavesCarryAndTurnParticlesByTheirAverages) {
                 }
                 scene.start();
                 expectNear(scene.stepTwists(), scene.waveSlips(wave), 1e-12);
-                // The wave follows the box, and the velocity 1/k^2. Stresslets of a sphere's own
-                // images cancel where the box is a cube.
+                // The wave follows the box, and its velocity goes as 1/k^2. The stresslets of a
+                // sphere's own images cancel if the box is a cube.
                 if (model.model == MobilityForce::StokesianDynamics)
                     scene.setBox(9, 9, 9);
                 else
@@ -467,7 +469,7 @@ TEST(DrivenFlow, MultiblobsInWaves) {
 }
 
 TEST(DrivenFlow, WavesInTriclinicBoxes) {
-    // Along z every wave is periodic, along x those of every fourth index.
+    // In this box every wave along z is periodic, but along x only those of every fourth index.
     for (const Wave& wave : {Wave{0.2, 0, 2, 1}, Wave{0.2, 1, 0, 4}}) {
         PeriodicScene scene(periodicModels[0]);
         wave.set(*scene.fluid);
@@ -478,7 +480,7 @@ TEST(DrivenFlow, WavesInTriclinicBoxes) {
         const VectorXd slips = scene.waveSlips(wave);
         EXPECT_GT(slips.head<3>().norm(), 1e-2);
         expectNear(scene.stepTwists(), slips, 1e-12);
-        // An image of the sphere is carried likewise.
+        // An image of the sphere moves with the same velocity.
         scene.pose({Vec3(1.3 - 2 + 2, 7.5 + 2.5 + 8, -2 + 9)}, {{1, 0, 0, 0}});
         expectNear(scene.stepTwists(), slips, 1e-12);
     }
@@ -548,7 +550,8 @@ TEST(DrivenFlow, SpheresResistTheStrainOfWaves) {
 }
 
 TEST(DrivenFlow, TheMiddleOfALongWaveIsAShear) {
-    // Periodic images of stresslets act by 1/L^3, the curvature of the wave by 1/L^2.
+    // The effect of the periodic images of stresslets is of order 1/L^3, that of the curvature of
+    // the wave 1/L^2.
     const LinearFlow flow = shear(0.3);
     double errors[2];
     for (int i : {0, 1}) {
@@ -596,8 +599,8 @@ TEST(DrivenFlow, MomentaGoToThoseOfTheFlow) {
 }
 
 TEST(DrivenFlow, MomentaGoWhereStepsWithoutThemDo) {
-    // The same holds for all models and boundaries, and for bodies that have no moments about some
-    // axes.
+    // Velocities relax to the flow for all models and boundaries, and for bodies that have no
+    // moments about some axes.
     struct Case {
         MobilityForce::Model model;
         MobilityForce::Boundary boundary;
@@ -705,8 +708,8 @@ TEST(DrivenFlow, MomentaRelaxExponentially) {
 }
 
 TEST(DrivenFlow, OrderOfMomenta) {
-    // Linear: x' = V, V' = -(xi/m)(V - v(x)), started at rest; Taylor's series over so short times
-    // is exact to rounding.
+    // The equations are linear: x' = V, V' = -(xi/m)(V - v(x)), with a start at rest. Over so short
+    // times the Taylor series is exact to rounding.
     SKIP_ON_SINGLE_PRECISION_DEVICES("errors are below what positions in single precision tell");
     const LinearFlow flow = generalFlow();
     const double a = 0.5, eta = 0.6, mass = 10, rate = 6 * M_PI * eta * a / mass, time = 2;
@@ -750,7 +753,7 @@ TEST(DrivenFlow, VelocitiesInShearAreThermalAboutTheFlow) {
     for (int i = 0; i < copies; i++) scene.add(sphereKind(a, mass, 0.4));
     scene.addField("y^2");
     scene.start();
-    // Relaxation times: m/xi = 0.27, xi/k = 2.8.
+    // The relaxation times are m/xi = 0.27 and xi/k = 2.8.
     scene.integrator.step(1000);
     vector<double> samples[4];
     for (int sample = 0; sample < 60; sample++) {
@@ -765,7 +768,7 @@ TEST(DrivenFlow, VelocitiesInShearAreThermalAboutTheFlow) {
         }
         for (int q = 0; q < 4; q++) samples[q].push_back(sums[q]);
     }
-    // Samples 1 ps apart are correlated: blocks of six, twice xi/k.
+    // Samples 1 ps apart are correlated. So errors are from blocks of six samples, twice xi/k.
     const auto blocks = [](const vector<double>& all) {
         vector<double> means;
         for (size_t i = 0; i + 6 <= all.size(); i += 6) {
@@ -818,8 +821,8 @@ TEST(DrivenFlow, EquipartitionIsAboutAUniformFlow) {
 // ---- Noise and invariance ----
 
 TEST(DrivenFlow, ATrapHoldsWhatAFlowPushes) {
-    // Euler-Maruyama in a well k x^2/2 is x' = (1 - k mu h) x + v h + noise: mean v/(k mu),
-    // variance kT/k/(1 - k mu h/2).
+    // Euler-Maruyama in a well k x^2/2 is x' = (1 - k mu h) x + v h + noise. Its exact mean is v/(k
+    // mu), and its exact variance is kT/k/(1 - k mu h/2).
     const double a = 0.5, eta = 0.6, k = 3, h = 0.1, mu = 1 / (6 * M_PI * eta * a);
     const Vector3d velocity(0.5, -0.3, 0);
     FlowScene scene(T1, h);
@@ -865,13 +868,13 @@ TEST(DrivenFlow, AUniformFlowOnlyShifts) {
             double largest = 0;
             for (size_t i = 0; i < x.size(); i++)
                 largest = max(largest, norm(y[i] - x[i] - toVec3(steps * h * velocity)));
-            // Differences over 1e-5 of lengths magnify rounding, and those of iterations magnify
-            // the errors of the iterations.
+            // Finite differences over 1e-5 of the lengths magnify rounding. With iterations, they
+            // magnify the errors of the iterations.
             EXPECT_LT(largest, solver == MobilityForce::Dense ? 1e-8 : 1e-4);
             EXPECT_GT(norm(x[0] - still.positions[0]), 0.1);
         }
-    // With momenta, too, if they begin in the moving frame; also where a sphere is a thermostat
-    // without the flow.
+    // The same holds with momenta if the velocities begin in the moving frame, also where a sphere
+    // would be a plain thermostat without the flow.
     for (auto model : {MobilityForce::FreeDraining, MobilityForce::RotnePragerYamakawa}) {
         FlowScene still(T1, h, RigidHI::LangevinHI), moving(T1, h, RigidHI::LangevinHI);
         uniform(velocity).set(*moving.fluid);
@@ -1073,7 +1076,7 @@ TEST(DrivenFlow, BoundariesWithoutItAreRefused) {
         scene.add(sphereKind(0.8), Vec3(4, 4, 4));
         set(*scene.fluid);
         expectError([&] { scene.start(); }, words);
-        // The flow may not be set later either.
+        // The flow may not be set in a Context either.
         FlowScene later;
         later.fluid->setModel(model);
         later.fluid->setBoundary(boundary);
@@ -1141,7 +1144,7 @@ TEST(DrivenFlow, WavesTooShortForAGridAreRefused) {
         expectNear(scene.stepTwists(), scene.waveSlips({1, 0, 2, 15}), 1e-12);
         scene.fluid->setSinusoidalForceDensity(1, 0, 2, 16);
         expectError([&] { scene.fluid->updateParametersInContext(*scene.context); }, tooShort);
-        // What was refused has changed nothing.
+        // The refused settings have changed nothing.
         expectNear(scene.stepTwists(), scene.waveSlips({1, 0, 2, 15}), 1e-12);
     }
 }

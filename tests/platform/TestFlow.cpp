@@ -1,6 +1,6 @@
-// The flow of the fluid, as users read it: Stokes' solution, tracers, averages over particles,
-// walls, modes, incompressibility, the Brownian stress. Further tests: which flow is returned when,
-// and that asking for it changes nothing.
+// The flow of the fluid, as users read it, is compared with Stokes' solution, tracers, and averages
+// over particles. Tests of walls, modes, incompressibility and the Brownian stress follow. Further
+// tests show which flow is returned when, and that reading the flow changes nothing.
 
 #include <openmm/serialization/XmlSerializer.h>
 
@@ -59,7 +59,7 @@ struct Pushed : PeriodicScene {
     }
 };
 
-/** Wrenches without symmetry on so many bodies, of about 1. */
+/** Wrenches without symmetry on this number of bodies, with components of about 1. */
 VectorXd someWrenches(int bodies, int seed = 5) {
     mt19937 random(seed);
     normal_distribution<double> normal;
@@ -77,8 +77,8 @@ BodyKind apartKind() {
             {0.5, 0.4, 0.45, 0.3}};
 }
 
-/** Nodes and weights of Gauss and Legendre on -1..1, or of Gauss and Hermite for a normal
- * distribution. */
+/** Nodes and weights of Gauss-Legendre quadrature on -1..1, or of Gauss-Hermite quadrature for a
+ * normal distribution. */
 void gauss(int n, bool normal, VectorXd& nodes, VectorXd& weights) {
     MatrixXd J = MatrixXd::Zero(n, n);  // Golub and Welsch
     for (int i = 1; i < n; i++)
@@ -88,8 +88,8 @@ void gauss(int n, bool normal, VectorXd& nodes, VectorXd& weights) {
     weights = eigen.eigenvectors().row(0).cwiseAbs2();
 }
 
-/** Points and weights for the average over a particle's envelope: its surface, or its Gaussian of
- * width a/sqrt(pi). */
+/** Points and weights for the average over a particle's envelope, which is its surface or a
+ * Gaussian of width a/sqrt(pi). */
 struct Envelope {
     Points points;
     vector<double> weights;
@@ -144,7 +144,7 @@ double slipOfParticles(Pushed& scene, const vector<LabBody>& bodies, const Vecto
 }
 
 /**
- * The divergence by central differences, and a bound of its error from third derivatives:
+ * The divergence by central differences, and a bound of its error by third derivatives, from
  * differences over twice the step.
  */
 double divergenceOfFlow(Pushed& scene, const Vec3& x, double step) {
@@ -161,8 +161,8 @@ double divergenceOfFlow(Pushed& scene, const Vec3& x, double step) {
 const ModelCase rotnePrager = periodicModels[0], forceCoupling = periodicModels[1],
                 onGrid = periodicModels[2], stokesian = periodicModels[3];
 
-/** The velocity at x from a sphere at the origin with a force and a torque, and in it: Stokes 1851,
- * Kirchhoff 1876. */
+/** The velocity at x, outside or inside of a sphere at the origin with a force and a torque (Stokes
+ * 1851, Kirchhoff 1876). */
 Vector3d stokes(const Vector3d& x, double a, double eta, const Vector3d& F, const Vector3d& T) {
     const double r = x.norm();
     if (r <= a) return F / (6 * M_PI * eta * a) + T.cross(x) / (8 * M_PI * eta * pow(a, 3));
@@ -212,7 +212,7 @@ TEST(Flow, OfSeveralIsTheSumAndOfFreeParticlesToo) {
     scene.add(sphereKind(0.5), toVec3(x[1]));
     scene.addFree(1, freeRadius, toVec3(x[2]));
     scene.pushBy(wrenches);
-    scene.addField("-0.7*x + 0.2*z");  // 0.7 and -0.2 on everything
+    scene.addField("-0.7*x + 0.2*z");  // a force (0.7, 0, -0.2) on every particle
     scene.start();
     const Vector3d field(0.7, 0, -0.2);
     const Points points = {Vec3(0.3, -2, 2.1), Vec3(1, 1, 1), Vec3(3, 1.5, -2), Vec3(-4, 2, 0)};
@@ -229,9 +229,9 @@ TEST(Flow, OfSeveralIsTheSumAndOfFreeParticlesToo) {
 }
 
 TEST(Flow, CarriesTracers) {
-    // A sphere too small to be felt follows the flow: rows of the mobility matrix, which other
-    // tests compare with the papers. Its average over its surface differs by a^2/6 times the
-    // Laplacian.
+    // A sphere too small to be felt follows the flow. Its velocity is given by rows of the mobility
+    // matrix, which other tests compare with the papers. The average of the flow over its surface
+    // differs by a^2/6 times the Laplacian.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     struct Case {
         string name;
@@ -314,9 +314,9 @@ TEST(Flow, MatrixFreeIsDenseToItsTolerance) {
 }
 
 TEST(Flow, BlobsAreHeldByIt) {
-    // The average over the envelope of each blob is the rigid motion there: without a driven flow,
-    // in driven flows, and with noise. A rule of degree 2n on a surface leaves (a_i/(r - a_j))^(2n)
-    // of the neighbour's flow: 0.55^32.
+    // The average of the flow over the envelope of each blob is the rigid motion there, without a
+    // driven flow, in driven flows, and with noise. A rule of degree 2n on a surface leaves (a_i/(r
+    // - a_j))^(2n) of the neighbour's flow: 0.55^32.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     struct Case {
         ModelCase model;
@@ -357,8 +357,8 @@ TEST(Flow, BlobsAreHeldByIt) {
 }
 
 TEST(Flow, SpheresOnAGridAreHeldByIt) {
-    // With noise the flow has all waves of the grid, and the rule sees those that Gaussians leave.
-    // Gaussians are cut off on the grid, to its tolerance.
+    // With noise the flow has all waves of the grid, and the quadrature rule averages those that
+    // the Gaussians leave. Gaussians are cut off on the grid, to its tolerance.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     for (double temperature : {0.0, T1}) {
         Pushed scene(onGrid, temperature, 1e-3);
@@ -407,7 +407,8 @@ TEST(Flow, OfEverySchemeHoldsSpheres) {
                     slips[i] =
                         slipOfParticles(scene, bodies, twists, 16) / twists.cwiseAbs().maxCoeff();
                 }
-                // The trapezoidal rule has the slips of its start, and forces of both ends.
+                // The trapezoidal rule has the slips (surface velocities) of its start, and the
+                // forces of both ends.
                 const bool atOnePlace = traits.scheme != RigidHI::FixmanMidpoint &&
                                         (traits.scheme != RigidHI::TrapezoidalSlip || noise);
                 if (atOnePlace) {
@@ -420,7 +421,7 @@ TEST(Flow, OfEverySchemeHoldsSpheres) {
 }
 
 TEST(Flow, SpheresWithStressletsAreRigid) {
-    // Their surface moves rigidly in a strain: stresslet and driven flow together.
+    // In a strain the surface of a sphere moves rigidly, with stresslet and driven flow together.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     const double a = 0.8;
     const Vector3d centre(1, 2, -1);
@@ -439,7 +440,7 @@ TEST(Flow, SpheresWithStressletsAreRigid) {
             const Vector3d d = r * a * n / 3;
             expectNear(scene.flow({toVec3(centre + d)}), V + omega.cross(d), 1e-13);
         }
-    // Outside a sphere without forces: Batchelor 1967, eq. 4.9.
+    // The expected flow outside of a sphere without forces is Batchelor 1967, eq. 4.9.
     scene.pushBy(VectorXd::Zero(6));
     const Vector3d d(1.1, -0.4, 0.9);
     const double r = d.norm();
@@ -487,7 +488,8 @@ TEST(Flow, StaysAwayFromWalls) {
                     const double inside = wall == 1 ? d : -d;
                     const MatrixXd u = scene.flow({x, x + Vec3(0, inside, 0)});
                     EXPECT_LT(abs(u(1, 0)), 1e-9 * scale);
-                    // No shear stress: quadratic in the distance.
+                    // Without shear stress the velocity along the wall changes as the square of the
+                    // distance.
                     for (int k : {0, 2}) EXPECT_LT(abs(u(k, 1) - u(k, 0)), 1e-2 * d * scale);
                 }
         }
@@ -536,9 +538,10 @@ TEST(Flow, HasNoSources) {
 // ---- Modes ----
 
 TEST(Flow, ModesAreThoseOfTheFlowAtPoints) {
-    // Sums over n^3 points are exact for a band-limited flow: that of a grid, whose Gaussians are
-    // cut off within the tolerance. Gaussians of width a/sqrt(pi) have exp(-(n pi/8)^2 a^2/(2 pi))
-    // left at the last wave, surfaces, whose flow has a kink, only n^-3 of it.
+    // Sums over n^3 points are exact for a band-limited flow. The flow on a grid is band-limited,
+    // because Gaussians are cut off within the tolerance. At the last wave, Gaussians of width
+    // a/sqrt(pi) have exp(-(n pi/8)^2 a^2/(2 pi)) left. The flow of surfaces has a kink, so n^-3 is
+    // left.
     SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
     struct Case {
         ModelCase model;
@@ -598,7 +601,8 @@ TEST(Flow, ModesInChannels) {
             scene.pushBy(someWrenches(2));
             scene.start();
             if (noise) scene.integrator.step(1);
-            // Even about the walls: half a step from them sums are exact likewise.
+            // The flow is even about the walls. So sums over points that begin half a step from the
+            // walls are exact too.
             Points points;
             const int n = 24, m = n / 2;
             for (int i = 0; i < n * m * n; i++)
@@ -622,8 +626,8 @@ TEST(Flow, ModesInChannels) {
 }
 
 TEST(Flow, RandomModesAreThoseOfTheFluctuatingStress) {
-    // <A^2> of a mode of 2 kT/h times a field of covariance M: 2 kT/h times 2/(eta k^2 V), of sin
-    // and cos alike. 0 without a field.
+    // For a field with the covariance 2 kT/h M, the exact <A^2> of a mode is 2 kT/h times 2/(eta
+    // k^2 V), for sin and cos alike. Without a field it is 0.
     const int copies = 1000;
     const double h = 0.01;
     Pushed scene(onGrid, T1, h);
@@ -662,7 +666,7 @@ TEST(Flow, AUniformFlowIsAChangeOfFrame) {
     vector<RigidHI::Scheme> schemes = {RigidHI::LangevinHI};
     for (const SchemeTraits& traits : overdampedSchemes()) schemes.push_back(traits.scheme);
     for (auto scheme : schemes) {
-        if (scheme == RigidHI::TrapezoidalSlip) continue;  // its flow is that of two places
+        if (scheme == RigidHI::TrapezoidalSlip) continue;  // its flow belongs to two poses
         SCOPED_TRACE(traitsOf(scheme).name);
         Pushed still(rotnePrager, T1, h, scheme), moving(rotnePrager, T1, h, scheme);
         uniform(velocity).set(*moving.fluid);
@@ -682,7 +686,7 @@ TEST(Flow, AUniformFlowIsAChangeOfFrame) {
         Points shifted = points;
         for (Vec3& x : shifted) x += gone * toVec3(velocity);
         const MatrixXd difference = moving.flow(shifted) - still.flow(points);
-        // Differences over 1e-5 of lengths magnify rounding.
+        // Finite differences over 1e-5 of the lengths magnify rounding.
         EXPECT_LT((difference.colwise() - velocity).cwiseAbs().maxCoeff(), 1e-7);
         EXPECT_GT(still.flow(points).norm(), 0.1);
     }
@@ -710,7 +714,8 @@ vector<RigidHI::Scheme> allWithFluid() {
     return schemes;
 }
 
-/** The flow of present forces at the poses of a scene, from one that has not moved. */
+/** The flow of the present forces at the poses of a scene, computed in a new scene that has made no
+ * step. */
 MatrixXd flowOfForces(
     Pushed& scene, const ModelCase& model, MobilityForce::Boundary boundary,
     const function<void(Pushed&)>& prepare = [](Pushed&) {}) {
@@ -846,7 +851,7 @@ TEST(Flow, OfAStepThatWasRedoneIsThatOfWhatWasAccepted) {
             redone++;
             const MatrixXd found = asking->flow(somewhere);
             EXPECT_EQ(found, silent->flow(somewhere));
-            // This scheme's flow is that of one place.
+            // The flow of this scheme belongs to one set of poses.
             if (traits.scheme == RigidHI::EulerMaruyama) {
                 EXPECT_LT(slipOfParticles(*asking, bodies, twists, 16),
                           1e-5 * twists.cwiseAbs().maxCoeff());
@@ -1002,7 +1007,8 @@ TEST(Flow, DamagedLastStepsAreRefused) {
         "the saved state's last step of scheme FixmanMidpoint is damaged, or belongs to other "
         "bodies",
         "load the state into an integrator with the same bodies and groups"};
-    // Without a group, without a number, with numbers that are none.
+    // The record has groups twice, a negative step size, or numbers of rows and columns that do not
+    // fit.
     const size_t group = xml.find("<Group", at), end = xml.find("</LastStep>", at);
     ASSERT_TRUE(group != string::npos && end != string::npos);
     const string groups = xml.substr(group, end - group);
@@ -1022,7 +1028,8 @@ TEST(Flow, DamagedLastStepsAreRefused) {
     size_t number = poses;
     for (int i = 0; i < 4; i++) number = xml.find("value=\"", number + 1);
     expectError([&] { load(xml.substr(0, number) + "value=\"3" + xml.substr(number + 7)); }, words);
-    // A State without a last step, as earlier versions saved it, gives the flow of present forces.
+    // A State without a last step, as earlier versions saved it, gives the flow of the present
+    // forces.
     load(xml.substr(0, at) + xml.substr(end + string("</LastStep>").size()));
     const MatrixXd expected = flowOfForces(*other, rotnePrager, MobilityForce::Unbounded,
                                            [](Pushed& fresh) { generalFlow().set(*fresh.fluid); });
@@ -1132,9 +1139,9 @@ Draws draw(Pushed& scene, const Observed& observed, const Theory& theory, int nu
 }
 
 /**
- * The root mean square over components of the deviations of means, in standard errors. It is also
- * checked that each deviation is within 5. Where nothing varies, the errors are those of the
- * theory's differences.
+ * The root mean square over components of the deviations of means, in standard errors. The function
+ * also checks that each deviation is within 5. Where nothing varies, the errors are those of the
+ * theory's finite differences.
  */
 double offBy(const vector<vector<double>>& samples, const VectorXd& expected, const char* what) {
     double squares = 0;
@@ -1209,8 +1216,8 @@ TEST(Flow, HasTheBrownianStress) {
 namespace {
 
 /**
- * Check the mean over so many steps of each scheme on a grid, which is to be known to a fifth of
- * itself.
+ * Check the mean over this number of steps, of each scheme on a grid. The mean must be known to a
+ * fifth of itself.
  */
 void checkBrownianStressOnAGrid(const vector<RigidHI::Scheme>& schemes, int number) {
     // Amplitudes of modes. The part of order h^-1/2 has no mean. It is found with the same random
@@ -1265,8 +1272,8 @@ TEST(Flow, OnAGridHasTheBrownianStress) {
 }
 
 /**
- * In drift correctors nu times the random field varies more. On a grid they do the same as the
- * scheme with random differences.
+ * In drift correctors nu times the random field varies more, so that their mean needs more steps.
+ * On a grid they do the same as the scheme with random differences.
  */
 TEST(Flow, FullOnAGridHasTheBrownianStressOfOthers) {
     SKIP_ON_DEVICES("thousands of steps that copy positions");

@@ -1,5 +1,5 @@
-// Force coupling on a grid in a Context: what TestPeriodicGrids does not ask of every model on a
-// grid.
+// Force coupling on a grid in a Context. These are the tests that TestPeriodicGrids does not make
+// for every model on a grid.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/CustomNonbondedForce.h>
@@ -29,7 +29,7 @@ struct ForceCouplingScene : GridScene {
         : GridScene(MobilityForce::ForceCoupling, temperature, scheme, h, solver, tolerance) {}
 };
 
-/** A bead in the middle, three on each half-axis (Westwood 2022, 6). */
+/** A body with one bead in the middle and three beads on each half-axis (Westwood 2022, 6). */
 BodyKind hedgehogKind(double spacing) {
     BodyKind kind = {"hedgehog", 1, Vec3(1, 1, 1), {Vec3()}, {}};
     for (int axis = 0; axis < 3; axis++)
@@ -42,8 +42,8 @@ BodyKind hedgehogKind(double spacing) {
     return kind;
 }
 
-/** Poses in a periodic box, at random and then pushed apart until beads of different bodies no
- * longer overlap. */
+/** Random poses in a periodic box. The bodies are then pushed apart until beads of different bodies
+ * no longer overlap. */
 void placeApart(const BodyKind& kind, int count, double side, vector<Vec3>& places,
                 vector<QuaternionArray>& turns) {
     mt19937 random(4);
@@ -88,7 +88,8 @@ TEST(ForceCouplingGrid, TheSpacingOfTheUserMeansATolerance) {
     expectError([&] { scene.fluid->setGridSpacing(-1); },
                 {"setGridSpacing()", "spacing is -1 nm", "it must be finite and not negative",
                  "give a length, or 0 for the spacing that the solver tolerance wants"});
-    // Whole particles between the nodes: once mobilities of zero.
+    // On this grid whole particles would lie between the nodes. An earlier version then gave
+    // mobilities of zero.
     ForceCouplingScene coarse;
     coarse.addBodies();
     coarse.fluid->setGridSpacing(0.5);
@@ -97,7 +98,8 @@ TEST(ForceCouplingGrid, TheSpacingOfTheUserMeansATolerance) {
                  "give at most 0.312 nm, or 0"});
     coarse.fluid->setGridSpacing(0.312);
     coarse.start(testPlatform());
-    // Beyond rounding no spacing is better, and reaches of envelopes must not grow without end.
+    // No spacing makes errors smaller than rounding, and the reaches of envelopes must not grow
+    // without end.
     ForceCouplingScene fine;
     fine.addBodies();
     fine.fluid->setGridSpacing(0.08);
@@ -130,7 +132,7 @@ TEST(ForceCouplingGrid, AStepOfTheDriftCorrectorTakesOneFieldAndOneSolve) {
     scene.integrator.step(2);
     EXPECT_EQ(scene.count("squareRoots"), 0);
     EXPECT_EQ(scene.count("forceEvaluations"), 2);
-    // A solve has one product more than iterations.
+    // A solve takes one product more than it takes iterations.
     EXPECT_EQ(scene.count("mobilityProducts"), scene.count("solverIterations") + 2);
     EXPECT_LE(scene.count("solverIterations"), 2 * 25);
     EXPECT_EQ(scene.integrator.getEffects().at("finite differences").substr(0, 3), "off");
@@ -144,7 +146,7 @@ TEST(ForceCouplingGrid, AStepOfTheDriftCorrectorTakesOneFieldAndOneSolve) {
     EXPECT_GT(scene.count("randomNumbers"), 0);
 }
 
-/** Fixman's midpoint alone wants wrenches, whose roots are found by iterations. */
+/** Only FixmanMidpoint needs random wrenches, whose square roots are computed by iterations. */
 TEST(ForceCouplingGrid, SchemesTakeTheirNoiseFromTheField) {
     const map<RigidHI::Scheme, int> solves = {
         {RigidHI::EulerMaruyama, 1},         {RigidHI::RandomFiniteDifference, 2},
@@ -181,9 +183,9 @@ TEST(ForceCouplingGrid, StatisticsSayWhereTheTimeGoes) {
             EXPECT_EQ(matrices.count(part), 0) << part;
             sum += scene.count(part);
         }
-        // These scenes have one thread.
+        // These scenes have one thread, so the parts add up to no more than the wall-clock time.
         EXPECT_LE(sum, wall);
-        // Another fluid counts on.
+        // The counters go on after the fluid was changed.
         scene.fluid->setViscosity(0.7);
         scene.fluid->updateParametersInContext(*scene.context);
         for (const char* part : parts) before += scene.count(part);
@@ -192,8 +194,8 @@ TEST(ForceCouplingGrid, StatisticsSayWhereTheTimeGoes) {
 }
 
 TEST(ForceCouplingGrid, TheDriftFactorScalesSlipsOrAll) {
-    // Without noise nothing is scaled. With it the positions of both differ by (nu - 1) h N F: of
-    // the order of nu - 1.
+    // Without noise nothing is scaled. With noise the positions of both scalings differ by (nu - 1)
+    // h N F, which is of the order of nu - 1.
     for (double temperature : {0.0, T1}) {
         VectorXd ends[2];
         VectorXd start;
@@ -262,9 +264,9 @@ TEST(ForceCouplingGrid, HedgehogsTakeFewIterations) {
 }
 
 /**
- * At half their spacing a hedgehog's beads overlap, and its own matrix has a condition number in
- * the thousands: products keep to the tolerance of the grid, and solves to that of iterations, in
- * the norm of the friction.
+ * At half their spacing the beads of a hedgehog overlap, and its own matrix has a condition number
+ * in the thousands. Products still keep to the tolerance of the grid, and solves to that of the
+ * iterations, in the norm of the friction.
  */
 TEST(ForceCouplingGrid, OverlappingBeadsReachTheTolerance) {
     const BodyKind kind = hedgehogKind(1);
@@ -305,7 +307,7 @@ TEST(ForceCouplingGrid, OverlappingBeadsReachTheTolerance) {
     for (double tolerance : {1e-2, 1e-4, 1e-6}) {
         const auto grid = scene(MobilityForce::MatrixFree, tolerance);
         EXPECT_LE(norm(blobs(*grid) - M), tolerance * norm(M)) << tolerance;
-        // So few bodies have a matrix made of the same grid without iterations.
+        // For so few bodies mobility() makes a matrix from the same grid without iterations.
         const MatrixXd N = grid->mobility();
         const Eigen::LLT<MatrixXd> factor(N);
         for (int i = 0; i < 5; i++) {
@@ -315,7 +317,7 @@ TEST(ForceCouplingGrid, OverlappingBeadsReachTheTolerance) {
             EXPECT_LE(sqrt(error.dot(factor.solve(error))),
                       tolerance * sqrt(wrench.dot(N * wrench)))
                 << tolerance;
-            EXPECT_GT(error.norm(), 1e-14 * twists.norm());  // these were iterations
+            EXPECT_GT(error.norm(), 1e-14 * twists.norm());  // iterations were used
         }
     }
 }

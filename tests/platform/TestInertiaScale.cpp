@@ -1,6 +1,7 @@
-// setInertiaScale(): moments times a factor in the dynamics of schemes with momenta. Equipartition
-// and averages over configurations are those of any moments. Trajectories are those of bodies that
-// have the scaled moments. The angular velocities that users see are the real ones.
+// setInertiaScale() multiplies moments of inertia by a factor in the dynamics of schemes with
+// momenta. Equipartition and averages over configurations do not depend on the factor. Trajectories
+// are those of bodies that have the scaled moments. The angular velocities that users see are the
+// real ones.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -23,7 +24,7 @@ namespace {
 
 typedef CustomRigidHIIntegrator::Scheme Scheme;
 
-/** A scheme with momenta, in each way in which it is computed. */
+/** A scheme with momenta, in each of the ways in which it may be computed. */
 struct Way {
     string name;
     Scheme scheme;
@@ -81,9 +82,9 @@ struct Mixture : FluidScene {
 };
 
 /**
- * Waters of four particles, the charge of oxygen on a virtual site, that feel nothing but a uniform
- * field along z: a dipole k kT long in it, whose mean direction is the Langevin function coth k -
- * 1/k.
+ * Waters of four particles, with the charge of oxygen on a virtual site, that feel only a uniform
+ * field along z. The dipole times the field is k kT, so the exact mean cosine is the Langevin
+ * function coth k - 1/k.
  */
 struct Waters {
     System system;
@@ -154,7 +155,7 @@ struct Energies {
     /** @param removed  degrees of translation that a CMMotionRemover takes */
     void expectEquipartition(const string& what, int copies, const vector<bool>& isLive, double kT,
                              int removed = 0) const {
-        // chi^2 with so many degrees of freedom gives the error.
+        // The relative error is that of a chi^2 variable with this number of degrees of freedom.
         const auto check = [&](const string& which, double sum, double degrees) {
             expectMean(what + ", " + which, {sum / degrees / (kT / 2), sqrt(2 / degrees)}, 1);
         };
@@ -169,8 +170,8 @@ struct Energies {
 };
 
 /**
- * Samples for statistics. Devices take a tenth of a millisecond a launch, and the loops over bodies
- * there are those of CPU.
+ * Schemes and factors whose statistics are sampled. Devices have fewer of them, because a launch
+ * takes a tenth of a millisecond there, and because the loops over bodies are those of CPU.
  */
 vector<Scheme> schemesToSample() {
     return onDevice() ? vector<Scheme>{CustomRigidHIIntegrator::LangevinC}
@@ -185,7 +186,7 @@ double langevinFunction(double k) { return 1 / tanh(k) - 1 / k; }
 }  // namespace
 
 TEST(InertiaScale, MotionIsThatOfBodiesWithThoseMoments) {
-    // A power of 2, so that rounding is the same.
+    // The factor is a power of 2, so that rounding is the same.
     for (const Way& way : waysWithMomenta()) {
         Mixture scaled(way, 4), heavy(way, 1, 4), plain(way, 1);
         for (int part = 0; part < 3; part++) {
@@ -255,9 +256,10 @@ TEST(InertiaScale, EquipartitionPerAxis) {
 }
 
 TEST(InertiaScale, EquipartitionInAFluid) {
-    // Friction is the fluid's, so angular momenta relax more slowly by the factor: the slowest of
-    // them at about 10/factor a unit of time, translation at about 4. Samples are apart by 1.2
-    // sqrt(factor), so that squares of momenta are independent within exp(-5).
+    // The friction is that of the fluid, so angular momenta relax more slowly by the factor. The
+    // slowest of them relaxes at a rate of about 10/factor, translation at a rate of about 4.
+    // Samples are 1.2 sqrt(factor) apart, so that squares of momenta are independent within
+    // exp(-5).
     const int copies = 100;
     for (double factor : factorsToSample()) {
         FluidScene scene(1 / boltzmann, 0.02);
@@ -317,7 +319,7 @@ TEST(InertiaScale, AveragesOverConfigurationsStay) {
 }
 
 TEST(InertiaScale, AveragesUnderABarostatStay) {
-    // Nothing interacts: an ideal gas of N bodies has <V> = (N + 1) kT/P.
+    // Bodies do not interact. An ideal gas of N bodies has <V> = (N + 1) kT/P.
     const int copies = 20;
     const double k = 2, kT = boltzmann * 300, V = 27, bar = 0.0602214076;  // kJ/mol/nm^3
     Waters waters(CustomRigidHIIntegrator::LangevinC, 0.004, 8, k, copies);
@@ -325,7 +327,7 @@ TEST(InertiaScale, AveragesUnderABarostatStay) {
     auto* barostat = new MonteCarloBarostat((copies + 1) * kT / V / bar, 300, 1);
     barostat->setRandomNumberSeed(5);
     auto* nothing = new HarmonicBondForce();
-    nothing->setUsesPeriodicBoundaryConditions(true);  // a barostat wants a Force that does
+    nothing->setUsesPeriodicBoundaryConditions(true);  // a barostat needs a Force that uses the box
     waters.system.addForce(nothing);
     waters.system.addForce(barostat);
     waters.start();
@@ -379,8 +381,8 @@ TEST(InertiaScale, EnergyIsConservedToSecondOrder) {
 
 TEST(InertiaScale, UsersSeeRealAngularVelocities) {
     for (bool isExplicit : {false, true}) {
-        // Explicit bodies here have a marker without mass, so that their velocities are fitted in
-        // the other way.
+        // Explicit bodies have a marker without mass here, so that their velocities are fitted in
+        // another way.
         System system;
         CustomRigidHIIntegrator integrator(0, 0.001);
         const Shape water = waterShape();
@@ -429,7 +431,7 @@ TEST(InertiaScale, UsersSeeRealAngularVelocities) {
         integrator.setBodyAngularVelocities({omega});
         expectTwist("set on the body");
         EXPECT_NEAR(rotational(), rotationalOf(5), close);
-        // From velocities of particles.
+        // Velocities of particles define the same twist.
         vector<Vec3> rigid = velocitiesOf(context);
         context.setVelocities(vector<Vec3>(4));
         EXPECT_EQ(rotational(), 0);
@@ -440,8 +442,8 @@ TEST(InertiaScale, UsersSeeRealAngularVelocities) {
         EXPECT_NEAR(context.getState(State::Energy).getKineticEnergy(),
                     rotational() + integrator.computeTranslationalKineticEnergy() + 0.5 * 4 * 0.01,
                     close);
-        // A change takes effect at once: velocities stay, energies of rotation follow, and no
-        // other.
+        // A change of the factor takes effect at once. Velocities stay, and only energies of
+        // rotation change.
         const double translational = integrator.computeTranslationalKineticEnergy();
         integrator.setInertiaScale(0.5);
         EXPECT_NEAR(rotational(), rotationalOf(0.5), close);
@@ -495,7 +497,7 @@ TEST(InertiaScale, ARunGoesOnBitForBit) {
 }
 
 TEST(InertiaScale, SchemesMayAlternate) {
-    // A scheme without momenta has nothing to scale. Velocities are kept meanwhile, and come back
+    // A scheme without momenta has nothing to scale. The velocities are kept meanwhile, and return
     // with the factor.
     const auto C = CustomRigidHIIntegrator::LangevinC,
                none = CustomRigidHIIntegrator::GradientThermostat;

@@ -1,6 +1,6 @@
-// The scheme LangevinHI: against Langevin C where friction is constant, against linear theory in
-// one step, against closed forms in equilibrium; its order, its counters, its hard cases. Units
-// with kT = 1 unless said otherwise.
+// The scheme LangevinHI is compared with Langevin C where the friction is constant, with linear
+// theory in one step, and with closed forms in equilibrium. Further tests are of its order, its
+// counters, and hard cases. Units have kT = 1 unless said otherwise.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/VirtualSite.h>
@@ -18,7 +18,7 @@ namespace {
 
 const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 
-/** Models that the scheme runs with. A new one is a line here. */
+/** The models with which the scheme runs. A new model is one more line here. */
 struct ModelCase {
     string name;
     MobilityForce::Model model;
@@ -64,7 +64,7 @@ void addField(System& system, const string& energy) {
     system.addForce(field);
 }
 
-/** A sphere about its origin, with a marker that a field turns it by; any inertia. */
+/** A sphere about its origin with any inertia. A field turns the sphere by its marker. */
 BodyKind markedSphere(double radius, double mass, const Vec3& moments) {
     return {"marked sphere", mass, moments, {Vec3(), Vec3(0.1, 0.15, 0.7)}, {radius, 0}};
 }
@@ -149,7 +149,8 @@ VectorXd twistsOf(FluidScene& scene) {
     return result;
 }
 
-/** Inverse of masses and inertia tensors in the lab frame; zero about axes without inertia. */
+/** The inverse of masses and inertia tensors in the lab frame. It is zero about axes without
+ * inertia. */
 MatrixXd inverseInertia(FluidScene& scene) {
     const int n = scene.bodies.size();
     MatrixXd result = MatrixXd::Zero(6 * n + 3 * scene.freeParticles.size(),
@@ -179,7 +180,7 @@ namespace {
 
 enum class Layout { FreeDraining, AloneUnderRpy, TwoGroups };
 
-/** The same bodies twice: in a fluid, and with Langevin C's frictions. */
+/** Compares the same bodies in a fluid and with the frictions of Langevin C. */
 void compareWithLangevinC(Layout layout, CustomRigidHIIntegrator::NoiseLaw law,
                           double temperature) {
     vector<BodyKind> kinds = {markedSphere(0.5, 1.5, Vec3(0.3, 0.5, 0.4)),
@@ -243,7 +244,8 @@ TEST(LangevinHI, WithConstantIsotropicFrictionIsLangevinC) {
 }
 
 TEST(LangevinHI, OwnIsotropicTensorsAreLangevinCToo) {
-    // A multiblob with a diagonal own tensor: it is a thermostat, although its blobs make none.
+    // With a diagonal own tensor a multiblob has the plain thermostat of Langevin C, although the
+    // friction of its blobs is not diagonal.
     FluidScene hydrodynamic(T1, 0.02), plain(T1, 0.02);
     for (FluidScene* scene : {&hydrodynamic, &plain}) scene->add(boomerangKind());
     hydrodynamic.fluid->setModel(MobilityForce::FreeDraining);
@@ -335,7 +337,7 @@ MatrixXd exponential(const MatrixXd& m) {
     return sum + MatrixXd::Identity(m.rows(), m.cols());
 }
 
-/** Theory: V(h) = exp(-h I^-1 xi) V(0), on velocities that bodies can have. */
+/** The response in theory: V(h) = exp(-h I^-1 xi) V(0), on velocities that bodies can have. */
 MatrixXd expectedResponse(const MatrixXd& friction, const MatrixXd& inverse, double h) {
     const MatrixXd onLive = inverse * inverse.completeOrthogonalDecomposition().pseudoInverse();
     return exponential(-h * inverse * friction) * onLive;
@@ -383,8 +385,8 @@ TEST_P(EveryModel, OneStepResponseIsTheExponentialOfFrictionOverInertia) {
 }
 
 TEST(LangevinHI, OneStepOfABodyAloneAndOfPairs) {
-    // The path for constant friction; spheres only, where the mobility is decomposed and not the
-    // friction; bodies without inertia about a line.
+    // The scenes take the path for constant friction, the path for spheres only, where the mobility
+    // is decomposed and not the friction, and the path for bodies without inertia about a line.
     const vector<vector<BodyKind> > scenes = {
         {boomerangKind()},
         {rodKind()},
@@ -409,7 +411,7 @@ TEST(LangevinHI, OneStepOfABodyAloneAndOfPairs) {
 }
 
 TEST(LangevinHI, AChangedStepSizeIsHonoured) {
-    // A body alone keeps the matrices of its step.
+    // A body alone keeps the matrices of its step, which depend on the step size.
     FluidScene scene(0, 0.1);
     scene.add(boomerangKind());
     scene.start(testPlatform());
@@ -434,7 +436,7 @@ TEST(LangevinHI, HardRatiosOfMassesAndOfFrictionToMass) {
                 boomerang.moments *= mass;
                 if (multiblob) scene.add(boomerang, Vec3(-2, 0, 0));
                 scene.start(testPlatform());
-                // In momentum space divided by roots of masses everything is of order 1.
+                // In momenta divided by the roots of masses all entries are of order 1.
                 const MatrixXd inverse = inverseInertia(scene), root = squareRoot(inverse),
                                friction = scene.expected().friction;
                 const MatrixXd S = root * friction * root;
@@ -450,9 +452,10 @@ TEST(LangevinHI, HardRatiosOfMassesAndOfFrictionToMass) {
 }
 
 TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
-    // From rest, at a temperature so small that nothing moves: <V V^T> = kT (I^-1 - E I^-1 E^T),
-    // with E the response. The theory is used to make the samples white. Entry (i, k) of their
-    // covariance then has the error sqrt((1 + delta_ik)/n).
+    // Steps start from rest, at a temperature so small that bodies hardly move. The exact
+    // covariance is <V V^T> = kT (I^-1 - E I^-1 E^T), with E the response. The theory is used to
+    // make the samples white. Entry (i, k) of their covariance then has the error sqrt((1 +
+    // delta_ik)/n).
     const double smallT = 1e-12 * T1;
     for (double h : {0.01, 0.5}) {
         FluidScene scene(smallT, h);
@@ -489,7 +492,7 @@ TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
             mean += y / n;
             unseen = max(unseen, (eigen.eigenvectors().leftCols(dead).transpose() * V).norm());
         }
-        EXPECT_LT(unseen, 1e-11);  // 1e-6 is the size of the others
+        EXPECT_LT(unseen, 1e-11);  // other components have a size of 1e-6
         double worst = mean.cwiseAbs().maxCoeff() * sqrt(n);
         for (int i = 0; i < live; i++)
             for (int k = 0; k <= i; k++)
@@ -503,8 +506,8 @@ TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
 // ---- Deterministic limit ----
 
 TEST(LangevinHI, ASedimentingPairFallsAsItsMobilitySays) {
-    // Side by side, equal spheres keep their distance: V and omega of the steady state, as h^2 goes
-    // to 0.
+    // Two equal spheres side by side keep their distance. V and omega of the steady state are those
+    // of the mobility in the limit h^2 -> 0.
     const double apart = 1.4, radius = 0.5;
     double error[2][2], limit[2] = {0, 0};
     VectorXd expected;
@@ -554,7 +557,7 @@ TEST_P(EveryModel, TrajectoriesConvergeWithOrderTwo) {
         for (size_t i = 0; i < a.x.size(); i++) sum += (a.x[i] - b.x[i]).dot(a.x[i] - b.x[i]);
         return sqrt(sum);
     };
-    // The same start for all: Eigen's Random would go on.
+    // All runs need the same start, so the generator of Eigen's Random is set each time.
     srand(1);
     const Snapshot fine = end(0.0005);
     srand(1);
@@ -568,7 +571,8 @@ TEST_P(EveryModel, TrajectoriesConvergeWithOrderTwo) {
 
 namespace {
 
-/** Replicas of a scene, each a group of its own, held by traps on origins and fields on markers. */
+/** Replicas of a scene, each in a group of its own. Traps hold the origins, and fields act on the
+ * markers. */
 struct Replicas {
     FluidScene scene;
     CustomExternalForce* trap = new CustomExternalForce("0.5*k*((x-x0)^2+y^2+z^2)");
@@ -615,7 +619,7 @@ BodyKind heldSphere(double radius, double mass, const Vec3& moments) {
             {radius, 0, 0, 0}};
 }
 
-/** Mean and error from means over replicas that are independent of each other. */
+/** The mean and its error from the means of replicas, which are independent of each other. */
 struct ByReplica {
     vector<double> sums;
     int count = 0;
@@ -672,8 +676,8 @@ TEST(LangevinHI, EquilibriumUnderStrongCouplingOfTranslationAndRotation) {
                                                                        omega[c]);
                     values[body + "m v^2 of " + axes[c]].push_back(kind.mass * now.V[b][c] *
                                                                    now.V[b][c]);
-                    // Langevin C's middle step leaves momenta a bias of -h^2 w^2/4: below 2e-3
-                    // here.
+                    // As in Langevin C the kinetic energy has a bias of -h^2 w^2/4, which is below
+                    // 2e-3 here.
                     expected[body + "I omega^2 of " + axes[c]] = 1;
                     expected[body + "m v^2 of " + axes[c]] = 1 - h * h * k / kind.mass / 4;
                     values[body + "x v of " + axes[c]].push_back(x[c] * now.V[b][c]);
@@ -760,7 +764,7 @@ TEST(LangevinHI, DiffusionIsTheTemperatureTimesMobility) {
         for (Vector3d& x : moved.offsets) x -= point;
         return IndependentMobility({moved}, 0.6).mobility;
     };
-    // mu_rt + mu_rt^T's antisymmetric part is linear in the point: three equations.
+    // The antisymmetric part of mu_rt is linear in the point, which gives three equations.
     const auto antisymmetric = [&](const Vector3d& point) {
         const Matrix3d b = mobilityAbout(point).bottomLeftCorner(3, 3);
         return Vector3d(b(1, 2) - b(2, 1), b(2, 0) - b(0, 2), b(0, 1) - b(1, 0));
@@ -823,7 +827,8 @@ TEST(LangevinHI, TemperatureAtAnyFriction) {
             for (double e : translational) ASSERT_NEAR(e / start, 1, 0.01);
             continue;
         }
-        // Strong friction: every sample is independent; at 1/ps: a relaxation time is 100 steps.
+        // With strong friction every sample is independent. With a friction of 1/ps the relaxation
+        // time is 100 steps.
         const double independent = frictionOverMass > 1e3 ? 40 : 1;
         expectMean(
             "translation at " + to_string(frictionOverMass),
@@ -838,7 +843,7 @@ TEST(LangevinHI, TemperatureAtAnyFriction) {
 }
 
 TEST(LangevinHI, WeakFrictionKeepsEnergy) {
-    // T = 0, friction/mass 1e-6: a free flight loses 2 gamma t of its energy, and rounding adds no
+    // At T = 0 and friction/mass 1e-6 a free flight loses 2 gamma t of its energy. Rounding adds no
     // loss.
     const double mass = 6 * M_PI * 0.6 * 0.5 * 1e6;
     FluidScene scene(0, 0.01);
@@ -879,8 +884,8 @@ TEST_P(EveryModel, RandomNumbersAreCountedExactly) {
     EXPECT_EQ(counter(scene, "squareRoots"), 0);
     scene.integrator.setTemperature(T1);
     scene.integrator.step(3);
-    // Two spheres and the boomerang 6, the linear sphere and the rod 5, the point and the free
-    // particles 3.
+    // Two spheres and the boomerang take 6 numbers each, the linear sphere and the rod 5, the point
+    // and the free particles 3.
     const int perStep = 2 * 6 + 5 + 3 + 3 + 3 + (GetParam().takesMultiblobs ? 11 : 0);
     EXPECT_EQ(counter(scene, "randomNumbers"), 3 * perStep);
     scene.integrator.setFriction(0);  // of the particle that the fluid does not see
@@ -920,7 +925,8 @@ TEST(LangevinHI, MatricesAreMadeOnlyWhereNeeded) {
 // ---- Company ----
 
 TEST(LangevinHI, FreeParticlesThatTheFluidDoesNotSeeFeelLangevinC) {
-    // Beside bodies that feel each other, and beside free particles that the fluid sees.
+    // The free particles are beside bodies that feel each other, and beside free particles that the
+    // fluid sees.
     FluidScene hydrodynamic(T1, 0.02), plain(T1, 0.02);
     for (FluidScene* scene : {&hydrodynamic, &plain}) {
         for (int b = 0; b < 2; b++) scene->add(sphereKind(0.5), Vec3(2 * b, 0, 0));
@@ -1045,7 +1051,7 @@ TEST_P(EveryModel, ReferenceAndCpuTakeTheSameStep) {
 }
 
 TEST(LangevinHI, MatrixFreeIsDenseToFiveTimesTheTolerance) {
-    // One step from one state, in the norm of mass-weighted momenta.
+    // One step from the same state is compared, in the norm of mass-weighted momenta.
     double worst = 0;
     for (bool multiblobs : {false, true})
         for (double h : {1e-4, 0.03, 3.0})
@@ -1120,7 +1126,7 @@ TEST(LangevinHI, FullFiveHundredBodies) {
     scene.start(testPlatform(), 2);
     scene.context->setVelocitiesToTemperature(T1, 3);
     scene.integrator.step(3);
-    // Temperature within 5 sigma of what 1500 components leave.
+    // The temperature is within 5 standard deviations of a mean over 1500 components.
     EXPECT_NEAR(scene.integrator.computeTranslationalKineticEnergy() / 750, 1,
                 5 * sqrt(2.0 / 1500));
 }
@@ -1153,7 +1159,7 @@ TEST_P(EveryModel, ResumesBitForBit) {
     make(twice, true);
     once.integrator.step(20);
     twice.integrator.step(10);
-    twice.mobility();  // looking changes nothing
+    twice.mobility();  // reading the state changes nothing
     twice.friction();
     twice.context->getState(State::Energy | State::Forces);
     stringstream checkpoint, xml;

@@ -1,4 +1,5 @@
-// Changes that others make to a Context, and how the integrator deals with them.
+// Changes that users and other Forces make to a Context, and how the integrator deals with these
+// changes.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -83,7 +84,8 @@ struct WaterBox {
 }  // namespace
 
 TEST(VirtualSites, ForcesOnThemAreCountedOnce) {
-    // Force and torque of a body are minus the derivatives of the energy: by moving bodies.
+    // The force and torque on a body are minus the derivatives of the energy, which are found by
+    // moving bodies.
     WaterBox box(2);
     box.start();
     box.integrator.setTemperature(0);
@@ -92,8 +94,8 @@ TEST(VirtualSites, ForcesOnThemAreCountedOnce) {
     const auto q = box.integrator.getBodyOrientations();
     const auto forces = box.integrator.getBodyForces(), torques = box.integrator.getBodyTorques();
     auto energy = [&] { return box.context->getState(State::Energy).getPotentialEnergy(); };
-    // CPU evaluates pairs in single precision: a large displacement, a loose comparison; Reference
-    // does better. A device in double precision has functions of single precision.
+    // CPU evaluates pairs in single precision, so there the displacement is large and the tolerance
+    // loose. A device in double precision has functions of single precision.
     const bool coarse = hasSingleForces() || onDevice();
     const double delta = coarse ? 2e-3 : 1e-5, tolerance = coarse ? 0.02 : 1e-5;
     for (int b : {0, 5})
@@ -136,8 +138,8 @@ TEST(VirtualSites, FollowTheirBodies) {
 }
 
 TEST(VirtualSites, OfVirtualSitesFollowTheirBodies) {
-    // Site 2 of each molecule depends on site 3, which depends on the atoms: in a body, then in a
-    // free molecule.
+    // Site 2 of each molecule depends on site 3, which depends on the atoms. The first molecule is
+    // a body, the second one is free.
     System system;
     CustomRigidHIIntegrator integrator(300, 0.002);
     integrator.setRandomNumberSeed(8);
@@ -171,8 +173,8 @@ TEST(VirtualSites, OfVirtualSitesFollowTheirBodies) {
         EXPECT_LT(norm(x[p + 2] - x[p] * 0.25 - x[p + 1] * 0.75), readTolerance(1e-7, 1)) << p;
         EXPECT_LT(norm(x[p + 3] - x[p] * 0.5 - x[p + 1] * 0.5), readTolerance(1e-7, 1)) << p;
     }
-    // The forces on all four are the body's: springs on weights of the atoms, -100 times the sum of
-    // all positions.
+    // The force on the body is that on all four particles. The springs make it -100 times the sum
+    // of all positions.
     const auto sum = x[0] + x[1] + x[2] + x[3];
     EXPECT_LT(norm(integrator.getBodyForces()[0] + sum * 100.0),
               forceTolerance(1e-9, 100 * norm(sum)));
@@ -223,16 +225,16 @@ TEST(FreeParticles, ConstrainedFlexibleMoleculesKeepTheirConstraintsAndTemperatu
         for (int i = 0; i < 4 * copies; i += 4)
             for (int k : {1, 2}) {
                 const Vec3 d = x[i + k] - x[i];
-                // The rounding of positions so far from the origin, and of the direction that they
-                // define.
+                // The tolerance includes the rounding of positions so far from the origin, and of
+                // the direction that these positions define.
                 const double reading = readTolerance(0, 0.5 * copies);
                 ASSERT_NEAR(norm(d), 0.1, 1e-8 + reading);
                 ASSERT_NEAR(d.dot(v[i + k] - v[i]) / norm(d), 0,
                             1e-5 + reading / 0.1 * norm(v[i + k] - v[i]));
             }
     }
-    // BAOAB's kinetic bias of the stiffest bond: h^2 w^2/4 of 1/10 of the energy, w^2 = 20000/6.9:
-    // 7e-5.
+    // The kinetic bias of BAOAB for the stiffest bond is h^2 w^2/4 of 1/10 of the energy. With w^2
+    // = 20000/6.9 this is 7e-5.
     expectMean("free temperature",
                {estimate(temperatures).mean, 300 * sqrt(2.0 / (dof.at("free") * 40.0))}, 300);
 }
@@ -302,7 +304,7 @@ TEST(Velocities, AreProjectedOnRigidMotion) {
     Vec3 rigid;
     for (int i = 0; i < 3; i++) rigid += (x[i] - R).cross(omega.cross(x[i] - R)) * water.masses[i];
     EXPECT_LT(norm(rigid - L), readTolerance(1e-13, 3));
-    // Setting them again changes nothing (replaces, does not accumulate).
+    // Setting the velocities again replaces them and does not accumulate.
     context.setVelocities(v);
     EXPECT_LT(norm(integrator.getBodyAngularVelocities()[0] - omega), 1e-13);
     // Body setters are seen in the particles at once.
@@ -330,7 +332,7 @@ TEST(Poses, MembersWithinToleranceArePutBackOthersAreAnError) {
     box.context->setPositions(moved);
     expectError([&] { box.integrator.step(1); },
                 {"body 1", "particle ", "nm from its place", "setPoseTolerance"});
-    // The given state is still there, and good positions mend it.
+    // The given state is still there, and good positions make it valid.
     const auto kept = positionsOf(*box.context);
     for (size_t p = 0; p < moved.size(); p++)
         EXPECT_LE(norm(kept[p] - moved[p]), readTolerance(0, 1));
@@ -388,7 +390,7 @@ TEST(Others, CMMotionRemoverRemovesMomentumAndThreeDegreesOfFreedom) {
     box.integrator.step(5);
     Vec3 p;
     for (const Vec3& v : box.integrator.getBodyVelocities()) p += v * 18.0154;
-    // Internal forces conserve momentum (single precision on CPU).
+    // Internal forces conserve momentum (on CPU to single precision).
     EXPECT_LT(norm(p), hasSingleForces() ? 0.05 : forceTolerance(1e-9, 1));
     EXPECT_GT(box.integrator.getBodyAngularVelocities()[0].dot(spinsBefore[0]), -1e9);
 }
@@ -422,10 +424,10 @@ TEST(Others, CMMotionRemoverLeavesRotationAlone) {
         Vec3 p;
         const auto v = velocitiesOf(context);
         for (int i = 0; i < system.getNumParticles(); i++) p += v[i] * system.getParticleMass(i);
-        EXPECT_LT(norm(p), readTolerance(1e-10, 1e3));  // of that much mass
+        EXPECT_LT(norm(p), readTolerance(1e-10, 1e3));  // the total mass is that large
     }
-    // Taking in the shifted velocities adds rounding only; a needle's thin axis turns 1e-16 into
-    // 1e-11.
+    // Reading the shifted velocities adds rounding errors only. About a needle's thin axis 1e-16
+    // becomes 1e-11.
     EXPECT_LT(norm(rotational[1] - rotational[0]) / norm(rotational[0]), readTolerance(1e-9, 1));
     EXPECT_LT(whole[1], whole[0]);
 }
@@ -486,7 +488,8 @@ private:
     const Vec3 change;
 };
 
-/** Bodies whose masses are not those of their particles, in every way, without forces. */
+/** Bodies without forces whose masses differ from those of their particles, in every possible way.
+ */
 struct OddMasses {
     System system;
     CustomRigidHIIntegrator integrator{0, 0.001};
@@ -565,8 +568,8 @@ TEST(Others, CMMotionRemoverRemovesTheMomentumOfBodiesWithMassesOfTheirOwn) {
     for (int steps : {1, 4}) {
         for (OddMasses* scene : {&removed, &free}) scene->integrator.step(steps);
         EXPECT_LT(norm(removed.momentum()), readTolerance(1e-12, 3) * mass);
-        // All velocities are changed by the same vector. So rotation is not changed, nor what the
-        // particles' velocities say of it.
+        // All velocities are changed by the same vector. So neither the rotation nor its fit to the
+        // particles' velocities is changed.
         const auto v = removed.integrator.getBodyVelocities(),
                    v0 = free.integrator.getBodyVelocities(),
                    omega = removed.integrator.getBodyAngularVelocities(),
@@ -609,9 +612,9 @@ TEST(Others, WhatAnotherForceDoesToVelocitiesIsNotTakenForTheRemovers) {
 }
 
 TEST(Others, EquipartitionOfTwoBodiesUnderACMMotionRemover) {
-    // Masses of 100 and 1 Da on System masses of 1 Da. Along each axis the relative velocity has
-    // the variance kT/mu, that of the centre of mass what noise of the step after the removal
-    // leaves: kT (1 - exp(-2 gamma h))/M.
+    // Bodies have masses of 100 and 1 Da, where the System has masses of 1 Da. Along each axis the
+    // relative velocity has the exact variance kT/mu. The velocity of the centre of mass has only
+    // the noise of the step after the removal: kT (1 - exp(-2 gamma h))/M.
     System system;
     const double gamma = 20, h = 0.002, kT = boltzmann * 300, masses[] = {100, 1};
     CustomRigidHIIntegrator integrator(300, h);
@@ -708,7 +711,7 @@ using SceneAction = function<void(ChangeableScene&)>;
 struct Change {
     string name;
     SceneAction make, prepare = [](ChangeableScene&) {};
-    bool isLater = false;  // OpenMM takes it over when the next Context is created
+    bool isLater = false;  // takes effect when the next Context is created
 };
 
 vector<Change> changesOfForces() {
@@ -778,8 +781,8 @@ vector<Change> changesOfForces() {
 }  // namespace
 
 TEST(Others, TheNextStepHasTheForcesOfTheNewSettings) {
-    // The result is that of an integrator that evaluates all forces in every step: here an
-    // integrator that is told that its positions are new.
+    // The result is that of an integrator that evaluates all forces in every step. Here this is an
+    // integrator whose positions are set again, so that it evaluates all forces.
     for (auto scheme :
          {CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat,
           CustomRigidHIIntegrator::LangevinHI, CustomRigidHIIntegrator::FixmanMidpoint})
@@ -821,7 +824,7 @@ TEST(Others, OpenMMsMinimiserWorksOnConstrainedBodies) {
     box.start();
     const double before = box.context->getState(State::Energy).getPotentialEnergy();
     LocalEnergyMinimizer::minimize(*box.context, 10, 200);
-    box.integrator.step(1);  // the poses are fitted, members put back
+    box.integrator.step(1);  // poses are fitted, and members put back
     const double after = box.context->getState(State::Energy).getPotentialEnergy();
     EXPECT_LT(after, before);
     EXPECT_LT(box.integrator.getPoseResidual(), 1e-3);
@@ -870,12 +873,12 @@ TEST(Others, NonFiniteForcesNameStepAndBodyAndKeepTheLastState) {
     EXPECT_TRUE(sameBits(velocitiesOf(context), goodVelocities));
     EXPECT_EQ(context.getStepCount(), 2);
     EXPECT_LT(integrator.getBodyPositions()[1][0], 0.55);
-    // Cure the cause and go on.
+    // Once the cause is removed the Context goes on.
     context.setParameter("wall", 0.0);
     context.setVelocities({Vec3(), Vec3(1, 0, 0), Vec3()});
     integrator.step(1);
     EXPECT_GT(positionsOf(context)[1][0], good[1][0]);
-    // The same with a free particle.
+    // A free particle gives the same error.
     System other;
     other.addParticle(1.0);
     auto* nan = new CustomExternalForce("sqrt(x)");
@@ -897,15 +900,15 @@ TEST(Others, BodiesAcrossPeriodicBoundariesStayWhole) {
     for (int p = 0; p < (int)box.positions.size(); p += 4)
         EXPECT_NEAR(norm(state.getPositions()[p] - state.getPositions()[p + 1]), 0.09572,
                     readTolerance(1e-12, 2));
-    // Wrapped whole molecules are taken in.
+    // Positions of whole molecules that were wrapped into the box are accepted.
     box.context->setPositions(state.getPositions());
     box.integrator.step(5);
     EXPECT_LT(box.integrator.getPoseResidual(), readTolerance(1e-12, 2));
 }
 
 TEST(Others, CreatingAContextCostsNoMoreABodyInALargerSystem) {
-    // Four times as many bodies took thirteen times as long when each looked at the constraints of
-    // all.
+    // When each body searched the constraints of all bodies, four times as many bodies took
+    // thirteen times as long.
     const auto seconds = [](int copies, bool constrained) {
         System system;
         CustomRigidHIIntegrator integrator(300, 0.001);
@@ -915,7 +918,7 @@ TEST(Others, CreatingAContextCostsNoMoreABodyInALargerSystem) {
             system.addConstraint(p, p % 3 == 2 ? p - 2 : p + 1,
                                  norm(water.sites[p % 3] - water.sites[(p + 1) % 3]));
         double least = INFINITY;
-        // The processor's time, which other programs do not change.
+        // The processor's time is measured, which other programs do not change.
         for (int repeat = 0; repeat < 5; repeat++) {
             const clock_t start = clock();
             Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
@@ -924,7 +927,7 @@ TEST(Others, CreatingAContextCostsNoMoreABodyInALargerSystem) {
         return least;
     };
     for (bool constrained : {true, false}) {
-        // Without constraints so few take no time that a clock could tell.
+        // Without constraints more bodies are needed for a time that the clock can measure.
         const int number = constrained ? 2000 : 8000;
         const double few = seconds(number, constrained), many = seconds(4 * number, constrained);
         cout << number << " bodies: " << few << " s, " << 4 * number << ": " << many << " s"

@@ -1,4 +1,4 @@
-// LangevinHI without matrices against the dense solver: the tolerance is a promise.
+// LangevinHI without matrices agrees with the dense solver to the solver's tolerance.
 
 #include <sstream>
 
@@ -66,8 +66,8 @@ public:
         context->setPositions(positions);
         context->setVelocitiesToTemperature(1 / boltzmann, 3);
     }
-    /** Mass-weighted momenta, angular ones in the lab frame, where the rotation after the fluid's
-     * part leaves them alone. */
+    /** Mass-weighted momenta. Angular momenta are in the lab frame, where the rotation after the
+     * fluid's part of the step does not change them. */
     vector<double> Z() {
         vector<double> result;
         const vector<Vec3> v = integrator.getBodyVelocities(),

@@ -1,5 +1,5 @@
-// Properties that every hydrodynamic model has, and what MobilityForce gives to users, by the
-// public API.
+// Properties that every hydrodynamic model has, and the results that MobilityForce gives to users,
+// by the public API.
 
 #include <openmm/VirtualSite.h>
 
@@ -49,7 +49,7 @@ const vector<ModelCase> models = {
     {"ForceCouplingChannel", MobilityForce::ForceCoupling, MobilityForce::SlipChannel, true, true,
      true, true},
 };
-/** Below all particles of the mixture where origins have z >= 0. */
+/** The wall is below all particles of the mixture if their origins have z >= 0. */
 const double wallHeight = -2;
 const double channelWidth = 14.5;
 void choose(FluidScene& scene, const ModelCase& model) {
@@ -83,7 +83,7 @@ void addMixture(FluidScene& scene, const ModelCase& model, int copies = 1) {
     }
 }
 const double largestExtent =
-    1.9;  // of the mixture's bodies, from their origin, with the blob's radius
+    1.9;  // largest distance of a blob of the mixture from its body's origin, plus its radius
 
 struct Configuration {
     vector<Vec3> R;
@@ -144,7 +144,7 @@ TEST_P(EveryModel, FrictionIsTheInverseAndProductsAreTheMatrix) {
         EXPECT_LT(difference(N * xi * N, N), 1e-11);
         EXPECT_LT(difference(xi * N * xi, xi), 1e-11);
         EXPECT_LT((N * xi - (N * xi).transpose()).cwiseAbs().maxCoeff(), 1e-11);
-        // No torque about the line of a rod, which is refused.
+        // The wrenches have no torque about the line of a rod, which would be refused.
         const VectorXd wrenches = xi * (N * VectorXd::Random(N.rows()));
         const vector<double> twists = scene.fluid->applyMobilityInContext(
             *scene.context, {wrenches.data(), wrenches.data() + wrenches.size()});
@@ -164,10 +164,10 @@ TEST_P(EveryModel, TurnsAndMovesWithTheScene) {
         scene.pose(c.R, c.q);
         const MatrixXd before = scene.mobility();
         mt19937 random(100 + seed);
-        // At a wall only turns and moves that leave it where it is.
+        // At a wall, only turns and moves that leave the wall where it is are allowed.
         const bool atWall = GetParam().boundary == MobilityForce::NoSlipWall;
         const bool inChannel = GetParam().boundary == MobilityForce::SlipChannel;
-        // In a box only by right angles.
+        // In a box only turns by right angles are allowed.
         const double half = sqrt(0.5);
         const QuaternionArray turn = atWall               ? QuaternionArray{{0.6, 0, 0, -0.8}}
                                      : inChannel          ? QuaternionArray{{half, 0, half, 0}}
@@ -267,8 +267,8 @@ TEST_P(EveryModel, FarAwayIsThatOfAPointForce) {
                     -0.5 * scale / (r * r) * (Matrix3d::Identity() - 3 * u * u.transpose());
             }
             const MatrixXd block = N.block(6 * i, 6 * k, 6, 6);
-            // Bodies off their origin, and bodies that turn when pushed, have corrections of their
-            // size over the distance.
+            // For bodies off their origin, and bodies that turn when pushed, corrections are of the
+            // order of their size over the distance.
             const double size = 3 / r;
             EXPECT_LT((block - expected).topLeftCorner(3, 3).norm(), scale * size) << i << " " << k;
             if (!GetParam().couplesBodies) {
@@ -357,7 +357,7 @@ TEST_P(EveryModel, GroupsAreScenesOfTheirOwn) {
         FluidScene both;
         choose(both, GetParam());
         vector<int> groups;
-        // Interleaved, and labels in no order.
+        // The bodies of both groups are interleaved, and the labels are in no order.
         for (int b = 0; b < n; b++)
             for (int group : {7, 2}) {
                 both.add(alone.bodies[b], c.R[b] + Vec3(group == 7 ? 0 : apart, 0, 0), c.q[b]);
@@ -408,7 +408,7 @@ TEST_P(EveryModel, ChangedParametersReachTheContext) {
     scene.pose(c.R, c.q);
     const MatrixXd before = scene.mobility();
     scene.fluid->setViscosity(1.2);
-    EXPECT_EQ(scene.mobility(), before);  // not before it is told
+    EXPECT_EQ(scene.mobility(), before);  // not before updateParametersInContext()
     scene.fluid->updateParametersInContext(*scene.context);
     EXPECT_LT(difference(2 * scene.mobility(), before), 1e-13);
     EXPECT_LT(difference(0.5 * scene.friction() * before * scene.friction() * 0.5,
@@ -458,7 +458,7 @@ TEST(EveryEnumerator, RunsTheOperatorOfItsNameOnThisPlatform) {
                 ->at({scene.positions,
                       {Vec3(scene.side, 0, 0), Vec3(0, scene.side, 0), Vec3(0, 0, scene.side)}})
                 ->dense(M);
-            // Without interaction every body is in a fluid of its own.
+            // Under FreeDraining every body is in a fluid of its own.
             if (model == MobilityForce::FreeDraining)
                 M.topRightCorner(6, 6).setZero(), M.bottomLeftCorner(6, 6).setZero();
             EXPECT_LT(difference(N, M), 1e-12) << name << " is not what the common operator makes";
@@ -483,7 +483,7 @@ TEST(EveryEnumerator, OthersAreRefused) {
     expectError(
         [&] { RigidHIPlugin::checkOperator(MobilityForce::RotnePragerYamakawa, badBoundary); },
         {"model RotnePragerYamakawa cannot be used with boundary -1"});
-    // The operator of unbounded fluid must not be used silently.
+    // Such combinations must not silently use the operator of unbounded fluid.
     MobilityForce fluid;
     fluid.setModel(MobilityForce::StokesianDynamics);
     fluid.setBoundary(MobilityForce::NoSlipWall);
@@ -497,15 +497,17 @@ TEST(EveryEnumerator, OthersAreRefused) {
 
 namespace {
 
-/** Three rows a particle of the System. */
+/** The velocities of blobs by the public API, three rows for each particle of the System. */
 VectorXd blobVelocities(FluidScene& scene, const VectorXd& forces) {
     const vector<double> v = scene.fluid->applyBlobMobilityInContext(
         *scene.context, {forces.data(), forces.data() + forces.size()});
     return Eigen::Map<const VectorXd>(v.data(), v.size());
 }
 
-/** Likewise by Rotne, Prager and Yamakawa, written down independently. @param labels  who feels
- * whom, a number a particle */
+/**
+ * The same velocities by the tensor of Rotne, Prager and Yamakawa, written down independently.
+ * @param labels  a number for each particle: those with the same number feel each other
+ */
 VectorXd expectedBlobVelocities(FluidScene& scene, const vector<int>& labels,
                                 const VectorXd& forces) {
     const auto x = positionsOf(*scene.context);
@@ -556,13 +558,13 @@ TEST_P(EveryModel, BlobsMoveByTheParticlesMobility) {
             for (size_t i = 0; i < scene.particles[b].size(); i++)
                 labels.push_back(model.couplesBodies ? groups[b] : b + 1);
         }
-        // Free particles are in group 0, but for one that the fluid does not see.
+        // Free particles are in group 0, except one that the fluid does not see.
         for (int i = 0; i < 3; i++) {
             scene.addFree(1, i == 1 ? 0 : 0.3, Vec3(1.1 * i, 7, 1));
             labels.push_back(model.couplesBodies ? 0 : n + 1 + i);
         }
         scene.fluid->setGroups(groups);
-        // A tensor of its own is that of the body, not of its blobs.
+        // An own tensor belongs to the body, and does not change the velocities of its blobs.
         scene.fluid->setBodyMobility(3, rowsOf(tensorWithoutSymmetry(1)));
         scene.start(testPlatform());
         const Configuration c = randomConfiguration(scene, model, 6, 1);
@@ -593,7 +595,7 @@ TEST_P(EveryModel, SpheresMoveByTheirTranslation) {
                 expected.segment<3>(3 * i) +=
                     N.block<3, 3>(6 * i, 6 * j) * forces.segment<3>(3 * j);
         EXPECT_LT(difference(blobVelocities(scene, forces), expected), 1e-12);
-        // The question leaves nothing behind.
+        // Asking for velocities changes nothing.
         EXPECT_EQ(scene.mobility(), N);
     }
 }
@@ -627,7 +629,8 @@ TEST(RotnePragerYamakawaForce, PairsMixturesAndFreeParticles) {
         scene.pose(c.R, c.q);
         const int n = 6 * scene.bodies.size();
         const IndependentMobility expected = scene.expected();
-        // Free particles are force-free: the bodies' part of the mobility, and the inverse of that.
+        // Free particles are without forces. So the mobility is the bodies' part of the whole
+        // mobility, and the friction is the inverse of this part.
         const MatrixXd mobility = expected.mobility.topLeftCorner(n, n);
         EXPECT_LT(difference(scene.mobility(), mobility), 1e-10) << "scene " << seed;
         const MatrixXd xi = scene.friction();
@@ -636,8 +639,8 @@ TEST(RotnePragerYamakawaForce, PairsMixturesAndFreeParticles) {
 }
 
 TEST(RotnePragerYamakawaForce, ValuesOfPairsComputedElsewhere) {
-    // By quadrature over the surfaces, eta = 1: tt across and along, rr across and along, c of F x
-    // n.
+    // The expected values are by quadrature over the surfaces, for eta = 1: tt across and along, rr
+    // across and along, and c, the coefficient of F x n.
     const struct {
         double a_i, a_j, R, expected[5];
     } cases[] = {
@@ -663,14 +666,14 @@ TEST(RotnePragerYamakawaForce, ValuesOfPairsComputedElsewhere) {
         EXPECT_NEAR(N(2, 8), c.expected[1], tolerance);
         EXPECT_NEAR(N(3, 9), c.expected[2], tolerance);
         EXPECT_NEAR(N(5, 11), c.expected[3], tolerance);
-        // n = z: F = x gives F x n = -y.
+        // With n = z, F = x gives F x n = -y.
         EXPECT_NEAR(N(4, 6), -c.expected[4], tolerance);
         EXPECT_NEAR(N(3, 7), c.expected[4], tolerance);
     }
 }
 
 TEST(RotnePragerYamakawaForce, VirtualSitesAndBodiesMadeFromParticlesHaveRadii) {
-    // A water-like body, from its particles, whose blobs are a massive particle and a virtual site.
+    // A body like a water is made from its particles. A virtual site is one of its blobs.
     System system;
     CustomRigidHIIntegrator integrator(0, 0.001);
     auto* fluid = new MobilityForce();
@@ -696,8 +699,8 @@ TEST(RotnePragerYamakawaForce, VirtualSitesAndBodiesMadeFromParticlesHaveRadii) 
 }
 
 TEST(OwnTensors, AreThoseOfTheUsersBodyFrame) {
-    // The boomerang's moments are not ascending, so inside its axes are relabelled; tensors must
-    // follow.
+    // The boomerang's moments are not ascending, so its axes are relabelled inside. Tensors must
+    // follow this change of axes.
     const MatrixXd own = tensorWithoutSymmetry(4);
     for (auto model : {MobilityForce::FreeDraining, MobilityForce::RotnePragerYamakawa})
         for (bool asFriction : {false, true}) {
@@ -726,7 +729,7 @@ TEST(OwnTensors, AreChangedInAContext) {
     scene.add(sphereKind(0.5), Vec3(4, 0, 0));
     scene.start(testPlatform());
     const MatrixXd before = scene.mobility();
-    // A body's own tensor that is the model's changes nothing.
+    // An own tensor that equals the model's tensor changes nothing.
     FluidScene alone;
     alone.add(boomerangKind());
     alone.start(testPlatform());

@@ -1,5 +1,5 @@
 // Schemes without momenta by the public API: order without noise, exact averages, effects and
-// counters, resume, what is refused. The drift and the covariance of one step:
+// counters, exact resume, and refused input. The drift and the covariance of one step are tested in
 // unit/TestOverdampedSchemes.cpp.
 
 #include <openmm/CMMotionRemover.h>
@@ -38,7 +38,7 @@ struct Named {
     int order;   // at temperature 0
     int forces;  // evaluations a step
 };
-/** The schemes of the kind Overdamped. */
+/** All schemes without momenta. */
 vector<Named> overdampedSchemes() {
     vector<Named> found;
     for (const SchemeTraits& traits : schemeTable)
@@ -80,7 +80,7 @@ struct OverdampedScene : FluidScene {
         }
         addWells("2*(x-1)^2 + (y+1)^2 + 0.5*(z-4)^4 + 0.3*x*y");
     }
-    /** Forces and torques of the mixture's wells, differentiated by hand. */
+    /** The forces and torques of the mixture's wells, from derivatives that are written by hand. */
     static VectorXd wrenchesOfWells(const vector<LabBody>& bodies) {
         int row = 0;
         for (const LabBody& body : bodies) row += body.rows();
@@ -136,7 +136,7 @@ TEST(Overdamped, OrderWithoutNoise) {
                 EXPECT_EQ(statistics.at("randomNumbers"), 0) << s.name;
                 EXPECT_EQ(statistics.at("squareRoots"), 0) << s.name;
                 EXPECT_EQ(statistics.at("forceEvaluations"), s.forces * (steps << k)) << s.name;
-                // One matrix for each of the configurations where forces act.
+                // The scheme makes one matrix for each configuration at which forces act.
                 EXPECT_EQ(statistics.at("mobilityProducts"), s.forces * (steps << k)) << s.name;
             }
             EXPECT_NEAR(log2(error[0] / error[1]), s.order, 0.15) << s.name << " wall " << wall;
@@ -145,7 +145,7 @@ TEST(Overdamped, OrderWithoutNoise) {
 }
 
 TEST(Overdamped, TimeDependentForcesAreTakenWhereTheSchemesTakeThem) {
-    // A sphere under sin(w t): the exact path, with errors of the scheme's order.
+    // A sphere is driven by sin(w t). It follows the exact path, with errors of the scheme's order.
     const double w = 3, total = 1;
     for (const Named& s : schemes) {
         double error[2];
@@ -162,7 +162,7 @@ TEST(Overdamped, TimeDependentForcesAreTakenWhereTheSchemesTakeThem) {
             error[k] =
                 abs(scene.integrator.getBodyPositions()[0][0] - mu * (1 - cos(w * total)) / w);
         }
-        // Mid-point forces, as the drift-corrector's, make order 2 here.
+        // Forces at the mid-point, as in the drift-corrector, make the order 2 here.
         const int order =
             RigidHIPlugin::overdampedScheme(s.scheme).forcesAt.back() == 0.5 ? 2 : s.order;
         EXPECT_NEAR(log2(error[0] / error[1]), order, 0.1) << s.name;
@@ -204,14 +204,15 @@ TEST(Overdamped, VelocityIsMobilityTimesForce) {
                     const int p = scene.freeParticles[0];
                     found.tail(3) = toEigen(positionsOf(*scene.context)[p] - x[p]) / h;
                 }
-                // Places of free particles are read from the Context, in its precision.
+                // Positions of free particles are read from the Context, in the precision of its
+                // platform.
                 for (int i = 0; i < found.size(); i++)
                     EXPECT_NEAR(found[i], twists[i],
                                 free && i >= found.size() - 3
                                     ? readTolerance(1e-6 * twists.norm(), 3 / h)
                                     : 1e-6 * twists.norm())
                         << "row " << i;
-                // Nothing here is so small that it would pass as zero.
+                // No velocity is so small that zero would pass the test.
                 for (int i = 0; i < found.size(); i += 3)
                     EXPECT_GT(twists.segment(i, 3).norm(), 1e-2 * twists.norm()) << "row " << i;
             }
@@ -222,8 +223,8 @@ TEST(Overdamped, VelocityIsMobilityTimesForce) {
 // ---- Averages ----
 
 TEST(Overdamped, DipoleInAField) {
-    // U = -k n_z in units of kT: <n_z> = coth k - 1/k. The body sits about a point off its centre
-    // of mobility, so N couples.
+    // For U = -k n_z in units of kT the exact mean is <n_z> = coth k - 1/k. The body's origin is
+    // not its centre of mobility, so N couples translation and rotation.
     const double k = 2, exact = 1 / tanh(k) - 1 / k;
     for (const Named& s : schemes) {
         if (s.scheme == RigidHI::EulerMaruyama) continue;
@@ -249,7 +250,7 @@ TEST(Overdamped, DipoleInAField) {
             const auto q = scene.integrator.getBodyOrientations();
             for (int b = 0; b < replicas; b++) means[b] += rotate(q[b], Vec3(0, 0, 1))[2] / steps;
         }
-        // Bodies are independent. Weak order 1: a bias of 0.01 at this step.
+        // Bodies are independent. By weak order 1 the bias is 0.01 at this step.
         Estimate found = estimate(means);
         expectMean(s.name, found, exact);
         EXPECT_LT(found.error, 0.03);
@@ -320,12 +321,14 @@ TEST(Overdamped, SpheresInFluidsWithoutWallsHaveNoDriftTerms) {
             EXPECT_EQ(effects.at("warnings"), "off: none");
             scene.integrator.step(steps);
             const auto statistics = scene.integrator.getStepStatistics();
-            // The numbers and roots of the noise; of Fixman's scheme also those of the mid-point.
+            // The counters hold the random numbers and square roots of the noise. FixmanMidpoint
+            // has them at the mid-point too.
             const bool isFixman = s.scheme == RigidHI::FixmanMidpoint;
             EXPECT_EQ(statistics.at("randomNumbers"), (isFixman ? 2 : 1) * numbers * steps);
             EXPECT_EQ(statistics.at("squareRoots"), (isFixman ? 2 : 1) * steps);
             EXPECT_EQ(statistics.at("forceEvaluations"), s.forces * steps);
-            // One matrix at the start, and one where forces are taken in between.
+            // There is one matrix at the start, and one at intermediate positions where forces are
+            // evaluated.
             const bool inBetween = RigidHIPlugin::overdampedScheme(s.scheme).numStages() > 1;
             if (solver == MobilityForce::Dense) {
                 EXPECT_EQ(statistics.at("mobilityProducts"), (inBetween ? 2 : 1) * steps);
@@ -348,8 +351,8 @@ TEST(Overdamped, SpheresInFluidsWithoutWallsHaveNoDriftTerms) {
 }
 
 TEST(Overdamped, DriftIsOffOnlyWhereItIsZero) {
-    // A sphere off its body's origin, an own tensor, a wall, lubrication, and a multiblob beside a
-    // sphere have one.
+    // There is a drift with a sphere off its body's origin, an own tensor, a wall, lubrication, and
+    // a multiblob beside a sphere.
     const vector<pair<string, function<void(OverdampedScene&)> > > changes = {
         {"off the origin",
          [](OverdampedScene& scene) {
@@ -397,9 +400,10 @@ TEST(Overdamped, DriftIsOffOnlyWhereItIsZero) {
 }
 
 TEST(Overdamped, SpheresOnASpringHaveTheirDistance) {
-    // Two unequal spheres on a spring of energy k r^2/2: <r^2> = 3 kT/k. At these distances they
-    // overlap and their mobility changes most. Square roots at the mid-point without the divergence
-    // of slips are 8 % off. Each of the other schemes is the same as one of these here.
+    // Two unequal spheres on a spring of energy k r^2/2 have the exact <r^2> = 3 kT/k. At these
+    // distances the spheres overlap, and their mobility changes most. Square roots at the mid-point
+    // without the divergence of slips are 8 % off. Each of the other schemes is the same as one of
+    // these here.
     const double k = 3, exact = 3 / k;
     for (Scheme scheme : {RigidHI::EulerMaruyama, RigidHI::FixmanMidpoint, RigidHI::TrapezoidalSlip,
                           RigidHI::DriftCorrectorRFD}) {
@@ -427,7 +431,7 @@ TEST(Overdamped, SpheresOnASpringHaveTheirDistance) {
                 means[b] += r.dot(r) / steps;
             }
         }
-        // Weak order 1: a bias of 2 % of Euler's method.
+        // By weak order 1, Euler's method has a bias of 2 %.
         Estimate found = estimate(means);
         expectMean(string(traitsOf(scheme).name), found, exact);
         EXPECT_LT(found.error, 0.013 * exact);
@@ -435,7 +439,8 @@ TEST(Overdamped, SpheresOnASpringHaveTheirDistance) {
 }
 
 TEST(Overdamped, GroupsDoNotFeelEachOther) {
-    // Two groups far apart in the list but at one place move as each of them alone: at T = 0.
+    // Two groups that are far apart in the list, but at one place, move at T = 0 as each of them
+    // alone.
     for (const Named& s : schemes) {
         OverdampedScene both(s.scheme), one(s.scheme);
         both.addMassless(boomerangKind(), Vec3(0, 0, 1), OverdampedScene::randomTurn(1));
@@ -509,8 +514,8 @@ TEST(Overdamped, AnswersDoNotDependOnMasses) {
         const double tolerance = 1e-3;
         AnswerScene massless(false, solver, tolerance), massive(true, solver, tolerance);
         const auto found = massless.twists();
-        // They agree up to the rounding of the rotation to the axes of inertia. So both scenes
-        // take the same path.
+        // The answers agree up to the rounding of the rotation to the axes of inertia. So both
+        // scenes take the same path of computation.
         const auto withMasses = massive.twists();
         for (int i = 0; i < 24; i++) EXPECT_NEAR(found[i], withMasses[i], 1e-12);
         for (AnswerScene* scene : {&massless, &massive}) {
@@ -526,8 +531,8 @@ TEST(Overdamped, AnswersDoNotDependOnMasses) {
                             "getFrictionInContext() 1 group by "
                             "dense matrices");
         }
-        // Iterations have an error below the tolerance in the norm of the friction, and do stop
-        // there.
+        // Iterations have an error below the tolerance in the norm of the friction. They stop at
+        // this error, which is not zero.
         AnswerScene exact(false, MobilityForce::Dense, tolerance);
         const auto expected = exact.twists();
         const VectorXd error = Eigen::Map<const VectorXd>(found.data(), 24) -
@@ -555,8 +560,8 @@ TEST(Overdamped, EffectsSayHowQuestionsAreAnswered) {
 }
 
 TEST(Overdamped, ColumnsOfManyBlobs) {
-    // A block of 864 blobs above a wall. Whether its mobility is made by iterations depends on the
-    // platform, its numbers only to the tolerance.
+    // A block of 864 blobs is above a wall. The platform decides whether the mobility is computed
+    // by iterations, but its numbers change by no more than the tolerance.
     const double tolerance = 1e-4;
     MatrixXd N[2];
     for (int k = 0; k < 2; k++) {
@@ -582,7 +587,7 @@ TEST(Overdamped, ColumnsOfManyBlobs) {
         EXPECT_EQ(N[k], N[k].transpose().eval());
         EXPECT_EQ(k == 1 && difference(N[1], N[0]) > 0, byColumns);
     }
-    // Rows of rotations are smaller by the length of the body.
+    // Rows of rotations are smaller by a factor of the body's length.
     EXPECT_LT(difference(N[1].topLeftCorner(3, 3), N[0].topLeftCorner(3, 3)), tolerance);
     EXPECT_LT(difference(N[1].bottomRightCorner(3, 3), N[0].bottomRightCorner(3, 3)), tolerance);
 }
@@ -688,7 +693,7 @@ TEST(Overdamped, MasslessBodiesFromPositions) {
     for (int i = 0; i < 4; i++)
         for (int j = 0; j < i; j++)
             EXPECT_NEAR(norm(x[i] - x[j]), norm(places[i] - places[j]), readTolerance(1e-12, 2));
-    // Another scheme needs masses, of free particles too.
+    // Schemes with momenta need masses, also of free particles.
     scene.integrator.setScheme(RigidHI::LangevinHI);
     expectError([&] { scene.integrator.step(1); },
                 {"body 0 has mass 0", "LangevinHI needs a positive mass"});
@@ -765,7 +770,7 @@ TEST(Overdamped, Settings) {
 }
 
 TEST(Overdamped, MessagesNameTheToleranceThatWasSet) {
-    // Solutions that are differenced are solved to a tenth of the tolerance.
+    // Solutions whose differences are taken are solved to a tenth of the tolerance.
     int seen = 0;
     for (const Named& s : schemes) {
         OverdampedScene scene(s.scheme, T1);
@@ -785,7 +790,8 @@ TEST(Overdamped, MessagesNameTheToleranceThatWasSet) {
     EXPECT_GT(seen, 0);
 }
 
-/** Spheres that have neighbours on all sides, nearer than any finite difference. */
+/** Spheres have neighbours on all sides that are nearer than the finite-difference step. Then the
+ * finite differences are refused in both directions. */
 TEST(Overdamped, FiniteDifferencesThatLeadNowhere) {
     for (Scheme scheme : {RigidHI::RandomFiniteDifference, RigidHI::TractionEulerMaruyama,
                           RigidHI::TrapezoidalSlip, RigidHI::DriftCorrectorRFD}) {
@@ -844,7 +850,8 @@ TEST(Overdamped, StartsInContactWithTheWall) {
 
 namespace {
 
-/** Delong's boomerang above a wall: lengths in radii of its blobs, kT = 1, its weight g * 0.18. */
+/** Delong's boomerang above a wall, with lengths in radii of its blobs, kT = 1, and a weight of g *
+ * 0.18. */
 void addBoomerang(OverdampedScene& scene, double g) {
     const double spacing = 0.3 / 0.324557;
     BodyKind kind = {"boomerang of 15 blobs", 0, Vec3(), {}, vector<double>(15, 1.0)};
@@ -856,7 +863,8 @@ void addBoomerang(OverdampedScene& scene, double g) {
     scene.addWells(to_string(0.18 * g / 15) + "*z + 23.08/max(z-1, 1e-9)*exp(-2*(z-1))");
 }
 
-/** The largest change of a distance between members, and the lowest member. */
+/** Expects that no member is below contact with the wall, and that distances between members are
+ * unchanged. */
 void expectIntact(OverdampedScene& scene, const vector<Vec3>& before, double tolerance) {
     const auto x = positionsOf(*scene.context);
     double lowest = INFINITY, largest = 0;
@@ -871,8 +879,8 @@ void expectIntact(OverdampedScene& scene, const vector<Vec3>& before, double tol
 
 }  // namespace
 
-/** A hundred times the weight presses the boomerang on the wall, where steps are ten times too long
- * for the repulsion. */
+/** A weight of g = 100 presses the boomerang on the wall, where steps are ten times too long for
+ * the repulsion. The body stays rigid and above the wall. */
 TEST(Overdamped, StrongGravity) {
     for (const Named& s : schemes) {
         if (s.scheme == RigidHI::DriftCorrectorFD)
@@ -888,7 +896,7 @@ TEST(Overdamped, StrongGravity) {
     }
 }
 
-/** Shape and unit quaternion after ten million steps. */
+/** After ten million steps the shape and the unit quaternion are still exact. */
 TEST(Overdamped, LongTenMillionStepsOfABoomerang) {
     OverdampedScene scene(RigidHI::RandomFiniteDifference, T1, 0.1);
     addBoomerang(scene, 1);
@@ -958,8 +966,8 @@ TEST(Overdamped, StiffStepsEndInAnErrorThatNamesTheBody) {
                 {"(body 0)", "the step was redone 5 times in a row", "take a smaller step"});
 }
 
-/** The mean height of a sphere above a wall: exp(-U/kT) with the drift, exp(-U/kT)/mu_perp without
- * it. */
+/** The exact mean height of a sphere above a wall is that of the density exp(-U/kT) with the drift,
+ * and of exp(-U/kT)/mu_perp without the drift. */
 TEST(Overdamped, HeightAboveAWall) {
     const double a = 1, g = 1, repulsion = 10, decay = 3;
     double sum[2] = {0, 0}, first[2] = {0, 0};
@@ -1047,12 +1055,14 @@ TEST(Overdamped, CoarseTolerancesNearTheWall) {
         scene.start(testPlatform());
         const VectorXd before = scene.state();
         scene.integrator.step(s.scheme == RigidHI::DriftCorrectorFD ? 2 : 10);
-        // 10 steps of 1e-3: a blob's standard deviation is below sqrt(2 0.01) (1 + turning).
+        // After 10 steps of 1e-3 the standard deviation of a blob is below sqrt(2 0.01) (1 +
+        // turning).
         EXPECT_LT((scene.state() - before).cwiseAbs().maxCoeff(), 6 * sqrt(0.02) * 2) << s.name;
     }
 }
 
-/** Two hundred bodies above a wall, spheres and multiblobs mixed, a fifth of the area covered. */
+/** Two hundred bodies above a wall, spheres and multiblobs, cover a fifth of the area. They move as
+ * far as diffusion allows. */
 TEST(Overdamped, TwoHundredBodiesAboveAWall) {
     const int n = 200;
     const double spacing = 4;  // a square lattice of discs of radius 1: pi/16 of the area
@@ -1076,8 +1086,8 @@ TEST(Overdamped, TwoHundredBodiesAboveAWall) {
         scene.integrator.step(2);
         const VectorXd moved = scene.state() - before;
         EXPECT_TRUE(moved.allFinite()) << s.name;
-        // Each coordinate's variance is at most 2 kT t/(6 pi eta a), a >= 0.5, and turning adds as
-        // much again.
+        // The variance of each coordinate is at most 2 kT t/(6 pi eta a) with a >= 0.5, and turning
+        // adds as much again.
         EXPECT_LT(moved.cwiseAbs().maxCoeff(), 6 * sqrt(2 * 0.04 * 2 * 2)) << s.name;
         EXPECT_GT(moved.squaredNorm() / moved.size(), 0.01) << s.name;
         EXPECT_GT(scene.integrator.getStepStatistics().at("solverIterations"), 0) << s.name;

@@ -1,4 +1,5 @@
-// Replicas in groups, without momenta, at a wall: steps into it are redone one replica at a time.
+// Replicas in groups, without momenta, at a wall. Steps into the wall are redone for each replica
+// by itself.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/VirtualSite.h>
@@ -67,8 +68,8 @@ struct ReplicaScene : FluidScene {
 
 }  // namespace
 
-/** A step of 64 replicas of which each redoes one step in seven costs hardly more than one in which
- * none does. */
+/** A step of 64 replicas, of which each redoes one step in seven, costs hardly more than a step in
+ * which none is redone. */
 TEST(OverdampedReplicas, AStepIsRedoneByThoseThatMust) {
     const int n = 64, steps = 100, limit = 20;
     for (const Named& s : schemes) {
@@ -107,8 +108,8 @@ TEST(OverdampedReplicas, AStepIsRedoneByThoseThatMust) {
 TEST(OverdampedReplicas, AReplicaDoesNotFeelWhatOthersRedo) {
     const int n = 24, steps = 100;
     for (const Named& s : schemes) {
-        // All near the wall; number 0 with free particles, which belong to its group, alone; all
-        // but these and one replica far up.
+        // The scenes: all replicas near the wall; number 0 alone, with free particles that belong
+        // to its group; all replicas far up except these and one more.
         ReplicaScene all(s.scheme, T1, 0.1), alone(s.scheme, T1, 0.1),
             othersHigh(s.scheme, T1, 0.1);
         int vsite = 0;
@@ -167,7 +168,7 @@ TEST(OverdampedReplicas, AReplicaDoesNotFeelWhatOthersRedo) {
     }
 }
 
-/** Heights of many replicas are those of one. */
+/** The mean height of many replicas is that of one replica, within the statistical error. */
 TEST(OverdampedReplicas, HeightsAreThoseOfOneReplica) {
     const int n = 64, steps = 150, discard = 50;
     for (Scheme scheme : {RigidHI::RandomFiniteDifference, RigidHI::FixmanMidpoint,
@@ -210,8 +211,8 @@ TEST(OverdampedReplicas, HeightsAreThoseOfOneReplica) {
 }
 
 /**
- * A replica that no noise helps is an error. All replicas are then restored, also those that had
- * finished the step.
+ * A replica whose step no new noise can help is an error. All replicas are then restored, also
+ * those that had finished the step.
  */
 TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
     for (const Named& s : schemes)
@@ -234,7 +235,7 @@ TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
             EXPECT_TRUE(sameBits(positionsOf(*scene.context), before)) << s.name;
             EXPECT_EQ(scene.integrator.getBodyOrientations(), q) << s.name;
             EXPECT_EQ(scene.integrator.getNumRejectedSteps(), 5) << s.name;
-            // Only that one is redone.
+            // Only the step of this replica is redone.
             ReplicaScene calm(s.scheme, T1, 1e-3);
             calm.addSpheres(8, 3);
             calm.begin();
@@ -247,7 +248,7 @@ TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
             const bool atStart = s.name.substr(0, 5) != "Drift",
                        inBetween = onlyInBetween || !atStart;
             EXPECT_EQ(statistics.at("forceEvaluations"), atStart + 5 * inBetween) << s.name;
-            // All continue when this replica can, out of reach of the wall.
+            // All replicas continue when this one is out of reach of the wall.
             auto R = scene.integrator.getBodyPositions();
             R[5] = Vec3(0, 0, 1e6);
             scene.integrator.setBodyPositions(R);
@@ -255,8 +256,8 @@ TEST(OverdampedReplicas, ARejectionThatDoesNotHelpRestoresAll) {
         }
 }
 
-/** Groups large enough to be spread over threads: the same steps are redone, and lead to the same
- * places. */
+/** Groups that are large enough to be spread over threads redo the same steps, bit for bit, with
+ * any number of threads. */
 TEST(OverdampedReplicas, ThreadsDoNotMatter) {
     for (const Named& s : schemes) {
         vector<Vec3> places[2];
@@ -295,7 +296,8 @@ TEST(OverdampedReplicas, ResumesBitForBit) {
     }
 }
 
-/** A start in the wall is named as such, by schemes too that ask for no mobility there. */
+/** The message names a start in the wall as such, also for schemes that need no mobility at the
+ * start. */
 TEST(OverdampedReplicas, AForbiddenStartIsNamed) {
     for (const Named& s : schemes)
         for (double temperature : {0.0, T1}) {

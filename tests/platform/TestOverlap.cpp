@@ -1,4 +1,5 @@
-// Spheres that come to overlap under StokesianDynamics, which has no mobility then.
+// Under StokesianDynamics overlapping spheres have no mobility. So a step that ends in overlap is
+// redone, or is an error.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -65,7 +66,8 @@ TEST(Overlap, AnOverlappingStartIsRefusedWithThePairNamed) {
 }
 
 TEST(Overlap, StepsAreRedoneWithNewNoiseAndCounted) {
-    // At kT = 1, unit mass and this step a free flight is a tenth of a radius: overlaps are common.
+    // At kT = 1, unit mass and this step a free flight is a tenth of a radius, so overlaps are
+    // common.
     Pair pair(0.3, 20, 1 / boltzmann, 0.1);
     int rejected = 0;
     for (int i = 0; i < 3000; i++) {
@@ -92,7 +94,8 @@ TEST(Overlap, RejectionsResumeBitForBit) {
 }
 
 TEST(Overlap, WithoutNoiseOrPatienceItIsAnError) {
-    // Heavy spheres on a collision course: no friction stops them within a step.
+    // The spheres are heavy and on a collision course. The friction does not stop them within a
+    // step.
     Pair cold(0.5, 0, 0, 0.1, 0, 1000);
     cold.integrator.setBodyVelocities({Vec3(3, 0, 0), Vec3(-3, 0, 0)});
     const auto collide = [](Pair& pair) { pair.integrator.step(50); };
@@ -118,10 +121,10 @@ TEST(Overlap, AMinimumGapLetsSpheresThrough) {
 }
 
 TEST(Overlap, LooksAheadWithTheForcesThatTheNextStepStartsWith) {
-    // A driving force c v with c h/2m = 0.5: the force predicted for the end of a step is less than
-    // that for the velocity reached, with which the next step starts. A look ahead with the
-    // predicted force accepts gaps of 0.202 to 0.208. These overlap at the next mid-step, where no
-    // noise can help and nothing is redone.
+    // There is a driving force c v with c h/2m = 0.5. The force that is predicted for the end of a
+    // step is less than that of the velocity reached, with which the next step starts. A look ahead
+    // with the predicted force accepts gaps of 0.202 to 0.208. These overlap at the next mid-step,
+    // where no noise can help and nothing is redone.
     int refused = 0;
     for (double gap = 0.1; gap < 0.4; gap += 0.002) {
         Pair pair(gap, 0, 0, 0.1, 0, 1000);

@@ -1,5 +1,5 @@
-// Periodic fluids in a Context: the box at every step, what does not fit into it, what it does to
-// schemes.
+// Periodic fluids in a Context: every step has the box of the Context, particles that do not fit
+// into the box are refused, and schemes follow the mobility of the box.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/HarmonicBondForce.h>
@@ -55,8 +55,8 @@ const RigidHI::Scheme schemes[] = {RigidHI::LangevinHI, RigidHI::EulerMaruyama,
 }  // namespace
 
 TEST(Periodic, TheBoxOfAStepIsThatOfTheContextWhenItBegins) {
-    // A box that is changed between steps: the same step as in a Context that always had it, bit
-    // for bit.
+    // After a change of the box the step is, bit for bit, that of a Context that always had this
+    // box.
     for (auto model : models)
         for (auto scheme : schemes) {
             PeriodicScene changed(0.1 * T1, 0.01, scheme, model),
@@ -72,7 +72,7 @@ TEST(Periodic, TheBoxOfAStepIsThatOfTheContextWhenItBegins) {
             changed.integrator.step(1);
             always.integrator.step(1);
             EXPECT_EQ(changed.state(), always.state());
-            // Between steps, too: the noise is that of the step number.
+            // The same holds after further steps, because the noise is that of the step number.
             setBox(changed, small);
             const MatrixXd inSmall = changed.mobility();
             EXPECT_GT(difference(inSmall, always.mobility()), 1e-3);
@@ -85,7 +85,7 @@ TEST(Periodic, TheBoxOfAStepIsThatOfTheContextWhenItBegins) {
 }
 
 TEST(Periodic, StepsFollowTheMobilityOfTheBox) {
-    // Without noise, one step of Euler and Maruyama from the mobility of each box.
+    // Without noise, one step of EulerMaruyama moves bodies by the mobility of each box.
     for (auto model : models) {
         PeriodicScene scene(0, 1e-4, RigidHI::EulerMaruyama, model);
         scene.addBodies();
@@ -176,7 +176,8 @@ TEST(Periodic, TheShortestLatticeVectorIsNotAlwaysASide) {
     scene.add(sphereKind(1));
     scene.addFree(1, 1.25, Vec3(0, 1, 0));
     scene.start(testPlatform());
-    // b + c has the length 2.507 nm, all sides more than 3.
+    // b + c has a length of 2.507 nm, and all three sides are longer. The second box has a shorter
+    // b + c.
     scene.context->setPeriodicBoxVectors(Vec3(4, 0, 0), Vec3(2, 3, 0), Vec3(-1.9, -1.49, 2));
     scene.integrator.step(1);
     scene.context->setPeriodicBoxVectors(Vec3(4, 0, 0), Vec3(2, 3, 0), Vec3(-1.9, -1.49, 1.9));
@@ -234,7 +235,7 @@ TEST(Periodic, BarostatsAreRefused) {
 }
 
 TEST(Periodic, ABodyAloneTurnsItsTensorInTheBox) {
-    // Its tensor does not turn with the body, so no part of it is constant.
+    // In a box the tensor does not turn with the body, so no part of the tensor is constant.
     for (auto model : {MobilityForce::RotnePragerYamakawa, MobilityForce::ForceCoupling}) {
         PeriodicScene scene(300, 1e-3, RigidHI::DriftCorrectorFD, model);
         scene.add(boomerangKind());
@@ -271,7 +272,8 @@ TEST(Periodic, OwnTensorsAreThoseOfABodyAlone) {
 }
 
 TEST(Periodic, BodiesAcrossFacesAndFarAway) {
-    // A million boxes away, in a box whose sides are powers of two, so that no place is rounded.
+    // Bodies are a million boxes away. The sides of the box are powers of two, so that no position
+    // is rounded.
     for (auto model : models) {
         PeriodicScene near(0, 0.01, RigidHI::LangevinHI, model),
             far(0, 0.01, RigidHI::LangevinHI, model);
@@ -302,7 +304,7 @@ TEST(Periodic, BodiesAcrossFacesAndFarAway) {
 }
 
 TEST(Periodic, StepsThatOverlapImagesAreRedone) {
-    // Two spheres that meet across a face.
+    // Two spheres meet across a face of the box.
     PeriodicScene scene(20 * T1, 0.05, RigidHI::EulerMaruyama, MobilityForce::StokesianDynamics);
     scene.add(sphereKind(1), Vec3(0, 0, 0));
     scene.add(sphereKind(1), Vec3(3.9, 0, 0));
@@ -319,7 +321,7 @@ TEST(Periodic, StepsThatOverlapImagesAreRedone) {
 }
 
 TEST(Periodic, MultiblobsAreMadeOfTheirBlobs) {
-    // N = (K^T M^-1 K)^-1 of the lattice sum's matrix, as the tables of models have it for
+    // The exact mobility is N = (K^T M^-1 K)^-1 with the matrix M of the lattice sum, as in
     // unbounded fluid.
     for (auto model : {MobilityForce::RotnePragerYamakawa, MobilityForce::ForceCoupling}) {
         PeriodicScene scene(0, 0.01, RigidHI::LangevinHI, model);

@@ -1,5 +1,5 @@
-// Periodic fluids on a grid in a Context, every model: against lattice sums, boxes, noise, drift,
-// resume.
+// Periodic fluids on a grid in a Context, for every model: products against lattice sums, changes
+// of the box, noise, drift, and exact resume.
 
 #include "GridSceneSupport.h"
 
@@ -15,7 +15,7 @@ struct GridModel {
     const char* name;
     MobilityForce::Model model;
     RigidHI::Scheme driftCorrector;
-    int rootsOfField;  // square roots that drawing a field takes beside the grid's own
+    int rootsOfField;  // square roots for the draw of a field, besides the part on the grid
 };
 const GridModel models[] = {
     {"ForceCoupling", MobilityForce::ForceCoupling, RigidHI::DriftCorrectorFD, 0},
@@ -134,7 +134,7 @@ TEST_P(PeriodicGrid, WithoutTemperatureNoFieldIsDrawn) {
 }
 
 TEST_P(PeriodicGrid, SpheresAloneHaveNoDrift) {
-    // nu = 1, and one product: what SlipOnly and Whole do is the same.
+    // Here nu = 1, and a step has one product. So SlipOnly and Whole do the same.
     VectorXd ends[2];
     for (auto scaling : {RigidHI::SlipOnly, RigidHI::Whole}) {
         const auto scene = make(T1, GetParam().driftCorrector);
@@ -151,8 +151,8 @@ TEST_P(PeriodicGrid, SpheresAloneHaveNoDrift) {
 }
 
 TEST_P(PeriodicGrid, GroupsShareAGridAndNoNoise) {
-    // Two groups of the same bodies at the same places: the same mobility, no interaction, other
-    // noise.
+    // Two groups of the same bodies at the same places have the same mobility, no interaction, and
+    // different noise.
     const auto scene = make(T1, GetParam().driftCorrector);
     for (int i = 0; i < 2; i++) {
         scene->add(sphereKind(0.8), Vec3(0, 0, 0));
@@ -171,8 +171,8 @@ TEST_P(PeriodicGrid, GroupsShareAGridAndNoNoise) {
 }
 
 TEST_P(PeriodicGrid, LangevinHITakesTheStepOfMatrices) {
-    // Same seed, same step: in the norm of mass-weighted momenta to five tolerances, as for all
-    // matrix-free fluids.
+    // A step with the same seed agrees to five tolerances in the norm of mass-weighted momenta, as
+    // for all matrix-free fluids.
     for (double temperature : {0.0, T1}) {
         const auto velocities = [&](MobilityForce::Solver solver, double tolerance) {
             const auto scene = make(temperature, RigidHI::LangevinHI, 0.05, solver, tolerance);

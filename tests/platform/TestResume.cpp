@@ -1,5 +1,6 @@
-// Exact resume and determinism: bit for bit on Reference; on CPU for this plugin's own arithmetic
-// (the forces of these Systems are evaluated by one thread there too), with any number of threads.
+// Runs resume exactly and are deterministic, bit for bit on Reference. On CPU this holds for the
+// plugin's own arithmetic with any number of threads. (The forces of these Systems are evaluated by
+// one thread there.)
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -57,7 +58,7 @@ struct Scene {
             system.addParticle(23.0);
             positions.push_back(origin(place++));
         }
-        // A free three-atom molecule: one constraint, one bond; and a virtual site on it.
+        // A free three-atom molecule with one constraint, one bond, and a virtual site.
         const int p = system.addParticle(12.0);
         system.addParticle(1.0);
         system.addParticle(16.0);
@@ -152,7 +153,7 @@ TEST(Resume, CheckpointsAndStatesContinueTheRunAtAnyStep) {
     Scene scene(!onCpu());
     mt19937 generator(1);
     for (auto scheme : thermostatsWithMomenta()) {
-        Trajectory whole(scene, 0, 2, true, scheme);  // seed 0: a fresh one, which must be saved
+        Trajectory whole(scene, 0, 2, true, scheme);  // seed 0: a fresh seed, which must be saved
         for (int part = 0; part < 4; part++) {
             whole.integrator->step(1 + generator() % 7);
             stringstream checkpoint;
@@ -189,7 +190,7 @@ TEST(Resume, CheckpointsAndStatesContinueTheRunAtAnyStep) {
 TEST(Resume, TheGradientThermostatContinuesToo) {
     Scene scene(!onCpu());
     scene.system.removeForce(2);  // CMMotionRemover
-    // Constraints are refused: loosen the molecule.
+    // The gradient thermostat refuses constraints, so the molecule has none.
     scene.system.removeConstraint(0);
     Trajectory whole(scene, 3, 2, false, CustomRigidHIIntegrator::GradientThermostat);
     whole.context->setPositions(scene.positions);
@@ -238,7 +239,7 @@ TEST(Resume, PositionsSetAfterLoadingAreNotIgnored) {
 
 TEST(Resume, TheNumberOfThreadsDoesNotMatter) {
     if (!onCpu()) GTEST_SKIP() << "one thread on Reference";
-    // Enough bodies that threads really share the work.
+    // There are enough bodies for threads to share the work.
     System system;
     const Shape water = waterShape();
     const int copies = 3300;

@@ -1,5 +1,5 @@
-// Periodic Rotne-Prager-Yamakawa by pairs and waves in a Context: what TestPeriodicGrids does not
-// ask of every model on a grid.
+// Periodic Rotne-Prager-Yamakawa by pairs and waves in a Context. These are the tests that
+// TestPeriodicGrids does not make for every model on a grid.
 
 #include "GridSceneSupport.h"
 #include "openmmrigidhi/SchemeTraits.h"
@@ -52,14 +52,14 @@ TEST(RotnePragerYamakawaGrid, WhatItHasNotIsRefusedWithTheAlternative) {
                 {"RotnePragerYamakawa on a grid has 9 different radii", "may have at most 8",
                  "use setSolver(Dense), or fewer different radii by addParticle()"});
     withRadii(8, MobilityForce::MatrixFree)->start(testPlatform());
-    // Auto has matrices where there are too many.
+    // With too many different radii the solver Auto uses matrices.
     const auto both = withRadii(30, MobilityForce::Auto);
     both->start(testPlatform());
     EXPECT_EQ(both->effect("hydrodynamics").find(" on a grid"), string::npos);
 }
 
-/** Of the field the part of pairs is a square root, which the drift-corrector takes at the start,
- * displaced, and at the mid-point. */
+/** The part of the field that belongs to pairs is a square root. The drift-corrector takes this
+ * root at the start, at the displaced poses, and at the mid-point. */
 TEST(RotnePragerYamakawaGrid, SchemesTakeTheirNoiseFromTheField) {
     const map<RigidHI::Scheme, int> roots = {{RigidHI::EulerMaruyama, 1},
                                              {RigidHI::RandomFiniteDifference, 1},
@@ -73,13 +73,14 @@ TEST(RotnePragerYamakawaGrid, SchemesTakeTheirNoiseFromTheField) {
         scene.start(testPlatform());
         scene.integrator.step(1);
         EXPECT_EQ(scene.count("squareRoots"), count);
-        // One for each row of spheres and blobs, and those of waves.
+        // There is one random number for each row of spheres and blobs, and there are those of the
+        // waves.
         EXPECT_GT(scene.count("randomNumbers"), 2 * 6 + (scene.system.getNumParticles() - 2) * 3);
     }
 }
 
 TEST(RotnePragerYamakawaGrid, PairsThatNoMachineHoldsAreRefusedBeforeTheyAreMade) {
-    // So coarse a grid leaves nearly all to sums over pairs.
+    // With so coarse a grid nearly the whole mobility is in the sums over pairs.
     SplitScene scene(0, RigidHI::EulerMaruyama, 0.002, MobilityForce::MatrixFree, 1e-6);
     scene.side = 200;
     for (int i = 0; i < 64000; i++)

@@ -1,5 +1,5 @@
-// The schemes without a fluid against closed forms, their orders, and what they do without noise.
-// Units with kT = 1.
+// The schemes without a fluid are compared with closed forms. Further tests are of their orders and
+// of steps without noise. Units have kT = 1.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -20,8 +20,8 @@ const auto A = CustomRigidHIIntegrator::LangevinA, B = CustomRigidHIIntegrator::
            C = CustomRigidHIIntegrator::LangevinC,
            Gradient = CustomRigidHIIntegrator::GradientThermostat;
 
-/** Many copies of a body, their centres of mass in a harmonic well k/2 R^2 (a force on each site in
- * proportion to mass). */
+/** Many copies of a body whose centres of mass are in a harmonic well k/2 R^2. The force on each
+ * site is in proportion to its mass. */
 struct Trap {
     System system;
     CustomRigidHIIntegrator integrator;
@@ -79,8 +79,8 @@ void sampleTrap(Trap& trap, int burnIn, int apart, int samples, double mass, Est
 }  // namespace
 
 TEST(Schemes, HarmonicWellHasItsClosedFormsAtAnyStep) {
-    // Any h, w^2 = k/m: Langevin C has <x^2> = kT/k and <p^2> = m kT (1 - h^2 w^2/4); Langevin B
-    // the other way round.
+    // At any h, with w^2 = k/m, Langevin C has the exact <x^2> = kT/k and <p^2> = m kT (1 - h^2
+    // w^2/4). Langevin B has the exact <p^2> = m kT and <x^2> = kT/k/(1 - h^2 w^2/4).
     const double m = 2, k = 2, h = 1.0, w2 = k / m;
     const Shape ball{"ball", {m}, {Vec3()}};
     for (bool free : {false, true})
@@ -97,8 +97,8 @@ TEST(Schemes, HarmonicWellHasItsClosedFormsAtAnyStep) {
 }
 
 TEST(Schemes, LangevinAHarmonicWellMatchesItsExactCovariance) {
-    // The stationary covariance of the linear map (m = k = kT = 1, h = gamma' = 0.2 and 1),
-    // computed independently.
+    // The expected values are the stationary covariance of the linear map (m = k = kT = 1, h =
+    // gamma' = 0.2 and 1), which was computed independently.
     Trap trap(A, 0.2, Shape{"ball", {1.0}, {Vec3()}}, 4000, 1.0);
     trap.integrator.setFriction(1.0);
     Estimate x2, p2;
@@ -108,7 +108,8 @@ TEST(Schemes, LangevinAHarmonicWellMatchesItsExactCovariance) {
 }
 
 TEST(Schemes, GradientThermostatHarmonicWellMatchesEuler) {
-    // x <- (1 - a) x + sqrt(2 a kT/k) xi with a = h upsilon k/m: <x^2> = (kT/k)/(1 - a/2).
+    // The map x <- (1 - a) x + sqrt(2 a kT/k) xi with a = h upsilon k/m has the exact <x^2> =
+    // (kT/k)/(1 - a/2).
     const double m = 2, k = 3, h = 0.01, a = 0.5;
     for (bool free : {false, true}) {
         Trap trap(Gradient, h, Shape{"ball", {m}, {Vec3()}}, 3000, k, free);
@@ -179,7 +180,8 @@ void append(vector<double>& to, const vector<double>& more) {
 }  // namespace
 
 TEST(Schemes, DipolesInAFieldReachTheLangevinFunction) {
-    // <n_z> = coth k - 1/k, any scheme, an asymmetric body, a direction that is no principal axis.
+    // The exact mean is <n_z> = coth k - 1/k for any scheme, here for an asymmetric body and a
+    // direction that is no principal axis.
     const double k = 2;
     Vec3 direction(0.6, 0.48, 0.64);
     for (Scheme scheme : thermostats()) {
@@ -201,8 +203,8 @@ TEST(Schemes, DipolesInAFieldReachTheLangevinFunction) {
 }
 
 TEST(Schemes, RotationalErrorsAreOfSecondOrder) {
-    // The bias of the rotational kinetic energy of strongly held dipoles, at h and h/2: their ratio
-    // is 4 for order 2.
+    // The biases of the rotational kinetic energy of strongly held dipoles at h and at h/2 have the
+    // ratio 4 for order 2.
     const double k = 20;
     for (Scheme scheme : {C}) {
         double bias[2], error[2];
@@ -226,16 +228,17 @@ TEST(Schemes, RotationalErrorsAreOfSecondOrder) {
         const double ratio = bias[0] / bias[1];
         const double ratioError =
             ratio * sqrt(pow(error[0] / bias[0], 2) + pow(error[1] / bias[1], 2));
-        // Order 4 terms make about (h^2 w^2/4)^2: allow 0.4 beside the statistical error.
+        // Terms of order 4 make about (h^2 w^2/4)^2. So 0.4 is allowed beside the statistical
+        // error.
         EXPECT_NEAR(ratio, 4.0, 0.4 + 5 * ratioError) << "scheme " << scheme;
         EXPECT_LT(5 * ratioError,
-                  1.5);  // or the test could not tell order 1 (ratio 2) from order 2
+                  1.5);  // so that order 1 (ratio 2) differs from order 2
     }
 }
 
 TEST(Schemes, IsotropicRotationalDiffusionOfTheGradientThermostat) {
-    // Free bodies: <u_i(t) u_i(0)> = exp(-2 D t) with D = kT 4 Upsilon/M (M = 4/sum 1/I), whatever
-    // the moments.
+    // Free bodies have <u_i(t) u_i(0)> = exp(-2 D t) with D = kT 4 Upsilon/M (M = 4/sum 1/I),
+    // whatever the moments.
     const Vec3 moments(1, 2, 2.5);
     const double M = 4 / (1 / 1.0 + 1 / 2.0 + 1 / 2.5), Upsilon = 0.05, h = 0.01,
                  D = 4 * Upsilon / M;
@@ -251,8 +254,8 @@ TEST(Schemes, IsotropicRotationalDiffusionOfTheGradientThermostat) {
         vector<double> c;
         for (size_t i = 0; i < q0.size(); i++)
             c.push_back(rotate(q0[i], axis).dot(rotate(q1[i], axis)));
-        // One step turns by 2 b eta (|eta| Maxwell): <cos> along an axis is exactly 1/3 + 2/3 <cos
-        // 2 b |eta|>.
+        // One step turns by 2 b eta, where |eta| has Maxwell's law. Then <cos> along an axis is
+        // exactly 1/3 + 2/3 <cos 2 b |eta|>.
         const double variance = 8 * Upsilon * h / M;
         const double perStep = 1.0 / 3 + 2.0 / 3 * (1 - variance) * exp(-variance / 2);
         expectMean("axis " + to_string(k), estimate(c), pow(perStep, steps));
@@ -273,8 +276,8 @@ TEST(Schemes, EquipartitionPerAxis) {
         integrator.setRandomNumberSeed(3);
         Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
         context.setPositions(randomPoses(water, copies, 1, 2));
-        // Ten times the slowest relaxation time: 1/gamma = 0.2 ps; the slowest axis relaxes at
-        // about 1.9/ps: 5.3 ps.
+        // Equilibration takes ten times the slowest relaxation time. Translation has 1/gamma = 0.2
+        // ps, and the slowest axis relaxes at about 1.9/ps, so this is 5.3 ps.
         integrator.step(2700);
         vector<double> translational, rotational[3];
         for (int s = 0; s < 8; s++) {
@@ -283,7 +286,8 @@ TEST(Schemes, EquipartitionPerAxis) {
             for (int k = 0; k < 3; k++)
                 rotational[k].push_back(integrator.computeRotationalKineticEnergies()[k]);
         }
-        // chi^2 with copies * samples degrees of freedom an axis gives the error.
+        // The error is that of a chi^2 variable with copies * samples degrees of freedom for each
+        // axis.
         const double kT = boltzmann * 300, n = copies * translational.size();
         auto check = [&](const string& what, const vector<double>& energies, double axes) {
             Estimate e = estimate(energies);
@@ -344,8 +348,8 @@ TEST(Schemes, AtZeroTemperatureNoRandomNumberIsDrawn) {
 }
 
 TEST(Schemes, TrajectoriesWithFrictionConvergeWithTheirOrder) {
-    // T = 0: the deterministic part, with friction and torques. Order 1 takes a finer step to be
-    // compared with.
+    // At T = 0 only the deterministic part is left, with friction and torques. For order 1 the
+    // reference has a finer step.
     for (Scheme scheme : thermostats()) {
         auto end = [&](double h) {
             Dipoles dipoles(scheme, h, Vec3(2.5, 1.0, 1.9), Vec3(0.6, 0.48, 0.64), 3.0, 8);
@@ -370,7 +374,8 @@ TEST(Schemes, TrajectoriesWithFrictionConvergeWithTheirOrder) {
 }
 
 TEST(Schemes, ReferenceAndCpuTakeTheSameStep) {
-    // Same seed, same numbers: after one step they differ by rounding only, noise included.
+    // With the same seed both platforms have the same random numbers. So after one step, noise
+    // included, they differ by rounding only.
     for (Scheme scheme : thermostats()) {
         vector<Vec3> positions[2], velocities[2];
         for (int p = 0; p < 2; p++) {

@@ -1,5 +1,5 @@
-// Every shape stays rigid and finite, has the right temperature about every axis, and does not move
-// about axes without inertia.
+// Bodies of every shape stay rigid and finite, have the right temperature about every axis, and do
+// not turn about axes without inertia.
 
 #include <openmm/CustomExternalForce.h>
 
@@ -11,14 +11,14 @@ using namespace std;
 
 namespace {
 
-/** Ends in 1e-12 nm: members of a body at coordinates of 1000 nm cannot be placed better than
- * 1e-13. */
+/** The allowed deviation of a distance, in nm. At coordinates of 1000 nm members of a body cannot
+ * be placed better than 1e-13. */
 const double rigidity = 1e-12;
 
 void checkShape(const Shape& shape, int copies, int steps) {
     System system;
-    // A Gamma that relaxes the slowest axis at 1/ps: needles need a large one (the rate is Gamma/(I
-    // sum 1/I)).
+    // Gamma is such that the slowest axis relaxes at 1/ps. Needles need a large Gamma, because the
+    // rate is Gamma/(I sum 1/I).
     CustomRigidHIIntegrator integrator(300, 0.002);
     addBodies(system, integrator, shape, copies);
     // A force that turns bodies and pulls them back.
@@ -29,7 +29,7 @@ void checkShape(const Shape& shape, int copies, int steps) {
     integrator.setRandomNumberSeed(31);
     integrator.setFriction(2);
     Context context(system, integrator, testPlatform(), threads(testPlatformName(), 2));
-    // Axis-aligned first, then random orientations.
+    // The first body is aligned with the axes, the others have random orientations.
     vector<Vec3> positions = randomPoses(shape, copies, 0.01, 7);
     for (size_t s = 0; s < shape.sites.size(); s++) positions[s] = shape.sites[s];
     context.setPositions(positions);
@@ -69,8 +69,8 @@ void checkShape(const Shape& shape, int copies, int steps) {
             for (double e : rotational[k]) ASSERT_EQ(e, 0.0) << shape.name;
             continue;
         }
-        // Samples lie 2 ps apart, at least 2 relaxation times: their correlation exp(-4) of squares
-        // adds 4 % of error.
+        // Samples are 2 ps apart, at least 2 relaxation times. The correlation exp(-4) of their
+        // squares adds 4 % to the error.
         const Estimate e = estimate(rotational[k]);
         expectMean(shape.name + " axis " + to_string(k + 1),
                    {e.mean / copies / (kT / 2), 1.04 * sqrt(2.0 / (copies * rotational[k].size()))},
@@ -127,8 +127,8 @@ TEST(Shapes, ExplicitMomentsInEveryAxisOrder) {
 }
 
 TEST(Shapes, SingularMomentsOfTenToTheSix) {
-    // Moments 1 : 1e6 : 1e6 and 1 : 0.9e6 : 1e6 (the second is not resolved at a large step, and
-    // the user is told).
+    // The moments are 1 : 1e6 : 1e6 and 1 : 0.9e6 : 1e6. A large step does not resolve the second
+    // shape, and the user is warned.
     System system;
     CustomRigidHIIntegrator integrator(300, 0.001);
     system.addParticle(1.0);

@@ -19,8 +19,8 @@ using namespace std;
 
 namespace {
 
-/** Dense matrices of so many rows that OpenBLAS would share products with them among threads (from
- * 200 rows on). */
+/** A scene with dense matrices that have enough rows for OpenBLAS to share their products among
+ * threads (200 or more). */
 unique_ptr<FluidScene> denseScene(Platform& platform, int seed) {
     unique_ptr<FluidScene> scene(new FluidScene(300, 0.002));
     scene->integrator.setRandomNumberSeed(seed);
@@ -40,7 +40,8 @@ vector<Vec3> resultOf(FluidScene& scene) {
     return result;
 }
 
-/** Two threads of BLAS in a test, however many the machine has; as before afterwards. */
+/** Sets two BLAS threads for a test, whatever the machine has, and restores the number afterwards.
+ */
 class TwoBlasThreads : public testing::Test {
 protected:
     void SetUp() override { openblas_set_num_threads(2); }
@@ -55,7 +56,7 @@ Platform& otherPlatform() {
 }  // namespace
 
 TEST_F(TwoBlasThreads, ContextsInTwoThreadsGiveWhatEachGivesAlone) {
-    // Contexts of both platforms, whose libraries share nothing except the API library.
+    // The Contexts may be of two platforms, whose libraries share only the API library.
     for (Platform* second : {&testPlatform(), &otherPlatform()}) {
         vector<vector<Vec3> > alone = {resultOf(*denseScene(testPlatform(), 1)),
                                        resultOf(*denseScene(*second, 2))};
@@ -87,8 +88,8 @@ TEST_F(TwoBlasThreads, AContextThatEndsItsStepLeavesOthersTheirOneThread) {
             this_thread::sleep_for(2 * pause);
         }
     });
-    // Most of these holders begin within a step, which then ends. This test's copy of the numerics
-    // is not that of the platform.
+    // Most of these holders begin within a step, which then ends. The test program and the platform
+    // have separate copies of the numerical code.
     int others = 0;
     for (int i = 0; i < 10; i++) {
         for (const int last = steps; steps == last;) this_thread::yield();

@@ -1,5 +1,5 @@
-// A no-slip wall by the public API: published values, nothing lost near contact, rejected steps,
-// what is refused, equilibrium.
+// A no-slip wall by the public API: published values, positive definite mobilities near contact,
+// rejected steps, refused input, and equilibrium.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/serialization/XmlSerializer.h>
@@ -31,7 +31,7 @@ double smallestEigenvalue(const MatrixXd& M) {
         .eigenvalues()[0];
 }
 
-/** The lowest point of the blobs of a kind, its origin at 0. */
+/** The lowest point of the blobs of a kind with its origin at 0. */
 double lowestPoint(const BodyKind& kind, const QuaternionArray& q) {
     double lowest = INFINITY;
     for (size_t i = 0; i < kind.sites.size(); i++)
@@ -44,7 +44,8 @@ double lowestPoint(const BodyKind& kind, const QuaternionArray& q) {
 // ---- Mobilities ----
 
 TEST(Wall, ValuesOfOneSphere) {
-    // Swan and Brady 2007; the sphere rolls along the wall that it is pulled along.
+    // The expected values are those of Swan and Brady 2007. A sphere that is pulled along the wall
+    // rolls along it.
     const double a = 0.7, eta = 2.5, height = -1.3;
     for (double u : {1.0, 0.8, 0.3}) {
         WallScene scene(height);
@@ -65,7 +66,8 @@ TEST(Wall, ValuesOfOneSphere) {
 }
 
 TEST(Wall, ValuesOfTwoSpheres) {
-    // Computed elsewhere (equal to the code of Delong et al. 2015), for a = 1, eta = 1/(6 pi).
+    // The expected values were computed independently, and equal those of the code of Delong et al.
+    // 2015, for a = 1, eta = 1/(6 pi).
     WallScene scene;
     scene.fluid->setViscosity(1 / (6 * M_PI));
     scene.add(sphereKind(1), Vec3(0, 0, 1.2));
@@ -112,8 +114,7 @@ TEST(Wall, MixturesOfBodiesAndFreeParticles) {
 }
 
 TEST(Wall, PositiveDefiniteAtTheWall) {
-    // Overlapping bodies, some of them touching the wall or reaching through it as far as Crossing
-    // lets them.
+    // The bodies overlap, and some touch the wall or reach through it as far as Crossing allows.
     for (auto rejection : {CustomRigidHIIntegrator::Overlap, CustomRigidHIIntegrator::Crossing}) {
         const bool crossing = rejection == CustomRigidHIIntegrator::Crossing;
         WallScene scene(-0.7);
@@ -128,8 +129,8 @@ TEST(Wall, PositiveDefiniteAtTheWall) {
             vector<QuaternionArray> q = randomTurns(4, random);
             vector<Vec3> R = randomPlaces(4, trial % 2 ? 1 : 4, 0, random);
             for (int b = 0; b < 4; b++) {
-                // Under Crossing no centre may be behind: the smallest blob of each kind says how
-                // far it may sink.
+                // With Crossing no centre may be behind the wall. So the smallest blob of each kind
+                // determines how far the body may sink.
                 const double depth = crossing ? 0.9 * *min_element(scene.bodies[b].radii.begin(),
                                                                    scene.bodies[b].radii.end())
                                               : 0;
@@ -150,7 +151,8 @@ TEST(Wall, PositiveDefiniteAtTheWall) {
 // ---- Particles at the wall's limit ----
 
 TEST(Wall, AStartAtContactIsNoOverlap) {
-    // Turned bodies whose lowest blob touches: rounding puts it to either side of contact.
+    // The lowest blob of a turned body touches the wall. Rounding puts this blob to either side of
+    // contact.
     mt19937 random(8);
     for (double height : {0.0, 0.1, -37.3, 1e4}) {
         WallScene scene(height);
@@ -169,7 +171,7 @@ TEST(Wall, AStartAtContactIsNoOverlap) {
             EXPECT_GT(smallestEigenvalue(scene.mobility()), 0);
         }
         EXPECT_GT(below, 0) << height;
-        // More than rounding is an overlap.
+        // A position below contact by more than rounding is an overlap.
         scene.pose(
             {Vec3(0, 0, height + 9), Vec3(5, 0, height + 0.3 * (1 - 1e-9) - 1e-11 * abs(height))},
             {{{1, 0, 0, 0}}, {{1, 0, 0, 0}}});
@@ -231,13 +233,13 @@ TEST(Wall, RejectionActsAtOnceAndIsTheIntegrators) {
     expectError([&] { scene.mobility(); }, {"setWallRejection(Crossing)"});
     const double products = scene.integrator.getStepStatistics().at("mobilityProducts");
     scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
-    // M at contact, halved twice.
+    // The mobility is that at contact, halved twice.
     const MatrixXd crossing = scene.mobility();
     EXPECT_LT(difference(crossing, scene.expected().mobility), 1e-13);
     EXPECT_NEAR(crossing(2, 2) * 6 * M_PI * 0.6 * 0.5, 0.25 * (1 - 9.0 / 8 + 0.5 - 1.0 / 8), 1e-15);
     scene.integrator.step(1);
     EXPECT_GT(scene.integrator.getStepStatistics().at("mobilityProducts"),
-              products);  // counters go on
+              products);  // the counters go on
     scene.integrator.setWallRejection(CustomRigidHIIntegrator::Overlap);
     expectError([&] { scene.integrator.step(1); }, {"particle 0 (body 0)"});
     scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
@@ -245,8 +247,8 @@ TEST(Wall, RejectionActsAtOnceAndIsTheIntegrators) {
 }
 
 TEST(Wall, StepsThroughTheWallAreRedone) {
-    // Pressed to the wall so hard that many steps would end in it. Nothing is ever found beyond the
-    // limit.
+    // Bodies are pressed to the wall so hard that many steps would end in it. No particle is ever
+    // found beyond the limit.
     for (auto rejection : {CustomRigidHIIntegrator::Overlap, CustomRigidHIIntegrator::Crossing})
         for (bool multiblob : {false, true}) {
             const double height = 1.5,
@@ -271,8 +273,8 @@ TEST(Wall, StepsThroughTheWallAreRedone) {
 }
 
 TEST(Wall, RejectionsThatDoNotHelp) {
-    // Pushed so hard that no noise helps; without noise; and so hard that the wall is reached
-    // before any noise acts.
+    // The body is pushed so hard that no noise helps, or there is no noise, or the body reaches the
+    // wall before any noise acts.
     for (double force : {30.0, 1000.0})
         for (double temperature : {0.0, 1e-6}) {
             WallScene scene(0, temperature, 0.1);
@@ -356,7 +358,7 @@ TEST(Wall, BestKnownDoesNotGoWithCrossing) {
 }
 
 TEST(Wall, BestKnownAndCrossingAreRefusedWhereverTheyMeet) {
-    // The shape comes from the first positions, so that the fluid is made there.
+    // The first positions define the shape, so the fluid is made when these are set.
     const vector<string> fragments = {"BestKnown",
                                       "it cannot be used with the wall rejection Crossing"};
     WallScene scene;
@@ -396,8 +398,8 @@ TEST(Wall, BestKnownWithoutAWallIsRefused) {
 }
 
 TEST(Wall, BlobsAboveEachOtherThatAreBothLiftedToContact) {
-    // Crossing takes blobs below contact for blobs at contact. Blobs above each other are then at
-    // one place.
+    // With Crossing, blobs below contact count as blobs at contact. Two blobs above each other are
+    // then at one place.
     for (double x : {0.0, 0.1}) {
         WallScene scene;
         scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
@@ -439,7 +441,7 @@ TEST(Wall, WhatNeedsReinitialize) {
 // ---- Best known ----
 
 TEST(Wall, BestKnownMobilityOfOneSphere) {
-    // Exact values, by tools/sphere_wall_mobility.py.
+    // The exact values are those of tools/sphere_wall_mobility.py.
     const struct {
         double gap, along, across, turnAlong, turnNormal, rolling;
     } rows[] = {{0.01, 0.29611765, 0.00981391, 0.45228199, 0.84513430, 0.03654131},
@@ -466,7 +468,8 @@ TEST(Wall, BestKnownMobilityOfOneSphere) {
 }
 
 TEST(Wall, BestKnownIsACongruenceOfTheModel) {
-    // Spheres far from each other at one height: scaled by the same factors as the sphere alone.
+    // The mobility between spheres is that of the model, scaled by the factors of each sphere
+    // alone.
     WallScene model, best;
     best.fluid->setSphereWallMobility(MobilityForce::BestKnown);
     MatrixXd N[2];
@@ -477,7 +480,8 @@ TEST(Wall, BestKnownIsACongruenceOfTheModel) {
         scene->start(testPlatform());
         N[scene == &best] = scene->mobility();
     }
-    // Across: no mixing with other components, so that factors are ratios of diagonals.
+    // Components across the wall do not mix with others, so that factors are ratios of diagonal
+    // entries.
     const auto factor = [&](int row) { return sqrt(N[1](row, row) / N[0](row, row)); };
     EXPECT_LT(factor(2), 0.8);
     EXPECT_NEAR(N[1](2, 8), factor(2) * factor(8) * N[0](2, 8), 1e-15);
@@ -499,7 +503,8 @@ TEST(Wall, BestKnownRefusesContact) {
     scene.pose({Vec3(0, 0, 0.5 + 1e-9), Vec3(5, 0, 0.5)},
                vector<QuaternionArray>(2, {{1, 0, 0, 0}}));
     const MatrixXd N = scene.mobility();
-    EXPECT_NEAR(N(2, 2) * 6 * M_PI * 0.6 * 0.5 / 2e-9, 1, 1e-5);  // but for the neighbour
+    EXPECT_NEAR(N(2, 2) * 6 * M_PI * 0.6 * 0.5 / 2e-9, 1, 1e-5);  // apart from the neighbour's
+                                                                  // effect
     EXPECT_GT(smallestEigenvalue(N), 0);
 }
 
@@ -521,7 +526,7 @@ TEST(Wall, OwnTensorsAreThoseOfUnboundedFluid) {
                             e.eigenvalues().array().pow(p).matrix().asDiagonal() *
                             e.eigenvectors().transpose());
         };
-        // Roots depend on the axes' order inside as little as on the frame.
+        // Square roots do not depend on the inner order of the axes, nor on the frame.
         const MatrixXd B = power(own, 0.5) * power(bulk.mobility(), -0.5);
         EXPECT_LT(difference(scene.mobility(), B * plain.mobility() * B.transpose()), 1e-10) << gap;
         if (gap > 1) {
@@ -568,7 +573,8 @@ TEST(Wall, TwoContextsAtDifferentWalls) {
 }
 
 TEST(Wall, MatrixFreeIsDense) {
-    // One step from one state, in the norm of momenta over roots of masses; blobs at the wall.
+    // One step from the same state is compared, in the norm of momenta over roots of masses, with
+    // blobs at the wall.
     const double tolerance = 1e-6;
     for (bool bestKnown : {false, true})
         for (double h : {1e-3, 0.3}) {
@@ -616,15 +622,15 @@ TEST(Wall, MatrixFreeIsDense) {
 
 namespace {
 
-/** Of every body: 3 kT for each nm of height of its blobs' centre; of every blob 10 kT exp(-gap/0.4
- * nm). */
+/** Every body has an energy of 3 kT for each nm of height of its blobs' centre, and every blob one
+ * of 10 kT exp(-gap/0.4 nm). */
 const double weight = 3, repulsion = 10, range = 0.4;
 double blobEnergy(double z, double radius, int blobs) {
     return weight / blobs * z + repulsion * exp(-(z - radius) / range);
 }
 
-/** Averages by quadrature over height and the vertical as the body sees it, with all blobs above
- * the wall at 0. */
+/** Averages by quadrature over the height and over the direction of the vertical in the body frame,
+ * with all blobs above the wall at 0. */
 map<string, double> gibbs(const BodyKind& kind) {
     const int heights = 200, rings = 24;
     const double highest = 6;  // in units of 0.03, so that cells end where "near" does
@@ -632,7 +638,7 @@ map<string, double> gibbs(const BodyKind& kind) {
     map<string, double> mean;
     for (int i = 0; i < rings; i++)
         for (int k = 0; k < 2 * rings; k++) {
-            // Uniform in n_z by mid-points; even spacing around.
+            // Mid-points are uniform in n_z, and evenly spaced around the axis.
             const double nz = (2 * i + 1.0) / rings - 1, s = sqrt(1 - nz * nz),
                          angle = (k + 0.5) * M_PI / rings;
             const Vec3 n(s * cos(angle), s * sin(angle), nz);
@@ -661,8 +667,8 @@ map<string, double> gibbs(const BodyKind& kind) {
 }  // namespace
 
 TEST(Wall, HeightsFollowGibbsAndVelocitiesMaxwell) {
-    // LangevinHI needs no drift term, however the friction depends on height and orientation.
-    // Replicas are groups. If friction and noise were taken at different places, P would have a
+    // LangevinHI needs no drift term, however the friction depends on height and orientation. Each
+    // replica is a group. If friction and noise were taken at different places, P would have a
     // factor like the inverse mobility. It would lower the sphere's mean height by 4 %: five
     // standard errors.
     const double h = 0.05;

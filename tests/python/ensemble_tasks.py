@@ -1,4 +1,4 @@
-"""What the workers of test_ensemble.py compute: they import it by name."""
+"""The tasks that the workers of test_ensemble.py compute. Workers import this module by name."""
 import multiprocessing
 import os
 import signal
@@ -6,12 +6,12 @@ import time
 
 from openmmrigidhi.accuracy import scenes
 
-#: Where tasks leave marks, an environment variable.
+#: The environment variable that holds the directory where tasks leave marks.
 MARKS = 'RIGIDHI_TEST_MARKS'
 
 
 def onlyOnce(name):
-    """Whether this is the first call with this name, of all processes."""
+    """Whether this is the first call with this name in any process."""
     try:
         os.close(os.open(os.path.join(os.environ[MARKS], name), os.O_CREAT | os.O_EXCL))
     except FileExistsError:
@@ -30,7 +30,7 @@ def scene(bodies=3, temperature=300.0, broken=False, seed=1):
 
 
 def otherScene(bodies=3, seed=1):
-    """The same parameters, another System, if the tests say so."""
+    """The scene with the same parameters, but with another System if a test has left the mark."""
     return scenes.trap(
         bodies, gamma=5.0 if os.path.exists(os.path.join(os.environ[MARKS], 'changed')) else 10.0,
         seed=seed)
@@ -49,20 +49,20 @@ energy.unit = 'kJ/mol'
 
 
 def energyOfMortals(context):
-    """The same; of all tasks that come to 1.5 ps one dies, once."""
+    """The energy. One of all tasks that come to 1.5 ps dies, once."""
     if context.getState().getTime()._value > 1.51 and onlyOnce('died'):
         die()
     return energy(context)
 
 
 def energyOfTheSlow(context):
-    """The same, slowly."""
+    """The energy, slowly."""
     time.sleep(0.02)
     return energy(context)
 
 
 def energyOrNot(context):
-    """The same, but the first run that comes to 1.5 ps fails."""
+    """The energy. The first run that comes to 1.5 ps fails."""
     if context.getState().getTime()._value > 1.51 and onlyOnce('failed'):
         raise RuntimeError('this measurement fails on purpose')
     return energy(context)
@@ -73,7 +73,7 @@ def infinite(context):
 
 
 def exits(context):
-    """Ends the task, where it is not the program that the tests are."""
+    """Ends the task's process, if it is not the process of the tests."""
     if multiprocessing.parent_process() is not None:
         raise SystemExit('leaving')
     return 0.0
@@ -92,7 +92,7 @@ def throwAtThree(x, job):
 
 def alwaysDie(x, job):
     if x == 1:
-        # So late that what this worker found before has been fetched.
+        # It dies so late that this worker's earlier results have been fetched.
         time.sleep(0.3)
         die()
     return x
@@ -123,15 +123,15 @@ def dieOften(x, job):
         with open(path, 'w') as file:
             file.write(str(done + 1))
         job.report(done + 1)
-        # So late that the report has arrived, on a machine with twenty times its load too.
+        # It dies so late that the report has arrived, also on a machine with twenty times the load.
         time.sleep(1.0)
         die()
     return done
 
 
 def countTogether(x, job):
-    """How many tasks were at work at a time while this one was; it waits until they are as many as
-    wanted, 20 s at most, then 1 s for more."""
+    """The number of tasks that worked at the same time as this one. The task waits until as many as
+    wanted work, 20 s at most, and then 1 s for more."""
     wanted, number = x
     mine, seen = os.path.join(os.environ[MARKS], f'working{wanted}_{number}'), 0
     open(mine, 'w').close()

@@ -1,4 +1,4 @@
-"""What gsd calls its modes and frames: version 3 renamed them."""
+"""The names of gsd's modes and frames, which version 3 of gsd changed."""
 import gsd
 import gsd.hoomd
 import gsd.version

@@ -1,5 +1,5 @@
-"""openmmrigidhi.accuracy: statistics on synthetic numbers, the advice it gives, and known orders on
-a scene with exact answers.
+"""openmmrigidhi.accuracy: its statistics on synthetic numbers, its advice, and known orders on a
+scene with exact averages.
 
 Statistical tests have fixed seeds and print z; the limit of 4.5 is passed by chance with
 probability 7e-6 per comparison.
@@ -91,13 +91,13 @@ class TestStatistics(unittest.TestCase):
         for rho in (0.0, 0.5, 0.9):
             tau = statistics.autocorrelationTime(autoregressive(200000, rho, rng))
             expected = 0.5 + rho/(1 - rho)
-            # Relative error sqrt(2 (2W+1)/n) < 0.04 for the longest window of 48.
+            # The relative error is sqrt(2 (2W+1)/n) < 0.04 for the longest window of 48.
             print(f'rho {rho}: tau {tau:.3f}, expected {expected:.3f}')
             self.assertAlmostEqual(tau/expected, 1, delta=0.1)
 
     def testStandardErrorCoversTheTruth(self):
-        # 400 series of 200 tau; the mean of z^2 is 1 for a right error (t with ~10 blocks:
-        # (n-1)/(n-3) = 1.25).
+        # There are 400 series of 200 tau. For a right error the mean of z^2 is 1, or (n-1)/(n-3) =
+        # 1.25 for Student's t with about 10 blocks.
         rng = np.random.default_rng(2)
         z = []
         for _ in range(400):
@@ -194,8 +194,8 @@ class TestAdvice(unittest.TestCase):
         self.assertEqual(answer.verdict, 'cannot tell')
         self.assertIsNone(answer.setting)
         self.assertRegex(answer.text, r'cannot tell.*run longer: about [0-9.]+ times')
-        # The easiest to decide in favour is LangevinC at 2 fs: error 0.04, 0.46 from the limit;
-        # 1.645*0.3 = 0.49.
+        # The setting that is most easily decided in favour is LangevinC at 2 fs. Its error is 0.04,
+        # 0.46 from the limit, and 1.645*0.3 = 0.49.
         self.assertAlmostEqual(answer.factor, (1.6449*0.3/0.46)**2, places=3)
 
     def testFasterCandidateIsMentioned(self):
@@ -251,7 +251,7 @@ class TestAdvice(unittest.TestCase):
 
 
 class _Resources(html.parser.HTMLParser):
-    """Collects everything a page refers to."""
+    """Collects all that a page refers to."""
     def __init__(self):
         super().__init__()
         self.found = []
@@ -292,7 +292,7 @@ class TestFiles(unittest.TestCase):
             self.assertIn('LangevinC at 6 fs', text)
             self.assertIn('LangevinMiddle was unstable at 8 fs', text)
 
-            # What was written says the same when it is read again.
+            # Results that were written are the same when they are read again.
             again = StudyResult.fromJson(os.path.join(directory, 'results.json'))
             self.assertEqual(
                 again.recommend('potential_energy:0.5%').text,
@@ -411,7 +411,7 @@ class TestScenes(unittest.TestCase):
             self.assertEqual(value, degrees[name], name)
 
     def testPressureOfAnIdealGas(self):
-        # Bodies that do not see each other: the virial vanishes, P V = sum p^2/(3 m).
+        # The bodies do not interact. So the virial vanishes, and exactly P V = sum p^2/(3 m).
         scene = accuracy.scenes.trap(bodies=8)
         system = openmm.System()
         for k in range(scene.system.getNumParticles()):
@@ -440,13 +440,13 @@ class TestScenes(unittest.TestCase):
 
 
 def sceneFunction():
-    """For testScenesFromFilesAndFunctions."""
+    """The scene of testScenesFromFilesAndFunctions."""
     scene = accuracy.scenes.trap(bodies=3)
     return scene.system, None, scene.positions, scene.makeIntegrator()
 
 
 def firstCoordinate(context):
-    """An observable of the user's own."""
+    """An observable that a user might write."""
     return context.getState(getPositions=True).getPositions()[0][0]
 
 
@@ -455,8 +455,9 @@ firstCoordinate.exact = 0.0
 
 
 class TestKnownOrders(unittest.TestCase):
-    """Harmonic trap, w = 100/ps: C has <x^2> exact, T (1 - h^2 w^2/4); B the other way round;
-    rotation per axis stays at T."""
+    """In a harmonic trap with w = 100/ps, LangevinC has the exact <x^2> and the temperature T (1 -
+    h^2 w^2/4). LangevinB has the exact temperature T and <x^2> divided by 1 - h^2 w^2/4. The
+    rotational temperature of each axis stays at T."""
     @classmethod
     def setUpClass(cls):
         cls.scene = accuracy.scenes.trap(bodies=150, gamma=20, Gamma=40)
@@ -486,7 +487,7 @@ class TestKnownOrders(unittest.TestCase):
         self.compare('LangevinB', 'translational_temperature', lambda h: 1)
 
     def testOrderIsFound(self):
-        # |error| = h^2 w^2/4 T: the step for 9 % is 6 fs.
+        # By |error| = h^2 w^2/4 T the step for 9 % is 6 fs.
         entry = self.result.compareAt('translational_temperature:9%',
                                       baseline='LangevinC')['LangevinC']
         print(f'step for 9 %: {entry["step"]*1000:.3f} fs ({entry["step_low"]*1000:.3f} to '
@@ -494,7 +495,7 @@ class TestKnownOrders(unittest.TestCase):
         self.assertAlmostEqual(entry['step']*1000, 6, delta=0.5)
 
     def testBlowUpIsReported(self):
-        # w h = 3 > 2
+        # The method is unstable because w h = 3 > 2.
         for method in ('LangevinB', 'LangevinC'):
             row = next(row for row in self.result.rows
                        if row['method'] == method and row['value'] == 0.03)
@@ -503,7 +504,7 @@ class TestKnownOrders(unittest.TestCase):
 
     def testAdvice(self):
         answer = self.result.recommend(['energy_group_0:25%', 'translational_temperature:6%'])
-        # Which of those that qualify is the fastest depends on what else the machine does.
+        # The fastest of the settings that qualify depends on the other load of the machine.
         verdicts = {(c['method'], c['value']): c['verdict'] for c in answer.candidates}
         self.assertEqual(answer.verdict, 'recommended')
         self.assertEqual(verdicts['LangevinB', 0.008],
@@ -586,7 +587,7 @@ class TestCommandLine(unittest.TestCase):
             self.assertIn('report.html', os.listdir(directory))
             with open(os.path.join(directory, 'results.csv')) as file:
                 self.assertIn('the potential energy is not finite', file.read())
-            # Again, from what was written.
+            # The same answers come from the written file.
             status = cli.main([
                 '--from',
                 os.path.join(directory, 'results.json'), '--wanted-error', 'energy_group_0:0.001',

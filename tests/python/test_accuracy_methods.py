@@ -1,5 +1,5 @@
-"""openmmrigidhi.accuracy: methods by name with frictions, heavy hydrogens and reciprocal space less
-often; the dipole moment and diffusion.
+"""openmmrigidhi.accuracy: methods by name with frictions, with heavy hydrogens, and with reciprocal
+space in fewer steps. Also the observables dipole moment and diffusion.
 
 Statistical tests have fixed seeds and print z; the limit of 4.5 is passed by chance with
 probability 7e-6 per comparison.
@@ -21,8 +21,8 @@ SIDE = 3.0
 
 
 def ions(charges=(-0.8, 0.5, 0.3), bodies=4, temperature=300.0, gamma=5.0, free=False):
-    """Triangles with charges in a periodic box with PME, held by constraints; free: without any
-    force."""
+    """Triangles with charges that are held by constraints, in a periodic box with PME. If `free`
+    there is no force."""
     shape = np.array([[0, 0, 0], [0.1, 0, 0], [-0.03, 0.09, 0]])
     system = openmm.System()
     system.setDefaultPeriodicBoxVectors(*(SIDE*np.eye(3)))
@@ -72,7 +72,7 @@ def test_options_in_a_name_reach_the_integrator():
     )._value == 0.5 and integrator.getRotationalFriction()._value == 1.5
     assert method.name == 'LangevinC-I8-g0.5-G1.5' and method.description.endswith(
         'moments times 8; gamma = 0.5/ps; Gamma = 1.5/ps')
-    # What a name says nothing about is the scene's.
+    # Settings that the name does not give are those of the scene.
     integrator = methods.byName('LangevinB-G3').makeIntegrator(scene, 0.003, 5)
     assert integrator.getFriction()._value == 10 and integrator.getRotationalFriction(
     )._value == 3 and integrator.getInertiaScale() == 1
@@ -102,7 +102,8 @@ def test_nonsense_is_refused_by_name(name, why):
 
 
 def test_inertia_scales_start_at_the_temperature_of_the_bath():
-    # A State's angular velocities, kept for moments times 100, would be 100 times too hot.
+    # If the State's angular velocities were kept for moments times 100, they would be 100 times too
+    # hot.
     scene = accuracy.scenes.trap(bodies=400)
     first = scene.makeContext(scene.makeIntegrator(), REFERENCE, {}, 1)
     started = accuracy.Scene(scene.system, first.getState(getPositions=True, getVelocities=True),
@@ -114,7 +115,7 @@ def test_inertia_scales_start_at_the_temperature_of_the_bath():
     context = own.makeContext(integrator, REFERENCE, {}, 3)
     temperature = observables.byName('rotational_temperature_2').measure(
         observables.Sample(own, context))
-    # 400 degrees of freedom: the relative standard deviation of their temperature is sqrt(2/400).
+    # The temperature of 400 degrees of freedom has the relative standard deviation sqrt(2/400).
     z = (temperature/300 - 1)/math.sqrt(2/400)
     print(f'{temperature:.1f} K, z = {z:.2f}')
     assert abs(z) < Z_LIMIT
@@ -162,8 +163,8 @@ def test_too_heavy_and_missing_hydrogens_are_refused():
 
 
 def test_heavy_hydrogens_leave_exact_averages():
-    # The trap's hydrogen of 1 dalton gets 4, and the particle of 16 keeps 13: the moments change by
-    # up to three times, energies must not.
+    # The trap's hydrogen of 1 dalton gets 4, and the particle of 16 keeps 13. The moments change by
+    # up to three times, but mean energies must not change.
     study = accuracy.StepSizeStudy(
         accuracy.scenes.trap(bodies=100), ['LangevinMiddle-H4'], [0.002], platform='Reference',
         seed=3, observables=[
@@ -184,8 +185,8 @@ def test_heavy_hydrogens_leave_exact_averages():
 
 
 def test_slow_kicks_are_as_long_as_the_steps_between_them():
-    # Without friction and noise, what a step adds to a body's momentum is its net force times the
-    # step: of reciprocal space three times as long, in every third step.
+    # Without friction and noise, a step adds to a body's momentum its net force times the step. The
+    # force of reciprocal space is added in every third step, times three steps.
     scene = ions(temperature=1e-12, gamma=1e-12)
     method = methods.byName('LangevinMiddle-N3')
     apart = method.sceneOf(scene)
@@ -206,8 +207,8 @@ def test_slow_kicks_are_as_long_as_the_steps_between_them():
 
 
 def test_frictions_are_those_of_the_name():
-    # Bodies without charges, far apart: velocities of their centres decay as exp(-gamma t),
-    # whatever the steps within.
+    # The bodies have no charges and are far apart. The velocities of their centres decay as
+    # exp(-gamma t), whatever the inner steps.
     scene = ions((0, 0, 0), temperature=1e-12)
     for name in ('LangevinMiddle-N2-g3', 'MTSLangevin-N4-g3', 'LangevinMiddle-g3', 'LangevinC-g3',
                  'MTSLangevin-g3-H2'):
@@ -227,8 +228,8 @@ def test_frictions_are_those_of_the_name():
 
 
 def test_multiple_time_steps_agree_with_single_ones():
-    # One trajectory without friction and noise: those with reciprocal space in every other step
-    # stay as near to it as their order says.
+    # The reference is a trajectory without friction and noise. Trajectories with reciprocal space
+    # in every other step stay as near to the reference as their order says.
     scene = ions(temperature=1e-12, gamma=1e-12)
     ends = {}
     for name, h in (('LangevinMiddle', 0.0001), ('LangevinMiddle-N2', 0.001),
@@ -244,7 +245,7 @@ def test_multiple_time_steps_agree_with_single_ones():
     errors = {key: np.abs(end - exact).max()/moved for key, end in ends.items()}
     print(errors)
     assert errors['MTSLangevin-N2', 0.002] < 0.02 and errors['LangevinMiddle-N2', 0.001] < 0.06
-    # A start that is half a kick off is an error of first order in the leapfrog form.
+    # In the leapfrog form the start is off by half a kick, which is an error of first order.
     assert 1.5 < errors['LangevinMiddle-N2', 0.001]/errors['LangevinMiddle-N2', 0.0005] < 3
 
 
@@ -261,7 +262,8 @@ def test_what_cannot_be_split_says_why():
 
 
 def test_custom_integrators_leave_virtual_sites_behind_within_a_step():
-    # Why MTSLangevin is refused there. If a later OpenMM passes no more, the refusal may go.
+    # This behaviour of OpenMM is why MTSLangevin is refused for virtual sites. If the test fails
+    # with a later OpenMM, the refusal may be removed.
     system = openmm.System()
     for mass in (10, 10, 0):
         system.addParticle(mass)
@@ -295,11 +297,12 @@ def dipoleSquared(scene, positions=None):
 def test_dipole_of_known_bodies():
     scene = ions()
     arms = scene.positions.reshape(-1, 3, 3)
-    # Relative to each body's first particle; bodies are neutral, so any origin serves.
+    # Positions are relative to each body's first particle. Bodies are neutral, so any origin gives
+    # the same moment.
     total = np.einsum('k,bki->i', (-0.8, 0.5, 0.3), arms - arms[:, :1])
     value = dipoleSquared(scene)
     assert value == pytest.approx(total @ total/4, rel=1e-12)
-    # Bodies across the boundary, or in another image of the box, have the same moment.
+    # Bodies across a face of the box, or in another image of the box, have the same moment.
     moved = (arms + np.array([[-0.35, 0, 0], [SIDE, -SIDE, 0], [0, 5*SIDE, SIDE - 0.3], [0, 0, 0]
                               ])[:, None]).reshape(-1, 3)
     assert dipoleSquared(scene, moved) == pytest.approx(value, rel=1e-9)
@@ -345,7 +348,7 @@ def test_charged_bodies_and_free_ions_have_no_dipole():
 
 
 def test_diffusion_of_straight_lines():
-    # msd(t) = v^2 t^2: (msd(2 w) - msd(w))/(6 w) = v^2 w/2, also where bodies leave the box.
+    # With msd(t) = v^2 t^2, (msd(2 w) - msd(w))/(6 w) is v^2 w/2, also where bodies leave the box.
     scene = ions(bodies=2, free=True)
     context = scene.makeContext(openmm.VerletIntegrator(0.01), REFERENCE, {}, 1)
     context.setVelocities(np.repeat([[3.0, 0, 0], [0, 1, 0]], 3, axis=0))
@@ -360,8 +363,8 @@ def test_diffusion_of_straight_lines():
 
 
 def test_diffusion_of_free_bodies_is_that_of_einstein():
-    # Free bodies in a bath: msd(t) = 6 D (t - (1 - exp(-gamma t))/gamma), D = kT/(M gamma)
-    # x/tanh(x), x = gamma h/2, for LangevinC's steps; w = 0.4 ps.
+    # Free bodies in a bath have msd(t) = 6 D (t - (1 - exp(-gamma t))/gamma). For steps of
+    # LangevinC, D = kT/(M gamma) x/tanh(x) with x = gamma h/2. Here w = 0.4 ps.
     gamma, h, window = 20.0, 0.01, 0.4
     study = accuracy.StepSizeStudy(ions(bodies=60, gamma=gamma, free=True), ['LangevinC'], [h],
                                    observables=[observables.diffusionCoefficient(window)],

@@ -1,8 +1,8 @@
-"""openmmrigidhi.accuracy: what a number costs, bias and noise together, on synthetic series and on
-oscillators with exact correlation times.
+"""openmmrigidhi.accuracy: the price of a number, with bias and noise together, on synthetic series
+and on oscillators with exact correlation times.
 
-Statistical tests have fixed seeds; bounds are 4.5 standard deviations of what is counted (passed by
-chance with probability 7e-6), unless said.
+Statistical tests have fixed seeds. Unless said otherwise, bounds are 4.5 standard deviations of the
+number that is counted (passed by chance with probability 7e-6).
 """
 import json
 import math
@@ -38,7 +38,7 @@ def resultOf(settings, observables=(OBSERVABLE,), rounds=7, clock='wall'):
     Parameters
     ----------
     settings : list of (method, fs, record)
-        Record with series of all observables
+        Each record has series of all observables.
     """
     methods = {name: types.SimpleNamespace(name=name) for name, _, _ in settings}
     runs = [(Setting(methods[name], fs/1000, fs/1000), record, 1) for name, fs, record in settings]
@@ -63,8 +63,8 @@ def resultOf(settings, observables=(OBSERVABLE,), rounds=7, clock='wall'):
 
 
 def record(series, interval, seconds, rounds=7, equilibration=1.0, rng=None):
-    """A run: samples by observable, ps between them, seconds that the steps took; 10 % of scatter
-    between the rounds if there is an rng."""
+    """The record of a run: samples by observable, ps between them, and seconds that the steps took.
+    The rounds scatter by 10 % if there is an rng."""
     n = len(next(iter(series.values())))
     scatter = np.ones(rounds) if rng is None else np.exp(0.1*rng.normal(size=rounds))
     return measurement.Record(interval, {name: list(values)
@@ -74,8 +74,8 @@ def record(series, interval, seconds, rounds=7, equilibration=1.0, rng=None):
 
 
 def knownResult(settings, sigma=1e-6, **kwargs):
-    """A result with given numbers: settings are (method, fs, bias, noise in unit^2 ps,
-    equilibration in ps); a step takes 1 ms."""
+    """A result with given numbers. Settings are (method, fs, bias, noise in unit^2 ps,
+    equilibration in ps), and a step takes 1 ms."""
     result = resultOf([(method, fs,
                         record({OBSERVABLE: REFERENCE + np.random.default_rng(1).normal(size=50)},
                                0.1, 0.001, equilibration=left))
@@ -105,8 +105,8 @@ def test_time_and_error_belong_together():
 
 
 def test_noise_of_a_series_and_what_is_known_of_it():
-    """2 tau variance of autoregressive series of 60 to 100 correlation times: its mean, its spread,
-    coverage of its interval."""
+    """The noise 2 tau variance is tested on autoregressive series of 60 to 100 correlation times:
+    its mean, its spread, and the coverage of its interval."""
     rng, cases, outside = np.random.default_rng(5), 600, 0
     for rho, length in ((0.6, 200), (0.9, 950)):
         tau = 0.5 + rho/(1 - rho)
@@ -117,18 +117,20 @@ def test_noise_of_a_series_and_what_is_known_of_it():
         outside = np.sum(relative*low > 1) + np.sum(relative*high < 1)
         print(f'rho {rho}: mean {relative.mean():.3f}, spread {relative.std():.3f} (promised '
               f'{np.sqrt(2/degrees).mean():.3f}), outside {outside} of {cases}')
-        # Of the window's own error and of what is of the second order in (2 W + 1)/n = 0.1 to 0.15,
-        # 10 % are allowed.
+        # The test allows 10 % for the error of the window and for terms of second order in (2 W +
+        # 1)/n = 0.1 to 0.15.
         assert abs(relative.mean() - 1) < 0.1 + 4.5*relative.std()/math.sqrt(cases)
         assert relative.std() == pytest.approx(np.sqrt(2/degrees).mean(), rel=0.3)
-        # 5 %, and twice that for a law that is only nearly chi^2.
+        # The interval should miss 5 %. Twice as many are allowed, because the law is only nearly
+        # chi^2.
         assert outside < 0.1*cases + 4.5*math.sqrt(0.1*0.9*cases)
         assert np.mean([each.variance for each in found]) == pytest.approx(1, abs=0.1)
         assert found[0].tauError == pytest.approx(found[0].tau*math.sqrt(2/found[0].degrees))
 
 
 def test_noise_of_replicas():
-    """Replicas share the noise among them, and it is known better by their number."""
+    """The noise of a mean over replicas is smaller by their number, and its degrees of freedom are
+    more by the same factor."""
     rng = np.random.default_rng(6)
     rho, replicas = 0.8, 25
     series = np.stack([autoregressive(2000, rho, rng) for _ in range(replicas)], axis=1)
@@ -137,7 +139,7 @@ def test_noise_of_replicas():
     z = (found.value*replicas/(2*(0.5 + rho/(1 - rho))) - 1)/math.sqrt(2/found.degrees)
     print('z', z, 'one', one.value)
     assert abs(z) < 4.5
-    # As large as the spread of the replicas' means says, which has 24 degrees of freedom.
+    # The noise agrees with the spread of the replicas' means, which has 24 degrees of freedom.
     ratio = series.mean(axis=0).var(ddof=1)/replicas*2000/found.value
     assert abs(ratio - 1) < 4.5*math.sqrt(2/(replicas - 1))
 
@@ -152,7 +154,8 @@ def test_a_constant_series_has_no_noise():
 
 
 def test_the_cheapest_by_hand():
-    # 4 fs: (1 + 20/(1 - 0.01)) ps at 4 ps/s; 8 fs: (1 + 20/(1 - 0.49)) ps at 8 ps/s; 12 fs never.
+    # The exact lengths are (1 + 20/(1 - 0.01)) ps at 4 ps/s for 4 fs, and (1 + 20/(1 - 0.49)) ps at
+    # 8 ps/s for 8 fs. A step of 12 fs never reaches the wanted error.
     result = knownResult([('LangevinC', 4, 0.1, 20, 1), ('LangevinC', 8, -0.7, 20, 1),
                           ('LangevinC', 12, 1.5, 20, 1)])
     answer = result.price('potential_energy:1%')
@@ -168,7 +171,7 @@ def test_the_cheapest_by_hand():
     assert first['length'] == pytest.approx(20/0.51, rel=1e-3)
     assert second['ratio'] == pytest.approx(second['seconds']/first['seconds'])
     assert 'LangevinC at 8 fs' in answer.text and '49 % of the squared error is bias' in answer.text
-    # A wish that is harder is met by a smaller step, or by none.
+    # A smaller wanted error is met by a smaller step, or by none.
     assert result.price('potential_energy:0.5%').setting['value'] == 0.004
     none = result.price('potential_energy:0.05%')
     assert none.verdict == 'none of these' and none.setting is None
@@ -183,7 +186,8 @@ def test_small_budgets_like_large_steps_and_large_budgets_small_ones():
     assert short.setting['standard_error'] == pytest.approx(math.sqrt(20/15), rel=1e-3)
     assert long_.setting['total_error'] == pytest.approx(math.sqrt(0.01 + 20/7999), rel=1e-3)
     assert [each['verdict'] for each in short.candidates] == ['best', 'worse']
-    # 0.2 s are 0.8 ps at 4 fs, 1.6 ps at 8 fs; 0.1 s are less than the equilibration of both.
+    # In 0.2 s a run makes 0.8 ps at 4 fs, and 1.6 ps at 8 fs. In 0.1 s neither run ends its
+    # equilibration.
     assert [each['verdict'] for each in result.spend(OBSERVABLE, 0.2).candidates] == ['best', 'n/a']
     assert result.spend(OBSERVABLE, 0.1).verdict == 'none of these'
 
@@ -213,7 +217,7 @@ def test_the_slowest_observable_tells_the_time():
 
 
 def test_many_settings_are_named_in_part():
-    # Twenty steps of equal cost: noises that grow as the speed.
+    # Twenty steps have the same price, because their noise grows as the speed.
     result = knownResult([('LangevinC', fs, 0.0, 20.0*fs, 0) for fs in range(1, 21)])
     for row in result.rows:
         row['noise_degrees'] = 20
@@ -226,7 +230,7 @@ def test_a_biased_setting_is_never_recommended_however_fast():
         result = knownResult([('LangevinC', 2, 0.0, 20, 1), ('LangevinMiddle', 200, bias, 1e-9, 0)])
         answer = result.price('potential_energy:0.5%')
         assert (answer.setting['method'], answer.verdict) == ('LangevinC', 'recommended')
-    # Where the bias is not known well enough: not recommended either, but mentioned.
+    # A setting whose bias is not known well enough is not recommended either, but it is mentioned.
     unclear = knownResult([('LangevinC', 2, 0.0, 20, 1), ('LangevinMiddle', 200, 0.45, 1e-9, 0)],
                           sigma=0.1)
     answer = unclear.price('potential_energy:0.5%')
@@ -247,10 +251,10 @@ def test_a_biased_setting_is_never_recommended_however_fast():
 
 
 def test_coverage_of_times_and_errors():
-    """Series of 80 correlation times with known bias: how often intervals of 95 % hold the true
-    time, and the true error after it.
+    """Intervals of 95 % hold the true time, and the true error after this time, for series of 80
+    correlation times with known bias.
 
-    The bias is known to 0.16 in units of the wanted error, the noise to 0.45 of itself.
+    The bias is known to 0.16 in units of the wanted error, the noise to a relative error of 0.45.
     """
     rng, cases, rho = np.random.default_rng(8), 300, 0.8
     tau, n, interval = 0.5 + rho/(1 - rho), 360, 0.1
@@ -271,18 +275,19 @@ def test_coverage_of_times_and_errors():
         print(
             f'bias {bias}: {missed} and {missedErrors} of {cases} missed; upper end below 4 times '
             f'the true time: {sharp}')
-        # 5 %, and as much again for a bias and a median over seven rounds that are resampled, not
-        # known.
+        # Intervals should miss 5 %. As much again is allowed, because the bias and the median over
+        # seven rounds are resampled and not known.
         allowed = 0.1*cases + 4.5*math.sqrt(0.1*0.9*cases)
         assert missed < allowed and missedErrors < allowed
-        # And they say something: at small bias, mostly less than 4 times.
+        # The intervals are not too wide: at small bias the upper end is mostly below 4 times the
+        # true time.
         if bias < 0.5:
             assert sharp > cases/2
 
 
 def test_the_truly_cheapest_is_named():
-    """Two settings, one 1.3 times as dear: the cheaper one is recommended, or said not to be
-    distinguishable; and with long runs recommended."""
+    """Of two settings, one 1.3 times as dear, the cheaper one is recommended or said not to be
+    distinguishable. With long runs it is recommended."""
     rng, rho = np.random.default_rng(9), 0.8
     for n, cases, least in ((400, 150, 0), (20000, 60, 55)):
         lost = recommended = 0
@@ -295,8 +300,9 @@ def test_the_truly_cheapest_is_named():
             recommended += verdicts[0.013] == 'cheapest'
             lost += verdicts[0.013] not in ('cheapest', 'not distinguishable')
         print(f'{n} samples: recommended {recommended}, lost {lost}')
-        # 2.5 % at most, for the dearer one is seldom the cheapest by that much. Of 20000 samples
-        # the ratio is known to 10 %, so that it is on the wrong side of 1 with probability 0.4 %.
+        # At most 2.5 % are lost, because the dearer setting seldom seems cheaper by that much. From
+        # 20000 samples the ratio is known to 10 %, so it is on the wrong side of 1 with probability
+        # 0.4 %.
         assert lost < 0.025*cases + 4.5*math.sqrt(0.025*cases)
         assert recommended >= least
 
@@ -313,7 +319,8 @@ def test_doubts_are_marked():
         each['method']: each['marks']
         for each in result.price('potential_energy:1%').candidates
     }
-    # Independent samples have tau of half an interval; 200 samples are 21 times the other's.
+    # Independent samples have a tau of half an interval. The tau of the 200 correlated samples is
+    # 21 times as long.
     assert [
         mark.startswith('samples are further apart than half a correlation time')
         for mark in found['LangevinC']
@@ -367,7 +374,8 @@ def test_without_a_correlation_time_or_a_reference_there_is_no_price():
 
 
 def test_results_without_noise_are_priced_by_their_blocks():
-    """Results of before this was measured: the squared standard error times the length."""
+    """For results from before noise was measured, the noise is the squared standard error times the
+    length."""
     result = resultOf(
         [('LangevinC', 4,
           record({OBSERVABLE: REFERENCE + autoregressive(20000, 0.8, np.random.default_rng(7))},
@@ -383,11 +391,11 @@ def test_results_without_noise_are_priced_by_their_blocks():
     assert old['noise'] == pytest.approx(old['standard_error']**2*2000)
     assert (old['noise_degrees'], old['sample_interval'],
             old['own_tau']) == (new['degrees'], pytest.approx(0.1), new['tau'])
-    # Known to 14 % by 90 to 110 blocks, and to 10 % by Sokal's formula.
+    # The noise is known to 14 % by 90 to 110 blocks, and to 10 % by Sokal's formula.
     assert old['noise'] == pytest.approx(
         new['noise'], rel=4.5*math.sqrt(2/new['degrees'] + 2/new['noise_degrees']))
     for row in (old, new):
-        # The standard error after 50 s is that of so many independent samples.
+        # The standard error after 50 s is that of this number of independent samples.
         assert statistics.errorAfter(
             50, 0, row['noise'], row['step_size']/0.001,
             0) == pytest.approx(math.sqrt(row['variance']/(50*row['effective_per_second'])))
@@ -423,8 +431,7 @@ def test_the_documented_prices_are_those_of_the_committed_result():
 
 @pytest.mark.parametrize('scene', ['boomerang', 'suspension'])
 def test_studies_without_momenta_have_prices(scene):
-    """Replicas share the noise: a run of all of them has the standard error that was measured,
-    after its own time."""
+    """A run of all replicas has, after its own time, the standard error that was measured."""
     result = StudyResult.fromJson(
         os.path.join(STUDIES, 'overdamped', 'results', scene, 'results.json'))
     for observable in result.observables:
@@ -450,7 +457,7 @@ def test_files_of_prices(tmp_path, capsys):
     paths = result.write(str(tmp_path/'first'),
                          price=['potential_energy:1%',
                                 'potential_energy:0.01%'], spend=[(OBSERVABLE, 2.0)])
-    # Nothing reaches 0.01 %, so that there is nothing to draw.
+    # No setting reaches 0.01 %, so that there is nothing to draw.
     assert {os.path.basename(path)
             for path in paths} == {
                 'results.csv', 'results.json', 'report.html', 'error_potential_energy.png',
@@ -472,7 +479,7 @@ def test_files_of_prices(tmp_path, capsys):
     row = dict(zip(head.split(','), first.split(',')))
     assert float(row['noise']) == 20 and float(row['effective_per_second']) > 0
 
-    # Asked again from the file, by the command line.
+    # The command line gives the same answer from the file.
     assert cli.main([
         '--from',
         str(tmp_path/'first'/'results.json'), '--price', 'potential_energy:1%', '--spend',
@@ -485,7 +492,7 @@ def test_files_of_prices(tmp_path, capsys):
     assert 'With 30 s for potential energy' in told
     assert 'what it takes to know potential_energy:1%' in told
     assert 'price_potential_energy_1pc.png' in os.listdir(tmp_path/'again')
-    # Without being asked for prices nothing of them is said.
+    # The command line mentions prices only if asked.
     assert cli.main([
         '--from',
         str(tmp_path/'first'/'results.json'), '--wanted-error', 'potential_energy:1%', '--output',
@@ -549,7 +556,7 @@ FREQUENCY = 100.0
 
 
 class Friction:
-    """LangevinB with a friction of its own, which changes correlation times and no average."""
+    """LangevinB with another friction, which changes correlation times but no average."""
     def __init__(self, gamma):
         self.gamma = gamma
 
@@ -563,8 +570,8 @@ class Friction:
 
 
 def oscillator(gamma, h):
-    """One step of LangevinB for a coordinate in units of its thermal spread, (x, p): the map, and
-    the stationary covariance.
+    """The map of (x, p) in one step of LangevinB, and the stationary covariance, in units of the
+    thermal spread.
 
     Half an Ornstein-Uhlenbeck step, half a kick, a drift, half a kick, half an Ornstein-Uhlenbeck
     step.
@@ -582,7 +589,7 @@ def exactEnergy(gamma, h, interval):
     """Mean of x^2 (1 as the step vanishes) and integrated autocorrelation time of x^2 in ps,
     sampled at an interval of whole steps.
 
-    For a Gaussian process that of x^2 is the square of that of x.
+    For a Gaussian process the autocorrelation of x^2 is the square of the autocorrelation of x.
     """
     step, covariance = oscillator(gamma, h)
     sampled = np.linalg.matrix_power(step, round(interval/h))
@@ -596,8 +603,8 @@ def exactEnergy(gamma, h, interval):
 
 @pytest.fixture(scope='module')
 def oscillators():
-    """The trap, with three frictions and two steps; every step is taken to cost 1 ms, so that exact
-    prices are known."""
+    """The trap with three frictions and two step sizes. Every step is taken to cost 1 ms, so that
+    exact prices are known."""
     scene = accuracy.scenes.trap(bodies=10, frequency=FREQUENCY)
     methods = [accuracy.Method(f'friction {gamma}', Friction(gamma), 2) for gamma in (8, 120, 2500)]
     result = accuracy.StepSizeStudy(scene, methods, [0.002, 0.004, 0.008], platform='Reference',
@@ -614,17 +621,18 @@ def exactSeconds(row, tolerance):
     """The time to a wanted relative error of the energy of the trap, by formulas alone."""
     square, tau = exactEnergy(float(row['method'].split()[1]), row['step_size'],
                               row['sample_interval'])
-    # The mean of 3/2 has the variance 3/2 for each of 10 bodies.
+    # For each of 10 bodies the energy has the mean 3/2 and the variance 3/2.
     noise = 2*tau*square**2*1.5/10/1.5**2
     room = tolerance**2 - (square - 1)**2
     return (row['equilibration'] + noise/room)/(row['step_size']/0.001) if room > 0 else math.inf
 
 
 def test_exact_oscillators():
-    """The formulas above in limits that are known: means of LangevinB, weak and strong damping."""
+    """The formulas above have known limits: the means of LangevinB, weak damping and strong
+    damping."""
     assert oscillator(30, 0.008)[1][0, 0] == pytest.approx(1/(1 - (0.008*FREQUENCY)**2/4))
     assert oscillator(30, 0.008)[1][1, 1] == pytest.approx(1)
-    # exp(-gamma t) (1 + cos 2 w t)/2 and exp(-2 w^2 t/gamma), integrated.
+    # The limits are the integrals of exp(-gamma t) (1 + cos 2 w t)/2 and of exp(-2 w^2 t/gamma).
     assert exactEnergy(2, 5e-4, 5e-4)[1] == pytest.approx(0.25, rel=1e-2)
     assert exactEnergy(2000, 1e-4, 1e-4)[1] == pytest.approx(2000/(2*FREQUENCY**2), rel=1e-2)
 
@@ -661,10 +669,10 @@ def test_the_cheapest_oscillator_is_recommended(oscillators, percent):
             f'{each["verdict"]}')
         outside += not each['seconds_low'] <= seconds <= each['seconds_high']
         assert each['verdict'] in ('no', 'undecided') or math.isfinite(seconds)
-    # Nine intervals of 95 %: five outside have probability 3e-5.
+    # Of nine intervals of 95 %, five miss with probability 3e-5.
     assert outside < 5
-    # The friction in the middle forgets fastest; the largest step of which the bias is small enough
-    # wins.
+    # With the middle friction correlations decay fastest. The cheapest step is the largest with a
+    # bias that is small enough.
     print(best)
     assert best[0] == 'friction 120'
     assert (answer.setting['method'], answer.setting['value']) == best

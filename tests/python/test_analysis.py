@@ -1,5 +1,5 @@
-"""openmmrigidhi.analysis: exact motions, random ones with known answers, and the centres of real
-mobilities."""
+"""openmmrigidhi.analysis on exact motions, on random motions with known averages, and on the
+mobilities of multiblobs."""
 import re
 
 import numpy as np
@@ -83,7 +83,7 @@ def test_constant_rotation_about_different_points():
         msd = analysis.rotationalMSD(q, 1, lags, 4, bodyFrame=bodyFrame)
         assert np.allclose(msd.mean[:, 2, 2], np.sin(rate*lags)**2, atol=1e-12)
         assert np.allclose(msd.perpendicular.mean, msd.trace.mean, atol=1e-12)
-    # The sign of a quaternion means nothing; the planar angle goes on through full turns.
+    # The sign of a quaternion has no effect, and the planar angle goes on through full turns.
     q *= np.random.default_rng(1).choice((-1, 1), size=(400, 1, 1))
     assert np.allclose(analysis.rotationalMSD(q, 1, lags, 4).mean, msd.mean, atol=1e-12)
     planar = analysis.planarAngleMSD(q, 1, (1, 2, 30), lags, 4)
@@ -111,8 +111,8 @@ def test_frames_beyond_whole_blocks_are_left_out_at_the_start():
 
 
 def test_from_a_file_of_body_states(tmp_path):
-    """What RigidBodyReporter wrote goes in as it is read: a body without forces moves along a
-    straight line."""
+    """Files of RigidBodyReporter go into the functions as they are read. A body without forces
+    moves along a straight line."""
     system, integrator = openmm.System(), openmmrigidhi.CustomRigidHIIntegrator(0, 0.002)
     for _ in range(2):
         system.addParticle(10)
@@ -160,12 +160,13 @@ def test_free_diffusion(freeDiffusion, independent):
     msd = analysis.translationalMSD(freeDiffusion, still(1000, 100), 0.5, (0, 0, 0),
                                     lags=range(1, 11), numBlocks=20, independentBodies=independent)
     short = analysis.shortTimeDiffusion(msd)
-    # The variance of a squared Gaussian is twice its square: 98000 steps within blocks.
+    # The variance of a squared Gaussian is twice the square of its mean. There are 98000 steps
+    # within blocks.
     trueError = expected*np.sqrt(2/98000)
     value, error = (np.diag(numbers(x, NM2/unit.picosecond)) for x in (short.value, short.error))
     assert short.degrees == (1999 if independent else 19)
     assert np.all(np.abs(value - expected) < 4*trueError)
-    # A standard error from n blocks is known to 1/sqrt(2n), 16 % for 20.
+    # A standard error from n blocks is known to 1/sqrt(2n), which is 16 % for 20 blocks.
     assert np.allclose(error, trueError, rtol=4/np.sqrt(2*(short.degrees + 1)))
     for estimate in (analysis.shortTimeDiffusion(msd, 2.0),
                      analysis.longTimeDiffusion(msd, 1, 5*unit.picosecond),
@@ -194,7 +195,7 @@ def test_errors_of_overlapping_lags(freeDiffusion):
 
 
 def test_free_rotation_overshoots_and_saturates():
-    """REFERENCE: <u_i u_j> = delta_ij (1 + 1.5 exp(-2Dt) - 2.5 exp(-6Dt))/6.
+    """Exactly <u_i u_j> = delta_ij (1 + 1.5 exp(-2Dt) - 2.5 exp(-6Dt))/6 (REFERENCE).
 
     For random steps of finite size s the two exponentials are powers of the steps' own averages, (1
     + 2 <cos a>)/3 and (1 + 2 <cos a> + 2 <cos 2a>)/5, with <cos k a> = (1 - (k s)^2) exp(-(k
@@ -219,8 +220,8 @@ def test_free_rotation_overshoots_and_saturates():
     assert np.all(trace.error < 0.02*trace.mean)
     assert trace.mean[4]/3 > 1/6 + 5*trace.error[4]/3  # the overshoot
     assert trace.mean[-1]/3 == pytest.approx(1/6, abs=4*trace.error[-1]/3 + 2e-3)
-    # The closed form is 2Dt (1 - 3.5 Dt + 7.3 (Dt)^2): the first frame alone is 3.5 % low, the
-    # extrapolation right to 0.5 %.
+    # The closed form is 2Dt (1 - 3.5 Dt + 7.3 (Dt)^2). So the first frame alone is 3.5 % low, and
+    # the extrapolation is right to 0.5 %.
     short = analysis.rotationalMSD(q, 1, [1, 2, 3], 1, independentBodies=True).trace
     assert analysis.shortTimeDiffusion(short).value._value/3 == pytest.approx(0.00965, rel=0.01)
     short = analysis.shortTimeDiffusion(short, 3)
@@ -259,7 +260,7 @@ def boomerang():
 
 
 def test_centres_and_diffusion_of_the_boomerang(boomerang):
-    """REFERENCE, section 5."""
+    """The mobility has the values of REFERENCE, section 5."""
     center = analysis.centerOfMobility(boomerang).value_in_unit(unit.micrometer)
     assert center == pytest.approx(0.9609*BISECTOR, abs=1e-4)
     planar = analysis.planarCenterOfHydrodynamicStress(boomerang).value_in_unit(unit.micrometer)
@@ -308,9 +309,9 @@ def test_coupling_is_symmetric_about_the_centre_of_mobility_only(shape):
     assert np.allclose(about[:3, 3:], about[3:, :3], rtol=0, atol=1e-12*np.abs(N).max())
     elsewhere = analysis.mobilityAboutPoint(N, center + (0, 0.2, 0.1)*unit.nanometer)
     assert np.abs(elsewhere[:3, 3:] - elsewhere[3:, :3]).max() > 1e-5*np.abs(N).max()
-    # Wherever one starts, and in the body's frame: the same point of the body.
+    # From any tracking point, and in the body frame, the result is the same point of the body.
     assert np.allclose(analysis.centerOfMobility(elsewhere)._value, (0, -0.2, -0.1), atol=1e-10)
-    # No point has a smaller mean translational mobility.
+    # No other point has a smaller mean translational mobility.
     assert np.trace(about[:3, :3]) < np.trace(N[:3, :3]) and np.trace(about[:3, :3]) < np.trace(
         elsewhere[:3, :3])
 
@@ -373,7 +374,8 @@ def test_planar_angle_mobility(boomerang):
 
 
 def test_the_planar_angle_diffuses_with_its_mobility(boomerang):
-    """Many short steps from one tilted orientation."""
+    """Many short steps from one tilted orientation have the diffusion of the angle's mobility.
+    """
     D = KT*SECONDS*analysis.mobilityInBodyFrame(boomerang, (1, 0, 0, 0))[3:, 3:]  # rad^2/s
     q = np.empty((2, 40000, 4))
     q[0] = turns(np.array([0.5, -0.6, 0.4]))
@@ -390,8 +392,8 @@ def test_the_planar_angle_diffuses_with_its_mobility(boomerang):
 
 @pytest.fixture(scope='module')
 def brownianBoomerangs(boomerang):
-    """1000 free boomerangs, 1000 frames of 0.05 s, tracked at the centre of mobility: steps of the
-    constant body-frame tensor.
+    """1000 free boomerangs, 1000 frames of 0.05 s, tracked at the centre of mobility. Steps are
+    those of the constant body-frame tensor.
 
     About that point a step from the frame at its start needs no drift. Lengths in um, times in s.
     """
@@ -418,14 +420,14 @@ def test_the_tracking_point_matters_at_short_times_only(brownianBoomerangs):
                                                                             (2.1, 0, 0) - center)):
         msd = analysis.translationalMSD(R, q, 0.05, point, lags, numBlocks=1,
                                         independentBodies=True).trace
-        # Mobilities of this D are in um and s; the functions only see numbers.
+        # This D is in um and s, but the functions take only its numbers.
         expected = np.trace(analysis.mobilityAboutPoint(D, point)[:3, :3])/3
         short, long = analysis.shortTimeDiffusion(msd, 0.15), analysis.longTimeDiffusion(msd, 15)
-        # The extrapolation leaves the third order in the lag: below 0.1 %.
+        # After the extrapolation an error of third order in the lag is left, below 0.1 %.
         assert short.value._value/3 == pytest.approx(expected,
                                                      abs=4*short.error._value/3 + 1e-3*expected)
-        # The slowest direction turns in 1/(0.134 + 0.116) = 4 s: from 15 to 20 s the tip's slope is
-        # still 0.002 high.
+        # The slowest direction turns in 1/(0.134 + 0.116) = 4 s. So from 15 to 20 s the slope of
+        # the tip is still 0.002 too high.
         assert long.value._value/3 == pytest.approx(0.26961, abs=4*long.error._value/3 + 0.0025)
         assert (short.error._value < 0.01*short.value._value
                 and long.error._value < 0.06*long.value._value)
@@ -594,7 +596,7 @@ def test_bad_stacks_of_mobilities():
                                                                     'orientation'),
                            (analysis.planarAngleMobility, 'direction')):
         columns = len(row[name])
-        # One bad matrix among good ones; small ones are judged by their own size.
+        # One bad matrix among good ones is refused. Small matrices are judged by their own size.
         lopsided = np.stack([1e6*good, good])
         lopsided[1, 0, 1] = 1
         with refused(f'{function.__name__}: N: a mobility must be symmetric'):

@@ -1,8 +1,8 @@
-"""The integrator on a platform that keeps particles on a device: OpenCL, which a processor can be,
-too, stands for all of them.
+"""The integrator on a platform that keeps particles on a device. OpenCL, which also runs on
+processors, stands for all such platforms.
 
-Forces are the device's, all else is the host's, so a few steps differ from those on Reference by
-the rounding of forces and positions.
+Only forces are computed on the device. So a few steps differ from those on Reference by no more
+than the rounding of forces and positions.
 """
 import os
 import subprocess
@@ -21,8 +21,8 @@ REFERENCE = openmm.Platform.getPlatformByName('Reference')
 
 
 def device():
-    """The OpenCL platform, in double precision; a skip that says why where there is no device for
-    it."""
+    """The OpenCL platform in double precision. Without a device for it the test is skipped with the
+    reason."""
     names = [
         openmm.Platform.getPlatform(i).getName() for i in range(openmm.Platform.getNumPlatforms())
     ]
@@ -46,8 +46,8 @@ def opencl():
 
 
 def trimers(scheme):
-    """Three bodies that feel each other through a fluid if the scheme wants one, in a trap, one
-    driven."""
+    """Three bodies in a trap, one of them driven. They feel each other through a fluid if the
+    scheme needs a fluid."""
     system, integrator, momenta = openmm.System(), CustomRigidHIIntegrator(
         300, 0.002), not scheme.isOverdamped
     integrator.setScheme(scheme.number)
@@ -130,7 +130,7 @@ def test_a_resumed_run_is_the_uninterrupted_one_to_rounding(opencl, precision):
 
 
 def test_what_others_do_is_honoured(opencl):
-    """Users, OpenMM's constraints and CMMotionRemover."""
+    """Changes by users, by OpenMM's constraints and by CMMotionRemover are taken into account."""
     system, integrator, positions = trimers(TABLE[CustomRigidHIIntegrator.LangevinC])
     system.addForce(openmm.CMMotionRemover(2))
     integrator.setTemperature(0)
@@ -159,8 +159,7 @@ def test_water_with_virtual_sites_barostat_and_minimisers(opencl, waterBox):
         simulation[name] = openmm.Context(system, integrator, platform, properties)
         simulation[name].setPositions(waterBox.positions)
         openmmrigidhi.app.minimize(simulation[name], maxIterations=20)
-    # Both have been minimised by numbers that differ in rounding: the device begins where Reference
-    # does.
+    # The minimisations differ by rounding. So the device begins with the positions of Reference.
     start = simulation['Reference'].getState(getPositions=True).getPositions()
     for made in simulation.values():
         made.setPositions(start)

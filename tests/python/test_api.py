@@ -42,8 +42,8 @@ def bound(platform, count=2):
 
 # ---- Numbers and quantities ----------------------------------------------------------------------
 
-#: setter, getter, argument name, value as a quantity in another unit than ours, the same as a plain
-#: number
+#: setter, getter, argument name, value as a quantity in another unit than this library's, the same
+#: value as a plain number
 SCALARS = [('setTemperature', 'getTemperature', 'temperature', 250*unit.kelvin, 250.0),
            ('setFriction', 'getFriction', 'gamma', 5/unit.nanosecond, 0.005),
            ('setRotationalFriction', 'getRotationalFriction', 'Gamma', 7/unit.nanosecond, 0.007),
@@ -508,7 +508,7 @@ def test_angular_velocities_lose_what_has_no_inertia(platform):
     integrator.setBodyAngularVelocities([(1, 2, 3), (4, 5, 6)])
     got = integrator.getBodyAngularVelocities().value_in_unit(unit.radian/unit.picosecond)
     assert np.allclose(got, [(1, 2, 0), (4, 5, 0)], atol=1e-14)
-    # 1/2 I w^2 with I = 0.04 about x and y; the smallest moment, about z, is zero.
+    # The energy is 1/2 I w^2 with I = 0.04 about x and y. The smallest moment, about z, is zero.
     energies = plain(integrator.computeRotationalKineticEnergies())
     assert energies[0] == 0 and energies[1:].sum() == pytest.approx(0.5*0.04*
                                                                     (1 + 4 + 16 + 25), rel=1e-14)
@@ -685,7 +685,7 @@ def test_velocities_of_a_bad_temperature_are_refused(temperature, platform):
 
 
 def test_steps_release_the_interpreter(platform):
-    """While one thread steps, another must run."""
+    """While one thread steps, another thread must be able to run."""
     import threading
     integrator, context = bound(platform)
     ticks, done = [], threading.Event()
@@ -782,8 +782,8 @@ def test_a_library_that_does_not_load_fails_loudly(tmp_path):
 
 
 def test_another_copy_of_the_library_is_not_mixed_in(tmp_path):
-    """The loader would take a library of the same name that is there already: that of a Debian
-    package, say, for a build tree."""
+    """The loader would take a library of the same name that is installed already, for example that
+    of a Debian package instead of the build tree's."""
     copy = shutil.copy(os.path.join(packageDirectory(), 'lib', 'libOpenMMRigidHI.so'), tmp_path)
     result = run(f'import ctypes; ctypes.CDLL({copy!r}); import openmmrigidhi')
     assert ('ImportError: openmmrigidhi: its library libOpenMMRigidHI.so was loaded from '
@@ -804,7 +804,8 @@ def test_describe_says_what_a_bug_report_needs():
 
 
 def test_kernels_in_the_plugin_directory_of_openmm_serve(tmp_path):
-    """The layout of a distribution: libraries beside OpenMM's own, none in the Python package."""
+    """In the layout of a distribution libraries are beside OpenMM's own, and none is in the Python
+    package."""
     package = tmp_path/'python'/'openmmrigidhi'
     shutil.copytree(packageDirectory(), package)
     shutil.move(package/'lib', tmp_path/'openmm')
@@ -832,7 +833,7 @@ def test_missing_libraries_fail_loudly(tmp_path):
 
 
 def test_a_context_without_our_platform_libraries_says_what_is_missing():
-    """Only the bindings are loaded here, as a C++ program does that forgets the plugin directory.
+    """Only the bindings are loaded, as in a C++ program that does not load the plugin directory.
     """
     result = run(f'''
 import sys, types, openmm

@@ -1,4 +1,4 @@
-"""openmmrigidhi.app: building bodies, minimising, reporters, files, and life with OpenMM's own
+"""openmmrigidhi.app: building bodies, minimising, reporters, files, and use with OpenMM's own
 Simulation."""
 import io
 import os
@@ -80,7 +80,8 @@ def test_residues_are_chosen_by_name(waterBox):
 
 
 def periodicDumbbells():
-    """Two molecules without constraints in a periodic box of 2 nm; the first straddles its edge."""
+    """Two molecules without constraints in a periodic box of 2 nm. The first lies across a face of
+    the box."""
     system, positions, definitions = dumbbells(2)
     system.setDefaultPeriodicBoxVectors((2, 0, 0), (0, 2, 0), (0, 0, 2))
     force = openmm.NonbondedForce()
@@ -128,7 +129,7 @@ def test_binding_does_not_make_a_system_periodic(platform):
 
 
 def mixedBox(platform, numBodies=14):
-    """Waters of which the first are bodies and the others free particles held by constraints."""
+    """Waters, some as bodies, the others as free particles that are held by constraints."""
     box = WaterBox(3)
     integrator = CustomRigidHIIntegrator(300, 0.002)
     for residue in list(box.topology.residues())[:numBodies]:
@@ -169,8 +170,8 @@ def test_minimising_a_water_box_lowers_the_energy_and_keeps_shapes(start, waterB
 
 
 def test_the_gradient_is_the_derivative_of_the_energy():
-    """Central differences at a point where bodies have turned far; free waters with springs for
-    constraints among them."""
+    """The gradient agrees with central differences where bodies have turned far. Some waters are
+    free, with springs for constraints."""
     box, simulation = mixedBox(openmm.Platform.getPlatformByName('Reference'))
     search = minimizer._Search(minimizer._Scene(simulation.context), 10, 0, None, None)
     random = np.random.default_rng(4)
@@ -182,7 +183,8 @@ def test_the_gradient_is_the_derivative_of_the_energy():
         e = np.zeros_like(y)
         e[k] = step
         difference = (search._value(y + e)[0] - search._value(y - e)[0])/(2*step)
-        # Rounding of an energy of at most 1e6 over the step, and the third derivative.
+        # The tolerance is the rounding of an energy of at most 1e6 over the step, and the third
+        # derivative.
         assert gradient[k] == pytest.approx(difference, rel=1e-5, abs=1e-3)
 
 
@@ -228,7 +230,7 @@ def test_minimising_finds_a_known_minimum_from_afar(turn, platform):
     result = openmmrigidhi.app.minimize(context, tolerance=0.01)
     assert result.converged
     got = positionsOf(context)
-    # A force of 0.01 against springs of 1000 kJ/(mol nm^2) leaves 1e-5 nm, in any of eight
+    # A residual force of 0.01 against springs of 1000 kJ/(mol nm^2) leaves 1e-5 nm, in any of eight
     # coordinates.
     assert np.allclose(got[:3], [(0.5, 0, -0.1), (0.5, 0, 0.1), (0, 0, 0)], rtol=0, atol=8e-5)
     assert np.array_equal(got[3], (0, 0, 0))  # massless and in no body
@@ -304,7 +306,7 @@ TEMPERATURES = ['Temperature (K)', 'Translational Temperature (K)'
 
 
 def reportTemperatures(simulation, count, prepare):
-    """The table that a StateDataReporter writes of so many prepared states."""
+    """The table that a StateDataReporter writes of this number of prepared states."""
     out = io.StringIO()
     reporter = openmmrigidhi.app.StateDataReporter(out, 1, temperature=True,
                                                    translationalTemperature=True,
@@ -316,8 +318,8 @@ def reportTemperatures(simulation, count, prepare):
 
 
 def checkTemperatures(table, expected, degrees):
-    """The mean of n chi-square variables has relative standard deviation sqrt(2/(degrees n)); 5 of
-    it: 6e-7 by chance."""
+    """The mean of n chi-square variables has the relative standard deviation sqrt(2/(degrees n)).
+    Five of these are exceeded by chance with probability 6e-7."""
     for name, count in zip(TEMPERATURES, degrees):
         values = np.array([float(row[name]) for row in table])
         sigma = expected*np.sqrt(2/(count*len(values)))
@@ -334,7 +336,7 @@ def test_temperatures_are_right_at_equilibrium(waterBox, platform):
 
 
 def test_temperatures_are_right_without_centre_of_mass_motion(platform):
-    """A tiny step of a motion remover takes 3 degrees of freedom; half of the mass is in free
+    """A motion remover takes 3 degrees of freedom in a tiny step. Half of the mass is in free
     particles."""
     box, simulation = mixedBox(platform)
     box.system.addForce(openmm.CMMotionRemover())
@@ -462,8 +464,8 @@ def test_a_simulation_resumes_bit_for_bit_on_reference(way, tmp_path, waterBox):
 
 
 def test_a_simulation_resumes_on_cpu(tmp_path, waterBox):
-    """OpenMM's own forces differ in the last float bits between runs there, so the states only
-    agree at the resumed step."""
+    """On CPU OpenMM's own forces differ between runs in the last bits of a float. So the states
+    agree exactly only at the resumed step."""
     cpu = openmm.Platform.getPlatformByName('CPU')
     first, second = waterBox.simulation(cpu), waterBox.simulation(cpu)
     first.context.setVelocitiesToTemperature(300, 3)
@@ -606,7 +608,7 @@ def test_sphere_shells_are_even(n):
     assert points.shape == (n, 3)
     assert np.allclose(np.linalg.norm(points, axis=1), 0.2, rtol=1e-14)
     assert np.allclose(points.mean(axis=0), 0, atol=1e-14)
-    # Icosahedral symmetry: the second moments are isotropic.
+    # By icosahedral symmetry the second moments are isotropic.
     assert np.allclose(points.T @ points/n, np.eye(3)*0.2**2/3, atol=1e-14)
     nearest = scipy.spatial.cKDTree(points).query(points, 2)[0][:, 1]
     # The nearest neighbours of the flattened icosahedron's faces are at most 1.2 times as far as

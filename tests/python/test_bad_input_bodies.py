@@ -1,5 +1,5 @@
-"""Bad arguments of the integrator: refused where they are given, naming the object, the value, the
-bound and the remedy."""
+"""Bad arguments of the integrator are refused where they are given. Messages name the object, the
+value, the bound and the remedy."""
 import re
 
 import numpy as np
@@ -194,7 +194,7 @@ def test_arrays_of_the_wrong_shape(integrator):
 
 
 def test_bindings_check_their_buffers(integrator):
-    """The border itself, which users do not meet."""
+    """Errors of the SWIG layer itself, which users do not meet."""
     Base = _bindings.CustomRigidHIIntegrator
     one = np.array([3], dtype=np.intc)
     with refused('openmmrigidhi: expected an object with a C-contiguous buffer', error=TypeError):

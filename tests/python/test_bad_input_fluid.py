@@ -1,5 +1,5 @@
-"""What users may do wrong with a MobilityForce: wrong types are a TypeError, wrong shapes a
-ValueError, the rest OpenMM's."""
+"""Errors that users may make with a MobilityForce. Wrong types raise TypeError, wrong shapes
+ValueError, all else OpenMMException."""
 import re
 
 import numpy as np

@@ -1,5 +1,5 @@
-"""Damaged, truncated and foreign files: XML of integrators and States, checkpoints, body-state
-files."""
+"""Damaged, truncated and foreign files are refused: XML of integrators and States, checkpoints,
+body-state files."""
 import re
 import struct
 

@@ -198,7 +198,7 @@ def test_a_force_that_blows_up_on_a_free_particle(scene):
 
 
 def test_a_force_that_blows_up_within_a_step(scene):
-    """The forces at the start of the step are finite, those at its end are not."""
+    """The forces at the start of the step are finite, but those at its end are not."""
     scene.start()
     before = scene.everything()
     scene.integrator.setStepSize(1e200)
@@ -211,8 +211,8 @@ def test_a_force_that_blows_up_within_a_step(scene):
 
 
 def test_a_force_too_large_to_add_up():
-    """Every component is finite, their sum is not; forces on the CPU platform are too short for
-    such numbers."""
+    """Every component is finite, but their sum is not. Forces on the CPU platform have too few bits
+    for such numbers."""
     system = openmm.System()
     system.addParticle(1)
     force = openmm.CustomExternalForce('1e308*(x+y+z)')
@@ -247,7 +247,7 @@ def test_a_temperature_of_nothing(platform):
 
 
 def test_bodies_that_were_added_later_wait_for_the_next_context(scene):
-    """What the Context gives has a row for each of its bodies, and can be set again."""
+    """Arrays from the Context have a row for each of its bodies, and can be set again."""
     integrator, context = scene.start().integrator, scene.context
     integrator.addRigidBody([6], 1, (1, 1, 1), [(0, 0, 0)])
     assert integrator.getNumRigidBodies() == 3 and integrator.getNumRigidBodiesOfContext() == 2

@@ -1,5 +1,5 @@
-"""Systems that an integrator cannot serve: refused when the Context is created, with the reason and
-the remedy."""
+"""Systems that the integrator does not support are refused when the Context is created, with the
+reason and the remedy."""
 import pathlib
 import re
 import shutil
@@ -342,7 +342,8 @@ def test_a_package_without_its_binding_module(tmp_path):
 
 
 def test_bodies_that_change_under_a_context_wait_for_the_next_one(platform):
-    """Whatever they are given meanwhile, the Context keeps the bodies it was created with."""
+    """Whatever definitions change meanwhile, the Context keeps the bodies with which it was
+    created."""
     integrator = integrator_of([0, 1, 2])
     context = openmm.Context(system_of(*[1]*6), integrator, platform)
     positions = np.random.default_rng(1).random((6, 3))

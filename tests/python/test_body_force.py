@@ -1,4 +1,4 @@
-"""CustomBodyForce in Python: units, casts, copies, damaged files, and what it refuses."""
+"""CustomBodyForce in Python: units, casts, copies, damaged files, and refused input."""
 import copy
 import gc
 import pickle
@@ -92,7 +92,7 @@ def test_what_is_set_is_got():
     [(2, 2), (2*unit.kilojoule_per_mole/unit.angstrom**2, 200),
      (1*unit.kilocalorie_per_mole, 4.184), (3*unit.angstrom, 0.3), (90*unit.degree, np.pi/2),
      (1*unit.elementary_charge, 1), (5*unit.gram/unit.mole, 5), (np.float32(2), 2),
-     # Per particle, not per mole: what OpenMM's own conversion gets wrong by Avogadro's number.
+     # These are per particle, not per mole: OpenMM's own conversion is off by Avogadro's number.
      (1*unit.piconewton, 0.602214076), (1*unit.volt, 96.48533212),
      (1.66053906660e-24*unit.gram, 1),])
 def test_parameters_take_quantities_of_any_dimension(value, expected):
@@ -272,7 +272,7 @@ def test_resume_through_files(tmp_path):
 @pytest.mark.parametrize('scheme, order', [('LangevinA', 1), ('LangevinB', 1), ('LangevinC', 2),
                                            ('LangevinHI', 2)])
 def test_order_with_velocities_and_friction(scheme, order):
-    """Self-convergence at T = 0: what the documentation promises, no less and no more."""
+    """Self-convergence at T = 0 has exactly the order that the documentation promises."""
     def run(stepSize):
         system = openmm.System()
         integrator = CustomRigidHIIntegrator(0, stepSize)
@@ -304,8 +304,8 @@ def test_order_with_velocities_and_friction(scheme, order):
 
 @pytest.mark.parametrize('expression', ('-x', '-vx', 'cos(t)'))
 def test_one_force_evaluation_a_step(platform, expression):
-    """OpenMM takes the forces for changed after every updateContextState that a ForceImpl does not
-    say is harmless."""
+    """OpenMM takes the forces for changed after every updateContextState, unless the ForceImpl says
+    otherwise."""
     system = openmm.System()
     system.addParticle(1.0)
     force = CustomBodyForce(expression, '0', '0', '0', '0', '0')

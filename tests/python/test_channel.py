@@ -1,4 +1,4 @@
-"""A fluid between two slip walls: reference values, XML, what is refused."""
+"""A fluid between two slip walls: reference values, XML, and refused input."""
 import re
 
 import numpy as np
@@ -37,17 +37,18 @@ def channel(platform, positions, radii, solver=MobilityForce.Dense, walls=(0, 5.
 @pytest.mark.parametrize('solver', [MobilityForce.Dense, MobilityForce.MatrixFree])
 @pytest.mark.parametrize('platform', ['Reference', 'CPU'])
 def test_one_sphere(platform, solver):
-    # Agreed between two independent sums: box 9, 5.5, 10 radii, viscosity 1.
+    # Two independent sums agree on the expected values, for a box of 9, 5.5, 10 radii and viscosity
+    # 1.
     fluid, _, context = channel(platform, [(3, 1, 2)], [1], solver)
     diagonal = np.diag(fluid.getMobilityInContext(context))[:3]
-    # The grid's tolerance is one of the norm.
+    # The tolerance of the grid is one in the norm of the matrix.
     assert np.allclose(diagonal, [0.04824844196, 0.01853161598, 0.04607665115], rtol=0,
                        atol=1e-11 if solver == MobilityForce.Dense else 5e-8)
 
 
 def test_images_are_particles_of_a_periodic_fluid():
-    # The same channel, made by hand: images with reflected forces and torques in a box of twice the
-    # width.
+    # The expected mobility is that of images with reflected forces and torques in a periodic box of
+    # twice the width.
     positions, radii = np.array([(3, 1.4, 2), (4.1, 3.8, 9.5)]), [1, 0.7]
     fluid, _, context = channel('Reference', positions, radii)
     N = fluid.getMobilityInContext(context)
@@ -134,8 +135,8 @@ def test_refused():
 @pytest.mark.parametrize('rejection, lowest, highest', [('Overlap', [1, 0.5], [4.5, 5]),
                                                         ('Crossing', [0, 0], [5.5, 5.5])])
 def test_a_sampler_knows_the_walls(rejection, lowest, highest):
-    """Two spheres that the same weight pulls down: y - lowest has an exponential law that ends at
-    the upper wall; they do not see each other."""
+    """Two spheres do not interact, and the same weight pulls each of them down. So y - lowest has
+    an exponential law that ends at the upper wall."""
     _, integrator, context = channel('Reference', [(3, 1.5, 2), (6, 4, 7)], [1, 0.5],
                                      temperature=300)
     integrator.setWallRejection(getattr(CustomRigidHIIntegrator, rejection))
@@ -157,11 +158,11 @@ def test_a_sampler_knows_the_walls(rejection, lowest, highest):
             print(
                 f'<y^{power}> {found.mean:.4f} +- {found.standardError:.4f}, exact {exact:.4f}, z '
                 f'= {z:.2f}')
-            # 7 in a million each, as in test_gibbs_boltzmann.py; a wall off by 0.1 would move the
-            # mean by 0.05 or more.
+            # A false alarm has a probability of 7 in a million for each comparison, as in
+            # test_gibbs_boltzmann.py. A wall off by 0.1 would move the mean by 0.05 or more.
             assert found.degrees >= 20 and abs(z) < quantile(
                 1 - 7e-6, found.degrees) and found.standardError < 0.05*exact
-    integrator.step(1)  # the Context is left where a step may begin
+    integrator.step(1)  # the sampler leaves the Context in a state from which a step may begin
 
 
 def test_a_sampler_begins_between_the_walls():

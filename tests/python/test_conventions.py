@@ -1,12 +1,12 @@
-"""docs/CONVENTIONS.md, by turning marked bodies."""
+"""The conventions of docs/CONVENTIONS.md are tested by turning marked bodies."""
 import numpy as np
 import openmm
 import pytest
 
 import openmmrigidhi
 
-MOMENTS = np.array([2.0, 4.0, 3.0])  # about x, y, z: not in the order of their sizes
-#: Four massless markers: the origin and the tips of the body's axes.
+MOMENTS = np.array([2.0, 4.0, 3.0])  # about x, y, z; not in the order of their sizes
+#: Four massless markers, at the origin and at the tips of the body's axes.
 MARKERS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
 BOLTZMANN = 8.31446261815324e-3
 
@@ -24,8 +24,8 @@ def product(a, b):
 
 @pytest.fixture
 def marked(platform):
-    """A body with markers, its Context and integrator; a force along lab y acts on the marker of
-    body x."""
+    """A body with markers, its Context and its integrator. A force along lab y acts on the marker
+    of body x."""
     system = openmm.System()
     for _ in MARKERS:
         system.addParticle(0)
@@ -80,7 +80,8 @@ def test_angular_velocity_is_right_handed_and_in_the_lab_frame(marked):
     integrator.setBodyAngularVelocities([(0, 0, 10)])
     velocities = context.getState(getVelocities=True).getVelocities(asNumpy=True)._value
     np.testing.assert_allclose(velocities[1], [0, 10, 0], atol=1e-12)  # of the marker at lab x
-    # The energy is about body y, which has the largest moment: the third of the sorted axes.
+    # The energy is that of body y, which has the largest moment. It is the third of the sorted
+    # axes.
     np.testing.assert_allclose(integrator.computeRotationalKineticEnergies()._value,
                                [0, 0, 0.5*4*100], atol=1e-9)
     integrator.step(100)  # 0.1 rad
@@ -127,8 +128,8 @@ def test_rotation_relaxes_at_the_documented_rate(marked, axis):
 
 
 def test_degrees_of_freedom(platform):
-    """A triangle, a linear molecule, a point, and three free particles with a constraint, without
-    the centre of mass."""
+    """The degrees of freedom of a triangle, a linear molecule, a point, and three free particles
+    with a constraint, minus those of the centre of mass."""
     system = openmm.System()
     for _ in range(9):
         system.addParticle(1)

@@ -1,5 +1,5 @@
-"""Damaged files: whatever a reader does not take is a ValueError that names the file; no memory is
-filled, nothing crashes."""
+"""Readers refuse damaged files with a ValueError that names the file. They neither fill the memory
+nor crash."""
 import random
 
 import gsd.fl
@@ -76,7 +76,7 @@ def test_damaged_files_are_errors_that_name_them(files, tmp_path, name):
         except ValueError as error:
             assert type(error) is ValueError and str(copy) in str(error)
             refused += 1
-    assert refused >= 20  # the rest is damage to numbers, or to unused bytes
+    assert refused >= 20  # other damage is to numbers, or to unused bytes
 
 
 @pytest.mark.parametrize('name', ['bodies.h5', 'trajectory.h5md', 'trajectory.gsd'])
@@ -129,7 +129,7 @@ def test_shapes_that_do_not_fit(files, tmp_path):
     with pytest.raises(ValueError,
                        match=r'positions have the shape \(3, 2, 3\), orientations \(3, 1, 4\)'):
         tools.readH5md(spoil('trajectory.h5md', 'particles/bodies/orientation/value', (3, 1, 4)))
-    # Data that was never written takes no room in a file, but in memory.
+    # Data that was never written takes no space in a file, but would take it in memory.
     with pytest.raises(
             ValueError, match=
             r'data set positions has the shape \(3, 1000000000, 3\), 7.2e\+10 bytes; in a file of '

@@ -1,5 +1,5 @@
-"""The scripts of validation/davidchack2017 run, shortened, and the physics in what they write is
-right."""
+"""Shortened runs of the scripts of validation/davidchack2017 end well, and the physics of their
+results is right."""
 import argparse
 import importlib
 import json
@@ -15,7 +15,7 @@ FOLDER = pathlib.Path(__file__).resolve().parents[2]/'validation'/'davidchack201
 
 
 def run(script, folder, *options):
-    """Run a script with --quick; what it wrote, by file name."""
+    """Run a script with --quick, and return the files that it wrote, by name."""
     finished = subprocess.run(
         [sys.executable,
          str(FOLDER/script), '--quick', '--output',
@@ -33,10 +33,10 @@ def run(script, folder, *options):
 def test_sedimenting_spheres(tmp_path):
     result = run('sedimenting_spheres.py', tmp_path)['sedimenting_spheres.json']
     exact = result['exact']['3']
-    # Two independent computations of the exact answer.
+    # The exact values were computed in two independent ways.
     assert exact['F/U_fundamental_solutions'] == pytest.approx(1.1840839517, rel=1e-9)
     assert exact['omega/U_fundamental_solutions'] == pytest.approx(0.064558335059, rel=1e-9)
-    # What each rung misses at l = 3, computed independently to the digits given.
+    # The error of each rung at l = 3 was computed independently, to the digits given.
     for model, drag, spin in (('RPY', -1.35e-3, 1.76e-2), ('FTS', -9.45e-4, 1.8e-4),
                               ('multiblob 12', 4.2e-5, -7.9e-3)):
         error = result['models'][model]['3']['relative_error']
@@ -44,7 +44,7 @@ def test_sedimenting_spheres(tmp_path):
         assert error['omega/U'] == pytest.approx(spin, abs=2e-4), model
     row = result['models']['FTS+lubrication']['3']
     assert abs(row['relative_error']['F/U']) < 1e-5 and abs(row['relative_error']['omega/U']) < 3e-4
-    # Order 2: the error of U falls as h^2 (0.04, 0.03, 0.02, 0.01), to the h^4 term.
+    # By order 2 the error of U falls as h^2 (0.04, 0.03, 0.02, 0.01), up to the h^4 term.
     h, drag = np.array(row['h']), np.array(row['F/U_h'])
     order = np.polyfit(np.log(h[:4]), np.log(abs(drag[:4] - row['F/U'])), 1)[0]
     assert order == pytest.approx(2, abs=0.02)
@@ -55,20 +55,20 @@ def test_trapped_spheres(tmp_path):
     assert len(runs) == 2
     for r in runs:
         assert r['bias_of_this_step'] < 0.002
-        # Ten functions, each an average of squares over many correlated lags: 3 is far out for a
-        # chi^2 with a few degrees of freedom.
+        # Each of the ten numbers is an average of squares over many correlated lags. For a chi^2
+        # with a few degrees of freedom, 3 is very improbable.
         print(r['set'], r['rms_z'])
         assert max(r['rms_z'].values()) < 3
         assert max(r['largest_difference'].values()) < 6*r['largest_standard_error']
-    # The theory against numbers computed independently (exact pair friction, inertial set, R = 3):
-    # value and time of extremes.
+    # The theory agrees with independent numbers for the value and the time of extremes (exact pair
+    # friction, inertial set, R = 3).
     theory, times = runs[0]['theory'], np.array(runs[0]['times'])
     for name, value, time in (('z1 z2', -0.22006, 0.93), ('x1 x2', -0.11039, 0.94),
                               ('x1 chiy2', 0.03437, 0.61), ('x1 chiy1', 0.00791, 0.57),
                               ('chiy1 chiy2', 0.00896, 0.41), ('chiz1 chiz2', -0.01657, 0.41)):
         curve = np.array(theory[name])
         k = np.argmax(np.sign(value)*curve)
-        # The extremes lie between samples 0.05 apart: at most half a percent lower there.
+        # The extremes lie between samples 0.05 apart, which are at most half a percent lower.
         assert curve[k] == pytest.approx(value, abs=0.006*abs(value)), name
         assert times[k] == pytest.approx(time, abs=0.03), name
 
@@ -76,7 +76,8 @@ def test_trapped_spheres(tmp_path):
 def test_ring(tmp_path):
     row, = run('ring.py', tmp_path)['ring_states_FTS_lubrication.json']['rows']
     assert row['state'] == '5+1 drafting'
-    # Independent: 64.8, 0.2889, 0.1227, 0.287; the coarse step of the quick mode is off by 0.1 %.
+    # The independent values are 64.8, 0.2889, 0.1227 and 0.287. The coarse step of the quick mode
+    # makes an error of 0.1 %.
     assert row['period'] == pytest.approx(64.8, abs=0.3)
     assert row['orbital_speed'] == pytest.approx(0.2889, abs=0.001)
     assert row['spin'] == pytest.approx(0.1227, abs=0.001)
@@ -85,7 +86,7 @@ def test_ring(tmp_path):
 
 
 def test_ring_classifier():
-    """The classifier names made-up gaps of every kind."""
+    """The classifier gives the right name to made-up gaps of every kind."""
     sys.path.insert(0, str(FOLDER))
     try:
         import ring
@@ -123,8 +124,8 @@ def test_ring_classifier():
 
 
 def checkLennardJones(runs):
-    # Monte Carlo, plus the paper's error constant (below 0.001 at these steps), within 4.5 standard
-    # errors: a false alarm in 1e5.
+    # The expected value is that of Monte Carlo plus the paper's error constant (below 0.001 at
+    # these steps). The bound of 4.5 standard errors is exceeded by chance once in 1e5.
     for r in runs:
         expected = -2.34371 - 0.0098*r['h']**2
         z = (r['mean']['U/N'] - expected)/np.hypot(r['error']['U/N'], 4e-4)
@@ -141,8 +142,8 @@ def test_lennard_jones(tmp_path):
 
 
 def test_lennard_jones_in_a_periodic_fluid(tmp_path):
-    """StokesianDynamics and RotnePragerYamakawa with images: kinetic temperatures to 2 or 3 %, U/N
-    to 0.005."""
+    """With images, StokesianDynamics and RotnePragerYamakawa have kinetic temperatures right to 2
+    or 3 %, and U/N to 0.005."""
     result = run('lennard_jones.py', tmp_path, '--periodic')['lennard_jones_periodic.json']
     assert {r['model'] for r in result['runs']} == {'SD periodic', 'RPY periodic'}
     checkLennardJones(result['runs'])
@@ -159,7 +160,7 @@ def scripts(monkeypatch):
 
 
 def test_a_longer_run_goes_on_from_what_is_kept(tmp_path, scripts):
-    """A run of 10 that is made 20 long is the run of 20, to the last bit on Reference; other
+    """A run of 10 that is made 20 long is the run of 20, to the last bit on Reference. Other
     settings are refused."""
     lennard_jones = scripts('lennard_jones')
 
@@ -212,8 +213,8 @@ def test_a_ring_that_has_settled_need_not_do_so_again(tmp_path, scripts):
 
 
 def test_two_runs_at_a_time(tmp_path):
-    """They are those of one after the other; a second call takes all from what is kept; and --fresh
-    does not."""
+    """Runs in parallel have the results of runs one after the other. A second call takes all
+    results from the kept files, but not with --fresh."""
     models = ('--models', 'RPY', 'FTS')
 
     def found(folder, *options):
@@ -237,7 +238,7 @@ def fails(argument, job):
 
 
 def test_runs_that_fail_are_named(tmp_path, scripts, capsys):
-    """The others are done, and kept."""
+    """The message names a run that fails, and nothing of this run is kept."""
     campaign = scripts('spheres').campaign
     args = argparse.Namespace(jobs=1, cluster=None, work=tmp_path, fresh=False, quick=True)
     done = []

@@ -1,5 +1,5 @@
-"""Bodies above a wall, of validation/delong2015 and validation/westwood2022: the scripts run,
-shortened; their theory against independent numbers; kept runs go on."""
+"""Bodies above a wall, of validation/delong2015 and validation/westwood2022. Shortened scripts run,
+their theory agrees with independent numbers, and kept runs go on."""
 import json
 import pathlib
 import subprocess
@@ -13,7 +13,7 @@ VALIDATION = pathlib.Path(__file__).resolve().parents[2]/'validation'
 
 
 def run(script, folder, paper='delong2015', *options):
-    """Run a script with --quick; what it wrote."""
+    """Run a script with --quick, and return its results."""
     finished = subprocess.run([
         sys.executable,
         str(VALIDATION/paper/f'{script}.py'), '--quick', '--output',
@@ -26,8 +26,8 @@ def run(script, folder, paper='delong2015', *options):
         data['provenance'])
     for entry in data['runs']:
         assert (folder/'work').is_dir() and entry['frames'] > 0
-        # Replicas are independent; one chunk is short, so errors are large. 6 of them: 1e-6 with 31
-        # degrees of freedom; fixed seeds.
+        # Replicas are independent. One chunk is short, so errors are large. With 31 degrees of
+        # freedom 6 errors are exceeded by chance with probability 1e-6, and seeds are fixed.
         for mean in entry['means'].values():
             assert abs(mean['mean'] - mean['exact']) < 6*mean['error'], (entry['scheme'], mean)
     return data
@@ -40,14 +40,14 @@ def near(pair, value, ownError=0.0):
 
 @pytest.fixture(scope='module')
 def tetramer(tmp_path_factory):
-    """What the script writes, and where."""
+    """The results of the script, and their directory."""
     folder = tmp_path_factory.mktemp('tetramer')
     return run('tetramer', folder), folder
 
 
 def test_tetramer(tetramer):
     exact = tetramer[0]['exact']
-    # Independent Monte Carlo and quadrature.
+    # The expected values are from independent Monte Carlo and quadrature.
     assert exact['mean h'] == pytest.approx(5.94362, abs=1e-5)
     assert exact['gravitational height'] == pytest.approx(1.74775, abs=1e-5)
     slopes = exact['mobility averages (mean, error)']
@@ -59,8 +59,8 @@ def test_tetramer(tetramer):
 
 
 def test_schemes_at_a_time(tmp_path, tetramer):
-    """Two at a time are those of one after the other; with --keep those that are not made again
-    stay in the JSON."""
+    """Runs two at a time have the results of runs one after the other. With --keep, runs that are
+    not made again stay in the JSON."""
     def means(data):
         return {(r['scheme'], r['step']): r['means']['h']['mean'] for r in data['runs']}
 
@@ -82,7 +82,7 @@ def test_icosahedron(tmp_path):
     h = np.linspace(0.5, 12, 400001)[1:]
     density = np.exp(-2.5*h - 10/(h - 0.5)*np.exp(-(h - 0.5)/0.5))
     assert data['exact']['mean h'] == pytest.approx(h @ density/density.sum(), rel=1e-6)
-    # P(theta) ~ sin theta exp(k cos theta): the mean of the cosine is coth k - 1/k.
+    # For P(theta) ~ sin theta exp(k cos theta) the mean of the cosine is coth k - 1/k.
     k = 1.09375
     assert data['exact']['mean cos theta'] == pytest.approx(1/np.tanh(k) - 1/k, rel=1e-9)
     theta = np.array(data['runs'][0]['histograms']['theta']['edges'])
@@ -96,12 +96,13 @@ def test_boomerang(tmp_path):
     assert bulk['CoH'] == pytest.approx(1.0749, abs=1e-4) and bulk['CoM'] == pytest.approx(
         0.9609, abs=1e-4)
     assert bulk['chi_3D'] == pytest.approx(0.26961, abs=1e-5)
-    # About the centre of mobility, along the bisector, in the plane, normal; then rotation.
+    # Translation is about the centre of mobility, along the bisector, in the plane, and normal to
+    # it. Then comes rotation.
     assert np.allclose(bulk['D about CoM: bisector, in plane, normal'], (0.26895, 0.29665, 0.24323),
                        atol=1e-5)
     assert np.allclose(bulk['D_rot: bisector, in plane, normal'], (0.13384, 0.42711, 0.11552),
                        atol=1e-5)
-    # The strength 23.08 has two digits fewer than these numbers: 1e-4.
+    # The strength 23.08 has two digits fewer than these numbers, so the tolerance is 1e-4.
     assert row['mean h/a'] == pytest.approx(
         10.85443, rel=1e-4) and row['cos2 theta'] == pytest.approx(0.37016, abs=1e-5)
     averages = row['averages (mean, error)']
@@ -120,7 +121,8 @@ def test_boomerang_steps(tmp_path):
 
 @pytest.fixture
 def plan(monkeypatch):
-    """Makes plans of short runs of the tetramer with a given step; plan.runs is the module."""
+    """A function that makes plans of short runs of the tetramer with a given step. Its attribute
+    runs is the module."""
     for folder in ('common', 'delong2015'):
         monkeypatch.syspath_prepend(str(VALIDATION/folder))
     import runs
@@ -143,7 +145,7 @@ def test_replicas_that_the_wall_throws_begin_anew(plan):
     runs, wanted = plan.runs, plan(0.05)
     tally, replicas = runs.Tally(wanted), runs.Replicas(wanted.body, 4, wanted.scheme, wanted.step)
     R, q = wanted.equilibrium.draw(np.random.default_rng(1), 4)
-    # Three blobs a thousandth of a radius from contact: a force of 6e7 kT/a.
+    # Three blobs are a thousandth of a radius from contact, where the force is 6e7 kT/a.
     R[2], q[2] = (3.0, 4.0, 1.001 - wanted.body.sites[0, 2]), (1, 0, 0, 0)
     replicas.place(R, q)
     runs.step(replicas, tally, 1, np.random.default_rng(2))
@@ -154,19 +156,19 @@ def test_replicas_that_the_wall_throws_begin_anew(plan):
 
 
 def test_kept_runs_go_on(tmp_path, monkeypatch, plan):
-    """A second run adds to the first with new random numbers; other settings are refused."""
+    """A second run adds to the first with new random numbers. Other settings are refused."""
     runs = plan.runs
     job = tasks.Job(0, 'trial', str(tmp_path))
     first = runs.run(plan(0.05), job, 0)
     assert first.chunks == 1 and first.frames == 5 and np.all(first.arrays['count h'].sum(1) == 5)
-    # Nothing is left of the time: the same again, from the file.
+    # No time is left, so the results are those of the file.
     same = runs.run(plan(0.05), job, 0)
     assert all(np.array_equal(same.arrays[key], first.arrays[key]) for key in first.arrays)
     monkeypatch.setattr(runs, 'finished', lambda tally: tally.chunks >= 2)
     second = runs.run(plan(0.05), job, 60)
     assert second.chunks == 2 and second.frames == 10 and second.arrays['numbers'][5] == 2
-    # It began where the first ended: the height's sum grows by frames near there, not by those of a
-    # fresh start.
+    # The second run began where the first ended. So the sum of heights grows by frames near that
+    # end, not by those of a fresh start.
     added = (second.arrays['sum h'] - first.arrays['sum h'])/5
     assert np.all(abs(added - first.arrays['positions'][:, 2]) < 2) and not np.array_equal(
         second.arrays['msd parallel'], 2*first.arrays['msd parallel'])

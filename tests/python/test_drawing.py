@@ -1,4 +1,4 @@
-"""Pictures and films of bodies: what is drawn where, and what comes before what."""
+"""Pictures and films of bodies: every sphere is drawn at its place, and near ones hide far ones."""
 import re
 
 import numpy as np
@@ -55,7 +55,8 @@ class Scene:
 
 
 def discs(ax):
-    """Offsets, widths and colours of what spheres are drawn with, from the farthest to the nearest.
+    """Offsets, widths and colours of the discs with which spheres are drawn, from the farthest to
+    the nearest.
     """
     collection, = (each for each in ax.collections if type(each).__name__ == 'EllipseCollection')
     return np.array(
@@ -63,7 +64,8 @@ def discs(ax):
 
 
 def rims(ax):
-    """Places and radii of spheres: the largest of the four discs of each, which is the first."""
+    """Places and radii of spheres. A sphere is drawn with four discs, of which the first and
+    largest has its radius."""
     offsets, widths, _ = discs(ax)
     return [(tuple(np.round(offset, 9)), round(width/2, 9))
             for offset, width in zip(offsets, widths)]
@@ -90,15 +92,15 @@ def test_spheres_are_where_they_are_seen():
                                                ((0, 90), (-2.5, 3), (-3, 1)),
                                                ((90, -90), (3, 3), (2.5, 1))])
 def test_the_nearest_is_drawn_last(view, first, last):
-    """Depth is that of centres: from the front y, from behind -y, from above z."""
+    """The depth is that of the centres: y seen from the front, -y from behind, z from above."""
     found = rims(app.show(Scene().context, view=view))
     places = [place for place, _ in found]
     assert places.index(first) < places.index(last)
 
 
 def test_marks_turn_with_a_sphere_and_hide_behind_it():
-    """The axis x of the body is a white mark, z a black one; half a turn about z hides the former,
-    when it pointed to the viewer."""
+    """A white mark is on the axis x of the body, a black one on z. If the white mark points to the
+    viewer, half a turn about z hides it."""
     scene = Scene()
     for turn, white, black in (((1, 0, 0, 0), False,
                                 False), ((np.sqrt(0.5), 0, 0, -np.sqrt(0.5)), True,
@@ -131,7 +133,7 @@ def test_radii_come_from_the_fluid_or_sigma_or_the_caller():
 
 
 def test_walls_and_boxes():
-    """A wall at z = 0 is a line from the front, and lies below everything; twelve edges are a box.
+    """From the front a wall at z = 0 is a line below all bodies. A box has twelve edges.
     """
     ax = app.show(Scene(MobilityForce.NoSlipWall).context, view=FRONT)
     wall, = ax.patches
@@ -144,7 +146,8 @@ def test_walls_and_boxes():
 
 
 def test_bodies_are_drawn_within_the_box_unless_told_otherwise():
-    """The origin decides: a rod stays whole where it reaches through a face."""
+    """The origin decides in which box a body is drawn. A rod that reaches through a face stays
+    whole."""
     scene = Scene(periodic=True)
     scene.context.setPositions([(3.5 + 4, 2 - 5, 2), (4 + 4, 2 - 5, 2), (4.5 + 4, 2 - 5, 2),
                                 (2.5, 1, 3 + 12), (3, 3, 1)])

@@ -1,5 +1,5 @@
-"""openmmrigidhi.ensemble: nothing is lost when workers die, and numbers do not depend on who
-computes them."""
+"""openmmrigidhi.ensemble: no results are lost when workers die, and numbers do not depend on the
+processes that compute them."""
 import contextlib
 import importlib.util
 import json
@@ -27,7 +27,7 @@ try:
 except ImportError:
     distributed = None
 
-#: Who computes: plain processes, and two workers behind a scheduler.
+#: The ways to compute: plain processes, and two workers behind a scheduler.
 CLUSTERS = ['processes', *(['scheduler'] if distributed else [])]
 needsDask = pytest.mark.skipif(distributed is None, reason='dask.distributed is not installed')
 SCENE = 'ensemble_tasks:scene'
@@ -47,7 +47,7 @@ def folderOfMarks(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def marks(folderOfMarks):
-    """The same, empty for each test."""
+    """The directory of marks, emptied for each test."""
     for path in folderOfMarks.iterdir():
         path.unlink()
     return folderOfMarks
@@ -55,7 +55,7 @@ def marks(folderOfMarks):
 
 @pytest.fixture(scope='module')
 def clusters(folderOfMarks):
-    """The clusters that were made, of which the last one is in use."""
+    """The clusters that were made. The last one is in use."""
     if distributed is None:
         pytest.skip('dask.distributed is not installed')
     with contextlib.ExitStack() as made:
@@ -66,8 +66,8 @@ def clusters(folderOfMarks):
 def cluster(clusters):
     """Two workers behind a scheduler that has an address.
 
-    Tests kill workers. Where these do not come back on a busy machine, the next test gets another
-    cluster.
+    Tests kill workers. If the workers do not come back on a busy machine, the next test gets
+    another cluster.
     """
     made, last = clusters
     deadline = time.monotonic() + 20
@@ -84,7 +84,7 @@ def cluster(clusters):
 
 @pytest.fixture
 def where(request):
-    """What run() gets as its cluster."""
+    """The argument `cluster` of run()."""
     return request.getfixturevalue(
         'cluster').scheduler_address if request.param == 'scheduler' else request.param
 
@@ -96,7 +96,7 @@ def small(observables=('ensemble_tasks:energy',), length=3.0, replicas=3, **kwar
 
 
 def samples(result):
-    """All series, by setting and replica, whatever the observable is called."""
+    """All series by setting and replica, for any name of the observable."""
     return {(task.setting, task.replica): result.series(next(iter(result.observables)),
                                                         task.setting, task.replica)
             for task in result.tasks}
@@ -108,8 +108,8 @@ def same(one, other):
 
 @pytest.fixture(scope='module')
 def undisturbed(tmp_path_factory):
-    """What three replicas give, one after the other in this process, without a checkpoint on the
-    way."""
+    """The result of three replicas, one after the other in this process, without checkpoints in
+    between."""
     study = small()
     study.checkpointInterval = 1e9
     result = study.run(str(tmp_path_factory.mktemp('undisturbed')), quiet=True)
@@ -137,14 +137,14 @@ def test_a_task_that_throws_is_reported_and_the_rest_goes_on(where):
 
 @pytest.mark.parametrize('where', CLUSTERS, indirect=True)
 def test_a_task_that_kills_every_worker_is_given_up(where):
-    """Dead workers are replaced, each attempt is counted, and there is an end to it."""
+    """Dead workers are replaced and each attempt is counted, up to a largest number of attempts."""
     outcomes = tasks.run(ensemble_tasks.alwaysDie, range(4), 2, where, retries=1, quiet=True)
     assert [outcome.value for outcome in outcomes] == [0, None, 2, 3]
     failure = outcomes[1].failure
     assert failure.kind == 'WorkerDied'
     assert 'are not made: look for what ends the process' in failure.message
-    # This scheduler would allow 3 failures: it has begun another attempt when we say that it is
-    # enough.
+    # The scheduler would allow 3 failures. It has begun another attempt before the library ends the
+    # task.
     assert outcomes[1].attempts == (2 if where == 'processes' else 3)
 
 
@@ -154,14 +154,14 @@ def test_a_task_goes_on_from_what_is_in_its_directory(where, tmp_path):
                          directory=str(tmp_path/'own'), quiet=True)
     assert [outcome.get() for outcome in outcomes] == [3, 0]
     assert outcomes[0].attempts == 2
-    # A result that still lay on the worker that died is computed again.
+    # A result that was still on the dead worker is computed again.
     assert outcomes[1].attempts in (1, 2)
     assert (tmp_path/'own'/'0'/'count').read_text() == '6'
 
 
 @pytest.mark.parametrize('where', CLUSTERS, indirect=True)
 def test_workers_that_die_are_no_end_where_each_comes_further(where, tmp_path):
-    """Four deaths, with one retry: not one of them without progress."""
+    """With one retry a task may die four times, because it makes progress before each death."""
     outcome, = tasks.run(ensemble_tasks.dieOften, [0], 2, where, directory=str(tmp_path),
                          amounts=[4], retries=1, quiet=True)
     assert outcome.get() == 4 and outcome.attempts == 5
@@ -169,8 +169,8 @@ def test_workers_that_die_are_no_end_where_each_comes_further(where, tmp_path):
 
 @pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
 def test_as_many_at_a_time_as_there_are_jobs(where):
-    """One is one, and three are three, whatever number of processors there is: tasks wait until so
-    many have begun, or a while."""
+    """With 1 or 3 jobs exactly 1 or 3 tasks run at a time, whatever the number of processors. Tasks
+    wait until this number has begun, or until a deadline."""
     for jobs in (1, 3):
         begun = [
             outcome.get() for outcome in tasks.run(ensemble_tasks.countTogether, [(
@@ -242,7 +242,7 @@ def test_workers_without_the_plugin_or_with_another_version(cluster, monkeypatch
                                   dashboard_address='127.0.0.1:0', silence_logs=50,
                                   memory_limit=0) as other:
         with distributed.Client(other, set_as_default=False) as client:
-            # As if it had never been there.
+            # On this worker openmmrigidhi is as if it had never been installed.
             client.run(exec, "import sys; sys.modules['openmmrigidhi'] = None")
         with pytest.raises(ImportError, match='cannot import openmmrigidhi .*every worker must'):
             tasks.run(ensemble_tasks.square, [1], cluster=other.scheduler_address, quiet=True)
@@ -251,7 +251,7 @@ def test_workers_without_the_plugin_or_with_another_version(cluster, monkeypatch
         tasks.run(ensemble_tasks.square, [1], cluster=cluster.scheduler_address, quiet=True)
 
 
-#: A scheduler with a worker, which end with this process.
+#: A script that starts a scheduler with a worker. Both end with this process.
 CLUSTER_SCRIPT = """
 import distributed, sys, time
 if __name__ == '__main__':
@@ -269,7 +269,7 @@ if __name__ == '__main__':
 @pytest.mark.parametrize('what, text', [('workers', 'it has had no worker for 2 s'),
                                         ('scheduler', 'connection to its scheduler was lost')])
 def test_a_cluster_that_goes_away_is_an_error(what, text, tmp_path):
-    """The workers are gone, or the scheduler is: the wait has an end, and what was saved is there.
+    """If the workers or the scheduler end, the call ends with an error, and saved results are kept.
     """
     script, directory = tmp_path/'cluster.py', tmp_path/'study'
     script.write_text(CLUSTER_SCRIPT)
@@ -319,8 +319,8 @@ def test_two_workers_give_the_same_numbers(where, undisturbed, tmp_path):
 
 @pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
 def test_one_of_two_workers_is_killed_and_nothing_is_lost(where, undisturbed, tmp_path, marks):
-    """SIGKILL within a task; another worker goes on from the checkpoint, which the sessions in its
-    file tell."""
+    """After a SIGKILL within a task another worker goes on from the checkpoint, as the sessions in
+    the task's file show."""
     result = small(['ensemble_tasks:energyOfMortals']).run(str(tmp_path/'study'), 2, where,
                                                            quiet=True)
     assert (marks/'died').exists()
@@ -328,15 +328,15 @@ def test_one_of_two_workers_is_killed_and_nothing_is_lost(where, undisturbed, tm
     sessions = [taskfiles.load(task.path).about['sessions'] for task in result.tasks]
     assert sorted(len(each) for each in sessions) == [1, 1, 2]
     resumed = max(sessions, key=len)
-    # 0.5 ps of equilibration and 1 ps of samples, at 0.05 ps, were done and saved when it died at
-    # 1.55 ps.
+    # When the task died at 1.55 ps, 0.5 ps of equilibration and 1 ps of samples, one each 0.05 ps,
+    # were saved.
     assert resumed[0]['to_position'] == resumed[1]['from_position'] == 30
     assert result.about['sessions'][0]['attempts'] == 4
 
 
 @needsDask
 def test_workers_of_a_scheduler_are_killed_from_outside(cluster, tmp_path):
-    """One of two, at no particular moment, while both compute."""
+    """One of two workers is killed at an arbitrary time, while both compute."""
     study = small(['ensemble_tasks:energyOfTheSlow'], replicas=2, length=4.0)
     directory = tmp_path/'study'
 
@@ -356,7 +356,8 @@ def test_workers_of_a_scheduler_are_killed_from_outside(cluster, tmp_path):
 
 
 def test_extension_equals_one_long_run(undisturbed, tmp_path):
-    """Longer, more replicas, more settings; what was there stays as it is."""
+    """A study may become longer, or get more replicas or settings. Earlier results stay as they
+    are."""
     directory = str(tmp_path/'study')
     begun = small(length=1.0, replicas=2).run(directory, quiet=True)
     larger = ensemble.Study.load(directory, 0.0).extended(length=3.0, replicas=3, settings=[{
@@ -389,7 +390,8 @@ def test_a_study_goes_on_where_the_whole_program_was_killed(undisturbed, tmp_pat
 
 
 def test_observables_of_the_sample_before_go_on(tmp_path):
-    """msd compares with the sample before, also where that was measured by a process that is gone.
+    """The observable msd compares with the previous sample, also if an earlier process measured
+    that sample.
     """
     def run(directory, *lengths):
         for length in lengths:
@@ -416,7 +418,8 @@ def test_seeds_depend_on_the_place_alone():
 
 
 def test_replicas_whose_first_numbers_coincide_get_others(monkeypatch):
-    """With 31 bits this happens once in a million studies, so the numbers are made short here."""
+    """With 31 bits seeds coincide once in a million studies, so the numbers have fewer bits here.
+    """
     class Short(np.random.SeedSequence):
         def generate_state(self, words):
             return super().generate_state(words) % 8
@@ -428,8 +431,8 @@ def test_replicas_whose_first_numbers_coincide_get_others(monkeypatch):
 
 
 def test_a_scene_is_kept_with_its_study(undisturbed, tmp_path):
-    """A Scene is no function that could be called again: its XML lies in the directory, and load()
-    needs nothing else."""
+    """A Scene, unlike a function, cannot be called again. So its XML is in the directory, and
+    load() needs nothing else."""
     scene = scenes.trap(3)
     directory = str(tmp_path/'study')
     first = ensemble.Study(scene, replicas=2, length=1.0, observables=['ensemble_tasks:energy'],
@@ -516,7 +519,7 @@ def test_damaged_files_are_named_and_the_rest_is_used(undisturbed, tmp_path):
 
 
 def test_every_flipped_byte_that_matters_is_noticed(undisturbed, tmp_path):
-    """Any one wrong byte: the file is refused, or holds what it held."""
+    """One wrong byte anywhere: the file is refused, or its content is unchanged."""
     source = undisturbed.tasks[0].path
     good, data = taskfiles.load(source), open(source, 'rb').read()
     rng, refused = np.random.default_rng(1), 0
@@ -536,7 +539,7 @@ def test_every_flipped_byte_that_matters_is_noticed(undisturbed, tmp_path):
             assert found.about == good.about and found.state == good.state and same(
                 found.series, good.series)
     print(f'{refused} of 150 were refused')
-    # Nearly half of so small a file are bytes that mean nothing.
+    # Nearly half of the bytes of so small a file have no meaning.
     assert refused > 50
 
 
@@ -663,7 +666,8 @@ def test_settings_must_be_what_json_takes():
 
 
 def test_means_and_errors_of_a_scene_whose_averages_are_known(tmp_path):
-    """Student's t of 6 replicas, two exact means: each beyond 6.9 (5 degrees) once in 1000."""
+    """Two exact means are tested by Student's t of 6 replicas. With 5 degrees of freedom each
+    exceeds 6.9 once in 1000."""
     study = ensemble.Study('trap', [{
         'bodies': 20
     }], 6, 10.0, ['energy_group_0', 'translational_temperature'], platform='Reference', seed=3)
@@ -677,7 +681,7 @@ def test_means_and_errors_of_a_scene_whose_averages_are_known(tmp_path):
         means = [result.series(row['observable'], 0, replica).mean() for replica in range(6)]
         assert row['mean'] == pytest.approx(np.mean(means), rel=1e-12)
         assert row['standard_error'] == pytest.approx(np.std(means, ddof=1)/math.sqrt(6), rel=1e-12)
-        # Student's 97.5 % point at 5 degrees.
+        # 2.5706 is the 97.5 % point of Student's t at 5 degrees of freedom.
         assert row['high'] - row['mean'] == pytest.approx(2.5706*row['standard_error'], rel=1e-4)
         assert row['r_hat'] < 1.05
     lines = (tmp_path/'study'/'results.csv').read_text().splitlines()
@@ -696,24 +700,24 @@ def autoregressive(count, n, rho, rng):
 
 
 def test_rhat_of_equal_chains_is_one():
-    """Of independent samples R-hat^2 - 1 is (B/W - 1)/n with B/W about F(7, inf): below 1 +
-    24.3/7/n/2 but for once in 1000; folded likewise."""
+    """For independent samples R-hat^2 - 1 is (B/W - 1)/n with B/W about F(7, inf). So R-hat exceeds
+    1 + 24.3/7/n/2 once in 1000, and the folded R-hat too."""
     value = seriesModule.splitRHat(np.random.default_rng(1).normal(size=(4, 1000)))
     print(f'R-hat {value:.5f}')
     assert 0.999 < value < 1 + (24.3/7 - 1)/500/2 + 1e-3
 
 
 def test_rhat_sees_means_widths_and_drifts():
-    """Shifted by d: halves of normal scores with between-variance B/n.
+    """R-hat of shifted chains has its exact value, and R-hat also detects widths and drifts.
 
-    For two groups of chains at -d/2 and d/2, small d: R-hat^2 = 1 + d^2/4 8/7.
+    For two groups of chains at -d/2 and d/2 with small d, R-hat^2 is 1 + d^2/4 8/7.
     """
     rng = np.random.default_rng(2)
     chains = rng.normal(size=(4, 4000))
     d = 0.5
     shifted = chains + d*np.array([-0.5, -0.5, 0.5, 0.5])[:, None]
-    # Normal scores have variance 1 in all; between the halves of chains d^2/4 of (1 + d^2/4) lies,
-    # 8 of them with ddof 1.
+    # All normal scores together have variance 1. Of it d^2/4 of (1 + d^2/4) is between the halves
+    # of chains, of which there are 8, with ddof 1.
     between = d*d/4/(1 + d*d/4)
     expected = math.sqrt(1 + 8/7*between/(1 - between))
     value = seriesModule.splitRHat(shifted)
@@ -723,15 +727,15 @@ def test_rhat_sees_means_widths_and_drifts():
     assert seriesModule._rHat(
         seriesModule._normalScores(wide)) < 1.01 < 1.1 < seriesModule.splitRHat(wide)
     assert seriesModule.splitRHat(chains[:1] + np.linspace(-1, 1, 4000)) > 1.2
-    # Ranks are what counts: heavy tails do no harm, nor does any monotone function; reflections
-    # leave it, too.
+    # R-hat depends only on ranks. So heavy tails, monotone functions and reflections do not change
+    # it.
     bulk = seriesModule._rHat(seriesModule._normalScores(np.exp(5*shifted)))
     assert bulk == pytest.approx(seriesModule._rHat(seriesModule._normalScores(shifted)), rel=1e-12)
 
 
 def test_rhat_by_hand():
-    """Two chains of four: halves (1, 2), (3, 4), (5, 6), (7, 8) have normal scores of ranks
-    themselves."""
+    """The halves (1, 2), (3, 4), (5, 6), (7, 8) of two chains of four are their own ranks, which
+    give the normal scores by hand."""
     from scipy.stats import norm
     chains = np.arange(1.0, 9).reshape(2, 4)
     z = norm.ppf((np.array([1, 2, 3, 4, 5, 6, 7, 8]) - 0.375)/8.25).reshape(4, 2)
@@ -744,10 +748,10 @@ def test_rhat_by_hand():
 
 
 def test_effective_samples_of_autoregressive_chains():
-    """rho 0.8: tau = 1/2 + 0.8/0.2 = 4.5, 40000 samples are 4444 independent ones.
+    """For rho = 0.8, tau is 1/2 + 0.8/0.2 = 4.5, so 40000 samples are 4444 independent ones.
 
     The relative error of tau is sqrt(2 (2 W + 1)/n) = 0.05 with the window W = 5 tau, for n = 40000
-    samples in all; three of them are allowed.
+    samples in all. Three times this error is allowed.
     """
     chains = autoregressive(4, 10000, 0.8, np.random.default_rng(3))
     found = seriesModule.independentRuns(chains)
@@ -757,7 +761,8 @@ def test_effective_samples_of_autoregressive_chains():
 
 
 def test_students_errors_cover_the_truth():
-    """t of 4 chains beyond 3.182 (3 degrees) in 5 % of 1000 studies, give or take 4 times 0.7 %."""
+    """With 4 chains (3 degrees of freedom), t exceeds 3.182 in 5 % of 1000 studies. Four times the
+    standard error of 0.7 % is allowed."""
     rng = np.random.default_rng(4)
     beyond = 0
     for _ in range(1000):
@@ -806,8 +811,8 @@ def test_the_ladder_gives_the_same_numbers_whoever_computes_mobilities(where):
 
 
 def test_times_that_end_where_the_runs_did_not(monkeypatch):
-    """After parallel runs each is timed here from its start, which may explode: then there are no
-    times, and the samples stay."""
+    """After parallel runs each run is timed from its start. If this start explodes there are no
+    times, but the samples stay."""
     advance = Run.advance
 
     def explode(self, samples, record=True, progress=None):
@@ -888,10 +893,11 @@ def test_failures_show_in_the_exit_status(tmp_path, capsys):
 
 
 def test_ctrl_c_keeps_what_was_saved(tmp_path, undisturbed):
-    """SIGINT to the program, while two processes compute: it ends soon, with what there is."""
+    """After a SIGINT while two processes compute, the program ends soon, and keeps the results so
+    far."""
     directory = tmp_path/'study'
-    # Who runs these tests in the background of a shell has the signal ignored, and programs inherit
-    # that.
+    # In the background of a shell the signal is ignored, and programs that the tests start inherit
+    # this setting.
     script = (f'import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); '
               f'sys.path.insert(0, {os.path.dirname(__file__)!r})\n'
               'from test_ensemble import small\n'

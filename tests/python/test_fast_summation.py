@@ -1,5 +1,5 @@
-"""Products by multipoles, as users meet them: answers and steps of many particles, and how they are
-turned off."""
+"""Products by multipoles through the public API: answers and steps of many particles, and the
+setting that turns these products off."""
 import numpy as np
 import openmm
 import pytest
@@ -8,8 +8,8 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 
 def manySpheres(count, edge, boundary, tolerance, fast, free=False, platform='CPU'):
-    """A Context with spheres at random in a cube above z = 0, bodies or free particles; at T = 0,
-    each pulled."""
+    """A Context with spheres at random in a cube above z = 0, as bodies or free particles, at T =
+    0. A force pulls each sphere."""
     random = np.random.default_rng(3)
     positions = random.uniform(0, edge, (count, 3)) + (0, 0, 1)
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(0, 0.01)
@@ -67,7 +67,7 @@ def test_forces_in_a_step():
         before = context.getState(getPositions=True).getPositions(asNumpy=True)._value
         integrator.step(1)
         moved[fast] = context.getState(getPositions=True).getPositions(asNumpy=True)._value - before
-    # A hundredth of the tolerance.
+    # The solver's tolerance is 0.1, and the error must be below a hundredth of it.
     error = np.linalg.norm(moved[True] - moved[False])/np.linalg.norm(moved[False])
     assert 1e-7 < error < 1e-3
 

@@ -1,5 +1,5 @@
-"""examples/flow_pictures: the flows that it draws have no sources, rest at the wall, repeat with
-the box, and go with the shells; the script runs, shortened."""
+"""examples/flow_pictures: the flows that it draws have no sources, are zero at the wall, are
+periodic, and move with the shells. The shortened script runs."""
 import importlib.util
 import json
 import pathlib
@@ -21,8 +21,8 @@ def example():
 
 @pytest.mark.parametrize('name', ('inWave', 'aboveWall'))
 def test_flows_have_no_sources(example, name):
-    """Central differences, off by delta^2/6 of third derivatives, which are below the rate of
-    strain over the radius squared outside of shells."""
+    """The divergence by central differences is zero. Its error is delta^2/6 of third derivatives,
+    which outside of shells are below the rate of strain over the radius squared."""
     flow, delta = getattr(example, name)(12), 1e-3
     points = flow.places[0] + np.array([(1.5, 0.2, 0.3), (-0.4, 1.6, 0.5), (0.3, -0.5, 2.0)])
     gradient = np.stack([(flow.at(points + delta*e) - flow.at(points - delta*e))/(2*delta)
@@ -36,20 +36,20 @@ def test_what_bounds_a_flow(example):
     assert np.allclose(wave.at(points + (example.EDGE, -example.EDGE, 2*example.EDGE)),
                        wave.at(points), rtol=0, atol=1e-9)
     assert np.abs(wall.at([(0.5, 0.2, 0), (-3.0, 1.0, 0)])).max() < 1e-12
-    # Far away it is the shear.
+    # At a large distance the flow is the shear.
     assert np.allclose(wall.at([(0, 300, 2.0)]), (2.0*example.RATE, 0, 0), atol=1e-3)
 
 
 def test_shells_go_with_their_flow(example):
-    """What slips on a sphere of their radius is less with more blobs, and small beside what
-    undisturbed fluid would slip, 0.4 to 0.6 of strain rate times radius."""
+    """The slip on a sphere of the shells' radius is smaller with more blobs. It is small beside the
+    slip of the undisturbed fluid, 0.4 to 0.6 of strain rate times radius."""
     slips = {}
     for blobs in (12, 42):
         flow = example.aboveWall(blobs)
         twists = flow.twists()
         slips[blobs] = flow.slipOfSurface(twists)
-        # Slower than the undisturbed fluid at its centre, which a wall only delays, and turned by
-        # it.
+        # The shell is slower than the undisturbed fluid at its centre, because the wall slows it
+        # down, and it turns with the fluid.
         assert 0.8 < twists[0][0][0]/(
             example.RATE*example.HEIGHT) < 0.95 and 0.8 < twists[1][0][1]/(example.RATE/2) < 0.95
     assert slips[42] < 0.75*slips[12] < 0.15

@@ -1,4 +1,4 @@
-"""Reading the flow in Python: units and shapes, what is refused, closed forms, what is saved."""
+"""Reading the flow in Python: units and shapes, refused input, closed forms, and saved states."""
 import re
 
 import numpy as np
@@ -13,7 +13,7 @@ FORCE = np.array([1.0, -2.0, 0.5])
 
 
 def pushed(platform, positions, radii, setUp=lambda fluid: None, force=FORCE, **settings):
-    """As spheres(), with a force on the first."""
+    """The scene of spheres(), with a force on the first sphere."""
     def alsoPush(fluid):
         setUp(fluid)
         pushed.push = CustomBodyForce(*(repr(float(f)) for f in force), '0', '0', '0')
@@ -60,7 +60,8 @@ def test_modes_are_two_velocities(platform):
     k, radius = 2*np.pi*2/8, 0.8
     mode = fluid.getFlowModeInContext(context, 0, 1, np.int64(2))
     assert mode.unit == VELOCITY and mode._value.shape == (2,)
-    # A force spread over the sphere, 2/(eta k^2 V) times its power on each wave.
+    # The amplitude is that of a force spread over the sphere: 2/(eta k^2 V) times its power on the
+    # wave.
     expected = 2/(ETA*k**2*9*8*10)*FORCE[0]*np.sin(k*radius)/(k*radius)*np.array(
         (np.sin(k*x[1]), np.cos(k*x[1])))
     assert np.allclose(mode._value, expected, rtol=1e-12, atol=0)
@@ -97,13 +98,14 @@ def test_random_modes_of_a_grid(platform):
                           (0, 0))  # no step, no noise
     integrator.step(1)
     noise = fluid.getRandomFlowModeInContext(context, 0, 1, 1)._value
-    # A sphere without forces adds nothing to it.
+    # A sphere without forces adds nothing to the amplitude.
     assert noise.all() and np.allclose(
         fluid.getFlowModeInContext(context, 0, 1, 1)._value, noise, rtol=1e-12, atol=0)
 
 
 def test_the_last_step_is_answered(platform):
-    """What a sphere without neighbours moved with is the flow within it; loaded from a State too.
+    """The flow within a sphere without neighbours is the velocity with which the sphere moved, also
+    after loading a State.
     """
     fluid, integrator, context = spheres(platform.getName(), [(1, 2, 3)], [0.8], lambda fluid: None,
                                          temperature=300, step=0.01)
@@ -128,7 +130,7 @@ def test_the_last_step_is_answered(platform):
     assert np.array_equal(
         itsFluid.getFlowInContext(other, [(1, 2, 3), (1.1, 2.2, 2.7), (0.9, 1.8, 3.3)])._value,
         flow)
-    # A file without the last step is one of an earlier version.
+    # Files of earlier versions have no last step.
     older = re.sub(r'<LastStep.*</LastStep>', '', files[2], flags=re.S)
     assert older != files[2]
     other.setState(openmm.XmlSerializer.deserialize(older))
@@ -270,8 +272,8 @@ def test_a_context_of_others_has_no_flow():
 
 
 def rotnePrager(r, a, b):
-    """Velocity of a sphere of radius a, or (0) a point of the fluid, from a force on another at the
-    distance r; eta = 1."""
+    """The velocity of a sphere of radius a, or of a point of the fluid (a = 0), from a force on a
+    sphere at the distance r, for eta = 1."""
     d = np.linalg.norm(r)
     if d == 0:
         return np.eye(3)/(6*np.pi*b)
@@ -284,8 +286,9 @@ def rotnePrager(r, a, b):
 
 @pytest.mark.parametrize('blobs, left', [(42, 0.6), (162, 1/3)])
 def test_a_shell_of_blobs_leaks(blobs, left):
-    """It is held on average over each blob: what is left of a strain at its centre falls with the
-    distance of blobs, which is halved from one to the next."""
+    """A shell holds the fluid only on average over each blob, so a part of a strain is left at its
+    centre. This part falls with the distance of blobs, which is half as large for the finer shell.
+    """
     sites, radius = app.multiblobSphere(blobs, 1.0)
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(0, 0.1)
@@ -299,10 +302,11 @@ def test_a_shell_of_blobs_leaks(blobs, left):
     points = np.array([(0, 0, 0.05), (0.1, -0.2, 0.3), (0, 0, 3)])
     flow = fluid.getFlowInContext(context, points)._value
     assert flow[0, 2]/(-2*0.05) == pytest.approx(left, abs=0.01)
-    # Outside it is a sphere (Batchelor 1967, eq. 4.9), as well as its radius is 1 for a strain,
-    # too.
+    # Outside, the flow is that of a sphere (Batchelor 1967, eq. 4.9), as far as the shell's radius
+    # for a strain is 1.
     assert flow[2, 2]/(-2*3) - 1 == pytest.approx(-2.5/3**3 + 1.5/3**5, rel=0.04)
-    # The same by a matrix of blobs, which a strain does not turn or push.
+    # The expected flow is by the matrix of the blobs, for which the strain causes no force or
+    # torque on the shell.
     places, a = sites._value, radius._value
     M = np.block([[rotnePrager(x - y, a, a) for y in places] for x in places])
     forces = -np.linalg.solve(M, (places @ strain).reshape(-1)).reshape(-1, 3)

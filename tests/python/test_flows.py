@@ -1,4 +1,5 @@
-"""Driven flows in Python: units and shapes, XML, what is refused, and what bodies do in them."""
+"""Driven flows in Python: units and shapes, XML, refused input, and the motion of bodies in these
+flows."""
 import copy
 import re
 
@@ -213,8 +214,8 @@ def test_boundaries_that_do_not_have_the_flow(boundary, setUp, problem):
 
 
 def test_waves_that_boxes_and_grids_do_not_have():
-    """They are refused at Context creation, by the System's box, and when the force density is
-    changed."""
+    """Waves that are not periodic are refused at Context creation, by the System's box, and when
+    the force density is changed."""
     def onAGrid(index):
         def setUp(fluid):
             fluid.setSolver(fluid.MatrixFree)
@@ -251,7 +252,7 @@ def test_waves_that_boxes_and_grids_do_not_have():
         skewed(1)
     _, integrator, context = skewed(3)
     integrator.step(1)
-    # Likewise where positions are to tell the shape of a body.
+    # The refusal is the same if the positions are to define the shape of a body.
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(0, 1)
     integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
     integrator.addRigidBody([system.addParticle(1)])
@@ -275,7 +276,7 @@ def test_spheres_go_with_a_linear_flow(platform):
     integrator.step(1)
     assert np.allclose(integrator.getBodyPositions()._value, x + 0.5*(velocity + x @ GRADIENT.T),
                        rtol=0, atol=1e-13)
-    # Half the curl, by a turn of 0.5 ps.
+    # The expected turn is by half the curl, for 0.5 ps.
     omega = 0.5*np.array([
         GRADIENT[2, 1] - GRADIENT[1, 2], GRADIENT[0, 2] - GRADIENT[2, 0],
         GRADIENT[1, 0] - GRADIENT[0, 1]
@@ -322,8 +323,8 @@ def test_a_flow_goes_through_a_saved_simulation(platform):
 
 
 def test_a_shell_of_blobs_turns_like_a_sphere(platform):
-    # An icosahedral shell has no preferred direction: it is carried by v at its centre and turned
-    # by half the curl, exactly.
+    # An icosahedral shell has no preferred direction. So it moves exactly with v at its centre and
+    # turns with half the curl.
     sites, radius = app.multiblobSphere(12, 1.0)
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(0, 0.1)
@@ -344,9 +345,9 @@ def test_a_shell_of_blobs_turns_like_a_sphere(platform):
 
 @pytest.mark.parametrize('height', [12, 24])
 def test_a_shell_lags_behind_shear_above_a_wall(height):
-    # Goldman, Cox, Brenner, Chem. Eng. Sci. 22, 653 (1967): far from the wall V/(rate h) and 2
-    # omega/rate are 1 - 5/16 (a/h)^3. The next terms are smaller by (a/h)^2, 0.7 % here; the
-    # shell's radius for rotation is 0.55 % too small, which is 1.7 % of a^3.
+    # By Goldman, Cox, Brenner, Chem. Eng. Sci. 22, 653 (1967), V/(rate h) and 2 omega/rate are 1 -
+    # 5/16 (a/h)^3 far from the wall. The next terms are smaller by (a/h)^2, 0.7 % here. The shell's
+    # radius for rotation is 0.55 % too small, which is 1.7 % of a^3.
     sites, radius = app.multiblobSphere(162, 1.0)
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(0, 0.01)

@@ -1,4 +1,4 @@
-"""Examples of the gallery run, shortened, and the physics in them is right."""
+"""Shortened examples of the gallery run, and the physics in their results is right."""
 import importlib.util
 import os
 import pathlib
@@ -61,12 +61,13 @@ def test_two_colloids_touch_only_without_lubrication():
     module = script('two_colloids')
     gaps = {name: module.approach(*kind)[1] for name, kind in module.MODELS.items()}
     times = module.approach(*module.MODELS['free draining'])[0]
-    # Alone each moves with its Stokes drag: the gap closes by 2 radii in a unit of time.
+    # Without interactions each sphere moves with its Stokes drag. So the gap closes by 2 radii in a
+    # unit of time.
     np.testing.assert_allclose(gaps['free draining'], 1 - 2*times, atol=1e-9)
     assert gaps['Rotne-Prager-Yamakawa'][-1] < 0 < gaps['Stokesian dynamics'].min()
-    # Near contact two spheres that approach at V resist by 6 pi eta a (V/2) (1/(2 gap) + ...),
-    # where the terms left out grow as the logarithm and slow them further: the gap decays at a
-    # little less than 4 per unit of time.
+    # Near contact the resistance of two spheres that approach at V is 6 pi eta a (V/2) (1/(2 gap) +
+    # ...). The further terms grow as the logarithm and slow the spheres further. So the gap decays
+    # at a little less than 4 per unit of time.
     closing = -np.diff(np.log(gaps['Stokesian dynamics'][-2:]))*1000
     assert 3.3 < closing < 4
 
@@ -79,11 +80,12 @@ def test_a_cluster_falls_as_a_ball_of_point_forces_does():
         integrator, context = module.scene(positions, step=1e-3)
         integrator.step(1)
         falls.append((positions - integrator.getBodyPositions()._value)[:, 2].mean()/1e-3)
-    # Point forces spread over a ball of radius R: 1 + (N - 1) times the mean of 1/r, which is
-    # 6/(5R) but for pairs nearer than d = 2, of which there are none.
+    # In theory point forces are spread over a ball of radius R, which falls at 1 + (N - 1) times
+    # the mean of 1/r. This mean is 6/(5R), corrected for pairs nearer than d = 2, which do not
+    # exist.
     R, d = module.CLUSTER, 2
     inverse = (6/(5*R) - 1.5*d**2/R**3)/(1 - (d/R)**3)
-    # Each start differs by how its centres happen to lie.
+    # Starts differ by the random places of the centres, which gives the error.
     error = np.std(falls, ddof=1)/np.sqrt(len(falls))
     assert error < 0.3 and abs(np.mean(falls) - 1 -
                                (module.NUMBER - 1)*inverse) < 4*error, (falls, inverse)
@@ -93,7 +95,7 @@ def test_dipoles_follow_and_slip_as_theory_says():
     module = script('driven_dipoles')
     frequencies = [0.3, 0.8, 1.5, 3.0]
     measured = module.rates(frequencies, duration=200)
-    # An unfinished turn counts by 2 pi over half the duration at most.
+    # An unfinished turn makes an error of at most 2 pi over half the duration.
     np.testing.assert_allclose(measured[:2], frequencies[:2], atol=1e-3)
     np.testing.assert_allclose(measured[2:], module.theory(frequencies[2:]), atol=2*np.pi/100)
 
@@ -119,7 +121,7 @@ def test_ions_are_free_particles_and_see_oxygens_where_they_should():
 
 
 def test_boomerangs_at_a_wall_have_the_energy_that_is_sampled():
-    """Poses of the dynamics have the same energy by the sampler's function and by OpenMM."""
+    """For poses of the dynamics the sampler's function and OpenMM give the same energy."""
     module = script('boomerang_at_a_wall')
     integrator, context = module.scene(replicas=16)
     integrator.step(30)
@@ -144,14 +146,14 @@ def test_spheres_on_a_ring_go_as_fast_as_their_tensors_say():
     module = script('ring_of_driven_spheres')
     numbers = [1, 2, 6, 9]
     theory = [module.theory(n) for n in numbers]
-    # By hand for two at a distance of 6: each pushes the other backwards, at right angles to the
-    # line between them.
+    # The value for two spheres at a distance of 6 is computed by hand. Each pushes the other
+    # backwards, at right angles to the line between them.
     assert abs(theory[1] - (1 - 3/(4*6) - 1/(2*6**3))) < 1e-12 and theory[3] > theory[2] > 1
     errors = [
         np.abs(module.speeds(numbers, MobilityForce.RotnePragerYamakawa, 0.4, step) - theory)
         for step in (0.04, 0.02)
     ]
-    # The scheme is of second order without noise: a quarter of the error at half the step.
+    # Without noise the scheme is of second order, so the error at half the step is a quarter.
     assert (errors[1] < 2e-3).all() and (errors[1] < 0.35*errors[0]).all(), errors
 
 
@@ -160,9 +162,9 @@ def test_replicas_have_the_mean_of_theory():
     study = module.study(replicas=4, length=100.0, fields=[2.0])
     with tempfile.TemporaryDirectory() as directory:
         row = study.run(directory, quiet=True).rows[0]
-    # 5 standard errors with 3 degrees of freedom are exceeded by chance in 1.5 % of seeds; this
-    # seed is fixed. 20 dipoles that forget within 1 ps, their cosines with a standard deviation of
-    # 0.4: the error of 100 ps is about 0.4/sqrt(20*100/2).
+    # With 3 degrees of freedom 5 standard errors are exceeded by chance for 1.5 % of seeds, but the
+    # seed is fixed. There are 20 dipoles with a correlation time below 1 ps, and cosines with a
+    # standard deviation of 0.4. So the error of 100 ps is about 0.4/sqrt(20*100/2).
     assert row['replicas'] == 4 and 0.002 < row['standard_error'] < 0.05, row
     assert abs(row['mean'] - module.theory(2.0)) < 5*row['standard_error'], row
 
@@ -174,7 +176,7 @@ def test_a_resumed_run_is_the_run_that_was_not_stopped(tmp_path):
     module.follow(context, 13)
     module.save(context, tmp_path)
     assert (module.follow(module.resume(tmp_path), 17) == whole[13:]).all()
-    # Other random numbers make another run.
+    # With other random numbers the run differs.
     assert np.abs(module.follow(module.begin(seed=2), 30) - whole).max() > 1e-3
 
 
@@ -189,6 +191,7 @@ def test_the_droplet_is_of_rigid_water_and_stays_together():
     for k in (1, 2):
         bonds = np.linalg.norm(molecules[:, k] - molecules[:, 0], axis=1)
         np.testing.assert_allclose(bonds, np.linalg.norm(module.SHAPE[k]), atol=1e-12)
-    # In vacuum a pair of TIP3P molecules binds by 27 kJ/mol; a droplet is bound by several each.
+    # In vacuum a pair of TIP3P molecules binds by 27 kJ/mol. In a droplet each molecule is bound by
+    # several others.
     energy = context.getState(getEnergy=True).getPotentialEnergy()._value
     assert np.abs(places).max() < 1.5 and energy/len(molecules) < -10

@@ -1,9 +1,9 @@
-"""Gibbs-Boltzmann Monte Carlo against closed forms and quadrature.
+"""Averages of Gibbs-Boltzmann Monte Carlo agree with closed forms and quadrature.
 
 Every comparison of a mean is by z = (mean - exact)/(standard error) with fixed seeds. Its bound,
 from Student's t, is exceeded by chance 7 times in a million, and there are some sixty comparisons.
-Sizes of samples make the errors much smaller than what a move that is not symmetric, a wrong wall
-or a wrong tracking point would do.
+Samples are so large that errors are much smaller than the effects of a move that is not symmetric,
+of a wrong wall or of a wrong tracking point.
 """
 import doctest
 import re
@@ -37,7 +37,8 @@ def refused(*pieces, error=ValueError):
 
 
 def check(statistics, exact, relativeError=None):
-    """A mean is the exact one within its error, and its error is as small as the test wants."""
+    """A mean equals the exact one within its error, and its error is as small as the test requires.
+    """
     z = (statistics.mean - exact)/statistics.standardError
     print(
         f'{statistics.mean:.6f} +- {statistics.standardError:.6f}, exact {exact:.6f}, z = {z:.2f}, '
@@ -64,8 +65,8 @@ def walkers(energy, count=1000, position=(0, 0, 0), seed=1, burnIn=150, samples=
 
 @pytest.mark.parametrize('largest', [0.2, 1.5, np.pi])
 def test_random_rotations_are_uniform_up_to_the_largest_angle(largest):
-    """Haar's measure has the density 1 - cos(angle), on any axis. chi^2 of 20 x 10 bins: fails by
-    chance once in 1e5."""
+    """Haar's measure has the density 1 - cos(angle), about any axis. A chi^2 of 20 x 10 bins is
+    used, which fails by chance once in 1e5."""
     n = 100_000
     q = _moves.uniformRotations(np.random.default_rng(3), np.full(n, largest))
     assert np.allclose(np.linalg.norm(q, axis=1), 1, rtol=0, atol=1e-14)
@@ -90,8 +91,8 @@ def test_sizes_of_moves_change_in_burn_in_only():
     sampler.burnIn(200, progress=False)
     first, second = sampler.sample(20, progress=False), sampler.sample(20, progress=False)
     assert first.stepSizes['translation'] == second.stepSizes['translation'] != 0.1
-    # 8000 trials: a standard deviation of 0.006, more for correlation between sweeps, and what
-    # burn-in leaves.
+    # For 8000 trials the standard deviation is 0.006. Correlation between sweeps and the end of
+    # burn-in add to this.
     assert first.acceptance['translation'] == pytest.approx(0.4, abs=0.05)
     assert first.stepSizes['rotation'] == np.pi and first.acceptance[
         'rotation'] == 1  # nothing depends on orientations
@@ -114,7 +115,8 @@ def test_the_example_in_the_documentation():
 
 @pytest.mark.parametrize('rejection, lowest', [('Overlap', 0.7), ('Crossing', 0.2)])
 def test_gravitational_height_over_a_wall(rejection, lowest):
-    """A sphere of radius 0.5 over a wall at 0.2: an exponential law from where the wall stops it.
+    """A sphere of radius 0.5 over a wall at 0.2 has an exponential law that begins where the wall
+    stops it.
     """
     samples = walkers(lambda R, q: KT/0.8*R[:, 2], position=(0, 0, 2), sitePositions=[(0, 0, 0)],
                       radii=0.5, wallHeight=0.2, rejection=rejection, samples=100)
@@ -127,7 +129,7 @@ def test_gravitational_height_over_a_wall(rejection, lowest):
     assert np.all(np.abs(probabilities - exact) < LARGEST_Z*errors) and np.all(
         errors < 0.02*exact + 0.001)
     free = samples.positions._value[-1, :, :2]
-    assert free.std() > 3  # x and y are sampled, and nothing holds them
+    assert free.std() > 3  # x and y are sampled without any potential
 
 
 @pytest.mark.parametrize('kr, exact', [(2, 0.4292307058), (10, 0.7642662212), (200, 0.9899487014)])
@@ -150,7 +152,8 @@ def test_a_dipole_in_a_field(k):
 
 @pytest.mark.parametrize('k, exact', [(10, 0.6510520512), (0, 0.25)])
 def test_a_well_of_the_quaternion(k, exact):
-    """U = -k/2 q0^2 tells Haar's measure from others most directly: it is that of the angle alone.
+    """The averages for U = -k/2 q0^2, which depends on the angle alone, distinguish Haar's measure
+    from others most directly.
     """
     if k:
         x = k/4
@@ -161,7 +164,8 @@ def test_a_well_of_the_quaternion(k, exact):
 
 
 def test_turning_about_a_point_far_from_the_origin_changes_no_distribution():
-    """Origin in a harmonic well, dipole in a field: they are independent, whatever the moves mix.
+    """An origin in a harmonic well and a dipole in a field are independent, although the moves mix
+    both.
     """
     samples = walkers(lambda R, q: KT*(0.5*8*(R**2).sum(axis=1) - 3*rotationMatrices(q)[:, 2, 2]),
                       trackingPoint=(0.4, -0.3, 0.5), samples=60)
@@ -190,7 +194,7 @@ def test_the_tracking_point_stays_where_it_is():
 
 
 def test_turning_about_one_axis_only():
-    """A dipole in the plane: <cos phi> = I1(k)/I0(k)."""
+    """A dipole in the plane has <cos phi> = I1(k)/I0(k)."""
     samples = walkers(lambda R, q: -2*KT*rotationMatrices(q)[:, 0, 0], coordinates=['rotation'],
                       rotationAxis=(0, 0, -3), samples=60)
     assert not samples.orientations[..., 1:3].any()
@@ -211,8 +215,8 @@ def test_only_the_coordinates_that_are_named_move():
 
 
 def overWall(sites, weights, strength):
-    """Weights, kT/a, on the blobs, and their repulsion strength kT a/(h - a) exp(-2(h - a)/a), in
-    units of a (Delong 2015, eq. 73)."""
+    """The energy of weights, in kT/a, on the blobs, and of their repulsion, strength kT a/(h - a)
+    exp(-2(h - a)/a), in units of a (Delong 2015, eq. 73)."""
     def energy(R, q):
         h = R[:, 2:] + rotationMatrices(q)[:, 2] @ sites.T
         return KT*(h @ weights + (strength/(h - 1)*np.exp(-2*(h - 1))).sum(axis=1))
@@ -225,11 +229,11 @@ def chiSquare(probabilities, errors, exact):
 
 
 def test_the_boomerang():
-    """Delong 2015, section IV.5, g = 1: mean, second moment and bins of quadrature, converged to
-    more digits than are given.
+    """The boomerang of Delong 2015, section IV.5, g = 1, has the mean, second moment and bins of
+    quadrature, which are converged to more digits than are given.
 
-    Weight 0.18 kT/a and strength 23.08 kT as printed there. 1e5 nearly independent samples: mean
-    height to 0.2 %.
+    The weight of 0.18 kT/a and the strength of 23.08 kT are as printed there. 1e5 nearly
+    independent samples give the mean height to 0.2 %.
     """
     sites = app.boomerang(0.3/(0.265*np.sqrt(1.5)))._value
     samples = walkers(overWall(sites, np.full(15, 0.18/15), 23.08), 1500, position=(0, 0, 15),
@@ -250,9 +254,9 @@ def test_the_boomerang():
 
 
 def test_the_tetramer():
-    """Delong 2015, section IV.3: four weights, edges of 4 a.
+    """The tetramer of Delong 2015, section IV.3, has four weights and edges of 4 a.
 
-    Means and standard deviations of quadrature.
+    The exact means and standard deviations are from quadrature.
     """
     sites = app.tetramer(4.0)._value
     samples = walkers(overWall(sites, np.array([0.15, 0.1, 0.3, 0.05]), 20), 1500,
@@ -279,8 +283,8 @@ def poses(values, independent):
 
 
 def test_errors_know_the_correlation():
-    """A stationary autoregressive process of correlation 0.9: tau = 1/2 (1.9/0.1) = 9.5, and the
-    error of the mean is known."""
+    """For a stationary autoregressive process of correlation 0.9, tau = 1/2 (1.9/0.1) = 9.5, and
+    the error of the mean is known."""
     random = np.random.default_rng(5)
     samples, n = 4000, 50
     x = np.empty((samples, n))
@@ -289,8 +293,8 @@ def test_errors_know_the_correlation():
         x[k] = 0.9*x[k - 1] + np.sqrt(1 - 0.81)*random.normal(size=n)
     walkers_ = poses(x, True).average(x)
     chain = poses(x[:, :1], False).average(x[:, :1])
-    # The standard error of n walkers has itself a relative one of 1/sqrt(2 (n - 1)); of b blocks
-    # likewise.
+    # The standard error from n walkers has a relative error of 1/sqrt(2 (n - 1)). The same holds
+    # for b blocks.
     assert walkers_.standardError == pytest.approx(np.sqrt(19/(samples*n)),
                                                    rel=LARGEST_Z/np.sqrt(2*(n - 1)))
     assert walkers_.tau == pytest.approx(
@@ -301,8 +305,8 @@ def test_errors_know_the_correlation():
 
 
 def test_bodies_of_one_sample_count_together_or_apart():
-    """Bodies that do the same are as good as one of them; walkers that do not move tell tau = half
-    the samples."""
+    """Bodies that move alike give the error of one body. For walkers that do not move, tau is half
+    the number of samples."""
     x = np.random.default_rng(6).normal(size=(1000, 1))
     one, three = poses(x, False).average(x), poses(np.tile(x, 3), False).average(np.tile(x, 3))
     assert three.standardError == pytest.approx(one.standardError) and three.mean == pytest.approx(
@@ -321,7 +325,7 @@ def test_bins_of_a_histogram():
 
 
 def correlated(samples, n, seed=8):
-    """A series each of whose bins has an autocorrelation time of its own."""
+    """A series in which each bin has another autocorrelation time."""
     random = np.random.default_rng(seed)
     x = random.normal(size=(samples, n))
     for k in range(1, samples):
@@ -331,8 +335,8 @@ def correlated(samples, n, seed=8):
 
 @pytest.mark.parametrize('independent, n', [(False, 1), (False, 3), (True, 1), (True, 3)])
 def test_averages_are_those_of_all_samples(independent, n):
-    """Bins that cover everything have probabilities that add up to 1, and averages are linear,
-    however many blocks each has."""
+    """Probabilities of bins that cover all values add up to 1, and averages are linear, whatever
+    their numbers of blocks."""
     x = correlated(300, n)
     samples = poses(x, independent)
     edges = np.array([-10, -1, -0.3, 0, 0.5, 1.5, 10])
@@ -395,7 +399,7 @@ class Scene:
     'trackingPoints': [(0.1, 0.2, 0.1), (0, -0.3, 0)]
 }], ids=['one by one', 'all at once', 'about other points'])
 def test_interacting_bodies_and_a_free_particle(options):
-    """A Gaussian chain, and <n0 n1> = coth J - 1/J."""
+    """Positions have the law of a Gaussian chain, and axes have <n0 n1> = coth J - 1/J."""
     samples = Scene().sample(**{'sweeps': 6000, **options})
     R, free = samples.positions._value, samples.freePositions._value[:, 0]
     n = axis(samples, 2)
@@ -421,7 +425,7 @@ def test_the_context_is_left_at_the_last_sample(platform):
     assert np.allclose(places[2:4],
                        samples.positions._value[-1, 1] + [(0, 0, 0), 0.2*axis(samples, 2)[-1, 1]],
                        rtol=0, atol=1e-14)
-    # CPU computes bonded energies in double precision as well.
+    # CPU also computes bonded energies in double precision.
     assert state.getPotentialEnergy()._value == pytest.approx(samples.energies._value[-1],
                                                               rel=1e-12)
     scene.integrator.step(5)
@@ -465,7 +469,7 @@ def test_the_temperature_is_the_integrators_or_ones_own():
 
 
 def test_further_energy():
-    """A body force has no energy; its potential, that of a dipole along x, is given."""
+    """A body force has no energy. So the test gives its potential, that of a dipole along x."""
     scene = Scene(J=0)
     dipole = openmmrigidhi.CustomBodyForce('0', '0', '0', '0', 'E*2*(q1*q3+q0*q2)',
                                            '-E*2*(q2*q3-q0*q1)')
@@ -483,8 +487,8 @@ def test_further_energy():
 
 
 class OverWall:
-    """A dumbbell of two blobs of radius 0.3, with a marker, over a wall at 1, and a free blob; each
-    with a weight of 2 kT/nm a blob."""
+    """A dumbbell of two blobs of radius 0.3 with a marker, and a free blob, over a wall at 1. Each
+    blob has a weight of 2 kT/nm."""
     def __init__(self, boundary=None):
         self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(
         ), CustomRigidHIIntegrator(300, 0.01)
@@ -507,9 +511,9 @@ class OverWall:
 
 @pytest.mark.parametrize('rejection, stops', [('Overlap', (0.3, 0.5)), ('Crossing', (0, 0))])
 def test_blobs_over_a_wall(rejection, stops):
-    """The dumbbell's z, measured from contact, is the lower blob's height plus |cos|/2, and has the
-    density exp(-4 z) above that: with c = |cos| uniform in 0..1 weighted by exp(-4 c/2), <z> = 1/4
-    + <c>/2. The marker of radius 0, far below the wall at times, is free."""
+    """The dumbbell's z above contact is the lower blob's height plus |cos|/2, and has the density
+    exp(-4 z). Here c = |cos| is uniform in 0..1, weighted by exp(-4 c/2), so <z> = 1/4 + <c>/2. The
+    marker of radius 0 is free, and at times far below the wall."""
     scene = OverWall()
     sampler = analysis.GibbsBoltzmannSampler(scene.context, wallHeight=1*unit.nanometer,
                                              rejection=rejection, seed=2,
@@ -552,8 +556,8 @@ def test_the_wall_of_the_fluid_is_taken(monkeypatch):
 
 
 def test_virtual_sites_follow():
-    """A free particle between two others feels its own weight through them: a site in the middle,
-    -k z, on two free particles in traps."""
+    """A virtual site in the middle of two free particles in traps has a weight. Each of the two
+    particles feels half of this weight."""
     system = openmm.System()
     for mass in (1, 1, 0):
         system.addParticle(mass)
@@ -645,8 +649,7 @@ def test_infinity_forbids():
 
 
 def test_driven_flows_are_refused():
-    """Bodies in a flow are not distributed as exp(-U/kT), so a sample of that would be wrong
-    without a word."""
+    """Bodies in a flow are not distributed as exp(-U/kT), so the sampler refuses them."""
     def context(drive):
         system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
             300, 0.01)
@@ -729,7 +732,8 @@ def test_bad_samples():
 
 
 def test_bodies_without_mass_need_a_scheme_without_momenta():
-    """The Context refuses them by name, with the way out, and the sampler takes them there."""
+    """The Context refuses such bodies by name and names the remedy, with which the sampler takes
+    them."""
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(300, 0.01)
     app.addRigidMultiblob(system, integrator, fluid, [(-0.5, 0, 0), (0.5, 0, 0), (0, 0.5, 0)], 0.4)
     platform = openmm.Platform.getPlatformByName('Reference')

@@ -1,5 +1,5 @@
-"""Periodic fluids on a grid in Python: every scheme on it, products against lattice sums, boxes,
-saving, and what is refused."""
+"""Periodic fluids on a grid in Python: steps of every scheme, products against lattice sums, boxes,
+saved states, and refused input."""
 import copy
 
 import numpy as np
@@ -17,8 +17,8 @@ BOX = (8, 7, 9)
 
 
 class Scene:
-    """Two spheres, two multiblobs, a free particle, of different radii, across faces of the box and
-    outside of it, pulled; viscosity 1."""
+    """Two spheres, two multiblobs and a free particle of different radii, across faces of the box
+    and outside of it, under forces, with viscosity 1."""
     def __init__(self, platform, scheme='FixmanMidpoint', solver=MobilityForce.MatrixFree,
                  tolerance=1e-3, temperature=0, stepSize=0.05, box=BOX, model='ForceCoupling'):
         self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(
@@ -59,7 +59,7 @@ class Scene:
         return self.context.getState(getPositions=True).getPositions(asNumpy=True)._value
 
     def moved(self, steps):
-        """By how much all particles move in some steps."""
+        """The displacements of all particles in some steps."""
         before = self.positions()
         self.integrator.step(steps)
         return self.positions() - before
@@ -107,8 +107,8 @@ def columns(context, fluid, blobs=False):
 
 
 def errorOf(M, exact):
-    """Norm of the error over the roots of own mobilities: of velocities in that norm, relative to
-    forces in that of own frictions."""
+    """The 2-norm of the error, with entries divided by the roots of the particles' own mobilities.
+    So velocities are measured by own mobilities, and forces by own frictions."""
     root = 1/np.sqrt(np.diag(exact))
     return np.linalg.norm(root[:, None]*(M - exact)*root, 2)
 
@@ -128,8 +128,8 @@ def test_products_are_lattice_sums_to_the_tolerance(platform, tolerance, model):
         M, exact = (columns(context, fluid, blobs) for context, fluid, _ in (grid, dense))
         error = errorOf(M, exact)
         print(f'{tolerance:g}: {error:.1e}, asymmetry {np.abs(M - M.T).max()/M.max():.1e}')
-        # It is a grid, and one that is no finer than it has to be: of forces alone its torques ask
-        # for more than they need.
+        # The fluid is on a grid that is no finer than it has to be. With forces alone the error is
+        # smaller still, because torques need a finer grid.
         assert error < tolerance and (blobs or error > tolerance/100)
         assert np.abs(M - M.T).max() < 1e-14*M.max()
     assert grid[2].getStepStatistics()['seconds_fft'] > 0
@@ -165,7 +165,7 @@ def test_without_temperature_it_is_the_trajectory_of_lattice_sums(platform, sche
         assert ' on a grid of ' in scene.integrator.getEffects(
         )['hydrodynamics'] and scene.integrator.getStepStatistics()['randomNumbers'] == 0
         errors.append(np.linalg.norm(moved - exact)/np.linalg.norm(exact))
-        # The product and the solve have the tolerance each; momenta five of them.
+        # The product and the solve each have one tolerance. Momenta have five.
         assert errors[-1] < (5 if scheme == 'LangevinHI' else 2)*tolerance
     print(f'{scheme}: {errors}')
     assert errors[1] < errors[0]/100
@@ -174,8 +174,8 @@ def test_without_temperature_it_is_the_trajectory_of_lattice_sums(platform, sche
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('scheme', OVERDAMPED)
 def test_displacements_have_the_covariance_of_the_mobility(platform, scheme, model):
-    """Spheres that hardly move in a step: each displacement is drawn from 2 kT h N, whose inverse
-    makes 18 squares of it a chi squared."""
+    """Each displacement of spheres that hardly move is drawn with the covariance 2 kT h N. Weighted
+    by the inverse of this matrix, its square is a chi squared variable of 18 degrees."""
     count, steps, stepSize = 6, 120, 1e-6
     context, fluid, integrator = spheres(platform, MobilityForce.MatrixFree, 1e-2, count,
                                          scheme=scheme, temperature=300, stepSize=stepSize,
@@ -192,8 +192,8 @@ def test_displacements_have_the_covariance_of_the_mobility(platform, scheme, mod
     degrees = steps*len(rows)
     z = (total - degrees)/np.sqrt(2*degrees)
     print(f'{scheme}: z = {z:.2f}')
-    # 2160 squares: 9.5 % of all noise; errors of the square roots are 2 tolerances. A false alarm
-    # in 15000.
+    # With 2160 squares the bound is 12 % of all noise. Errors of the square roots are 2 tolerances.
+    # A false alarm has a probability of 1 in 15000.
     assert abs(z) < 4
 
 
@@ -202,8 +202,9 @@ def test_displacements_have_the_covariance_of_the_mobility(platform, scheme, mod
 @pytest.mark.parametrize('scheme', SCHEMES)
 def test_with_temperature_both_platforms_take_the_same_finite_steps(scheme, tolerance, difference,
                                                                     model):
-    # Iterations on CPU multiply in single precision, to 1e-6, which they and the preconditioner
-    # make a few times larger; at 1e-5 exact products in between take that away.
+    # Iterations on CPU multiply in single precision, with an error of 1e-6 that they and the
+    # preconditioner make a few times larger. At a tolerance of 1e-5 exact products between the
+    # iterations remove this error.
     ends = []
     for name in ('Reference', 'CPU'):
         scene = Scene(openmm.Platform.getPlatformByName(name), scheme, temperature=300,
@@ -291,7 +292,7 @@ def test_a_spacing_that_is_too_coarse_is_refused(platform, spacing):
             fr'the spacing is {spacing} nm, too coarse for the smallest particle of .*give at most '
             fr'0\.521 nm, or 0'):
         scene.fluid.updateParametersInContext(scene.context)
-    # What the Context had serves on, and what was named does.
+    # The Context goes on with its former grid, and the spacing that the message names is accepted.
     scene.integrator.step(1)
     scene.fluid.setGridSpacing(0.521)
     scene.fluid.updateParametersInContext(scene.context)
@@ -304,7 +305,7 @@ def test_a_spacing_far_below_rounding_is_one_at_rounding(platform):
     fluid.setGridSpacing(0.05)
     fluid.updateParametersInContext(context)
     assert 'whose products have the tolerance 1e-14' in integrator.getEffects()['hydrodynamics']
-    # Sums over 84^3 nodes, and transforms of them: rounding is 1e-12 here.
+    # In sums over 84^3 nodes and their transforms the rounding error is 1e-12.
     assert errorOf(columns(context, fluid), exact) < 1e-11
 
 

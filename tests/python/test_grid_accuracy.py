@@ -1,5 +1,5 @@
-"""openmmrigidhi.accuracy, grids of a periodic fluid: what the study measures, against matrices, and
-what it says."""
+"""openmmrigidhi.accuracy, grids of a periodic fluid: the errors that the study measures agree with
+those of matrices, and its advice is right."""
 import contextlib
 import copy
 import io
@@ -32,7 +32,8 @@ def test_what_the_sampling_of_a_gaussian_asks_for():
 
 @pytest.mark.parametrize('observable', grid.OBSERVABLES)
 def test_errors_are_those_of_the_matrices(result, observable):
-    """Column by column, and by all eigenvalues, instead of by iterations."""
+    """The errors agree with those of matrices column by column and by all eigenvalues, instead of
+    by iterations."""
     study = accuracy.GridStudy(accuracy.scenes.periodicSuspension(8, 0.1), [1e-2])
     dense, products = (study.makeContext(observable, solver, 1e-2)
                        for solver in (MobilityForce.Dense, MobilityForce.MatrixFree))
@@ -42,7 +43,7 @@ def test_errors_are_those_of_the_matrices(result, observable):
     root = 1/np.sqrt(np.diag(exact))
     error, norm = (np.linalg.norm(root[:, None]*A*root, 2) for A in (M - exact, exact))
     row = next(row for row in result.select(observable, 'tolerance') if row['setting'] == 1e-2)
-    # Iterations stop at half a per cent.
+    # Iterations stop at an error of half a per cent.
     assert row['own_error'] == pytest.approx(error, rel=0.01) and row['error'] == pytest.approx(
         error/norm, rel=0.02)
     assert result.observables[observable]['norm'] == pytest.approx(norm, rel=0.01)
@@ -61,7 +62,7 @@ def test_grids_are_as_described(result):
             width*max(nodes)/edge) and nodes[0] == nodes[1] == nodes[2]
         assert row['status'] == 'stable' and 0 < row['error'] <= row['own_error']
         if row['kind'] == 'spacing':
-            # The grid that was asked for, and not the next one.
+            # The grid is the one that was asked for, and not the next one.
             assert row['fineness'] == pytest.approx(
                 row['setting']) and row['seconds_product'] is None
         else:
@@ -77,8 +78,8 @@ def test_errors_are_below_tolerances_and_fall_with_them(result):
         assert len(spaced) >= 4 and all(fine['error'] < coarse['error']
                                         for coarse, fine in zip(spaced[:-1], spaced[1:]))
         assert all(row['error'] < row['described'] for row in spaced)
-        # What a Gaussian's sampling asks for, the curls of torques a little more; and never more
-        # than what the library chooses.
+        # The fineness is that needed to sample a Gaussian, and a little more for the curls of
+        # torques. It is never more than the library chooses.
         for error in (1e-4, 1e-6, 1e-8):
             chosen = np.sqrt(np.log({'forces': 2, 'wrenches': 9}[observable]/error))/np.pi
             assert gridreport.gaussianFineness(error) - 0.05 < result.finenessFor(
@@ -88,8 +89,8 @@ def test_errors_are_below_tolerances_and_fall_with_them(result):
 
 
 def test_described_tolerances_hold_where_no_node_is_to_spare():
-    """One sphere: its own mobility is all of the error, and a spacing that divides the box leaves
-    no margin."""
+    """For one sphere the whole error is that of its own mobility, and a spacing that divides the
+    box leaves no margin."""
     result = accuracy.GridStudy(accuracy.scenes.array(0.125), [1e-2], (0.8, 1.5)).run(rounds=1)
     for observable in grid.OBSERVABLES:
         rows = result.select(observable, 'spacing')
@@ -98,7 +99,7 @@ def test_described_tolerances_hold_where_no_node_is_to_spare():
 
 
 def test_a_flow_that_drives_the_scene_does_not_matter(result):
-    """What is compared are products, which know no flow."""
+    """The study compares products, which do not depend on the driven flow."""
     scene = accuracy.scenes.periodicSuspension(8, 0.1)
     system = openmm.XmlSerializer.clone(scene.system)
     fluid, = forcesOf(system, MobilityForce)
@@ -130,7 +131,7 @@ def test_the_cheapest_tolerance_is_named(result):
     assert result.recommend('forces:1%').setting['tolerance'] == 1e-2
     assert result.recommend('forces:1%,wrenches:1e-5').setting['tolerance'] == 1e-6
     answer = result.recommend('forces:1e-9')
-    # An error of random forces that is too large counts, too.
+    # A tolerance is also rejected if only the error of random forces is too large.
     for row in result.rows:
         row['typical'] = max(row['typical'], 2e-4) if row['setting'] == 1e-4 else row['typical']
     assert result.recommend('forces:0.01%').setting['tolerance'] == 1e-6
@@ -196,7 +197,7 @@ def test_wrong_studies():
 
 
 def test_a_grid_that_cannot_be_made_is_a_row_without_errors():
-    """A sphere so small that no machine has the grid for the finest tolerance."""
+    """A sphere is so small that the grid for the finest tolerance is too large for any machine."""
     scene = accuracy.scenes.spheres([(0, 0, 0), (500, 0, 0)], 0.05, edges=(1000,)*3)
     result = accuracy.GridStudy(scene, [1e-2], None, ['forces']).run(rounds=1)
     assert result.rows[0]['status'] == 'not applicable' and 'nodes along an edge' in result.rows[0][

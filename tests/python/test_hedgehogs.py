@@ -1,5 +1,6 @@
-"""validation/westwood2022/hedgehogs.py: the potentials and the shape are the paper's; four
-hedgehogs have the same twists and viscosity dense and on a grid; the script runs, shortened."""
+"""validation/westwood2022/hedgehogs.py: the potentials and the shape are those of the paper. Four
+hedgehogs have the same twists and viscosity with dense matrices and on a grid. The shortened script
+runs."""
 import json
 import pathlib
 import subprocess
@@ -16,7 +17,7 @@ VALIDATION = pathlib.Path(__file__).resolve().parents[2]/'validation'
 
 @pytest.fixture(scope='module')
 def hedgehogs():
-    """The model of validation/westwood2022."""
+    """The module of validation/westwood2022."""
     sys.path[:0] = [str(VALIDATION/'westwood2022'), str(VALIDATION/'common')]
     try:
         import hedgehogmodel
@@ -26,7 +27,8 @@ def hedgehogs():
 
 
 def test_the_hedgehog(hedgehogs):
-    """19 beads, neighbours on an axis touch; the paper's numbers make a fifth of the volume."""
+    """The body has 19 beads, and neighbours on an axis touch. The paper's numbers give a volume
+    fraction of a fifth."""
     distances = np.linalg.norm(hedgehogs.SITES[:, None] - hedgehogs.SITES,
                                axis=-1)[np.triu_indices(19, 1)]
     assert len(
@@ -38,8 +40,8 @@ def test_the_hedgehog(hedgehogs):
 @pytest.mark.parametrize('potential, least, barrier', [('repel-attract', -2.60, 0.27),
                                                        ('repel-attract-repel', -0.49, 4.43)])
 def test_pair_potentials(hedgehogs, potential, least, barrier):
-    """Eqs. 60 to 63, written once more; energy and force go on below contact, where the force is
-    constant; the Context's are the same."""
+    """Energies are those of eqs. 60 to 63, written once more. Below contact the energy goes on with
+    a constant force. The Context has the same energies and forces."""
     r = np.linspace(1.0, 6.5, 111)
     U = 20*np.exp((2 - r)/0.5) - 5*np.exp(-((r - 3)/0.5)**2) + (5*np.exp(-(
         (r - 3.5)/0.5)**2) if potential == 'repel-attract-repel' else 0)
@@ -77,8 +79,9 @@ def test_pair_potentials(hedgehogs, potential, least, barrier):
 
 @pytest.mark.parametrize('tolerance', [1e-3, 1e-6])
 def test_four_hedgehogs_dense_and_on_a_grid(hedgehogs, tolerance):
-    """In a driven fluid without noise, pushing each other: twists agree to five times the tolerance
-    in the norm of the friction, the viscosity to that too; and bodies move by their twists."""
+    """Four hedgehogs push each other in a driven fluid without noise. Twists agree to five times
+    the tolerance in the norm of the friction, and the viscosity to the same. Bodies move by their
+    twists."""
     R = np.array([(3.0, 3, 3), (9.5, 4, 3.5), (4, 9.5, 4), (8.0, 9.0, 9.5)])
     q = np.random.default_rng(4).standard_normal((4, 4))
     q /= np.linalg.norm(q, axis=1)[:, None]
@@ -103,7 +106,8 @@ def test_four_hedgehogs_dense_and_on_a_grid(hedgehogs, tolerance):
 
 
 def rotateBack(after, before):
-    """Half the rotation vector, lab frame, of the small turn from one quaternion to the other."""
+    """Half the rotation vector, in the lab frame, of the small turn from one quaternion to the
+    other."""
     w, v = before[0], before[1:]
     turn = -after[0]*v + w*after[1:] - np.cross(after[1:], v)
     assert np.allclose(rotate(after, np.array((1.0, 0, 0))), rotate(before, np.array((1.0, 0, 0))),
@@ -125,8 +129,8 @@ def run(folder, *arguments, name='hedgehogs.json'):
 
 
 def test_the_script(hedgehogs, tmp_path):
-    """It runs, shortened; again it goes on with what is kept, two runs at a time, and what was
-    there stays; g(r) counts every pair within half the box."""
+    """The shortened script runs. A second call, with two runs at a time, continues the kept runs,
+    whose earlier samples stay. g(r) counts every pair within half the box."""
     first, text = run(tmp_path, '--quick')
     assert 'repel-attract-repel' in text
     for name in ('hedgehogs_viscosity.png', 'hedgehogs_g.png', 'hedgehogs_potentials.png'):
@@ -145,8 +149,8 @@ def test_the_script(hedgehogs, tmp_path):
         before = kept[f'hedgehogs_27_{row["potential"]}_300']
         assert np.array_equal(now['amplitudes'][:60], before['amplitudes']) and np.array_equal(
             now['counts'][:2], before['counts'])
-        # Frames are counted as often as there are: at most all pairs a frame, and in half the box's
-        # ball some half of them.
+        # Every frame is counted once. It has at most all pairs, and about half of them within a
+        # ball of half the box.
         inside = now['counts'].sum(axis=1)/(60/30*27*26/2)
         assert np.all(inside < 1) and np.all(inside > 0.3)
         volume = 4/3*np.pi*(np.array(row['r']) + 0.5)[-1]**3/row['side']**3

@@ -1,5 +1,5 @@
-"""setInertiaScale() as Python users see it: reporters, files, States, the accuracy tool, and a
-liquid. The dynamics: tests/platform/TestInertiaScale.cpp."""
+"""setInertiaScale() for Python users: reporters, files, States, the accuracy tool, and a liquid.
+The dynamics is tested in tests/platform/TestInertiaScale.cpp."""
 import io
 
 import numpy as np
@@ -27,8 +27,8 @@ def state(context):
 
 
 def test_temperatures_are_those_of_the_scaled_moments(platform):
-    """Drawn velocities: every temperature is the wanted one, to 5 standard errors of chi^2, in the
-    reporter and by hand."""
+    """With drawn velocities every temperature is the wanted one, to 5 standard errors of chi^2, in
+    the reporter and by hand."""
     system, positions, definitions = dumbbells(400)
     integrator = CustomRigidHIIntegrator(300, 0.001)
     for definition in definitions:
@@ -45,7 +45,7 @@ def test_temperatures_are_those_of_the_scaled_moments(platform):
     assert energies[1] == 0
     for energy, number in zip(energies[degrees > 0], degrees[degrees > 0]):
         assert abs(energy/(number*KT/2) - 1) < FIVE_SIGMA*np.sqrt(2/number)
-    # About an axis: I omega^2 with nine times the real moment.
+    # The energy about an axis is that of I omega^2 with nine times the real moment.
     omega = integrator.getBodyAngularVelocities()._value
     moment = integrator.getRigidBodyParameters(0)[2]._value[0]
     assert moment == 0.04
@@ -93,8 +93,8 @@ def test_files_have_real_moments_and_angular_velocities(waterBox, platform, tmp_
 
 @pytest.mark.parametrize('way', ['checkpoint', 'State'])
 def test_a_saved_state_goes_on_under_another_factor(waterBox, platform, way):
-    """Equilibrate with slow rotation, produce with the real one: positions and velocities go on,
-    energies of rotation follow the factor."""
+    """A run may equilibrate with slow rotation and produce with the real one. Positions and
+    velocities go on, and energies of rotation follow the factor."""
     simulation, slow = waters(waterBox, platform, 8)
     simulation.context.setVelocitiesToTemperature(300, 2)
     simulation.step(3)
@@ -143,13 +143,13 @@ def test_effects_say_that_motion_is_not_the_real_one(waterBox, platform):
 
 
 def test_long_time_diffusion_in_a_fluid_is_the_real_one():
-    """A sphere's mean square turn under LangevinHI: momenta relax more slowly by the factor, D =
-    kT/friction stays.
+    """Rotational diffusion of spheres under LangevinHI: momenta relax more slowly by the factor,
+    but D = kT/friction stays.
 
-    <cos> of the angle that an axis turns by in the time t is, once momenta are forgotten, exp(-2 D
-    t) but for a time of relaxation: for the moment I and the friction xi, exp(-2 D (t - I/xi (1 -
-    exp(-xi t/I)))) to first order in D I/xi, here below 0.01. Steps of length h of Langevin C have
-    the diffusion D x/tanh(x), x = h xi/(2 I).
+    <cos> of the angle that an axis turns by in the time t is exp(-2 D t), except for a relaxation
+    time. For the moment I and the friction xi it is exp(-2 D (t - I/xi (1 - exp(-xi t/I)))) to
+    first order in D I/xi, here below 0.01. Steps of length h of Langevin C have the diffusion D
+    x/tanh(x), x = h xi/(2 I).
     """
     bodies, kT, friction, moment, step, steps = 600, 1.0, 8.0, 0.1, 0.005, 100
     D, t = kT/friction, steps*step
@@ -185,7 +185,7 @@ def test_long_time_diffusion_in_a_fluid_is_the_real_one():
         z = (turns.mean() - expected)/(turns.std()/np.sqrt(len(turns)))
         print(f'factor {factor}: <cos> {turns.mean():.4f}, expected {expected:.4f}, z = {z:.2f}')
         assert abs(z) < FIVE_SIGMA
-        # The test tells a diffusion that is slower by the factor.
+        # The test would detect a diffusion that is slower by the factor.
         assert factor == 1 or (np.exp(-2*D*t/factor) -
                                expected)/(turns.std()/np.sqrt(len(turns))) > 2*FIVE_SIGMA
 

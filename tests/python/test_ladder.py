@@ -1,5 +1,5 @@
-"""openmmrigidhi.accuracy, the hydrodynamic ladder: known errors of a pair, the advice it gives,
-scenes, files, command line."""
+"""openmmrigidhi.accuracy, the hydrodynamic ladder: known errors of a pair, its advice, scenes,
+files, and the command line."""
 import contextlib
 import copy
 import csv
@@ -61,7 +61,7 @@ def test_the_reference_is_exact_for_a_pair(pairs):
     assert {row['rung'] for row in pairs.rows if row['is_reference']} == {'FTS+lubrication'}
     for l, (drag, spin) in EXACT.items():
         velocity = value(pairs, l, 'FTS+lubrication', 'sedimentation')['value']
-        # The norm is over both spheres, which turn in opposite senses.
+        # The norm is over both spheres, which turn in opposite directions.
         turning = value(pairs, l, 'FTS+lubrication', 'rotation_translation')['value']/np.sqrt(2)
         print(f'l = {l:g}: F/U off by {1/(4*np.pi*eta*velocity)/drag - 1:.1e}, omega/U by '
               f'{turning/spin - 1:.1e}')
@@ -105,12 +105,12 @@ def test_the_cheapest_rung_is_named(pairs):
     }
     for row in result.rows:
         row['seconds_step'] = cost[row['rung']]
-    # Errors of the settling velocity: RPY up to 1.5 %, FTS up to 0.8 %.
+    # Errors of the settling velocity are up to 1.5 % for RPY, and up to 0.8 % for FTS.
     assert result.recommend('sedimentation:2%').setting['rung'] == 'RPY'
     assert result.recommend('sedimentation:1%').setting['rung'] == 'FTS'
     assert result.recommend(
         'sedimentation:1%,rotation_translation:5%').setting['rung'] == 'FTS+lubrication'
-    # Cheaper blobs would do as well.
+    # Cheaper multiblobs would be good enough.
     for row in result.rows:
         if row['rung'] == 'multiblob12':
             row['seconds_step'] = 1.5e-6
@@ -181,8 +181,8 @@ def test_numbers_for_people():
 
 
 def trap(offset=(0.0, 0.0, 0.0), markers=True, force=1.0):
-    """Three spheres whose centres are off the bodies' origins, turned, with markers that the fluid
-    does not see, and forces."""
+    """Three turned spheres whose centres are off the bodies' origins, with forces, and with markers
+    that the fluid does not see."""
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
         300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
@@ -198,7 +198,7 @@ def trap(offset=(0.0, 0.0, 0.0), markers=True, force=1.0):
             fluid.addParticle(r)
         pull.addParticle(members[0])
         integrator.addRigidBody(members, 100.0, (10.0, 11.0, 12.0), sites)
-        # The centre of each sphere is at its place whatever the offset.
+        # The centre of each sphere is at its place for any offset.
         positions.extend(np.asarray(centre) + (sites - sites[0]) @ turn.T)
     system.addForce(pull)
     system.addForce(fluid)
@@ -206,7 +206,7 @@ def trap(offset=(0.0, 0.0, 0.0), markers=True, force=1.0):
 
 
 def callableScene():
-    """For the command line."""
+    """The scene of the tests of the command line."""
     return trap()
 
 
@@ -226,7 +226,7 @@ def test_where_the_origin_is_does_not_matter():
         difference = abs(first - second).max()/abs(first).max()
         print(f'{rung}: {difference:.1e}')
         assert difference < (1e-6 if 'blob' not in rung else 1e-2)
-    # A sphere far away has Stokes' tensor if it is set, about its centre.
+    # A distant sphere has Stokes' tensor about its centre, if this tensor is set.
     spheres = accuracy.ladder.Spheres(accuracy.scenes.spheres([(0, 0, 0), (1000, 0, 0)]))
     scaled = accuracy.mobilities.byName('mobility').measure(
         spheres.sample(*spheres.makeContext(accuracy.rungs.byName('multiblob12+self'))[::2]))
@@ -234,7 +234,7 @@ def test_where_the_origin_is_does_not_matter():
 
 
 def trace(sample):
-    """An observable of the user's own."""
+    """An observable that a user might write."""
     return np.trace(sample.mobility)
 
 
@@ -261,12 +261,12 @@ def test_a_scene_of_three():
 
 
 def test_remainder_of_a_sequence():
-    # 1, 1.4, 1.5: the last difference is a quarter of the one before; a half is assumed, so as much
-    # again is to come.
+    # For 1, 1.4, 1.5 the last difference is a quarter of the one before. At least a half is
+    # assumed, so the remainder equals the last difference.
     assert accuracy.ladder.remainder([0.5, 0.1]) == pytest.approx(0.1)
-    # Nearly no last difference is taken for chance.
+    # A last difference of nearly zero is taken for chance.
     assert accuracy.ladder.remainder([0.41, 0.01]) == pytest.approx(0.1)
-    # Ratio 0.6: 0.6/0.4 of the last.
+    # For a ratio of 0.6 the remainder is 0.6/0.4 of the last difference.
     assert accuracy.ladder.remainder([1.6, 0.6]) == pytest.approx(0.9)
     assert accuracy.ladder.remainder([1.9, 1.0]) is None
     assert accuracy.ladder.remainder([1.0]) is None and accuracy.ladder.remainder([0.0, 0.0]) == 0
@@ -281,11 +281,10 @@ def test_the_reference_of_many_bodies_depends_on_the_observable():
     class Number:
         compare = staticmethod(lambda value, reference: (value - reference)/reference)
 
-    # Multiblobs agree with each other and not with FTS+lubrication, whose many-body terms are
-    # missing.
+    # Multiblobs agree with each other but not with FTS+lubrication, which lacks many-body terms.
     found = study.chooseReference(Number, dict(zip(names, (1.03, 1.004, 1.0005, 1.0, 0.99))))
     assert found['rung'] == 'multiblob162' and found['believed'] == pytest.approx(0.0035/4)
-    # They approach it, but are far from it: nearly touching spheres.
+    # For nearly touching spheres, multiblobs approach FTS+lubrication, but are far from it.
     found = study.chooseReference(Number, dict(zip(names, (8.0, 4.5, 3.0, 2.2, 1.0))))
     assert found['rung'] == 'FTS+lubrication' and found['believed'] == pytest.approx(1.2)
 
@@ -354,7 +353,7 @@ def test_scenes_that_are_not_of_spheres():
 
 
 def test_flows_that_drive_a_scene_do_not_matter():
-    """What is compared are mobilities, which know no flow."""
+    """The study compares mobilities, which do not depend on the driven flow."""
     for edges, drive in ((None, lambda fluid: fluid.setBackgroundFlow((1, 0, 0), [(0, 2, 0),
                                                                                   (0, 0, 0),
                                                                                   (0, 0, 0)])),
@@ -503,10 +502,10 @@ def test_arrays_have_their_exact_numbers(arrays):
                 if known is not None:
                     assert row['value'] == pytest.approx(known, rel=1e-6)
                     assert row['error'] == pytest.approx(known/exact[fraction] - 1, abs=1e-6)
-    # Dilute arrays are alike in all models.
+    # In dilute arrays all models agree.
     for rung in ('RPY', 'ForceCoupling', 'FTS', 'FTS+lubrication'):
         assert abs(numberOf(arrays, 0.001, rung, 'drag')['error']) < 1e-4
-    # Free draining has no images: the drag of a sphere alone.
+    # FreeDraining has no images, so the drag is that of a sphere alone.
     assert numberOf(arrays, 0.45, 'FreeDraining', 'drag')['value'] == pytest.approx(1, abs=1e-9)
 
 
@@ -516,13 +515,13 @@ def test_fts_cannot_follow_a_dense_array(arrays):
         'ForceCoupling'] == 0.216 and good['FreeDraining'] is None
     assert numberOf(arrays, 0.216, 'FTS+lubrication', 'drag')['error'] < -0.15 and numberOf(
         arrays, 0.45, 'FTS+lubrication', 'drag')['error'] < -0.6
-    # Lubrication is what rotation needs, and shells of blobs what translation does.
+    # For rotation lubrication is needed, and for translation shells of blobs.
     assert arrays.goodUpTo('rotational_drag:2%')['FTS+lubrication'] == 0.45
     assert good['multiblob42'] == 0.343
     text = next(text for text in ladderreport.summary(arrays, [], []) if text.startswith('Drag K'))
     assert ('FTS: up to 0.125; ' in text
             and 'the exact number is 28.09, and found are FreeDraining 1, RPY 9.881' in text)
-    # Shells that do not fit between their images are named with the arrays for which that is so.
+    # Shells that do not fit between their images are named together with these arrays.
     assert any(
         text.startswith('multiblob42 cannot be used at volume fraction 0.45: ')
         for text in ladderreport.summary(arrays, [], []))
@@ -545,7 +544,7 @@ def test_files_of_arrays(arrays, tmp_path):
 
 
 def test_a_sphere_in_a_box_is_no_exact_pair():
-    """One sphere, and StokesianDynamics: exact in unbounded fluid, but not among its images."""
+    """For one sphere StokesianDynamics is exact in unbounded fluid, but not among its images."""
     result = accuracy.LadderStudy(accuracy.scenes.array(0.343),
                                   ['FTS', 'multiblob42', 'FTS+lubrication'], ['mobility'],
                                   platforms=('Reference',)).run(1, 0.001)

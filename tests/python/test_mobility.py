@@ -1,5 +1,5 @@
-"""MobilityForce in Python: units, shapes, settings that come back as they were set, copies, and
-what a user sees of it."""
+"""MobilityForce in Python: units, shapes, settings that are read as they were set, copies, and use
+in a Context."""
 import copy
 import gc
 import pickle
@@ -16,13 +16,13 @@ PASCAL_SECOND = 602214.076  # in dalton/(nm ps)
 
 
 def tensor(seed):
-    """A positive definite 6 x 6 matrix without symmetry of any kind."""
+    """A positive definite 6 x 6 matrix without any further symmetry."""
     x = np.random.default_rng(seed).normal(size=(6, 6))
     return x @ x.T + np.eye(6)
 
 
 def everything():
-    """A MobilityForce none of whose properties has its default."""
+    """A MobilityForce in which no property has its default."""
     fluid = MobilityForce()
     for radius in (0.1, 0, 1/3):
         fluid.addParticle(radius)
@@ -76,7 +76,7 @@ def throughSystem(fluid):
     system.addForce(copy.copy(fluid))
     twin = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(system))
     force = castForce(twin.getForce(0))
-    force._system = twin  # who owns the C++ object must live as long
+    force._system = twin  # the owner of the C++ object must live as long
     return force
 
 
@@ -298,7 +298,7 @@ def test_velocities_of_blobs(platform):
     translation = mobility.reshape(3, 6, 3, 6)[:, :3, :, :3].reshape(9, 9)
     assert np.allclose(velocities._value.ravel(), translation @ forces.ravel(), rtol=1e-12,
                        atol=1e-15)
-    # kcal/(mol A) are units of force too, and lists of rows are arrays.
+    # kcal/(mol A) is a unit of force too, and lists of rows are accepted as arrays.
     other = scene.fluid.applyBlobMobilityInContext(
         scene.context,
         forces.tolist()*unit.kilocalorie_per_mole/unit.angstrom)

@@ -73,7 +73,7 @@ def test_a_cylinder():
     assert np.allclose(np.unique(np.round(side[:, 0], 12)), np.linspace(-3, 3, 13))
     nearest = scipy.spatial.cKDTree(points).query(points, 2)[0][:, 1]
     assert 0.45 < nearest.min() and nearest.max() < 0.6
-    # The ends are equal, and filled.
+    # Both ends are equal and closed by blobs.
     ends = [np.sort(radial[np.isclose(points[:, 0], x)]) for x in (-3, 3)]
     assert np.allclose(*ends) and ends[0][0] == 0
     assert len(app.cylinder(1, 6, 0.5, closed=False)._value) == 13*13
@@ -110,15 +110,15 @@ def test_system_integrator_and_fluid_are_kept_in_step(platform):
     context.setVelocitiesToTemperature(300, 1)
     integrator.step(3)
     N = fluid.getMobilityInContext(context)
-    # Two spheres of 0.5 nm far apart; the radius for translation is that of the multiblob's
-    # definition.
+    # Two spheres of 0.5 nm are far apart. The radius for translation is the one that defines the
+    # multiblob.
     assert N[0, 0] == pytest.approx(N[6, 6], rel=3e-3)
 
 
 @pytest.mark.parametrize('n, rotation', [(12, 0.02464), (42, 0.01793), (162, 0.00548),
                                          (642, 0.00125), (2562, 0.00017)])
 def test_radii_of_shells(n, rotation):
-    """Conjugate gradients with products of blobs: a shell of hydrodynamic radius 0.7 nm has the
+    """By conjugate gradients with products of blobs, a shell of hydrodynamic radius 0.7 nm has the
     Stokes drag of a sphere."""
     R, eta = 0.7, 2.0
     centres, blob = (x._value for x in app.multiblobSphere(n, R))
@@ -136,8 +136,8 @@ def test_radii_of_shells(n, rotation):
         return fluid.applyBlobMobilityInContext(context, forces.reshape(n, 3))._value.ravel()
 
     def drag(velocities):
-        """velocities . forces: its error is the square of that of the residual, times a condition
-        number of thousands."""
+        """The product velocities . forces. Its error is the square of the residual's error, times a
+        condition number of thousands."""
         hasRtol = 'rtol' in inspect.signature(scipy.sparse.linalg.cg).parameters
         relative = {'rtol' if hasRtol else 'tol': 1e-7}  # SciPy 1.12 renamed it
         forces, status = scipy.sparse.linalg.cg(

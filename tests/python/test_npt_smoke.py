@@ -1,5 +1,5 @@
-"""Rigid bodies under a Monte Carlo barostat: bodies stay rigid and where the barostat put them; the
-density stays that of water. The long comparison with OpenMM's own rigid water is
+"""Under a Monte Carlo barostat bodies stay rigid and at the places where the barostat puts them,
+and the density stays that of water. The long comparison with OpenMM's own rigid water is in
 validation/accuracy/density."""
 import importlib.util
 import pathlib
@@ -42,8 +42,8 @@ def checkRigidAndInPlace(context, integrator):
 
 
 def test_bodies_under_a_barostat_stay_rigid(platform):
-    """Both platforms: moves of the barostat every fifth step, each accepted one translates every
-    body."""
+    """The barostat makes a move every fifth step, and each accepted move translates every body, on
+    both platforms."""
     water = WaterBox(4)
     barostat = openmm.MonteCarloBarostat(1*unit.bar, 300*unit.kelvin, 5)
     barostat.setRandomNumberSeed(1)
@@ -64,10 +64,11 @@ def test_bodies_under_a_barostat_stay_rigid(platform):
 
 
 def test_density_of_water_for_5_ps():
-    """CPU, PME, 216 waters, 4 fs.
+    """The density of 216 waters stays near that of water, on CPU, with PME and steps of 4 fs.
 
-    The volume of so many fluctuates by sqrt(kT kappa/V) = 1.7 % (kappa = 4.5e-10/Pa), so six sigma
-    is 10 %; the start, a little dilute as addSolvent() leaves it, and 5 ps are given another 10 %.
+    The volume of this number of waters fluctuates by sqrt(kT kappa/V) = 1.7 % (kappa = 4.5e-10/Pa),
+    so six sigma is 10 %. Another 10 % are allowed for the short run of 5 ps and its start, which
+    addSolvent() leaves a little dilute.
     """
     spec = importlib.util.spec_from_file_location('npt_density', SCRIPT)
     example = importlib.util.module_from_spec(spec)
@@ -88,8 +89,8 @@ def test_density_of_water_for_5_ps():
     assert len(set(densities)) > 5
     checkRigidAndInPlace(context, integrator)
     kinetic = integrator.computeSystemTemperature()._value
-    # 1293 degrees of freedom: one reading scatters by 4 %; six of these, and the 4 % by which
-    # Langevin C reads low at 4 fs.
+    # With 1293 degrees of freedom one reading scatters by 4 %. Six times this is allowed, and the 4
+    # % by which Langevin C reads low at 4 fs.
     assert 300*(1 - 0.04 - 0.24) < kinetic < 300*(1 + 0.24)
 
 

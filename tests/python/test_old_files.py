@@ -1,7 +1,7 @@
-"""XML of format version 1 stays readable for ever: a file of each class, as the first version of
-the library wrote it.
+"""XML of format version 1 must always stay readable. There is a file of each class, as the first
+version of the library wrote it.
 
-The integrator's and the States' are read by test_saved_definitions.py.
+The files of the integrator and of States are loaded into Contexts by test_saved_definitions.py.
 """
 import pathlib
 
@@ -34,7 +34,7 @@ def test_mobility_force():
     expected[0, 0] = 9
     np.testing.assert_array_equal(force.getBodyFriction(2), expected)
     assert list(force.getBodiesWithOwnTensors()) == [1, 2]
-    # What the first version did not have is as it was then: nothing.
+    # Settings that the first version did not have are off.
     assert force.getGridSpacing()._value == 0
     assert force.getSinusoidalForceDensity()[0]._value == 0
     assert not np.any(force.getBackgroundFlow()[0]._value) and not np.any(

@@ -1,5 +1,5 @@
-"""Only the effects that a scene calls for: the counters of getStepStatistics() prove what was not
-done."""
+"""A step computes only the effects that a scene calls for. The counters of getStepStatistics() show
+what was not computed."""
 import numpy as np
 import openmm
 import pytest
@@ -10,7 +10,7 @@ STEPS = 7
 
 
 def scene(platform, model, temperature, bodies=3, blobs=0, solver=MobilityForce.Auto):
-    """Spheres, or multiblobs, in a row: (integrator, Context)."""
+    """Spheres or multiblobs in a row: (integrator, Context)."""
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
         temperature, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
@@ -35,9 +35,9 @@ def scene(platform, model, temperature, bodies=3, blobs=0, solver=MobilityForce.
 
 
 def counted(integrator, context):
-    """What STEPS steps of the Context's integrator add to the counters.
+    """The increments of the counters in STEPS steps of the Context's integrator.
 
-    The first step before them does what is done once.
+    The step before them does the work that is done only once.
     """
     integrator.step(1)
     before = integrator.getStepStatistics()
@@ -90,7 +90,7 @@ def test_one_body_is_computed_once(platform, model, blobs):
         pytest.skip('StokesianDynamics is for spheres')
     integrator, context = scene(platform, model, 300, bodies=1, blobs=blobs)
     assert counted(integrator, context)['mobilityProducts'] == 0
-    # Nor later on, wherever it is.
+    # The mobility is not computed later either, wherever the body is.
     integrator.setBodyPositions([(5, 5, 5)])
     integrator.setBodyOrientations([(0.6, 0, 0.8, 0)])
     before = integrator.getStepStatistics()['mobilityProducts']
@@ -109,8 +109,8 @@ def test_one_sphere_needs_no_root_of_a_matrix(platform):
 
 
 def test_a_warning_is_printed_once_for_its_cause(capfd):
-    """Temperatures and steps that change from run to run, as in annealing, change the numbers in it
-    and nothing else."""
+    """Temperatures and steps that change from run to run, as in annealing, change only the numbers
+    in the warning. It is not printed again."""
     system = openmm.System()
     system.addParticle(1)
     integrator = CustomRigidHIIntegrator(300, 0.1)

@@ -1,6 +1,6 @@
 """The schemes without momenta through Python: constants, settings, units, warnings, effects.
 
-Numbers: tests/platform/TestOverdamped.cpp.
+Numerical results are tested in tests/platform/TestOverdamped.cpp.
 """
 import copy
 
@@ -12,7 +12,8 @@ from openmm import unit
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
 from openmmrigidhi.integrator import Scheme
 
-#: How each makes the stochastic drift, as getEffects() says it; and whether by finite differences.
+#: The way in which each scheme makes the stochastic drift, in the words of getEffects(), and
+#: whether it takes finite differences.
 SCHEMES = {
     s.name: (s.traits.drift, s.traits.differenced != '')
     for s in Scheme if s.traits.isOverdamped and s.traits.drift
@@ -22,7 +23,8 @@ ALL = ('EulerMaruyama', *SCHEMES)
 
 def scene(scheme, temperature=300, wall=False, bodies=1, groups=None, sites=None,
           solver=MobilityForce.Auto, stepSize=0.001, context=True):
-    """Massless boomerangs of five blobs about their cross points: (integrator, Context or System).
+    """Massless boomerangs of five blobs with origins at their cross points: (integrator, Context or
+    System).
     """
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
         temperature, stepSize)
@@ -81,8 +83,8 @@ def test_finite_difference_step():
 
 @pytest.mark.parametrize('name', ALL)
 def test_run_with_units(name):
-    """Micrometres, seconds and pascals: the body moves as far in a step as its mobility says, and
-    stays rigid."""
+    """With quantities in micrometres, seconds and pascals the body moves as far in a step as its
+    mobility says, and stays rigid."""
     integrator, system = scene(name, wall=True, sites=app.boomerang(0.3*unit.micrometer, 2)._value,
                                stepSize=0.001*unit.second, context=False)
     fluid = MobilityForce.cast(system.getForce(0))
@@ -105,8 +107,8 @@ def test_run_with_units(name):
     mobility = fluid.getMobilityInContext(context)[:3, :3]
     expected = 2*1e9*300*8.31446261815324e-3*np.trace(mobility)*1e-6  # um^2
     measured = np.mean(np.square(squares).sum(axis=1))
-    # A step's square has a standard deviation of 1.1 of its mean (the drifter-corrector's,
-    # measured; others' 0.82), so this is 4.5 standard errors.
+    # The square of a step has a standard deviation of 1.1 of its mean (measured for the drift
+    # corrector; 0.82 for other schemes), so this is 4.5 standard errors.
     print(measured/expected)
     assert abs(measured/expected - 1) < 0.5
     assert not integrator.getBodyVelocities()._value.any() and integrator.getDegreesOfFreedom(
@@ -114,7 +116,7 @@ def test_run_with_units(name):
 
 
 def warningsOf(scheme_, temperature, capfd):
-    """What is printed on standard error while steps, step sizes and schemes change to and fro."""
+    """The text on standard error while steps, step sizes and schemes change back and forth."""
     capfd.readouterr()
     integrator, context = scene(scheme_, temperature, wall=True)
     for stepSize in (0.001, 0.0005, 0.001):
@@ -128,7 +130,7 @@ def warningsOf(scheme_, temperature, capfd):
 
 
 def test_euler_maruyama_warns_once(capfd):
-    """Once for a Context; not where nothing is omitted."""
+    """The warning is printed once for a Context, and not if the scheme omits nothing."""
     warning = 'EulerMaruyama omits the stochastic drift kT div N'
     assert warningsOf('EulerMaruyama', 300, capfd).count(warning) == 1
     assert warningsOf('EulerMaruyama', 300, capfd).count(warning) == 1
@@ -141,8 +143,8 @@ def test_euler_maruyama_warns_once(capfd):
                                          ('off its origin', True), ('lubrication', True),
                                          ('alone off its centre', True)])
 def test_euler_maruyama_warns_where_it_is_wrong(case, warns, platform, capfd):
-    """Where div N = 0 nothing is omitted: spheres in an unbounded fluid, a body alone about its
-    centre of mobility."""
+    """If div N = 0 nothing is omitted, as for spheres in an unbounded fluid, and for a body alone
+    about its centre of mobility."""
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
         300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.EulerMaruyama)
@@ -183,7 +185,7 @@ def test_other_schemes_do_not_warn(name, capfd):
 
 @pytest.mark.parametrize('name', SCHEMES)
 def test_effects_of_the_drift(name):
-    """What is on and why is what the counters say."""
+    """The effects that are on, and the reasons, agree with the counters."""
     how, hasDifferences = SCHEMES[name]
     integrator, _ = scene(name, wall=True)
     effects = integrator.getEffects()
@@ -211,7 +213,8 @@ def test_effects_of_the_drift(name):
 
 @pytest.mark.parametrize('name', SCHEMES)
 def test_effects_of_constant_mobility(name):
-    """One body in unbounded fluid: no differences; and no drift about its centre of mobility."""
+    """One body in unbounded fluid needs no finite differences. About its centre of mobility it has
+    no drift."""
     hasDifferences = SCHEMES[name][1]
     integrator, context = scene(name, bodies=2, groups=[0, 1])
     offCentre = integrator.getEffects()
@@ -242,7 +245,8 @@ def test_effects_of_euler_maruyama():
 
 
 def test_effects_matrix_free():
-    """The finite-difference step grows with the solver's tolerance: the cube root of 1e-6."""
+    """The finite-difference step grows with the solver's tolerance. Here it is the cube root of
+    1e-6."""
     integrator, _ = scene('RandomFiniteDifference', bodies=2, solver=MobilityForce.MatrixFree)
     effects = integrator.getEffects()
     assert effects['finite differences'] == 'on: steps of 0.01 body lengths, and radians'
@@ -250,8 +254,8 @@ def test_effects_matrix_free():
 
 
 def test_effects_of_other_schemes():
-    """Drift and differences are named for all schemes, and off where momenta or constant mobilities
-    do without them."""
+    """The effects name drift and differences for all schemes. With momenta or a constant mobility
+    they are off."""
     integrator = CustomRigidHIIntegrator(300, 0.001)
     system = openmm.System()
     system.addParticle(1)
@@ -266,7 +270,8 @@ def test_effects_of_other_schemes():
 
 
 def test_effects_before_positions():
-    """Bodies whose geometry the positions define."""
+    """The drift is unknown before there are positions, for bodies whose geometry the positions
+    define."""
     integrator, system = scene('TrapezoidalSlip', wall=True, context=False)
     again = CustomRigidHIIntegrator(300, 0.001)
     again.setScheme(integrator.getScheme())
@@ -298,8 +303,8 @@ def atOnePlace(sites, radii, bodies=1):
 
 
 def test_blobs_at_one_place():
-    """Two blobs of one radius would move alike under any forces; concentric ones of two radii do
-    not resist rotation."""
+    """Blobs at one place are refused. Two of one radius would move alike under any forces, and
+    concentric blobs of two radii do not resist rotation."""
     integrator, context = atOnePlace([(0, 0, 0), (1, 0, 0), (0, 1, 0)], 0.5, bodies=2)
     with pytest.raises(
             openmm.OpenMMException, match=
@@ -313,7 +318,8 @@ def test_blobs_at_one_place():
 
 
 def test_a_virtual_site_with_a_radius():
-    """Outside a body nothing says how the fluid would move it."""
+    """A virtual site outside of bodies may have no radius, because its motion is not defined by the
+    fluid."""
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(
         300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.FixmanMidpoint)

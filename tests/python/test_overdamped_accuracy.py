@@ -1,5 +1,5 @@
-"""openmmrigidhi.accuracy, the overdamped limit: exact averages, what is compared, what the study
-finds, the command line."""
+"""openmmrigidhi.accuracy, the overdamped limit: exact averages, the scenes that are compared,
+results of the study, and the command line."""
 import contextlib
 import io
 import os
@@ -27,7 +27,7 @@ def small():
 
 
 def test_quadrature_of_the_published_boomerang():
-    """g = 1: mean height and <cos^2> by independent quadratures, known to 1e-4."""
+    """For g = 1 independent quadratures give the mean height and <cos^2>, to 1e-4."""
     found = overdamped.quadrature(overdamped._bodySites(7), overdamped.WEIGHT)
     assert found['height'] == pytest.approx(10.8544, rel=1e-4)
     assert found['cos2'] == pytest.approx(0.37016, rel=1e-4)
@@ -35,7 +35,7 @@ def test_quadrature_of_the_published_boomerang():
 
 @pytest.mark.parametrize('weight', (0.18, 1.8, 20))
 def test_quadrature_of_a_sphere(weight):
-    """One blob: all directions alike, and a one-dimensional integral."""
+    """For one blob all directions are alike, and the exact mean is a one-dimensional integral."""
     found = overdamped.quadrature([(0, 0, 0)], weight, 4)
 
     def weighted(value):
@@ -54,8 +54,8 @@ def test_quadrature_of_a_sphere(weight):
 
 
 def test_the_start_is_in_equilibrium(small):
-    """The potential energy that OpenMM sees is weight and repulsion of what is measured;
-    observables are those of the particles."""
+    """The potential energy in OpenMM is the weight and repulsion of the measured values.
+    Observables are those of the particles."""
     integrator = overdamped.METHODS['TrapezoidalSlip'].makeIntegrator(small, small.stepSizes[0], 1)
     context = small.makeContext(integrator, reference(), {}, 1)
     values = overdamped.measure(integrator.getBodyPositions()._value,
@@ -65,11 +65,11 @@ def test_the_start_is_in_equilibrium(small):
     energy = context.getState(getEnergy=True).getPotentialEnergy()._value/KT
     assert energy == pytest.approx(
         (10*overdamped.WEIGHT*heights.mean(axis=1) + values['repulsion']).sum(), rel=1e-10)
-    # cos^2 from the particles: the normal is that of the triangle.
+    # The expected cos^2 is from the particles, with the normal of their triangle.
     triangles = small.positions.reshape(8, 3, 3)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     assert np.allclose(values['cos2'], normals[:, 2]**2/(normals**2).sum(axis=1), rtol=1e-9)
-    # Independent: no body feels another one.
+    # Bodies are independent, each in a group of its own.
     fluid = MobilityForce.cast(small.system.getForce(0))
     assert len(set(fluid.getGroups())) == 8
 
@@ -90,7 +90,7 @@ def test_monte_carlo_of_the_suspension_has_the_forces_of_the_scene():
 
 
 def test_monte_carlo_samples_the_quadrature():
-    """One body, far inside the pen."""
+    """Monte Carlo of one body, far inside the pen, has the mean height of the quadrature."""
     sites = overdamped._bodySites(1)
     sampler = overdamped._Pen(sites, 1, 3.0, 1e6, 400, 7)
     sampler.burnIn(100)
@@ -102,7 +102,7 @@ def test_monte_carlo_samples_the_quadrature():
     exact = overdamped.quadrature(sites/overdamped.RADIUS, 3.0)['height']
     error = heights.std(ddof=1)/20
     print(f'{heights.mean():.4f} +- {error:.4f}, exact {exact:.4f}')
-    # 4.5 standard errors: 7e-6 of false alarms.
+    # The bound is 4.5 standard errors, with a probability of 7e-6 of a false alarm.
     assert abs(heights.mean() - exact) < 4.5*error < 0.1*exact
 
 
@@ -113,7 +113,7 @@ def test_masses_relax_at_the_rate_they_are_named_for(small, name):
     mass, moments = (x._value for x in integrator.getRigidBodyParameters(3)[1:3])
     assert integrator.getScheme() == CustomRigidHIIntegrator.LangevinHI
     N = np.linalg.inv(overdamped._bulkMobility(small.sites))
-    # Of the mean mobility, as diffusion sees it.
+    # The rate is that of the mean mobility, which determines diffusion.
     mean = 3/np.trace(np.linalg.inv(N)[:3, :3])
     assert mean/mass*step == pytest.approx(overdamped.INERTIA[name], rel=1e-10)
     assert np.allclose(1/np.diag(np.linalg.inv(N))[3:]/moments*step, overdamped.INERTIA[name],
@@ -121,7 +121,8 @@ def test_masses_relax_at_the_rate_they_are_named_for(small, name):
 
 
 def test_what_the_study_finds():
-    """Euler and Maruyama's omission is seen, and it takes no part in the reference of the motion.
+    """The study detects the drift that EulerMaruyama omits, and leaves this scheme out of the
+    reference of the motion.
     """
     scene = overdamped.boomerang(16, blobsPerArm=3)
     study = overdamped.OverdampedStudy(
@@ -147,7 +148,7 @@ def test_what_the_study_finds():
                                               for method, _ in motion.points
                                               } == {'RandomFiniteDifference'}
     assert all(row['mean'] > 0 for row in result.select('msd'))
-    # Times of independent replicas add up.
+    # The times of independent replicas add up.
     row = result.select('height', 'RandomFiniteDifference')[0]
     perSecond = row['ns_per_day']*1000/86400/scene.timeUnit*16
     assert row['ns_per_day']*result.knob.speedScale == pytest.approx(perSecond, rel=1e-12)
@@ -199,7 +200,7 @@ def test_command_line(tmp_path):
             } <= set(os.listdir(directory))
     page = (tmp_path/'found'/'report.html').read_text()
     assert 'τ_D/s' in page and 'ns/day' not in page
-    # Asked again from the file.
+    # The same answers come from the file.
     again = io.StringIO()
     with contextlib.redirect_stdout(again):
         assert cli.main([
@@ -222,8 +223,8 @@ def test_wrong_arguments(arguments, message, capsys):
 
 
 def test_errors_come_from_replicas():
-    """However long the samples of a replica remember: coverage of the true mean by the interval of
-    one standard error."""
+    """The interval of one standard error covers the true mean as often as it should, for any
+    correlation time of the samples of a replica."""
     rng = np.random.default_rng(11)
     inside, cases = 0, 400
     for _ in range(cases):
@@ -231,7 +232,8 @@ def test_errors_come_from_replicas():
         found = statistics.replicaStatistics(series)
         inside += abs(found.mean - 3) < found.standardError
         assert found.degrees == 19 and found.isTrusted
-    # Student's t with 19 degrees: 67 %, with a standard error of 2.3 %; 4.5 of these.
+    # By Student's t with 19 degrees the coverage is 67 %, with a standard error of 2.3 %. The test
+    # allows 4.5 of these.
     print(inside/cases)
     assert abs(inside/cases - 0.67) < 0.105
     few = statistics.replicaStatistics(rng.normal(size=(400, 3)))

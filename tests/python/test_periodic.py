@@ -1,4 +1,5 @@
-"""Periodic fluids in Python: published matrices and arrays, independent sums, and a user's run."""
+"""Periodic fluids in Python: published matrices and arrays, independent sums, and changes of the
+box."""
 import json
 from pathlib import Path
 
@@ -43,9 +44,9 @@ def test_three_unequal_spheres(platform, model, key):
     context, fluid, _ = scene(case['positions'], case['radii'], np.diag(case['box']), model, False,
                               platform)
     M = fluid.getMobilityInContext(context)
-    # 13 digits of the largest are printed.
+    # The expected matrix is printed with 13 digits of its largest entry.
     assert np.abs(M - expected).max() < 1e-12*np.abs(expected).max()
-    # The same lattice by other vectors, as far as OpenMM takes them, and by other images.
+    # Other images of the spheres give the same matrix.
     L = case['box'][0]
     context.setPositions(
         np.array(case['positions']) + L*np.array([(3, -2, 0), (0, 5, -1), (1, 1, 1)]))
@@ -54,7 +55,7 @@ def test_three_unequal_spheres(platform, model, key):
 
 
 def test_force_coupling_is_its_definition():
-    """Every wave for itself, by NumPy."""
+    """The matrix is the sum of its definition over all waves, by NumPy."""
     box, radii = np.array([(7, 0, 0), (3.4, 6.5, 0), (-3.1, 2.9, 7.2)]), np.array([1, 0.7, 0.8])
     x = np.array([(0.41, 6.9, 1.2), (2.15, 0.35, 8.9), (2.3, 0.9, 9.4)])
     volume, reciprocal = np.linalg.det(box), 2*np.pi*np.linalg.inv(box)  # columns
@@ -107,7 +108,8 @@ def _free(a, b, r):
 
 
 def _screened(a, b, r, xi, k, weights):
-    """The same averaged by Gauss and Legendre's rule over waves k with Hasimoto's H."""
+    """The part of the pair mobility that waves k with Hasimoto's H make, by Gauss-Legendre
+    quadrature over k."""
     def j(n, x):
         return (np.sin(x)/x, np.sin(x)/x**2 - np.cos(x)/x,
                 (3/x**3 - 1/x)*np.sin(x) - 3*np.cos(x)/x**2)[n]
@@ -129,7 +131,7 @@ def _screened(a, b, r, xi, k, weights):
 
 
 def _slowSum(x, radii, box, xi):
-    """Ewald's sum of Rotne, Prager and Yamakawa, wave by wave and image by image."""
+    """The Ewald sum of Rotne, Prager and Yamakawa, wave by wave and image by image."""
     volume, reciprocal = np.linalg.det(box), 2*np.pi*np.linalg.inv(box)
     n = np.stack(np.meshgrid(*[np.arange(-14, 15)]*3, indexing='ij'), -1).reshape(-1, 3)
     waves = (n @ reciprocal.T)[(n != 0).any(1)]
@@ -160,8 +162,9 @@ def _slowSum(x, radii, box, xi):
 
 
 def test_rotne_prager_yamakawa_is_a_slow_sum():
-    """Written down again, with another splitting, in a triclinic box: apart, overlapping, one
-    inside another, ratio 10."""
+    """The matrix is that of a sum that is written down again, with another splitting, in a
+    triclinic box. Spheres are apart, overlap, or are inside one another, with radii up to 1 : 10.
+    """
     box, radii = np.array([(7, 0, 0), (3.4, 6.5, 0),
                            (-3.1, 2.9, 7.2)]), np.array([1, 0.7, 0.6, 0.1])
     x = np.array([(0.41, 6.9, 1.2), (2.15, 0.35, 8.9), (2.3, 0.9, 9.4), (0.6, 7.1, 1.5)])
@@ -208,5 +211,5 @@ def test_bodies_are_bound_to_molecules():
     integrator.step(3)
     N = fluid.getMobilityInContext(context)
     assert np.linalg.eigvalsh(N)[0] > 0
-    # An array of spheres of nearly this radius: slower than one alone.
+    # The shell's images make an array of nearly spheres, which is slower than one sphere alone.
     assert N[0, 0] < 0.8/(6*np.pi*fluid.getViscosity()._value)

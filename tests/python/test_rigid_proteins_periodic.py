@@ -1,4 +1,4 @@
-"""examples/rigid_proteins_periodic, shortened: resumed runs are the uninterrupted ones, and the
+"""In the shortened examples/rigid_proteins_periodic, resumed runs equal uninterrupted ones, and the
 fluid is that of the proteins."""
 import json
 import pathlib
@@ -26,15 +26,15 @@ def result(tmp_path_factory):
 
 
 def test_resumed_runs(result):
-    """Bit for bit on Reference; on CPU the same random numbers, so that only the rounding of
-    OpenMM's forces differs."""
+    """Runs resume bit for bit on Reference. On CPU they have the same random numbers, so that only
+    the rounding of OpenMM's forces differs."""
     rows = result['saved_and_resumed']
     assert {(row['platform'], row['scheme'])
             for row in rows} == {(p, s)
                                  for p in ('Reference', 'CPU')
                                  for s in ('LangevinHI', 'DriftCorrectorFD')}
     for row in rows:
-        # Steps of 1e-3 nm: other noise would be of that size.
+        # Steps are of 1e-3 nm, and another noise would make a difference of this size.
         assert row['moved_after'] > 1e-3
         for saved in ('State', 'checkpoint'):
             if row['platform'] == 'Reference':
@@ -43,8 +43,8 @@ def test_resumed_runs(result):
 
 
 def test_displacements(result):
-    """Without momenta, displacements have the variance 2 kT N t: 720 squares, known to 5 %, within
-    4.5 standard errors."""
+    """Without momenta displacements have the variance 2 kT N t. From 720 squares it is known to 5
+    %, and 4.5 standard errors are allowed."""
     without, = (run for run in result['runs'] if run['scheme'] == 'DriftCorrectorFD')
     count = 3*without['proteins']*without['duration_ps']/0.1
     assert count == pytest.approx(720)
@@ -54,8 +54,8 @@ def test_displacements(result):
 
 
 def test_fluid(result):
-    """The grid is taken, the proteins carry the charge of villin at pH 7, and prices are those of
-    what was asked for."""
+    """The fluid is on a grid, the proteins carry the charge of villin at pH 7, and prices are those
+    of the requested schemes."""
     assert result['charge_e'] == pytest.approx(6, abs=1e-6)
     price, = result['prices']
     kinds = price['kinds']

@@ -1,5 +1,5 @@
-"""Saved states meet definitions of bodies that have changed since: what stays, what wins, what is
-refused."""
+"""Saved states are loaded after definitions of bodies have changed. The state is kept, the System's
+definition wins, or the change is refused."""
 import json
 import pathlib
 import re
@@ -77,7 +77,7 @@ def test_other_moments_are_refused(platform, way, moments):
     with refused('body 0 was saved with another shape or mass', 'moments (1, 2, 2.5) instead of',
                  'load the state into'):
         load(other, saved)
-    # What was there before is as it was, but for positions that OpenMM may have replaced already.
+    # The former state stays, except positions that OpenMM may have replaced already.
     otherIntegrator.step(1)
 
 
@@ -96,7 +96,7 @@ def test_a_body_redefined_before_reinitialize_that_preserves_the_state(platform,
 @pytest.mark.parametrize('change', ['mass', 'site'])
 @pytest.mark.parametrize('way', WAYS)
 def test_another_mass_or_site_is_refused(platform, way, change):
-    """The mass is compared by itself: not with the pose tolerance, which is a length."""
+    """The mass is compared by itself, not with the pose tolerance, which is a length."""
     context, integrator = explicitBody(platform)
     start(context, integrator)
     saved = WAYS[way](context)
@@ -117,7 +117,8 @@ def test_another_mass_or_site_is_refused(platform, way, change):
                                           ((1, 1 + 3e-16, 1), (1 + 3e-16, 1, 1))])
 @pytest.mark.parametrize('way', WAYS)
 def test_moments_that_differ_by_rounding_are_the_same(platform, way, saved, given):
-    """Rounding decides in which order such moments are sorted, and nothing else may depend on it.
+    """Rounding decides in which order such moments are sorted, and no result may depend on this
+    order.
     """
     context, integrator = explicitBody(platform, moments=saved)
     start(context, integrator)
@@ -128,14 +129,14 @@ def test_moments_that_differ_by_rounding_are_the_same(platform, way, saved, give
     assert np.abs(otherIntegrator.getBodyOrientations() - poses).max() < 1e-13
     assert np.abs(twist(otherIntegrator) - twist(integrator)).max() < 1e-12
     otherIntegrator.step(1)
-    assert np.abs(places(other) - before).max() < 2e-8  # a velocity of 10 nm/ps for 1e-9 ps
+    assert np.abs(places(other) - before).max() < 2e-8  # 10 nm/ps for 1e-9 ps
 
 
 # ---- Implicit bodies: the System wins ------------------------------------------------------------
 
 
 def water(platform, masses=(16, 1, 1), bond=0.1, constrained=True, shape=None):
-    """Two waters: one held by constraints, one by its first positions."""
+    """Two waters. Constraints define the shape of one, its first positions that of the other."""
     system = openmm.System()
     for mass in 2*masses:
         system.addParticle(mass)
@@ -155,7 +156,7 @@ def waterPositions(bond=0.1):
 
 
 def expectedBody(masses, bond=0.1):
-    """Mass and moments from masses and shape by themselves."""
+    """The mass and moments, computed here from the masses and the shape."""
     m, x = np.array(masses, dtype=float), waterPositions(bond)[:3]
     x = x - m @ x/m.sum()
     inertia = np.einsum('i,ij->', m, x**2)*np.eye(3) - np.einsum('i,ij,ik->jk', m, x, x)
@@ -185,7 +186,7 @@ def checkBodies(integrator, masses, bond=0.1):
                          ids=['repartitioned', 'ten times', 'skew'])
 @pytest.mark.parametrize('way', ['preserveState', 'State', 'checkpoint'])
 def test_changed_masses_win_over_saved_ones(platform, way, masses):
-    """Particles stay where they are and keep their velocities, as under OpenMM's own integrators.
+    """Particles keep their positions and velocities, as under OpenMM's own integrators.
     """
     system, integrator, context = started(platform)
     before = context.getState(getPositions=True, getVelocities=True)
@@ -224,7 +225,7 @@ def test_changed_masses_win_at_a_plain_reinitialize_and_in_another_system(platfo
     context.reinitialize()
     context.setPositions(waterPositions())
     checkBodies(integrator, masses)
-    # The shapes that the file holds, with the System's masses.
+    # The bodies have the shapes of the file and the masses of the System.
     copy = CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(xml))
     other = openmm.Context(system, copy, platform)
     checkBodies(copy, masses)
@@ -389,7 +390,7 @@ def test_a_refused_state_leaves_the_bodies_as_they_were(platform):
 
 
 def forged(checkpoint, edit):
-    """A checkpoint with other bytes, and the check sum that belongs to them."""
+    """A checkpoint with changed bytes and the check sum of these bytes."""
     at = checkpoint.index(b'RIGIDHI3')
     length = int.from_bytes(checkpoint[at + 8:at + 16], 'little')
     body = bytearray(checkpoint[at + 24:at + 24 + length])
@@ -403,8 +404,8 @@ def forged(checkpoint, edit):
 
 
 def test_checkpoints_with_a_forged_check_sum(platform):
-    """Whatever byte is changed: an error of ours, or the same bodies to the pose tolerance, 1 % of
-    their size, as sites may be."""
+    """If any byte is changed there is an OpenMMException, or the bodies are the same to the pose
+    tolerance, 1 % of their size, as for sites."""
     context, integrator = versionOne(platform)
     checkpoint = context.createCheckpoint()
     at = checkpoint.index(b'RIGIDHI3')
@@ -429,7 +430,7 @@ def test_checkpoints_with_a_forged_check_sum(platform):
         assert np.allclose(twist(integrator), motion, rtol=0.02, atol=0.02*np.abs(motion).max())
         integrator.step(1)
         assert np.isfinite(places(context)).all()
-    assert refusals > 50  # of 150: the three leading bytes of eight
+    assert refusals > 50  # of 150, from the three leading bytes of eight
     for edit, piece in ((lambda body: body + struct.pack('<ddi', 1e-7, 1e-7, 0) + b'\0',
                          'there are 1 bytes after its end'), (lambda body: body + b'\0',
                                                               'it ends too early'),
@@ -447,8 +448,8 @@ def test_checkpoints_with_a_forged_check_sum(platform):
 
 
 def test_memory_of_a_scheme_that_is_not_of_these_bodies(platform):
-    """What a scheme keeps between steps belongs to groups of bodies; none of ours keeps anything,
-    so it is written by hand."""
+    """Data that a scheme keeps between steps belongs to groups of bodies. No scheme of the library
+    keeps data, so the test writes some by hand."""
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.FixmanMidpoint)
@@ -486,12 +487,12 @@ def test_memory_of_a_scheme_that_is_not_of_these_bodies(platform):
 
 
 def test_memory_that_a_scheme_cannot_have(platform):
-    """The name is that of the present scheme, which is none of those that keep anything."""
+    """The data has the name of the present scheme, which keeps none."""
     context, integrator = versionOne(platform)
     xml = stateXml(context).replace(
         '</RigidBodyState>',
         '<SchemeMemory scheme="LangevinC"><Group/></SchemeMemory></RigidBodyState>')
-    load(context, xml)  # without a fluid there is nobody to remember
+    load(context, xml)  # without a fluid the data is ignored
     integrator.step(1)
     system, fluid = openmm.System(), MobilityForce()
     langevin = CustomRigidHIIntegrator(300, 0.001)
@@ -531,7 +532,7 @@ def test_states_hold_what_users_mean(platform):
 
 
 def test_first_positions_that_are_refused_do_not_become_the_shape(platform):
-    """The fluid refuses a body that is below the wall; its shape is not kept."""
+    """The fluid refuses a body that is below the wall, and its shape is not kept."""
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(300, 0.001)
     integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
@@ -555,7 +556,7 @@ def test_first_positions_that_are_refused_do_not_become_the_shape(platform):
 
 
 def test_the_saved_seed_goes_on(platform):
-    """A new seed takes effect where no state is preserved."""
+    """A new seed takes effect if no state is preserved."""
     def run(action):
         _, integrator, context = started(platform)
         action(integrator, context)

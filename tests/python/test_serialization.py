@@ -1,4 +1,4 @@
-"""Every setting survives XML, copies and pickles; damaged files are refused; copies are working
+"""Every setting survives XML, copies and pickles. Damaged files are refused, and copies are working
 objects."""
 import copy
 import gc
@@ -16,7 +16,7 @@ from scenes import WaterBox, dumbbells
 
 SITES = [(0, 0, -1/30), (0.1, 1/7, 0.1)]
 
-#: Every property: setter, getter, a value that is not the default.
+#: For every property: setter, getter, a value that is not the default.
 PROPERTIES = [
     ('setTemperature', 'getTemperature', 1000/3*unit.kelvin),
     ('setStepSize', 'getStepSize', 0.001/3*unit.picosecond),
@@ -39,7 +39,7 @@ PROPERTIES = [
     ('setDriftCorrectorScaling', 'getDriftCorrectorScaling', CustomRigidHIIntegrator.Whole),
     ('setFiniteDifferenceStep', 'getFiniteDifferenceStep', 1e-4/3),
 ]
-#: What files of earlier versions do not have: the getter, and the default.
+#: Properties that files of earlier versions do not have: the getter, and the default.
 NEWER = {
     'inertiaScale': ('getInertiaScale', 1),
     'maximumRejections': ('getMaximumRejections', 100),
@@ -111,7 +111,7 @@ def test_every_property_survives(setter, getter, value, duplicate):
 def test_every_setter_is_in_the_list_of_properties():
     """A new setting cannot be forgotten here.
 
-    The others act on bodies or on the state of a Context.
+    Setters in `others` act on bodies or on the state of a Context.
     """
     others = {
         'setBodyPositions', 'setBodyOrientations', 'setBodyVelocities', 'setBodyAngularVelocities',
@@ -232,8 +232,8 @@ def test_cast_of_what_another_object_owns_does_not_own():
 
 
 def test_copies_leak_nothing():
-    """Hundreds of copies, each freed once and at once: a double free would crash, a leak would
-    grow."""
+    """Hundreds of copies are each freed once, immediately. A double free would crash, and a leak
+    would grow."""
     import resource
     integrator = CustomRigidHIIntegrator(300, 0.002)
     integrator.addRigidBody(range(1000), 1.0, (1, 1, 1), np.zeros((1000, 3)))  # about 30 kB
@@ -255,11 +255,10 @@ def xml():
 
 
 def test_a_file_cut_short_is_refused_or_whole():
-    """Cut after every element.
+    """A file is cut after every element.
 
     OpenMM 7.7's own XML parser reads beyond the end of a text that stops inside a tag (found with
-    AddressSanitizer, for its own integrators just the same), so what happens then is not ours to
-    promise.
+    AddressSanitizer, also for its own integrators). So nothing is promised for such texts.
     """
     whole = xml()
     lengths = [match.end() for match in re.finditer('>', whole)]

@@ -1,10 +1,10 @@
 """The observables of validation/davidchack2015 against OpenMM: energies, forces, torques,
 Laplacians, pressure.
 
-Needs OpenMM only, not the plugin. The configuration is a lattice of randomly turned waters,
-jittered and minimised for a few steps: every pair function is exercised, and nothing depends on an
-equilibrated liquid. OpenMM's Reference platform (double precision) with the formula as printed is
-what everything is held against.
+The tests need OpenMM only, not the plugin. The configuration is a lattice of randomly turned
+waters, jittered and minimised for a few steps. So every pair function is exercised, and no test
+depends on an equilibrated liquid. All results are compared with OpenMM's Reference platform (double
+precision) with the formula as printed.
 """
 import os
 import sys
@@ -69,15 +69,16 @@ class TestTip4pObservables(unittest.TestCase):
         return (sites + (centre if shift is None else centre + shift)[:, None]).reshape(-1, 3)
 
     def test_pair_potential_derivatives(self):
-        """u' and u'' against five-point differences, on both sides of r_m; zero beyond the cutoff.
+        """u' and u'' agree with five-point differences on both sides of r_m, and are zero beyond
+        the cut-off.
         """
         r = np.concatenate([np.linspace(0.16, 0.9499, 40), np.linspace(0.9501, 0.998, 40)])
         d = 1e-5
         difference = lambda f: (8*(f(r + d) - f(r - d)) - (f(r + 2*d) - f(r - 2*d)))/(12*d)
         for function in (tip4p.coulomb, tip4p.lennard_jones):
             u, u1, u2 = function(r)
-            # rounding of phi: 1e-15/d = 1e-10 of the bare u, which is 1e-4 at 0.998 nm; truncation
-            # d^4 u^(5)/30 is less
+            # Rounding of phi makes an error of 1e-15/d = 1e-10 of the bare u, which is 1e-4 at
+            # 0.998 nm. The truncation d^4 u^(5)/30 is less.
             self.assertLess(
                 np.max(
                     np.abs(difference(lambda x: function(x)[0]) - u1)/(np.abs(u1) + np.abs(u/r))),
@@ -89,16 +90,16 @@ class TestTip4pObservables(unittest.TestCase):
             self.assertTrue(all(np.all(x == 0) for x in function(np.array([1.0, 1.1]))))
 
     def test_energy(self):
-        """Histogram = OpenMM's formula; the default bins scatter by rounding of s, without bias
-        worth mentioning."""
+        """The histogram gives the energy of OpenMM's formula. The default bins scatter by rounding
+        of s, with negligible bias."""
         exact = self.energy(self.positions)
         self.assertLess(abs(self.sample["energy"]/exact - 1), 2e-5)
         self.assertLess(abs(self.coarse_sample["energy"]/exact - 1), 3e-3)
         # for the default bins' bias see test_bins_do_not_bias
 
     def test_bins_do_not_bias(self):
-        """Averages over configurations: default bins = fine bins within their scatter. 12 jittered
-        copies of the box."""
+        """Averages over 12 jittered copies of the box are the same by default bins and by fine
+        bins, within their scatter."""
         rng = np.random.default_rng(11)
         difference = []
         for _ in range(12):
@@ -115,14 +116,14 @@ class TestTip4pObservables(unittest.TestCase):
         self.assertTrue(np.all(np.abs(mean) < 5*error + 1e-5))
 
     def test_fast_variant_energy(self):
-        """NonbondedForce's direct space less its constant = formula + the difference the histogram
-        predicts."""
+        """NonbondedForce's direct space less its constant is the formula plus the difference that
+        the histogram predicts."""
         fast = self.energy(self.positions, reference_context("fast")) - tip4p.fast_energy_offset(N)
         difference = fast - self.energy(self.positions)
         print(f"\nfast - exact: {difference:.5f} kJ/mol for the box; predicted "
               f"{self.sample['energy_fast_minus_exact']:.5f}")
-        # OpenMM 7.7 interpolates erfc from a table: 1e-6 or so of the direct-space energy (2e4
-        # kJ/mol)
+        # OpenMM 7.7 interpolates erfc from a table, with an error of about 1e-6 of the direct-space
+        # energy (2e4 kJ/mol).
         self.assertLess(abs(difference - self.sample["energy_fast_minus_exact"]), 0.02)
 
     def test_fast_variant_forces(self):
@@ -158,8 +159,8 @@ class TestTip4pObservables(unittest.TestCase):
         self.assertLess(rms(measured - expected), 0.02*rms(measured))
 
     def test_forces_and_torques(self):
-        """Force and torque per molecule = minus derivative of OpenMM's energy along rigid motions
-        in random directions."""
+        """The force and torque on each molecule are minus the derivative of OpenMM's energy along
+        rigid motions in random directions."""
         rng = np.random.default_rng(3)
         force, torque = self.forces(self.positions)
         d = 2e-5
@@ -187,10 +188,11 @@ class TestTip4pObservables(unittest.TestCase):
 
     def test_laplacians_of_single_molecules(self):
         """
-        Closed form for single molecules against differences of OpenMM's forces and torques.
+        The closed form for single molecules agrees with differences of OpenMM's forces and torques.
 
-        Three molecules: direct evaluation, generators written out, = differences. Whole box:
-        histogram sums = sum over all molecules of the direct evaluation.
+        For three molecules the direct evaluation, with generators written out, equals the
+        differences. For the whole box the histogram sums equal the sum of the direct evaluation
+        over all molecules.
         """
         single = np.array([self.direct_laplacians(m) for m in range(N)])
         self.assertLess(abs(self.sample["laplacian_translation"]/single[:, 0].sum() - 1), 2e-5)
@@ -231,7 +233,8 @@ class TestTip4pObservables(unittest.TestCase):
         return translation, rotation
 
     def test_pressure(self):
-        """P_ex against -dU/dV when the centres of mass, not the molecules, scale with the box."""
+        """P_ex agrees with -dU/dV when the centres of mass, not the molecules, scale with the box.
+        """
         sites, centre = self.whole(self.positions)
 
         def energy(factor):
@@ -251,8 +254,8 @@ class TestTip4pObservables(unittest.TestCase):
                         0.5)  # of terms of the order of 1000 MPa that cancel
 
     def test_rdf(self):
-        """Counts: all pairs inside 1 nm, once; g = 1 for points without correlation (rigid triplets
-        placed at random)."""
+        """All pairs inside 1 nm are counted once, and g = 1 for points without correlation (rigid
+        triplets placed at random)."""
         rng = np.random.default_rng(5)
         sums = observables.PairSums(N)
         frames = 12
@@ -306,7 +309,8 @@ def plugin_or_none():
 
 @unittest.skipIf(plugin_or_none() is None, "openmmrigidhi is not built")
 class TestWithPlugin(unittest.TestCase):
-    """What the integrator hands out = what the Context's positions, velocities and forces give."""
+    """The integrator's own methods give the same as the Context's positions, velocities and forces.
+    """
     def check(self, scheme, platform):
         n = 265
         integrator = tip4p.make_integrator(n, scheme, 1.0, seed=3)
@@ -346,8 +350,8 @@ class Interrupted(Exception):
 
 
 def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
-    """validation/davidchack2015/run.py: after an interruption it takes as many samples as without,
-    and those before are the same."""
+    """After an interruption validation/davidchack2015/run.py takes as many samples as without one,
+    and the earlier samples are the same."""
     import run
     monkeypatch.setattr(run.campaign, "NOTES_EVERY", 0.0)
     monkeypatch.setattr(run, "BLOCKS", 6)

@@ -1,5 +1,5 @@
-"""Trajectory files: what comes back, what other programs find, resuming, crashes, and files of
-others."""
+"""Trajectory files: reading them back, reading by other programs, continued files, crashes, and
+files of other programs."""
 import os
 import re
 import subprocess
@@ -28,8 +28,8 @@ def refused(*pieces, error=ValueError):
 
 
 class Scene:
-    """Two dumbbells of two blobs, a sphere off its origin, and a free blob; all drift and turn, in
-    a box of 4 nm or none."""
+    """Two dumbbells of two blobs, a sphere off its origin, and a free blob. All drift and turn, in
+    a box of 4 nm or without a box."""
     def __init__(self, periodic=None, bodies=3, velocity=30.0, fluid=False, ball=(0.1, 0.2, 0),
                  tail=(0, 0, 0.5)):
         self.system, self.fluid, self.integrator = openmm.System(), MobilityForce(
@@ -72,7 +72,7 @@ class Scene:
         self.integrator.setBodyAngularVelocities(random.normal(size=(bodies, 3)))
 
     def run(self, reporter, steps=6):
-        """What the reporter should have seen: one dict a frame."""
+        """The data that the reporter should have recorded, as one dict for each frame."""
         seen = []
         self.simulation.reporters.append(reporter)
         for _ in range(steps):
@@ -136,8 +136,8 @@ def test_h5md_comes_back_bit_for_bit(tmp_path, periodic):
 
 @BOXES
 def test_gsd_comes_back_in_single_precision(tmp_path, periodic):
-    """Wrapped into the box a coordinate is off by its rounding, at most that of the box; products
-    of rounded numbers by a few."""
+    """A coordinate that is wrapped into the box has a rounding error, at most that of the box.
+    Products of rounded numbers have a few of these errors."""
     scene = Scene(periodic, velocity=300.0)
     seen = scene.run(
         app.GsdReporter(tmp_path/'x.gsd', 1, velocities=True, blobs=True, radii=scene.radii))
@@ -156,7 +156,7 @@ def test_gsd_comes_back_in_single_precision(tmp_path, periodic):
 
 
 def test_frames_go_into_the_functions_of_analysis(tmp_path):
-    """Free motion: the mean square displacement is (v t)^2, for both kinds of file."""
+    """In free motion the mean square displacement is (v t)^2, for both kinds of file."""
     scene = Scene(velocity=1.0)
     scene.simulation.reporters.append(app.H5mdReporter(tmp_path/'x.h5', 2))
     seen = scene.run(app.GsdReporter(tmp_path/'x.gsd', 2), 40)
@@ -194,8 +194,8 @@ def text(value):
 
 @BOXES
 def test_the_structure_is_that_of_h5md(tmp_path, periodic):
-    """Specification 1.1 and its module units 1.0, as far as they demand anything of what is
-    written."""
+    """Files follow specification 1.1 and its module units 1.0, in all that these require of the
+    data."""
     scene = Scene(periodic)
     scene.run(
         app.H5mdReporter(tmp_path/'x.h5', 1, velocities=True, blobs=True, radii=scene.radii,
@@ -230,7 +230,7 @@ def test_the_structure_is_that_of_h5md(tmp_path, periodic):
                     'time'].shape == (3,)
                 assert np.all(np.diff(element['step']) > 0) and np.all(np.diff(element['time']) > 0)
                 assert len(element['value']) == 3 and text(element['time'].attrs['unit']) == 'ps'
-                # Hard links: one data set.
+                # Hard links share one data set.
                 assert element['step'] == group['position/step'] and element['time'] == group[
                     'position/time']
             assert group['position/value'].shape == (3, count, 3) and text(
@@ -312,8 +312,8 @@ def test_gsd_as_its_own_library_reads_it(tmp_path):
                 10, 11, 12
             ] and particles.moment_inertia.tolist() == [[3, 4, 5]]*3
             assert np.allclose(particles.diameter, [0.7, 0.7, 1])
-            # HOOMD: the angular momentum of the body axes is the vector part of conj(q) P/2; the
-            # energies agree.
+            # In HOOMD's convention the angular momentum about the body axes is the vector part of
+            # conj(q) P/2. The energies agree.
             from openmmrigidhi._quaternions import conjugate, product
             momenta = product(conjugate(particles.orientation.astype(float)),
                               particles.angmom.astype(float))/2
@@ -437,7 +437,7 @@ def test_a_file_is_begun_anew_without_append_and_with_it_if_there_is_none(tmp_pa
     Scene().run(reporter(tmp_path/'x', 1), 2)
     assert len(read(tmp_path/'x')) == 2
     Scene().run(reporter(tmp_path/'x', 1, append=True),
-                1)  # from its beginning: nothing of the old file is left
+                1)  # the file begins anew, without the old frames
     assert len(read(tmp_path/'x')) == 1
 
 
@@ -578,8 +578,8 @@ def test_bad_reporters(tmp_path, reporter, read):
 
 
 def test_h5md_of_other_programs(tmp_path):
-    """Other units, wrapped positions with images in a box that is periodic along x and y only,
-    steps and times by increments."""
+    """A file with other units, wrapped positions with images in a box that is periodic along x and
+    y only, and steps and times by increments."""
     random = np.random.default_rng(1)
     R, q = random.normal(size=(5, 2, 3)), random.normal(size=(5, 2, 4))
     image = random.integers(-2, 3, size=(5, 2, 3))
@@ -646,7 +646,7 @@ def test_files_that_are_no_h5md(tmp_path):
 
 
 def test_gsd_of_other_programs(tmp_path):
-    """As HOOMD writes it: steps without times, a periodic box, defaults left out."""
+    """A file as HOOMD writes it: steps without times, a periodic box, defaults left out."""
     frames = []
     for step in (0, 50, 100):
         frame = Frame()

@@ -1,4 +1,4 @@
-"""validation/verdict.py writes the page, and is right about made-up numbers."""
+"""validation/verdict.py writes its page, and its verdicts on made-up numbers are right."""
 import importlib
 import pathlib
 
@@ -21,7 +21,7 @@ def test_differences(verdict):
     assert verdict.compared((1.0, 0.3), (2.5, 0.4)) == ('+3.0', 'disagrees')
     assert verdict.compared((1.0, 0.3), (2.49, 0.4), 'a reason') == ('+3.0', 'agrees')
     assert verdict.compared((3.0, 0.1), (2.0, 0.0), 'a reason') == ('-10.0', 'disagrees: a reason')
-    # A constant that is not seen is no agreement, but may disagree.
+    # A constant that is not measured well cannot agree, but may disagree.
     assert verdict.constant((0.1, 0.01), (0.2, 0.2))[1].startswith('not reached')
     assert verdict.constant((0.1, 0.01), (0.2, 0.05))[1] == 'agrees' and verdict.constant(
         (0.1, 0.01), (2.0, 0.2))[1] == 'disagrees'
@@ -44,7 +44,8 @@ def test_every_row_has_a_verdict_and_every_paper_its_folder(verdict):
 
 
 def test_maxima(verdict):
-    """Those of three bins on either side; of equal neighbours both; an edge is none."""
+    """A maximum exceeds three bins on either side. Of equal neighbours both count, and an edge is
+    no maximum."""
     found = {'edges': [float(k) for k in range(11)], 'P': [9, 1, 2, 1, 5, 1, 1, 1, 2, 1]}
     assert verdict.maxima(found) == [(4.5, 5), (8.5, 2)]
     assert [x for x, _ in verdict.maxima(found, reach=1)] == [2.5, 4.5, 6.5, 8.5]

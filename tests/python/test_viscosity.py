@@ -1,5 +1,5 @@
-"""analysis.viscosity: shells, spheres and lattices against what they must have, noise, drift,
-channels, and what is refused."""
+"""analysis.viscosity: shells, spheres and lattices have their known viscosities. Further tests are
+of noise, drift, channels, and refused input."""
 import json
 import pathlib
 import re
@@ -16,7 +16,7 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis, app
 from openmmrigidhi.accuracy.statistics import quantile
 
 VALIDATION = pathlib.Path(__file__).resolve().parents[2]/'validation'
-FALSE_ALARMS = 1e-6  # of each comparison with noise
+FALSE_ALARMS = 1e-6  # probability for each comparison with noise
 ETA, F0 = 1.5, 0.7
 KT = 300*8.31446261815324e-3
 CROSS = np.array([(0, 0, 0), (1.8, 0, 0), (-1.8, 0, 0), (0, 1.8, 0), (0, 0, 1.8)])
@@ -71,9 +71,9 @@ def sphere(*place):
 @pytest.mark.parametrize('blobs', [12, 42, 162])
 @pytest.mark.parametrize('model', ['RotnePragerYamakawa', 'ForceCoupling'])
 def test_dilute_shells(run, model, blobs):
-    """Slope in the volume fraction: 5/2 of that of spheres of the stresslet radius, which dense
-    algebra of the test's own has, to what one body's images and the curvature of the wave make,
-    which is below (k a)^2 = 0.025 by far: 1e-3."""
+    """The slope in the volume fraction is 5/2 for spheres of the shell's stresslet radius, which
+    dense algebra gives independently. The error by one body's images and by the curvature of the
+    wave is far below (k a)^2 = 0.025, and 1e-3 is allowed."""
     sites, radius = run.shell(blobs)
     due = 2.5*run.stressletRadius(sites, radius, model)**3
     slope = (run.dilute(model, (sites, radius), 40.0) - 1)*40**3/(4/3*np.pi)
@@ -81,9 +81,10 @@ def test_dilute_shells(run, model, blobs):
 
 
 def test_the_way_a_shell_is_turned_does_not_matter(run):
-    """To first order in the volume fraction: an icosahedron has no direction of strain.
+    """To first order in the volume fraction the orientation has no effect, because an icosahedron
+    is isotropic in strain.
 
-    What is left is (k a)^2 and images.
+    What remains is of order (k a)^2, and the effect of images.
     """
     sites, radius = run.shell(12)
     scene = run.Scene('RotnePragerYamakawa', [(sites, radius)], (40.0,)*3)
@@ -95,8 +96,9 @@ def test_the_way_a_shell_is_turned_does_not_matter(run):
 
 
 def test_dilute_spheres_with_stresslets(run):
-    """Einstein's 5/2, less what the sphere sees of the wave: a stresslet of t(k) = 3 j1(ka)/(ka) =
-    1 - (ka)^2/10 squared; then images, which are of the order of the volume fraction 6.5e-5."""
+    """The slope is Einstein's 5/2, reduced by the average of the wave over the sphere: the square
+    of t(k) = 3 j1(ka)/(ka) = 1 - (ka)^2/10. Images have an effect of the order of the volume
+    fraction, 6.5e-5."""
     edge = 40.0
     slope = (run.dilute('StokesianDynamics', (np.zeros((1, 3)), 1.0), edge) - 1)*edge**3/(4/3*np.pi)
     assert slope == pytest.approx(2.5*(1 - (2*np.pi/edge)**2/5), rel=3e-4)
@@ -106,7 +108,7 @@ def test_dilute_spheres_with_stresslets(run):
                                            ('ForceCoupling', 'MatrixFree'),
                                            ('RotnePragerYamakawa', 'Dense')])
 def test_spheres_without_stresslets_leave_the_viscosity_as_it_is(model, solver):
-    """Free of forces they make no flow, whatever their number."""
+    """Spheres without forces make no flow, whatever their number."""
     places = 2.2*np.stack(np.meshgrid(*[np.arange(3)]*3), axis=-1).reshape(-1, 3)
     _, _, context = driven([sphere(*place) for place in places], (6.6,)*3, model,
                            setUp=lambda fluid: fluid.setSolver(getattr(fluid, solver)))
@@ -118,17 +120,17 @@ def test_spheres_without_stresslets_leave_the_viscosity_as_it_is(model, solver):
 @pytest.mark.parametrize('fraction, stresslets', [(0.027, 1.066332), (0.125, 1.301682),
                                                   (0.45, 2.437858)])
 def test_lattices_in_long_waves(run, fraction, stresslets):
-    """Simple cubic arrays have the viscosity of uniform shear in waves that are much longer than
-    their spacing: the next term is (k spacing)^2 and the fourth power after the extrapolation is
-    left, (2 pi/32)^4 = 1.5e-3 of what stresslets make, which the prefactor makes smaller."""
+    """In waves that are much longer than their spacing, simple cubic arrays have the viscosity of
+    uniform shear. The next term is (k spacing)^2. After the extrapolation the fourth power is left,
+    (2 pi/32)^4 = 1.5e-3 of the stresslets' effect, times a small prefactor."""
     ratios = [run.lattice(fraction, count) for count in (16, 32)]
     assert (4*ratios[1] - ratios[0])/3 == pytest.approx(stresslets, abs=1e-4*(stresslets - 1))
     assert abs(ratios[1] - stresslets) < 2e-2*(stresslets - 1)
 
 
 def test_units_and_definitions():
-    """viscosity = f0/(k^2 amplitude), shear rate = k amplitude; the sign of f0 does not matter, and
-    the sizes of f0 and of the box do not, without noise."""
+    """viscosity = f0/(k^2 amplitude), and shear rate = k amplitude. The sign of f0 does not matter,
+    and without noise the sizes of f0 and of the box do not matter either."""
     bodies = [(CROSS, 1.0, (1, 2, 3)), (CROSS, 1.0, (6, 7, 2))]
     found = {}
     for f0 in (F0, -F0, 5*F0):
@@ -151,8 +153,8 @@ def test_units_and_definitions():
 
 
 def test_a_run_without_noise_is_a_mean_over_time():
-    """The mean amplitude of steps that getFlowModeInContext gives one by one, after those of the
-    equilibration."""
+    """The expected amplitude is the mean over steps that getFlowModeInContext gives one by one,
+    after those of the equilibration."""
     bodies = [(CROSS, 1.0, (1, 2, 3)), (CROSS, 1.0, (6, 7, 2))]
     _, _, context = driven(bodies, (12, 11, 13), step=0.5)
     found = analysis.viscosity(context, 24, 7, 2, progress=False)
@@ -176,8 +178,8 @@ def test_a_run_without_noise_is_a_mean_over_time():
 
 
 def test_a_channel_is_half_a_periodic_box():
-    """A body between slip walls and its mirror image in a box of twice the width, under a wave
-    along the walls, which is its own mirror image."""
+    """A body between slip walls has the viscosity of this body and its mirror image in a box of
+    twice the width. The wave is along the walls and is its own mirror image."""
     sites = CROSS*(1, 1, 1)
     place = np.array((2, 3.5, 4))
     mirrored = sites*(1, -1, 1)
@@ -194,10 +196,11 @@ def test_a_channel_is_half_a_periodic_box():
 
 
 def test_the_noise_of_a_step_and_a_mean_of_many():
-    """Force-coupling spheres on a grid, free of forces: the amplitude is the driven flow and the
-    random field's own, of variance 4 kT/(eta k^2 V h) and new at each step. So the ratio is 1
-    within its errors, which are those of independent samples, and exactly without the field's own
-    amplitude. EulerMaruyama will do, since their mobility has no divergence."""
+    """For force-coupling spheres on a grid without forces, the amplitude is that of the driven flow
+    plus that of the random field. The latter has the variance 4 kT/(eta k^2 V h) and is new at each
+    step. So the ratio is 1 within its errors, which are those of independent samples, and it is
+    exactly 1 without the field's own amplitude. EulerMaruyama is right here, since the mobility has
+    no divergence."""
     steps, edge, step = 1500, 6.0, 0.05
     integrator, fluid, context = driven(
         [sphere(1, 2, 3), sphere(4, 4, 1)], (edge,)*3, 'ForceCoupling', 300, 'EulerMaruyama', 5.0,
@@ -207,7 +210,7 @@ def test_the_noise_of_a_step_and_a_mean_of_many():
     amplitudes = analysis.sampleFlowAmplitudes(context, steps, progress=False)._value
     spread = np.sqrt(4*KT/(ETA*k**2*edge**3*step))
     for column in amplitudes.T:
-        # Of n Gaussian samples the variance has the relative standard error sqrt(2/n).
+        # The variance of n Gaussian samples has the relative standard error sqrt(2/n).
         assert abs(column.var()/spread**2 - 1) < quantile(1 - FALSE_ALARMS, np.inf)*np.sqrt(2/steps)
     exact = analysis.viscosityFromAmplitudes(context, amplitudes)
     assert exact.ratio == pytest.approx(
@@ -216,7 +219,7 @@ def test_the_noise_of_a_step_and_a_mean_of_many():
     z = (found.ratio - 1)/found.ratioError
     print(f'{found.ratio:.4f} +- {found.ratioError:.4f}, z = {z:.2f}')
     assert abs(z) < quantile(1 - FALSE_ALARMS, found.degrees) and found.isTrusted
-    # Twenty blocks: a chi-squared variable of 19 degrees.
+    # The variance of twenty blocks is a chi-squared variable of 19 degrees.
     low, high = (np.sqrt(stats.chi2.ppf(p, found.degrees)/found.degrees)
                  for p in (FALSE_ALARMS/2, 1 - FALSE_ALARMS/2))
     assert found.degrees == 19 and low < found.amplitudeError._value/(spread/np.sqrt(steps)) < high
@@ -224,8 +227,8 @@ def test_the_noise_of_a_step_and_a_mean_of_many():
 
 
 def test_the_fields_own_amplitude_is_taken_out_by_regression():
-    """Of synthetic samples: the mean stays right, and the error is that of what the field does not
-    explain."""
+    """For synthetic samples the mean stays right, and the error is that of the part that the field
+    does not explain."""
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9))
     random, n = np.random.default_rng(5), 4000
     field, rest = 3*random.standard_normal((n, 2)), 0.2*random.standard_normal((n, 2))
@@ -241,8 +244,8 @@ def test_the_fields_own_amplitude_is_taken_out_by_regression():
 
 
 def test_errors_know_slow_fluctuations_under_white_noise():
-    """Samples with a slow part of a fiftieth of the variance, which the autocorrelation of single
-    samples does not show, but which makes half the variance of the mean."""
+    """The samples have a slow part with a fiftieth of the variance. The autocorrelation of single
+    samples does not show this part, but it makes half the variance of the mean."""
     _, _, context = driven([sphere(1, 2, 3)], (9, 9, 9))
     random, n, replicas, memory, share = np.random.default_rng(8), 6000, 150, np.exp(-1/25), 0.02
     slow = np.empty((n, replicas))
@@ -257,8 +260,8 @@ def test_errors_know_slow_fluctuations_under_white_noise():
         for column in amplitudes.T
     ]
     variance = 2*tau*(1 + share)/n
-    # Blocks of twelve memories: 8 % of the slow part's share is correlation between them. The mean
-    # of 150 variances of 19 degrees is known to 2.6 %.
+    # Blocks have twelve memory times, so 8 % of the slow part's share is correlation between
+    # blocks. The mean of 150 variances of 19 degrees is known to 2.6 %.
     assert np.mean([one.amplitudeError._value**2
                     for one in found]) == pytest.approx(variance, rel=0.15)
     assert np.mean([one.tau for one in found]) == pytest.approx(tau, rel=0.15) and tau > 0.95
@@ -268,7 +271,7 @@ def test_errors_know_slow_fluctuations_under_white_noise():
 
 @pytest.mark.parametrize('scheme', ['DriftCorrectorFD', 'FixmanMidpoint', 'TractionEulerMaruyama'])
 def test_parts_are_the_whole(scheme):
-    """viscosity() of a run is viscosityFromAmplitudes() of its parts, with the same seed."""
+    """viscosity() of a run equals viscosityFromAmplitudes() of its parts, with the same seed."""
     bodies = [(CROSS, 1.0, (1, 2, 3))]
     arguments = (bodies, (9, 9, 9), 'RotnePragerYamakawa', 300, scheme, 200.0)
     whole = analysis.viscosity(
@@ -374,7 +377,7 @@ def test_schemes_whose_mean_flow_lacks_the_brownian_stress():
             with pytest.raises(ValueError, match=problem):
                 call()
         assert integrator.getStepStatistics()['steps'] == 0
-        # Without noise both are right.
+        # Without noise both schemes are right.
         _, _, cold = driven([(CROSS, 1.0, (1, 2, 3))], (9, 9, 9), scheme=scheme, step=1e-4)
         assert analysis.viscosity(
             cold, 2, progress=False).ratio > (1.01 if scheme == 'EulerMaruyama' else 0.9)
@@ -414,7 +417,8 @@ def test_amplitudes_that_are_none():
 
 
 def test_two_schemes_of_rods_at_a_time(tmp_path):
-    """Each is what it is alone, and a longer run begins with the shorter one's samples."""
+    """Each scheme gives the same as alone, and a longer run begins with the samples of the shorter
+    one."""
     def rows(*options):
         finished = subprocess.run([
             sys.executable,

@@ -11,8 +11,8 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 
 def scene(height=1*unit.nanometer, rejection=CustomRigidHIIntegrator.Overlap, platform='Reference'):
-    """A sphere of 0.5 nm and a triangle of blobs above a wall, held off it by a repulsion and to it
-    by a weight."""
+    """A sphere of 0.5 nm and a triangle of blobs above a wall, with a repulsion from the wall and a
+    weight."""
     system, fluid = openmm.System(), MobilityForce()
     integrator = CustomRigidHIIntegrator(300, 0.005)
     integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
@@ -55,7 +55,7 @@ def test_a_run_above_a_wall(platform):
         assert np.all(z - 1 >= [0.5, 0.2, 0.2, 0.2])
     N = fluid.getMobilityInContext(context)
     assert N.shape == (12, 12) and np.linalg.eigvalsh(N)[0] > 0
-    assert N[2, 2] < N[0, 0]  # a wall hinders the motion towards it more
+    assert N[2, 2] < N[0, 0]  # a wall hinders motion towards it more than along it
     assert 'above a no-slip wall at z = 1 nm' in integrator.describeEffects()
 
 
@@ -81,7 +81,8 @@ def test_best_known_and_far_from_the_wall():
             context.reinitialize(preserveState=True)
             mobilities[kind, height] = fluid.getMobilityInContext(context)
     stokes = 1/(6*np.pi*120.4428152*0.5)
-    # At a gap of 0.2 radii; the other body, which is free to move, takes 1e-3 of it.
+    # The exact value at a gap of 0.2 radii is by Brenner. The other body, which is free to move,
+    # reduces it by 1e-3.
     brenner = 0.15770665
     assert mobilities[MobilityForce.BestKnown, 1.4][2, 2]/stokes == pytest.approx(brenner, rel=2e-3)
     assert mobilities[MobilityForce.FromModel, 1.4][2, 2]/stokes > 0.3
@@ -101,8 +102,7 @@ def test_files_of_earlier_versions_have_no_wall():
     twin = MobilityForce.cast(openmm.XmlSerializer.deserialize(xml))
     assert twin.getWallHeight(
     )._value == 0 and twin.getSphereWallMobility() is MobilityForce.FromModel
-    # BestKnown without a wall is refused by a Context only: what a file holds can be read, and
-    # mended.
+    # Only a Context refuses BestKnown without a wall. So the file can be read and mended.
     whole = MobilityForce.cast(
         openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(fluid)))
     assert whole.getBoundary() is MobilityForce.Unbounded and whole.getSphereWallMobility(

@@ -1,4 +1,4 @@
-"""The water demo runs, shortened, and its own checks pass."""
+"""The shortened water demo runs, and its own checks pass."""
 import json
 import pathlib
 import re
@@ -20,11 +20,12 @@ def test_water_demo(tmp_path):
         assert (tmp_path/file).stat().st_size > 1000
     results = json.loads((tmp_path/'results.json').read_text())
     assert results['nsPerDay'] > 0 and 0 < results['integratorShare'] < 1
-    # 2 ps of 895 waters, hardly equilibrated: 1 % of scatter, a start 5 % off at most.
+    # The run is 2 ps of 895 waters, hardly equilibrated. Temperatures scatter by 1 %, and the start
+    # is at most 5 % off.
     for name in ('T_trans', 'T_rot1', 'T_rot2', 'T_rot3'):
         assert abs(results[name][0] - 300) < 30, name
     assert -50 < results['U'][0] < -43
-    # Both halves are in the files: 1000 steps, a frame every 100, a line every 25.
+    # Both halves of the run are in the files: 1000 steps, a frame every 100, a line every 25.
     states = openmmrigidhi.app.readBodyStates(tmp_path/'bodies.h5')
     assert list(states.step) == list(range(100, 1001, 100))
     assert len(re.findall(r'^\d', (tmp_path/'table.csv').read_text(), flags=re.M)) == 40

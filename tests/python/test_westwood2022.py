@@ -1,5 +1,5 @@
-"""validation/westwood2022: the sampler's energy is the Context's, its distribution that of
-quadrature and of another sampler; the script runs, shortened, and goes on."""
+"""validation/westwood2022: the sampler has the energy of the Context, and the distribution of
+quadrature and of another sampler. The shortened script runs, and continues kept runs."""
 import json
 import pathlib
 import subprocess
@@ -14,7 +14,7 @@ from openmmrigidhi.accuracy.statistics import quantile
 from openmmrigidhi.ensemble import tasks
 
 FOLDER = pathlib.Path(__file__).resolve().parents[2]/'validation'/'westwood2022'
-FALSE_ALARMS = 7e-6  # of each comparison, as in test_gibbs_boltzmann.py
+FALSE_ALARMS = 7e-6  # probability for each comparison, as in test_gibbs_boltzmann.py
 
 
 @pytest.fixture(scope='module')
@@ -31,7 +31,7 @@ def study():
 
 
 def begun(study, scene, count=2, sweeps=3, seed=1):
-    """Systems a few sweeps after starts that overlap: energies of all sizes."""
+    """Systems a few sweeps after starts that overlap, which have energies of all sizes."""
     random = np.random.default_rng(seed)
     parts = [study.montecarlo.starts(scene, count, flat, random) for flat in (True, False)]
     systems = study.montecarlo.Systems(scene, *(np.concatenate(both) for both in zip(*parts)),
@@ -42,8 +42,8 @@ def begun(study, scene, count=2, sweeps=3, seed=1):
 
 
 def test_the_rod(study):
-    """Touching beads: neighbours in a layer and in adjacent layers are two radii apart, none is
-    nearer; 16.142 long, 4 wide."""
+    """Beads touch: neighbours in a layer and in adjacent layers are two radii apart, and none are
+    nearer. The rod is 16.142 long and 4 wide."""
     sites = study.model.SITES
     distances = np.linalg.norm(sites[:, None] - sites, axis=-1)[np.triu_indices(22, 1)]
     assert distances.min() == pytest.approx(
@@ -55,7 +55,7 @@ def test_the_rod(study):
 
 @pytest.mark.parametrize('fraction, rods', [(8, 64), (4, 128), (2, 256)])
 def test_volume_fraction(study, fraction, rods):
-    """That of the paper, 10 %, in the paper's box and in the reduced one."""
+    """The volume fraction is that of the paper, 10 %, in the paper's box and in the reduced one."""
     for part in (1.0, 0.5):
         scene = study.model.Scene(fraction, 6.0, part)
         assert scene.rods == rods*part**2
@@ -66,8 +66,8 @@ def test_volume_fraction(study, fraction, rods):
 
 @pytest.mark.parametrize('fraction, cutoff', [(8, 6.0), (4, 3.0), (2, 6.0)])
 def test_energies(study, fraction, cutoff):
-    """The fast sampler's, those summed bead by bead, and the Context's, at overlapping
-    configurations and relaxed ones, with rods across the period."""
+    """Energies of the fast sampler equal those summed bead by bead and those of the Context, for
+    overlapping and relaxed configurations, with rods across the period."""
     scene = study.model.Scene(fraction, cutoff)
     rods = study.model.Rods(scene, platform='Reference')
     for sweeps in (0, 5):
@@ -80,13 +80,13 @@ def test_energies(study, fraction, cutoff):
 
 
 def test_two_images_of_one_rod(study):
-    """Rods in a row, half a period apart, see each other at both ends."""
+    """Rods in a row, half a period apart, interact at both ends."""
     scene = study.model.Scene(8, 6.0)
     scene.rods = 2
     turned = np.tile((np.sqrt(0.5), 0, np.sqrt(0.5), 0), (1, 2, 1))
     R = np.array([[(0, 4, 5), (scene.side/2, 4, 5)]])
     systems = study.montecarlo.Systems(scene, R, turned, np.random.default_rng(1))
-    # 5.27 between the ends' layers, twice; a shift breaks the tie.
+    # The layers at both ends are 5.27 apart. A shift makes the two distances unequal.
     assert systems.energies()[0] > 0
     assert systems.energies()[0] == pytest.approx(scene.energy(R, turned)[0], rel=1e-12)
     moved = R + [[(0, 0, 0), (0.3, 0.2, -0.4)]]
@@ -96,7 +96,7 @@ def test_two_images_of_one_rod(study):
 
 
 def test_forces(study):
-    """Of the Context on rods: minus the slope of the energy, for shifts and turns."""
+    """The Context's forces on rods are minus the slope of the energy, for shifts and turns."""
     scene = study.model.Scene(8, 6.0)
     systems = begun(study, scene, 1, 5)
     R, q = systems.R[1], systems.q[1]
@@ -117,8 +117,8 @@ def test_forces(study):
 
             force, torque = forces[rod].sum(0) @ axis, np.cross(arms[rod],
                                                                 forces[rod]).sum(0) @ axis
-            # Differences of a smooth function: delta^2; the force jumps where beads come into reach
-            # (0.01) or touch.
+            # Differences of a smooth function have errors of delta^2. The force jumps where beads
+            # come into reach (by 0.01) or touch.
             assert -(energy(delta, 0) - energy(-delta, 0))/(2*delta) == pytest.approx(
                 force, rel=1e-5, abs=1e-4)
             assert -(energy(0, delta) - energy(0, -delta))/(2*delta) == pytest.approx(
@@ -149,7 +149,8 @@ def test_the_mirror_image_is_a_rod(study):
 
 
 def test_chains_go_on_with_as_many_systems(study, tmp_path):
-    """And with longer runs; those of --quick are not taken for those of a whole run."""
+    """Chains also go on with longer runs. Chains of --quick are not taken for those of a whole run.
+    """
     job = tasks.Job(0, 'mc', str(tmp_path))
     assert study.rods.monteCarlo((8, 6.0, 0.5, 2, 10, 20), job) == {'sweeps': 20}
     assert study.rods.monteCarlo((8, 6.0, 0.5, 2, 10, 30), job) == {'sweeps': 30}
@@ -167,8 +168,8 @@ def check(values, exact, error=0.0):
 
 
 def test_one_rod_against_quadrature(study):
-    """Its law in y and in the direction of the wall's normal in its own frame, uniform on a sphere
-    but for the energy."""
+    """One rod has the law of quadrature, in y and in the direction of the wall's normal in its own
+    frame. Without the energy this direction is uniform on a sphere."""
     scene = study.model.Scene(8, 6.0)
     scene.rods = 1
     random = np.random.default_rng(5)
@@ -185,8 +186,8 @@ def test_one_rod_against_quadrature(study):
             ])
     off, theta, energy = np.mean(found, axis=0)
 
-    # Gauss's points in y and in the cosine s = sin(theta); equal steps in the angle about the rod,
-    # of which a quarter turn is all there is.
+    # The quadrature has Gauss points in y and in the cosine s = sin(theta), and equal steps in the
+    # angle about the rod, of which a quarter turn is enough by symmetry.
     x, weight = np.polynomial.legendre.leggauss(160)
     y, s = scene.width/4*(x + 1), (x + 1)/2  # the lower half of the channel
     psi = np.pi/2*(np.arange(16) + 0.5)/16
@@ -206,8 +207,9 @@ def test_one_rod_against_quadrature(study):
 
 @pytest.mark.full
 def test_crowded_rods_against_the_librarys_sampler(study):
-    """Three rods in a box of 20 x 9.7 x 20, three quarters as dense as the study's, under the
-    Context's energies, in GibbsBoltzmannSampler with the channel's walls."""
+    """Three rods have the averages of GibbsBoltzmannSampler under the Context's energies and
+    between the channel's walls. The box is 20 x 9.7 x 20, three quarters as dense as the study's.
+    """
     scene = study.model.Scene(8, 3.0)
     scene.rods, scene.side = 3, 20.0
     systems = begun(study, scene, 32, 200, 3)
@@ -250,8 +252,8 @@ def run(folder, *arguments, name='rods.json'):
 
 
 def test_the_script(study, tmp_path):
-    """It runs, shortened, and again goes on with what is kept, two runs at a time: longer chains,
-    more runs, and what was there stays."""
+    """The shortened script runs. A second call, with two runs at a time, goes on with kept results:
+    chains are longer, there are more runs, and earlier results stay."""
     first, text = run(tmp_path, '--quick')
     assert 'pair energy a rod' in text
     for name in ('rods_heights.png', 'rods_angles.png'):
@@ -263,8 +265,8 @@ def test_the_script(study, tmp_path):
     for found in (scene['monte_carlo'], moving):
         assert sum(found['y']['P']) == pytest.approx(1) and sum(
             found['theta']['P']) == pytest.approx(1)
-    # Ten steps of tau/600 hardly move a rod: the runs stand where their starts stood, but not
-    # exactly.
+    # Ten steps of tau/600 hardly move a rod. So the runs are near their starts, but not exactly
+    # there.
     assert 0 < abs(moving['changes']['off']['mean']) < 0.3
     kept = [readAll(tmp_path/'work'/f'runs_L8_cutoff6_{k}'/'state.npz') for k in (0, 1)]
     second, _ = run(tmp_path, '--quick', '--long', '2', '--jobs', '2', '--cluster', 'processes')
@@ -277,8 +279,8 @@ def test_the_script(study, tmp_path):
     # A rod's mobility towards a wall falls as it comes near.
     towards = np.array(first['own_mobilities']['L/8'])[:, 2]
     assert np.all(np.diff(towards) > 0) and towards[0] < 0.7*towards[-1]
-    # The paper's size begins with four copies of a kept state side by side, whose means are those
-    # of one.
+    # A run of the paper's size begins with four copies of a kept state side by side, whose means
+    # are those of one copy.
     full, _ = run(tmp_path, '--full', '--widths', '8', '--steps', '2', name='rods_full.json')
     row, = full['rows']
     assert row['rods'] == 64 and row['side'] == pytest.approx(
@@ -288,13 +290,13 @@ def test_the_script(study, tmp_path):
 
 
 def readAll(path):
-    """The arrays of a file, read at once: the next run writes it anew."""
+    """The arrays of a file. They are read at once, because the next run writes the file anew."""
     with np.load(path) as file:
         return dict(file)
 
 
 def begunAt(study, path):
-    """Pair energy a rod of the first kept system."""
+    """The pair energy for each rod of the first kept system."""
     with np.load(path) as kept:
         scene = study.model.Scene(8, 6.0)
         systems = study.montecarlo.Systems(scene, kept['R'][:1], kept['q'][:1],

@@ -1,4 +1,5 @@
-// Rigid multiblobs, spheres and free particles together, against an independent dense computation.
+// The friction and the mobility of rigid multiblobs, spheres and free particles together agree with
+// an independent dense computation.
 
 #include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
@@ -111,8 +112,8 @@ vector<Vector3d> icosphere(int subdivisions) {
             vertices.push_back(Vector3d(s, t, 0).normalized());
             vertices.push_back(Vector3d(t, 0, s).normalized());
         }
-    // The faces are the triples of nearest neighbours; subdividing keeps this true but for five-
-    // and sixfold stretching.
+    // The faces are the triples of nearest neighbours. They remain so after subdivision, although
+    // the edges at vertices with five and with six neighbours then differ a little in length.
     vector<array<int, 3> > faces;
     for (int i = 0; i < 12; i++)
         for (int j = 0; j < i; j++)
@@ -208,14 +209,14 @@ TEST(BodyMobility, NothingHoldsRodsAboutTheirLine) {
         EXPECT_LT((measured.friction().leftCols(6) * null).norm(),
                   1e-13 * measured.friction().norm())
             << kind.name;
-        // A torque about the line does not move the body, and nothing turns it about the line,
-        // wherever the origin is.
+        // A torque about the line does not move the body, and no force or torque turns the body
+        // about the line, wherever its origin is.
         VectorXd torque = null;
         torque.head(3).setZero();
         EXPECT_LT((measured.mobility().leftCols(6) * torque).norm(),
                   1e-13 * measured.mobility().norm())
             << kind.name;
-        // A generalised inverse: N xi N = N, xi N xi = xi.
+        // N is a generalised inverse of xi: N xi N = N, xi N xi = xi.
         const MatrixXd &N = measured.mobility(), &xi = measured.friction();
         EXPECT_LT(difference(N * xi * N, N), 1e-12);
         EXPECT_LT(difference(xi * N * xi, xi), 1e-12);
@@ -265,7 +266,8 @@ TEST(BodyMobility, MatricesAreMadeOncePerPose) {
 }
 
 TEST(BodyMobility, ShellsHaveTheirHydrodynamicRadii) {
-    // Computed independently: blob radius half the smallest spacing, geometric radius 1.
+    // These values were computed independently, with a blob radius of half the smallest spacing and
+    // a geometric radius of 1.
     const double translational[] = {1.262447, 1.122022, 1.052965},
                  rotational[] = {1.231345, 1.101902, 1.047197};
     for (int level = 0; level < 3; level++) {
@@ -381,8 +383,8 @@ TEST(BodyMobility, OwnTensorsAreExactFarAwayAndPositiveNearby) {
         smallest = min(smallest, least);
     }
     cout << "smallest eigenvalue " << smallest << endl;
-    // Far away, the self block is the own tensor, and forces on other bodies make the flow of a
-    // point force.
+    // At a large distance the self block is the own tensor, and forces on other bodies make the
+    // flow of a point force.
     Scene far = ownTensorScene(2, 1, 5);
     far.poses[1].R += Vector3d(2e4, 0, 0);
     far.elements.resize(2);

@@ -1,4 +1,5 @@
-// Particles at one place: where matrices become singular, and that pairs are found.
+// Two particles at one place make the mobility matrix singular. The tests show at which bound this
+// happens, and that the check finds such pairs.
 
 #include "HydrodynamicSupport.h"
 #include "TestSupport.h"
@@ -31,7 +32,8 @@ double smallestEigenvalue(double distance, double otherRadius, bool torque) {
 }  // namespace
 
 TEST(CoincidenceCheck, ItsBoundIsWhereTheMatrixBecomesSingular) {
-    // 3/16 of the larger of relative distance and difference of radii, or more.
+    // The smallest eigenvalue is at least 3/16 of the larger of the relative distance and the
+    // relative difference of radii.
     for (bool torque : {false, true})
         for (double distance : {0.0, 1e-6, 1e-4, 1e-2})
             for (double excess : {0.0, 1e-6, 1e-4, 1e-2}) {
@@ -55,7 +57,7 @@ TEST(CoincidenceCheck, FindsTheFirstPairAmongMany) {
     const int n = 500;
     CoincidenceCheck check;
     for (int repeat = 0; repeat < 20; repeat++) {
-        // On a lattice, where many share coordinates, and far from the origin.
+        // The particles are on a lattice, where many share coordinates, and far from the origin.
         vector<Vec3> places;
         for (int i = 0; i < n; i++)
             places.push_back(Vec3(i % 8, i / 8 % 8, i / 64) * 0.1 + Vec3(1000, -2000, 300));

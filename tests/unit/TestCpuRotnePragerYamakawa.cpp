@@ -1,4 +1,4 @@
-// The Rotne-Prager-Yamakawa mobility with SIMD and threads against the scalar one.
+// The Rotne-Prager-Yamakawa mobility with SIMD and threads agrees with the scalar implementation.
 
 #include <openmm/internal/ThreadPool.h>
 #include "host/SimdTargets.h"  // must precede Highway
@@ -23,7 +23,7 @@ namespace {
 
 enum Kind { Spheres, Blobs, Mixed };
 
-/** Wall: the lowest particles are near contact. Crossing: many particles reach through the wall. */
+/** With Wall the lowest particles are near contact. With Crossing many reach through the wall. */
 enum Bounds { Unbounded, Wall, Crossing };
 
 struct Scene {
@@ -37,7 +37,8 @@ struct Scene {
         return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, 0.7));
     }
 };
-/** Dense: many overlaps, some particles inside others. Sparse: packs of all sorts. */
+/** In a small cube many particles overlap, and some are inside others. In a large cube packs hold
+ * pairs of all kinds. */
 Scene randomScene(int n, Kind kind, bool equalRadii, double size, Bounds bounds = Unbounded) {
     mt19937 random(n + 1000 * kind);
     uniform_real_distribution<double> u(0, 1);
@@ -110,13 +111,14 @@ TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOne) {
     });
 }
 
-// Sums go by chunks of 128 particles of a kind, blocks of 16 or 32 of these and packs of up to 16.
+// The sums work on chunks of 128 particles of a kind, on blocks of 16 or 32 of these particles, and
+// on packs of up to 16.
 TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOneAroundBordersOfChunks) {
     onEveryInstructionSet([](int64_t) {
         for (int n : {31, 32, 33, 127, 128, 129, 257})
             for (Kind kind : {Spheres, Blobs, Mixed})
                 for (Bounds bounds : {Unbounded, Wall, Crossing})
-                    for (double size : {2.0, 15.0}) {  // overlaps across all borders; few
+                    for (double size : {2.0, 15.0}) {  // many overlaps across all borders; few
                         const Scene scene = randomScene(n, kind, false, size, bounds);
                         const auto model = scene.reference();
                         const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, 3);
@@ -166,9 +168,9 @@ void expectNeitherThreadsNorWidthOfPacks(const Scene& scene) {
             });
             pool.waitForThreads();
         }));
-        EXPECT_EQ(ranges, 5 * threads);  // the matrix, two columns, one column, twice
+        EXPECT_EQ(ranges, 5 * threads);  // the matrix; twice two columns and one column
     }
-    // There is no promise that ranges are computed at the same time.
+    // A caller need not compute the ranges at the same time.
     expectTheSame(results(scene, forces, [&](int count, const function<void(int, int)>& task) {
         task(0, count / 2);
         task(count / 2, count);
@@ -184,7 +186,8 @@ void expectNeitherThreadsNorWidthOfPacks(const Scene& scene) {
 }  // namespace
 
 TEST(CpuRotnePragerYamakawa, NeitherThreadsNorWidthOfPacksShow) {
-    // Enough pairs to wake threads; some overlap, many do.
+    // There are enough pairs to wake the threads, with some overlaps in the first scenes and many
+    // in others.
     for (Bounds bounds : {Unbounded, Wall, Crossing})
         expectNeitherThreadsNorWidthOfPacks(randomScene(401, Mixed, false, 20, bounds));
     expectNeitherThreadsNorWidthOfPacks(randomScene(383, Blobs, true, 20));
@@ -202,7 +205,7 @@ TEST(CpuRotnePragerYamakawa, RoughProductsAreRightToSixDigits) {
                     const auto M = model.at({scene.positions});
                     MatrixXd dense, exact, rough;
                     M->dense(dense);
-                    // From below, by the power method.
+                    // The power method gives a lower bound of the norm of M.
                     Eigen::VectorXd v = Eigen::VectorXd::Ones(dense.rows()).normalized();
                     for (int k = 0; k < 20; k++) v = (dense * v).normalized();
                     const double norm = (dense * v).norm();
@@ -253,8 +256,8 @@ TEST(PairTournament, EveryPairOnceAndAlwaysInTheSameOrder) {
     for (int chunks : {0, 1, 2, 3, 4, 5, 8, 9, 30}) {
         PairTournament tournament(chunks);
         for (int threads : {1, 2, 3, 4}) {
-            // The partners of each chunk, in order. Only the turns protect the chunks against
-            // concurrent access.
+            // These are the partners of each chunk, in order. Only the turns of the tournament
+            // protect these lists against concurrent access.
             vector<vector<int>> partners(chunks);
             atomic<int> computed(0);
             tournament.begin();
@@ -283,11 +286,11 @@ TEST(PairTournament, EveryPairOnceAndAlwaysInTheSameOrder) {
     }
 }
 
-/** Ranges as another sum may use them: of its own choice, with either kind first. */
+/** Another sum may use ranges of its own choice, with either kind of particle first. */
 TEST(PairSums, TwoRangesBothWays) {
     for (Bounds bounds : {Unbounded, Wall})
         for (int kinds = 0; kinds < 4; kinds++) {
-            // 20 in slots 0 ... 31, 13 in slots 32 ... 47.
+            // There are 20 particles in slots 0 ... 31, and 13 in slots 32 ... 47.
             const bool torques[2] = {kinds % 2 == 1, kinds / 2 == 1};
             const int counts[2] = {20, 13}, starts[2] = {0, 32}, slots = 48;
             const Scene all = randomScene(33, Spheres, false, 4, bounds);
@@ -357,8 +360,8 @@ TEST(CpuRotnePragerYamakawa, ReachesAsFarBeyondContact) {
         Scene scene = randomScene(9, Mixed, false, 3, bounds);
         CpuRotnePragerYamakawa M(scene.particles, 0.7, {}, scene.wall);
         const auto reference = scene.reference();
-        // At most a hundredth of a radius below contact; with crossing allowed, wherever there is a
-        // mobility.
+        // A particle is accepted down to a hundredth of a radius below contact or, with crossing
+        // allowed, wherever there is a mobility.
         const double a = scene.particles.radii[5], height = scene.wall->getHeight();
         for (double z : {0.98 * a, 0.995 * a, -0.01 * a}) {
             scene.positions[5][2] = height + z;
@@ -372,7 +375,7 @@ TEST(CpuRotnePragerYamakawa, ReachesAsFarBeyondContact) {
         nearby->dense(dense);
         reference->near({scene.positions})->dense(expected);
         EXPECT_LT((dense - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.maxCoeff());
-        // Another MobilityAt may exist at the same time, as always.
+        // Another MobilityAt of the same model may exist at the same time.
         const MatrixXd before = dense;
         scene.positions[5][2] += 1e-3;
         M.at({scene.positions})->dense(dense);

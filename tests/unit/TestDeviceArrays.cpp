@@ -1,6 +1,6 @@
-// A platform that stands for a device: it keeps particles in single precision, and forces in fixed
-// point, as OpenMM's device platforms do. What is promised of such platforms is tested here to the
-// last bit, and without the tolerances that real devices need.
+// These tests use a platform that stands for a device. It keeps particles in single precision and
+// forces in fixed point, as OpenMM's device platforms do. The promises for such platforms are
+// tested here to the last bit, without the tolerances that real devices need.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -29,7 +29,7 @@ namespace {
 
 Vec3 inFloats(const Vec3& x) { return Vec3(float(x[0]), float(x[1]), float(x[2])); }
 
-/** Passed on where OpenMM has it: from 8.1 on. */
+/** OpenMM has this method from 8.1 on. */
 template <class Kernel>
 auto shiftVelocities(Kernel& kernel, ContextImpl& context, double time, vector<Vec3>& velocities,
                      int) -> decltype(kernel.computeShiftedVelocities(context, time, velocities)) {
@@ -38,7 +38,7 @@ auto shiftVelocities(Kernel& kernel, ContextImpl& context, double time, vector<V
 template <class Kernel>
 void shiftVelocities(Kernel&, ContextImpl&, double, vector<Vec3>&, long) {}
 
-/** OpenMM's own kernel, but for rounding. */
+/** OpenMM's own kernel, with its numbers rounded. */
 class RoundingKernel : public UpdateStateDataKernel {
 public:
     RoundingKernel(const string& name, const Platform& platform, ContextImpl& context)
@@ -54,7 +54,8 @@ public:
     void setStepCount(const ContextImpl& context, long long count) override {
         exact.setStepCount(context, count);
     }
-    // OpenMM 8.5 gave it an argument more, so either may be the one that overrides.
+    // OpenMM 8.5 added an argument to this method. So either of the two overloads may be the one
+    // that overrides.
     void getPositions(ContextImpl& context, vector<Vec3>& positions) {
         exact.getPositions(context, positions);
         for (Vec3& x : positions) x = inFloats(x);
@@ -133,7 +134,7 @@ public:
 class DevicePlatform : public ReferencePlatform {
 public:
     explicit DevicePlatform(const string& precision = "single") : precision(precision) {
-        platform("Reference");  // loads the library, whose kernels some platform must have
+        platform("Reference");  // loads the library, which needs a platform for its kernels
         platformProperties.push_back("Precision");
         for (const string& name :
              {UpdateStateDataKernel::Name(), IntegrateRigidBodiesKernel::Name()})
@@ -147,8 +148,8 @@ private:
     const string precision;
 };
 
-/** A Force of another plugin that pushes one particle before every step, and says that forces are
- * invalid, or not. */
+/** A Force, as another plugin might have it, that pushes one particle before every step. If `says`
+ * it reports that forces are invalid. */
 class Push : public Force {
 public:
     Push(int particle, const Vec3& by, bool says) : particle(particle), by(by), says(says) {}
@@ -179,8 +180,8 @@ private:
 };
 
 /**
- * Waters, a body of one site whose spin is known from its twist alone, and free particles with a
- * constraint and a virtual site.
+ * Waters, a body of one site, and free particles with a constraint and a virtual site. The spin of
+ * the body of one site is known from its twist alone.
  */
 struct DeviceScene {
     DevicePlatform device;
@@ -216,7 +217,7 @@ struct DeviceScene {
         context->setPositions(start);
         if (momenta) context->setVelocitiesToTemperature(300, 3);
     }
-    /** All that the bodies' doubles say. */
+    /** The whole state of the bodies, which is kept in double precision. */
     vector<Vec3> bodies() {
         vector<Vec3> all = integrator.getBodyPositions();
         for (const auto& q : integrator.getBodyOrientations()) {
@@ -245,8 +246,8 @@ TEST(DeviceArrays, APlainStepIsOnePushOfPositionsAndOneGetOfForces) {
         const KernelArrays::Transfers before = lastArrays->transfers();
         plain.integrator.step(steps);
         const KernelArrays::Transfers& after = lastArrays->transfers();
-        // Positions and velocities are looked at once, since the user may have changed them. At the
-        // end of the steps they are there for the user.
+        // Positions and velocities are read once, since the user may have changed them. At the end
+        // of the steps velocities are written for the user.
         EXPECT_EQ(after.positionsPulled - before.positionsPulled, 1);
         EXPECT_EQ(after.velocitiesPulled - before.velocitiesPulled, 1);
         EXPECT_EQ(after.positionsPushed - before.positionsPushed, steps);
@@ -281,7 +282,8 @@ TEST(DeviceArrays, DoublesOfTheHostAreMaster) {
         }
         EXPECT_TRUE(sameBits(atOnce.everything(), inPieces.everything())) << "scheme " << scheme;
         EXPECT_TRUE(sameBits(atOnce.everything(), readAndSet.everything())) << "scheme " << scheme;
-        // Poses are those of doubles: members lie in them to single precision only.
+        // Poses are in double precision. Only the positions of members are rounded to single
+        // precision.
         bool anyDouble = false;
         for (const Vec3& x : atOnce.integrator.getBodyPositions()) anyDouble |= x[0] != float(x[0]);
         EXPECT_TRUE(anyDouble);
@@ -289,7 +291,7 @@ TEST(DeviceArrays, DoublesOfTheHostAreMaster) {
 }
 
 TEST(DeviceArrays, WhatOthersDoIsHonoured) {
-    // A few units in the last place of single precision are a change.
+    // A change of positions by a few units in the last place of single precision is honoured.
     DeviceScene scene;
     scene.integrator.step(3);
     const Vec3 shift(2e-6, 0, 0);
@@ -309,7 +311,7 @@ TEST(DeviceArrays, WhatOthersDoIsHonoured) {
 
 TEST(DeviceArrays, ForcesMoveParticlesIfTheySayThatForcesAreInvalid) {
     // A barostat's rejected move may leave molecules in another image of the box, with forces that
-    // are valid: that is no motion.
+    // are valid. Such a move is not taken for a motion of bodies.
     const Vec3 by(0.25, 0, 0);
     for (bool says : {true, false}) {
         DeviceScene pushed(CustomRigidHIIntegrator::LangevinC, new Push(9, by, says)), left;
@@ -354,8 +356,8 @@ TEST(DeviceArrays, RemovalOfMomentumKeepsItsFrequency) {
 }
 
 TEST(DeviceArrays, DrawnTwistsAreKept) {
-    // One site does not determine a spin. The spin is known only if the velocities that come back
-    // are recognised as those that were written.
+    // The velocity of one site does not determine a spin. The spin is kept only if the velocities
+    // that are read back are recognised as those that were written.
     DeviceScene scene;
     EXPECT_GT(norm(scene.integrator.getBodyAngularVelocities()[3]), 0.1);
 }
@@ -411,7 +413,7 @@ TEST(DeviceArrays, DamagedStatesAreRefused) {
     stringstream stream;
     XmlSerializer::serialize<State>(&state, "State", stream);
     const string xml = stream.str();
-    // Load it with another value of the first attribute of this name after this element.
+    // Load the State with another value of the first attribute of this name after this element.
     const auto load = [&](const string& element, const string& attribute, const string& value) {
         string damaged = xml;
         const size_t at = damaged.find(" " + attribute + "=\"", damaged.find("<" + element)) +
@@ -438,8 +440,8 @@ TEST(DeviceArrays, DamagedStatesAreRefused) {
 }
 
 TEST(DeviceArrays, AStateIsTakenByAnotherPlatform) {
-    // From the device to Reference: bodies have the poses that they had, not those of rounded
-    // positions.
+    // The State goes from the device to Reference. Bodies then have the poses that they had, not
+    // poses fitted to rounded positions.
     DeviceScene saved;
     saved.integrator.step(4);
     const State state =
@@ -450,7 +452,7 @@ TEST(DeviceArrays, AStateIsTakenByAnotherPlatform) {
     other.context.reset(new Context(other.system, other.integrator, platform("Reference")));
     other.context->setState(state);
     EXPECT_TRUE(sameBits(other.bodies(), bodies));
-    // Positions that are changed after loading are taken in.
+    // Positions that are changed after loading define the poses.
     vector<Vec3> moved = positionsOf(*other.context);
     for (int p = 0; p < 3; p++) moved[p] += Vec3(1e-4, 0, 0);
     other.context->setState(state);
@@ -461,7 +463,7 @@ TEST(DeviceArrays, AStateIsTakenByAnotherPlatform) {
 
 namespace {
 
-/** A water in a periodic field, and another with it, `boxes` away from the box. */
+/** Two waters in a periodic field, the second one `boxes` boxes away. */
 struct FarScene {
     static constexpr double edge = 4;
     DevicePlatform device;
@@ -498,13 +500,14 @@ struct FarScene {
 }  // namespace
 
 TEST(DeviceArrays, ForcesFarFromTheBoxAreThoseNearIt) {
-    // 4096 boxes away single precision rounds coordinates to 0.002 nm, and forces to 1; poses are
-    // doubles.
+    // At a distance of 4096 boxes single precision rounds coordinates to 0.002 nm, and forces to 1.
+    // Poses are in double precision.
     const int boxes = 4096;
     FarScene near(0, true), far(boxes, true);
     const Vec3 start = far.integrator.getBodyPositions()[1],
                nearStart = near.integrator.getBodyPositions()[1];
-    // The user's positions were rounded by the device: put the body where its image is.
+    // The device rounded the user's positions. So the far body is put exactly at the image of the
+    // near one.
     vector<Vec3> R = near.integrator.getBodyPositions();
     R[1] += FarScene::shift(boxes);
     far.integrator.setBodyPositions(R);
@@ -513,7 +516,7 @@ TEST(DeviceArrays, ForcesFarFromTheBoxAreThoseNearIt) {
     const Vec3 image = far.integrator.getBodyPositions()[1] - FarScene::shift(boxes);
     EXPECT_GT(norm(near.integrator.getBodyPositions()[1] - nearStart), 0.1);
     EXPECT_LT(norm(image - near.integrator.getBodyPositions()[1]), 1e-5);
-    // What users see is where the body is, as well as the device can tell.
+    // The positions that users read are those of the body, within the precision of the device.
     EXPECT_LT(
         norm(positionsOf(*far.context)[3] - FarScene::shift(boxes) - positionsOf(*near.context)[3]),
         0.01);
@@ -524,7 +527,7 @@ TEST(DeviceArrays, NothingIsMovedUnderForcesThatAreNotPeriodic) {
     FarScene far(3, false);
     const double x = far.integrator.getBodyPositions()[1][0];
     far.integrator.step(1);
-    // The whole way from x = 1, not that of an image.
+    // The force is that at the whole distance from x = 1, not at the distance of an image.
     EXPECT_NEAR(far.integrator.getBodyForces()[1][0], -3 * 1000 * (x - 1), 1e-2 * 3000 * (x - 1));
 }
 
@@ -543,5 +546,5 @@ TEST(DeviceArrays, AVirtualSiteOfAnUnknownKindIsRefused) {
                  "placed on the platforms Reference and CPU, but not on"});
     CustomRigidHIIntegrator there(300, 0.002);
     there.addRigidBody({0}, 5, Vec3(0.1, 0.2, 0.25), {Vec3()});
-    Context context(system, there, platform("Reference"));  // which places all kinds itself
+    Context context(system, there, platform("Reference"));  // places all kinds itself
 }

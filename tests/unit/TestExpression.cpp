@@ -1,4 +1,5 @@
-// Expressions are those of OpenMM's Custom forces: same values, same refusals.
+// Expressions are those of OpenMM's Custom forces. They have the same values, and the same texts
+// are refused.
 
 #include <openmm/CustomExternalForce.h>
 #include <openmm/VerletIntegrator.h>
@@ -178,7 +179,7 @@ TEST(Expression, IsAtLeastAsStrictAsOpenMM) {
                     {"expression \"" + text + "\"", "is no number", "a number looks like 1, 0.5"});
 }
 
-/** Random expressions, of a grammar that makes all combinations of operators. */
+/** Random expressions of a grammar that makes all combinations of operators. */
 class RandomText {
 public:
     explicit RandomText(int seed) : generator(seed) {}
@@ -213,8 +214,9 @@ TEST(Expression, RandomOnesHaveTheValuesOfOpenMM) {
         const string text = random(4);
         for (const auto& values : {points[0], points[2]}) {
             const double value = ourValue(text, values);
-            // OpenMM simplifies 0*x/0 to 1, and does not return for constants that are NaN.
-            // Cancellation magnifies rounding.
+            // Values that are not finite are not compared, because OpenMM simplifies 0*x/0 to 1,
+            // and does not return for constants that are NaN. Large values are not compared,
+            // because cancellation magnifies rounding.
             if (!isfinite(value) || abs(value) > 1e8) continue;
             const double expected = openmmValue(text, values);
             finite++;
@@ -240,7 +242,7 @@ TEST(Expression, LongAndDeepOnes) {
     for (int i = 0; i < 800; i++) nested = "(" + nested + ")";
     expectError([&] { ourValue(nested, values); },
                 {"nested deeper than 1000 levels", "use definitions"});
-    // Doubles with every definition: 2^60 terms if it were substituted as text.
+    // The value doubles with every definition. Substitution of text would make 2^60 terms.
     string doubling = "a0";
     for (int i = 0; i < 60; i++)
         doubling += "; a" + to_string(i) + "=a" + to_string(i + 1) + "+a" + to_string(i + 1);
@@ -248,8 +250,8 @@ TEST(Expression, LongAndDeepOnes) {
 }
 
 TEST(Expression, ChainsOfDefinitionsMayBeLong) {
-    // Each definition is used in the next one in one of the possible ways. Neither depth nor time
-    // grows faster than the text.
+    // Each definition uses the next one, in one of the possible ways. Neither depth nor time grows
+    // faster than the text.
     const int links = 15000;
     string counting = "a0", nested = "a0", wide = "0", later;
     for (int i = 0; i < links; i++) {

@@ -1,4 +1,5 @@
-// Products by multipoles against sums over all pairs, and what they are made of.
+// Products by multipoles agree with sums over all pairs within the error that was asked for. The
+// parts of the method, such as solid harmonics, are tested too.
 
 #include <openmm/internal/ThreadPool.h>
 #include "host/SimdTargets.h"  // must precede Highway
@@ -37,8 +38,8 @@ struct Scene {
         return CpuRotnePragerYamakawa(particles, 0.7, {}, wall, fastSums);
     }
     /**
-     * Square roots of own frictions, up to a common factor: multiplied by them, forces and torques
-     * of unit size have the same strength.
+     * Square roots of the particles' own frictions, up to a common factor. Multiplied by these
+     * roots, forces and torques of unit size have the same strength.
      */
     VectorXd scale() const {
         VectorXd s(particles.numRows);
@@ -106,7 +107,8 @@ Scene heldOut(int n, Held shape, Kind kind, bool hasWall) {
 }
 
 /**
- * Random forces, and forces all along one direction, where M is largest; scaled by own mobilities.
+ * Three columns of forces, scaled by the particles' own frictions. The first column is random. In
+ * the others all forces have one direction, for which M is largest.
  */
 MatrixXd forcesFor(const Scene& scene) {
     mt19937 random(5);
@@ -149,7 +151,7 @@ TEST(SolidHarmonics, ShiftsAndTakesFromFar) {
     const Vector3d u = x + d;
     harmonics.basis(u[0], u[1], u[2], shifted.data());
     EXPECT_LT((harmonics.shift(d) * Rx - shifted).cwiseAbs().maxCoeff(), 1e-15);
-    // The terms that are cut off are (|x|/|D|)^19 and (|y|/|D|)^19, 1e-12.
+    // The terms that are cut off are (|x|/|D|)^19 and (|y|/|D|)^19, about 1e-12.
     EXPECT_NEAR(Rx.dot(harmonics.fromFar(D) * Ry), 1 / (D + x - y).norm(), 1e-11);
 }
 
@@ -221,7 +223,7 @@ TEST(ClusterTree, EveryPairIsInOnePairOfCubes) {
         }
 }
 
-// The formulas: errors go to zero with the order, whatever particles there are.
+// Errors go to zero with increasing order for all kinds of particles, so the formulas are right.
 TEST(FastSum, ConvergesToTheSumOverPairs) {
     for (bool hasWall : {false, true})
         for (Kind kind : {Blobs, Spheres, Mixed})
@@ -243,7 +245,7 @@ TEST(FastSum, ConvergesToTheSumOverPairs) {
             }
 }
 
-// The promise, at scenes that the table was not made from.
+// Errors keep below the promised bound at scenes that the table of accuracies was not made from.
 TEST(FastSum, ErrorsAreBelowWhatWasAskedFor) {
     const int n = 6000;
     for (bool hasWall : {false, true})
@@ -306,7 +308,7 @@ TEST(FastSum, NeitherThreadsNorWidthOfPacksShow) {
                     });
                 EXPECT_TRUE((together.array() == alone.array()).all()) << threads;
             }
-            // Column by column.
+            // A product with several columns is the product column by column.
             for (int c = 0; c < forces.cols(); c++)
                 EXPECT_LT((fast(scene, forces.col(c), accuracy) - alone.col(c)).norm(),
                           (floats > 0 ? 1e-6 : 1e-14) * alone.col(c).norm());
@@ -329,7 +331,7 @@ TEST(FastSum, NeitherThreadsNorWidthOfPacksShow) {
     }
 }
 
-// Nothing is left of an earlier placement, and matrices that were made for it have no influence.
+// An earlier placement, and the matrices that were made for it, have no influence.
 TEST(FastSum, ForgetsEarlierPlacements) {
     for (bool hasWall : {false, true}) {
         const Scene scene = cloud(800, Spheres, false, hasWall, 25),
@@ -360,7 +362,7 @@ TEST(FastSum, HardPlaces) {
         scene.positions[i] = i % 2 ? Vec3(1e9, 0, 0) : Vec3(1e-3 * i, 0, 0);
     compare(1e-4);
     scene = cloud(2000, Mixed, false, false, 60);
-    scene.particles.radii[17] = 25;  // one holds many others
+    scene.particles.radii[17] = 25;  // one sphere contains many others
     compare(1e-4);
     const Scene alone = cloud(1, Spheres, true, true, 5);
     const MatrixXd forces = forcesFor(alone);
@@ -369,7 +371,7 @@ TEST(FastSum, HardPlaces) {
     EXPECT_EQ(fast(scene, none, accuracy).cwiseAbs().maxCoeff(), 0);
 }
 
-// How a model takes it.
+// A model uses the fast sum where it is accurate enough, and exact or rough products elsewhere.
 TEST(FastSum, OfAModelAtAPlace) {
     for (bool hasWall : {false, true}) {
         const Scene scene = cloud(10000, Blobs, true, hasWall, 80),

@@ -1,4 +1,5 @@
-// The coupled Ornstein-Uhlenbeck process against S with known eigenvectors, in extended precision.
+// The coupled Ornstein-Uhlenbeck process is compared with results in extended precision, for
+// matrices S with known eigenvectors.
 
 #include <Eigen/Dense>
 #include <iostream>
@@ -20,7 +21,7 @@ const RigidHIPlugin::OneBlasThread singleBlasThread;  // as callers of Symmetric
 typedef Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic> MatrixXl;
 typedef Eigen::Matrix<long double, Eigen::Dynamic, 1> VectorXl;
 
-/** S with eigenvectors and eigenvalues that are known to all digits of a long double. */
+/** A matrix S whose eigenvectors and eigenvalues are known to all digits of a long double. */
 struct Known {
     MatrixXl Q;
     VectorXl rates;
@@ -60,9 +61,9 @@ VectorXd randomVector(int n, int seed) {
     return v;
 }
 
-// From 40 rows on LAPACK does the work.
+// From 40 rows on LAPACK decomposes the matrix.
 const int sizes[] = {1, 2, 6, 12, 39, 40, 41, 90};
-/** The rates that S, rounded to doubles, leaves uncertain, relative to the largest: a few
+/** The uncertainty of the rates after S was rounded to doubles, relative to the largest rate: a few
  * roundings. */
 const double rounding = 2e-15;
 
@@ -92,7 +93,8 @@ TEST(FluidOrnsteinUhlenbeck, BothMatrixFunctionsAtEveryScale) {
                     ASSERT_LT(error, 1e-12)
                         << n << " rows, h S = 1e" << exponent << ", condition " << condition;
                     worst = max(worst, error);
-                    // exp(-S h) itself: as many digits as h S, rounded to doubles, fixes.
+                    // exp(-S h) itself has as many correct digits as h S, rounded to doubles,
+                    // determines.
                     const MatrixXd exponential =
                         known.of([&](long double x) { return expl(-x * h); });
                     if (exponential.norm() < 1e-290) continue;
@@ -117,7 +119,7 @@ TEST(FluidOrnsteinUhlenbeck, StepIsTheMatrices) {
                 const MatrixXd noise =
                     known.of([&](long double x) { return sqrtl(-expm1l(-2 * x * h)); });
                 VectorXd Z = start;
-                process.step(h, 0, Z, VectorXd());  // without noise nothing is asked of chi
+                process.step(h, 0, Z, VectorXd());  // without noise chi may be empty
                 // Where the momenta have decayed completely, only the rounding of the start is
                 // left.
                 const VectorXd left = start + decay * start;
@@ -129,7 +131,7 @@ TEST(FluidOrnsteinUhlenbeck, StepIsTheMatrices) {
                 process.step(h, kT, Z, chi);
                 ASSERT_LT((Z - left - sqrt(kT) * noise * chi).norm(),
                           1e-12 * (start.norm() + chi.norm()));
-                // The noise alone keeps its digits where it is small.
+                // The noise alone keeps its relative accuracy where it is small.
                 Z.setZero();
                 process.step(h, kT, Z, chi);
                 const VectorXd expected = sqrt(kT) * noise * chi;
@@ -219,8 +221,8 @@ TEST(FluidOrnsteinUhlenbeck, OneObjectTakesMatricesOfAnySize) {
 }
 
 TEST(FluidOrnsteinUhlenbeck, RotationsThatTheFluidDoesNotSeeKeepTheirMomentum) {
-    // A null vector of the friction, up to rounding of either sign: nothing decays along it, and it
-    // has no noise.
+    // S has a null vector, up to rounding of either sign. The momentum along this vector does not
+    // decay and has no noise.
     for (int n : {6, 45})
         for (double rounded : {-1e-15, 0.0, 1e-15}) {
             Known known(n, 2, 10, n);
@@ -251,7 +253,7 @@ TEST(FluidOrnsteinUhlenbeck, MatricesThatAreNotPositiveAreRefused) {
             expectError([&] { process.decompose(known.S(), true); },
                         {"the mobility matrix is not positive definite"});
         }
-        // A mobility must be positive, for its inverse is the friction.
+        // A mobility must be positive definite, because its inverse is the friction.
         MatrixXd zero = MatrixXd::Zero(n, n);
         expectError([&] { process.decompose(zero, true); }, {"not positive definite"});
         MatrixXd bad = known.S();

@@ -1,5 +1,5 @@
-// Force coupling on a grid: against the sum over Fourier modes of its definition, the covariance of
-// its random field, stencils.
+// Force coupling on a grid. Products agree with the sum over Fourier modes that defines them, the
+// random field has the covariance of the products, and stencils are tested.
 
 #include <Eigen/Dense>
 #include <cmath>
@@ -35,7 +35,7 @@ HydrodynamicParticles blobs(int number, double radius) {
     for (int i = 0; i < number; i++) particles.add(radius, false, i, -1);
     return particles;
 }
-/** Across faces, overlapping, and far outside of the box. */
+/** Places across faces of the box, of overlapping particles, and far outside of the box. */
 vector<Vec3> places(const BoxVectors& box) {
     return {Vec3(0.05, 2.4, 1.1), Vec3(0.4, 2.2, 1.4), Vec3(box[0][0] - 0.01, -3.1, 0.2),
             Vec3(0.9, 0.02, 17.3)};
@@ -44,8 +44,8 @@ BoxVectors orthogonal(double x, double y, double z) {
     return {{Vec3(x, 0, 0), Vec3(0, y, 0), Vec3(0, 0, z)}};
 }
 
-/** The sum of the definition: (1/(eta V)) sum_k D_i^+ (1 - k k) k^-2 D_j exp(i k (r_i - r_j)), up
- * to where envelopes end. */
+/** The sum of the definition, up to the waves at which the envelopes end: (1/(eta V)) sum_k D_i^+
+ * (1 - k k) k^-2 D_j exp(i k (r_i - r_j)). */
 MatrixXd latticeSum(const HydrodynamicParticles& particles, const BoxVectors& box,
                     const vector<Vec3>& at) {
     double narrowest = 1e9;
@@ -169,16 +169,16 @@ TEST(GridFluid, RandomFieldsHaveTheCovarianceOfProducts) {
 
 // ---- Between slip walls
 
-/** Between walls at y = 0 and half of the edge: on a wall, overlapping a wall and each other, and
- * so far from one that the stencil begins a little beyond it. */
+/** Places between walls at y = 0 and at half of the edge: on a wall, overlapping a wall and each
+ * other, and so far from a wall that the stencil begins a little beyond this wall. */
 vector<Vec3> inChannel(const BoxVectors& twice) {
     const double width = 0.5 * twice[1][1];
     return {Vec3(0.05, 0.7 * width, 1.1), Vec3(0.4, 0.05, 1.4),
             Vec3(twice[0][0] - 0.01, width, 0.2), Vec3(0.9, min(0.55 * width, 2.5), 17.3)};
 }
 
-/** Grids with an even and an odd number of rows between the walls, wide and narrow channels,
- * stencils longer than the box. */
+/** Grids with an even and an odd number of rows between the walls, of wide and narrow channels,
+ * also with stencils longer than the box. */
 struct MirroredGrid {
     BoxVectors twice;
     array<int, 3> size;
@@ -196,8 +196,8 @@ GridShape mirroredShape(const GridResolution& resolution, const MirroredGrid& gr
 }
 
 TEST(GridFluid, MirroredProductsAreThoseOfImages) {
-    // The same nodes without the symmetry: particles and reflected images in a periodic box, forces
-    // reflected likewise.
+    // The expected products are those on the same nodes without the symmetry. Particles and their
+    // reflected images are in a periodic box, and the images have the reflected forces.
     const HydrodynamicParticles particles = mixture();
     HydrodynamicParticles both = particles;
     for (int p = 0; p < particles.size(); p++)
@@ -214,7 +214,7 @@ TEST(GridFluid, MirroredProductsAreThoseOfImages) {
         const GridShape shape = mirroredShape(resolution, grid);
         GridShape whole = shape;
         whole.mirrored = false;
-        // From the first node on, where a periodic grid has its origin.
+        // Coordinates count from the first node, where a periodic grid has its origin.
         const vector<Vec3> at = inChannel(grid.twice);
         vector<Vec3> withImages;
         for (int side : {1, -1})
@@ -234,8 +234,9 @@ TEST(GridFluid, MirroredProductsAreThoseOfImages) {
 }
 
 TEST(GridFluid, MirroredFieldsHaveTheCovarianceOfProducts) {
-    // As for periodic ones, with the modes that are drawn: ny is not negative, nor is nx where nz
-    // is 0. Of those along y only real parts count.
+    // As for periodic fields the covariance is a sum over the modes that are drawn. For these modes
+    // ny is not negative, and nx is not negative where nz is 0. Of modes along y only the real
+    // parts count.
     const HydrodynamicParticles particles = mixture();
     for (const MirroredGrid& grid : mirroredGrids) {
         if (grid.size[1] > 30) continue;  // takes minutes
@@ -273,7 +274,7 @@ TEST(GridFluid, FinerGridsKeepTheNoise) {
         fluid.draw(stencils, eta, noise, NoiseStream::RandomField, field);
         fluid.average(field, stencils, velocities[i]);
     }
-    // Modes that only the finer grid has are left out of the coarser one: a part 1e-6 of the
+    // The coarser grid lacks the modes that only the finer grid has. These modes make 1e-6 of the
     // variance, so 1e-3 of the amplitude.
     EXPECT_LE((velocities[0] - velocities[1]).norm(), 3e-3 * velocities[1].norm());
     EXPECT_GT(velocities[1].norm(), 0);
@@ -302,8 +303,8 @@ TEST(GridFluid, GradientsAreThoseOfAveragesWithAnchoredStencils) {
         for (int p = 0; p < particles.size(); p++)
             for (int a = 0; a < 3; a++) {
                 const int row = particles.firstRow[p] + a;
-                // Central differences: an error of delta^2/6 times a third derivative, about
-                // 1/width^3.
+                // Central differences have an error of delta^2/6 times a third derivative, which is
+                // about 1/width^3.
                 EXPECT_NEAR((plus[row] - minus[row]) / (2 * delta), gradients(3 * a + b, p),
                             1e-6 * gradients.norm());
             }
@@ -347,7 +348,8 @@ TEST(GridFluid, BoxesAwayMakeNoDifference) {
 }
 
 TEST(GridFluid, StencilsLongerThanTheBox) {
-    // A box of twice the largest radius; stencils of several boxes add up. And edges of 1 : 10.
+    // The first box is as wide as twice the largest radius, so stencils of several boxes add up.
+    // The second box has edges of 1 : 10.
     for (const BoxVectors& box : {orthogonal(1.9, 2.0, 1.85), orthogonal(1.9, 19, 1.9)}) {
         const HydrodynamicParticles particles = mixture();
         const double tolerance = 1e-6;
@@ -361,7 +363,7 @@ TEST(GridFluid, StencilsLongerThanTheBox) {
     }
 }
 
-/** Ranges for so many threads at once. */
+/** Computes ranges on this number of threads at once. */
 GridThreads onThreads(int number) {
     return [number](int count, const function<void(int, int)>& task) {
         vector<thread> threads;
@@ -433,7 +435,8 @@ TEST(CpuGridFluid, ThreadsDoNotChangeABit) {
 }
 
 TEST(CpuGridFluid, RoughProductsHaveTheErrorThatTheyPromise) {
-    // Overlapping and not; spheres and blobs; boxes that stencils fit into and not; channels.
+    // The cases have spheres and blobs that overlap or do not, boxes that stencils fit into or not,
+    // and channels.
     const HydrodynamicParticles particles = mixture();
     const GridResolution resolution(particles, 1e-4, 0);
     vector<pair<GridShape, vector<Vec3> > > cases;
@@ -454,7 +457,7 @@ TEST(CpuGridFluid, RoughProductsHaveTheErrorThatTheyPromise) {
                   MobilityAt::roughError * normOf(scaled(before, particles)));
         EXPECT_LE((rough - before).norm(), MobilityAt::roughError * before.norm());
         EXPECT_GT((rough - before).norm(), 0);
-        // Exact ones do not notice.
+        // Rough products have no influence on later exact ones.
         EXPECT_EQ(dense(fluid, stencils), before);
         CpuGridFluid many(onThreads(3));
         many.multiplyRoughly(stencils, eta, MatrixXd::Identity(rows, rows), roughOfMany);

@@ -1,5 +1,5 @@
-// Arrays that are copies on the host: a whole kernel on them takes the steps of the one whose
-// arrays are the Context's own.
+// A kernel whose arrays are copies on the host takes the same steps, bit for bit, as the kernel
+// whose arrays are the Context's own.
 
 #include <openmm/CMMotionRemover.h>
 #include <openmm/CustomExternalForce.h>
@@ -33,8 +33,8 @@ public:
     }
 };
 
-/** Waters with a massless marker, free particles with a constraint, forces, a CMMotionRemover;
- * changed by the user half-way. */
+/** The steps of waters with a massless marker and free particles with a constraint, under forces
+ * and a CMMotionRemover. The user changes the state half-way. */
 vector<Vec3> trajectory(CustomRigidHIIntegrator::Scheme scheme, Platform& on) {
     System system;
     CustomRigidHIIntegrator integrator(300, 0.002);

@@ -1,5 +1,5 @@
-// Functions of matrices times vectors by Lanczos: the promised accuracy, hard spectra, errors,
-// suspensions of spheres.
+// Functions of matrices times vectors by Lanczos iteration have the promised accuracy, also for
+// hard spectra and for suspensions of spheres. Error messages are tested too.
 
 #include "linearalgebra/Lanczos.h"
 
@@ -18,7 +18,8 @@ using Eigen::VectorXd;
 
 namespace {
 
-/** Q diag(values) Q^T. Without Q the matrix is diagonal, and only the iteration itself rounds. */
+/** The matrix Q diag(values) Q^T. Without Q it is diagonal, and only the iteration itself makes
+ * rounding errors. */
 struct KnownMatrix {
     VectorXd values;
     MatrixXd Q;
@@ -58,7 +59,7 @@ enum Spectrum {
     DenseEnds,
     numSpectra
 };
-/** Between 1/condition and 1. */
+/** Eigenvalues between 1/condition and 1. */
 VectorXd spectrum(mt19937& random, Spectrum kind, int n, double condition) {
     uniform_real_distribution<double> uniform(0, 1);
     VectorXd v(n);
@@ -116,8 +117,8 @@ TEST(Lanczos, ThePromiseHolds) {
                     const double condition = pow(10, 8 * uniform(random) * uniform(random));
                     const double scale = pow(10, 6 * uniform(random) - 3),
                                  tolerance = pow(10, -2 - 8 * uniform(random));
-                    // The decay ranges from none to complete. Every third time it is where most of
-                    // the change is.
+                    // The decay ranges from none to complete. In every third case h is in the range
+                    // where the decay changes most.
                     const double h = scale * pow(10, repeat % 3 == 0 ? 6 * uniform(random) - 3
                                                                      : 28 * uniform(random) - 14);
                     KnownMatrix A = {scale * spectrum(random, Spectrum(kind), n, condition),
@@ -151,8 +152,8 @@ TEST(Lanczos, ThePromiseHolds) {
 }
 
 TEST(Lanczos, RoughProductsTakeOverWhereTheyDoNoHarm) {
-    // Errors of products have the size that rough products may have. They are in random directions,
-    // or those of a matrix that is slightly another one.
+    // Errors of products have the size that rough products may have. They have random directions,
+    // or they are those of a slightly different matrix.
     mt19937 random(4);
     uniform_real_distribution<double> uniform(0, 1);
     int cases = 0, products = 0, roughOnes = 0, again = 0;
@@ -213,7 +214,8 @@ TEST(Lanczos, ExactInInvariantSubspaces) {
         EXPECT_EQ(lanczos.getNumProducts(), distinct);
         EXPECT_LT(errorOf(lanczos, result, A, SpectralFunction::squareRoot(), x), 1e-13);
     }
-    // An eigenvector; a 1 x 1 matrix; the whole space.
+    // Special cases: the vector is an eigenvector, the matrix has one row, the iteration spans the
+    // whole space.
     const KnownMatrix A = {spectrum(random, Logarithmic, 30, 1e4), MatrixXd()};
     lanczos.apply(A.product(), VectorXd::Unit(30, 3), {SpectralFunction::squareRoot()}, result);
     EXPECT_EQ(lanczos.getNumProducts(), 1);
@@ -282,7 +284,8 @@ TEST(Lanczos, ColumnsAreIndependentAndConvergedOnesAreLeftOut) {
 }
 
 TEST(Lanczos, DecayedColumnsMayBeMeasuredByTheSum) {
-    // exp(-h/x) z is negligible beside the noise, so that it takes hardly any products.
+    // A decayed exp(-h/x) z is negligible beside the noise. With errors relative to the sum it
+    // takes hardly any products.
     mt19937 random(5);
     const KnownMatrix A = {spectrum(random, Uniform, 200, 100), MatrixXd()};
     const MatrixXd x = normal(random, 200, 2);
@@ -348,8 +351,8 @@ TEST(Lanczos, Errors) {
 }
 
 TEST(Lanczos, SuspensionsOfSpheres) {
-    // 100 spheres with force and torque, as a Langevin step sees them: masses 1, moments 0.4, S^-1
-    // = K^-1/2 N K^-1/2.
+    // 100 spheres with forces and torques, as in a Langevin step: masses 1, moments 0.4, S^-1 =
+    // K^-1/2 N K^-1/2.
     const int n = 100;
     mt19937 random(7);
     for (double fraction : {0.05, 0.15, 0.25, 0.35}) {

@@ -1,4 +1,4 @@
-// Models and their mobility at several placements at once.
+// Hydrodynamic models, and their mobilities at several placements at once.
 
 #include <Eigen/Geometry>
 
@@ -65,7 +65,7 @@ vector<Case> cases(const HydrodynamicParticles& particles) {
     return all;
 }
 
-// The box is triclinic, for those that have one.
+// Models of periodic fluids have this triclinic box.
 const BoxVectors box = {Vec3(4, 0, 0), Vec3(1, 4.5, 0), Vec3(-0.7, 0.9, 3.8)};
 const Placement first = {{Vec3(0, 0, 1), Vec3(1.2, 0, 1.5), Vec3(0, 1.3, 0.9)}, box},
                 second = {{Vec3(0.3, 0, 2), Vec3(1.9, 0, 0.8), Vec3(0, 1.6, 1.9)}, box};
@@ -90,7 +90,8 @@ TEST(MobilityModel, SeveralPlacesLiveAtOnce) {
         const Answers atFirst(*a), atSecond(*b);
         EXPECT_FALSE(atFirst == atSecond) << c.name;
         EXPECT_TRUE(atFirst == Answers(*a)) << c.name;
-        // The memory of a MobilityAt is used for another placement: nothing of the first is left.
+        // The memory of a MobilityAt is used for another placement. The first placement has no
+        // influence.
         auto lent = c.model->at(first);
         Answers unused(*lent);
         const MobilityAt* memory = lent.get();
@@ -138,7 +139,8 @@ TEST(MobilityModel, ABodyByItselfIsThatOfUnboundedFluid) {
     for (const Case& c : cases(threeSpheres())) {
         c.model->ownMobility(body, sites, own);
         if (string(c.model->name()) == "ForceCoupling") {
-            // By Gaussians: the mobility is that in a box so large that images do not count.
+            // The particles are Gaussians. The own mobility is that in a box so large that images
+            // do not count.
             const double L = 1e15;
             PeriodicForceCoupling(body, eta)
                 .at({sites, {Vec3(L, 0, 0), Vec3(0, L, 0), Vec3(0, 0, L)}})
@@ -154,7 +156,7 @@ TEST(MobilityModel, ABodyByItselfIsThatOfUnboundedFluid) {
 
 namespace {
 
-/** Stokes drag over 1 + the volume of the box. */
+/** A model whose mobility is that of Stokes drag over 1 + the volume of the box. */
 class InABox : public MobilityModel {
 public:
     using MobilityModel::MobilityModel;
@@ -211,7 +213,7 @@ TEST(MobilityModel, TheBoxComesWithThePoses) {
 }
 
 TEST(MobilityModel, FlowAtPointsIsKnownOrRefused) {
-    // A model whose author has written none.
+    // A model whose author has written no method for the flow at points.
     struct Nowhere : RotnePragerYamakawa {
         using RotnePragerYamakawa::RotnePragerYamakawa;
         struct At : MobilityAt {

@@ -1,5 +1,5 @@
-// Noise of the mobility problem: covariance without matrices, and what units and radii do to its
-// accuracy; the model's own random field.
+// Noise of the mobility problem has the right covariance without matrices, in any units and for
+// unequal radii. The random field that a model may have of its own is tested too.
 
 #include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
@@ -16,7 +16,7 @@ using namespace std;
 
 namespace {
 
-/** Spheres and a free particle of unequal radii, all lengths times a unit. */
+/** Spheres and a free particle of unequal radii, with all lengths multiplied by a unit. */
 struct Spheres {
     vector<FluidElement> elements;
     vector<Pose> poses;
@@ -49,13 +49,13 @@ TEST(MobilityProblem, NoiseOfSpheresHasItsCovarianceInAnyUnit) {
         const double tolerance = 1e-3;
         Spheres spheres(unit, tolerance);
         const int n = (*spheres.bodies)->getNumRows();
-        // What entries are measured in: 1/length, 1/length^2, 1/length^3.
+        // The scale removes the units of entries: 1/length, 1/length^2, 1/length^3.
         VectorXd scale(n);
         for (int r = 0; r < n; r++) scale[r] = pow(unit, r % 6 < 3 ? 0.5 : 1.5);
         BodyMobility& problem = spheres.bodies->byProducts();
         MatrixXd slips, wrenches;
-        // The symmetric root, column by column, each accurate to five tolerances, so that the
-        // covariance is accurate to ten.
+        // The unit vectors give the symmetric root column by column. Each column is accurate to
+        // five tolerances, so that the covariance is accurate to ten.
         problem.thermalSlip(MatrixXd::Identity(n, n), slips);
         problem.thermalWrench(MatrixXd::Identity(n, n), wrenches);
         const MatrixXd N = scale.asDiagonal() * spheres.bodies->mobility() * scale.asDiagonal();
@@ -134,8 +134,8 @@ struct InAField {
         return result;
     }
     /**
-     * The slips of each wave alone, as a strategy gives them. The random numbers are multiplied by
-     * these slips.
+     * The slips (surface velocities) of each wave alone, as a strategy gives them. In a random
+     * field these slips are multiplied by random numbers.
      */
     MatrixXd response(BodyMobility& mobility) const {
         MatrixXd result(mobility.getSlipSpace().getNumRows(), model->numWaves()), slips;
@@ -179,8 +179,8 @@ TEST(MobilityProblem, OneFieldIsLookedAtAtSeveralPlaces) {
         const MatrixXd here = scene.response(*mobility);
         mobility->setPoses(scene.others, true);
         const MatrixXd there = scene.response(*mobility);
-        // Covariances between the flows at all pairs of centres, from a formula that does not use
-        // the field.
+        // The expected covariances of the flows at all pairs of centres are from a formula that
+        // does not use the field.
         const Placement a = scene.placement(scene.poses), b = scene.placement(scene.others);
         const HydrodynamicParticles& particles = scene.model->getParticles();
         const MatrixXd both = here * there.transpose();
@@ -195,8 +195,8 @@ TEST(MobilityProblem, OneFieldIsLookedAtAtSeveralPlaces) {
 }
 
 /**
- * Schemes without momenta draw the model's field, and compute no root. The field is the same at any
- * poses until the next draw.
+ * Schemes without momenta draw the model's field and compute no square root. The field stays the
+ * same at all poses until the next draw.
  */
 TEST(MobilityProblem, SchemesTakeTheModelsOwnField) {
     InAField scene;
@@ -229,8 +229,8 @@ TEST(MobilityProblem, SchemesTakeTheModelsOwnField) {
     EXPECT_EQ(mobility.getCosts().roots, 0);
 }
 
-/** A body with a tensor of its own has slips of its own: roots are taken, although the model has a
- * field. */
+/** A body with a tensor of its own has slips of its own. So square roots are taken, although the
+ * model has a field. */
 TEST(MobilityProblem, OwnTensorsHaveNoField) {
     InAField scene;
     scene.elements.pop_back();
@@ -251,7 +251,7 @@ TEST(MobilityProblem, OwnTensorsHaveNoField) {
 
 namespace {
 
-/** Turned by a rotation vector in the lab. */
+/** The quaternion turned by a rotation vector in the lab frame. */
 scalar::Quaternion<double> turned(const scalar::Quaternion<double>& q, const Vector3d& by) {
     return scalar::exponential(scalar::Vector3<double>{by.x() / 2, by.y() / 2, by.z() / 2}) * q;
 }
@@ -313,7 +313,7 @@ TEST(MobilityProblem, TheDivergenceOfAFieldIsThatOfItsTwists) {
                 expected += side * twists(row, 0) / (2 * delta);
                 size = max(size, abs(twists(row, 0)));
             }
-        // Rounding of 1e-16 and the third derivative are both below 1e-9.
+        // The errors by rounding of 1e-16 and by the third derivative are both below 1e-9.
         EXPECT_NEAR(divergence, expected, 1e-7 * size) << withSphere << inChannel;
         EXPECT_GT(abs(expected), 1e-3 * size);
     }

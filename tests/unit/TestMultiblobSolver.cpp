@@ -1,5 +1,5 @@
-// The solver of rigid multiblobs: its promises at any tolerance with exact and rough products,
-// first guesses, threads.
+// The solver of rigid multiblobs keeps its promises at any tolerance, with exact and rough
+// products, with first guesses, and with threads.
 
 #include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
@@ -77,7 +77,7 @@ struct Layer {
         dense().setPoses(poses);
         byProducts().setPoses(poses);
     }
-    /** The error of twists in the norm of the friction, relative to the answer. */
+    /** The error of twists in the norm of the friction, relative to the exact twists. */
     double errorOf(const MatrixXd& twists, const MatrixXd& wrenches, int column) {
         const MatrixXd& N = dense().mobility();
         const VectorXd difference = twists.col(column) - N * wrenches.col(column);
@@ -173,7 +173,7 @@ TEST(MultiblobSolver, SlipsTooAndTheForcesOfBlobs) {
         at.solver.solve(*at.place, wrenches, slips, tolerance, false, twists);
         at.solver.getBlobForces(forces);
         const VectorXd difference = forces - lambda, ofTwists = twists - U;
-        // Relative to forces and slips together, in the energy norm.
+        // Errors are relative to forces and slips together, in the energy norm.
         const double scale = lambda.dot(M * lambda) + slips.col(0).dot(factor.solve(slips.col(0)));
         EXPECT_LT(sqrt(difference.dot(M * difference) / scale), 3 * tolerance);
         EXPECT_LT(ofTwists.dot(N.inverse() * ofTwists), 9 * tolerance * tolerance * scale);
@@ -183,8 +183,8 @@ TEST(MultiblobSolver, SlipsTooAndTheForcesOfBlobs) {
 }
 
 TEST(MultiblobSolver, IllConditionedBodiesAreNotTrustedToRoughProducts) {
-    // Blobs nearly at one place: errors of products are magnified by the root of the condition
-    // number of a body's matrix.
+    // Two blobs are nearly at one place. So errors of products are magnified by the root of the
+    // condition number of a body's matrix.
     mt19937 random(3);
     vector<Vector3d> sites = shell(10, 0.8);
     sites.push_back(sites[3] + Vector3d(2e-5, 1e-5, 0));

@@ -1,4 +1,5 @@
-// The number of BLAS threads belongs to the process. Holders share it, and restore it.
+// The number of BLAS threads belongs to the process. All holders of OneBlasThread share this
+// number, and the last holder restores it.
 
 #include <memory>
 
@@ -15,7 +16,8 @@ using namespace std;
 
 namespace {
 
-/** Two threads of BLAS in a test, however many the machine has; as before afterwards. */
+/** Sets two BLAS threads for a test, whatever the machine has, and restores the number afterwards.
+ */
 class TwoThreads : public testing::Test {
 protected:
     void SetUp() override { openblas_set_num_threads(2); }

@@ -1,4 +1,5 @@
-// One step of the schemes without momenta: stochastic drift, covariance, order without noise.
+// One step of the schemes without momenta: its stochastic drift, its covariance, and its order
+// without noise.
 
 #include <Eigen/Geometry>
 
@@ -39,7 +40,7 @@ FluidElement element(int body, const vector<Vector3d>& sites, const vector<doubl
     return e;
 }
 
-/** Bodies at positions, as the schemes see them. */
+/** Bodies at positions, in the form in which schemes take them. */
 struct Scene {
     string name;
     vector<FluidElement> elements;
@@ -128,12 +129,12 @@ Scene lubricatedSpheres() {
     s.add(element(1, {{0, 0, 0}}, {0.8}), {1.9, 0.4, 1.5}, {0.1, 0.4, 0});
     return s;
 }
-/** A tensor that is symmetric and has no other symmetry, in the units of these scenes. */
+/** A symmetric tensor without any further symmetry, in the units of these scenes. */
 MatrixXd ownTensor(int seed) {
     const MatrixXd m = tensorWithoutSymmetry(seed);
     return m / (m.trace() / 6);
 }
-/** Own tensors by congruence: N = B N_RPY B^T, B not symmetric. */
+/** Bodies with own tensors, which enter by congruence: N = B N_RPY B^T, B not symmetric. */
 Scene ownTensors() {
     Scene s;
     s.name = "multiblob and sphere with own tensors beside a multiblob, unbounded";
@@ -195,7 +196,7 @@ Matrix3d rotationMatrix(const Quaternion& q) {
     return Eigen::Quaterniond(q.w, q.x, q.y, q.z).toRotationMatrix();
 }
 
-/** N at the poses to which the twist vector `u` leads from those of the scene. */
+/** N at the poses to which the twist vector `u` leads from the poses of the scene. */
 MatrixXd mobilityAt(const Scene& scene, TestedBodies& bodies, const VectorXd& u) {
     vector<Pose> poses(scene.elements.size());
     for (size_t e = 0; e < poses.size(); e++) {
@@ -212,8 +213,8 @@ MatrixXd mobilityAt(const Scene& scene, TestedBodies& bodies, const VectorXd& u)
     return bodies.mobility();
 }
 
-/** div N = sum_k d_k N_ik by central differences; rows of twists, rotations by turning about lab
- * axes. */
+/** div N = sum_k d_k N_ik by central differences. Rows are those of twists, and rotations are turns
+ * about lab axes. */
 VectorXd divergence(const Scene& scene) {
     auto bodies = scene.mobility();
     const int n = bodies->getNumRows();
@@ -244,7 +245,8 @@ VectorXd increment(const OverdampedMove& move, const CoupledBodies& bodies) {
     return u;
 }
 
-/** A scheme's steps from the scene's poses. Each step has its own random numbers. */
+/** Steps of a scheme that all start from the poses of the scene. Each step has its own random
+ * numbers. */
 struct Steps {
     const Scene& scene;
     const OverdampedEntry& entry;
@@ -333,7 +335,7 @@ Averages average(Integrator::Scheme scheme, const Scene& scene, double h, double
     return sampling.averages();
 }
 
-/** The schemes that make the stochastic drift. */
+/** The schemes that include the stochastic drift. */
 const vector<Integrator::Scheme> consistent = [] {
     vector<Integrator::Scheme> found;
     for (const Integrator::Scheme scheme : overdampedSchemes)
@@ -387,7 +389,7 @@ void checkDrift(const Scene& scene, double error = 0.1) {
 
 TEST(OverdampedSchemes, DriftOfThreeBlobsAboveAWall) {
     const Scene scene = boomerangAtWall();
-    // Independent values: REFERENCE VALUES 7.
+    // The expected values were computed independently (REFERENCE VALUES 7).
     const double reference[6] = {0.02606396, -0.0487483, 0.35555906,
                                  0.00676236, 0.00126031, 0.00062502};
     const VectorXd found = divergence(scene);
@@ -414,8 +416,8 @@ TEST(OverdampedSchemes, DriftOfOneBodyAboutAnyPoint) { checkDrift(aloneOffCentre
 TEST(OverdampedSchemes, DriftMatrixFree) { checkDrift(matrixFree(rodsUnbounded()), 0.4); }
 
 /**
- * div N = 0 wherever bodies say so, up to the error of differences. Elsewhere it is 1e4 times
- * larger.
+ * div N = 0 wherever isDivergenceFree() says so, up to the error of differences. Elsewhere div N is
+ * 1e4 times larger.
  */
 TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
     mt19937 random(5);
@@ -501,8 +503,8 @@ TEST(OverdampedSchemes, SpheresUnboundedHaveNoDrift) {
 namespace {
 
 /**
- * Increments have the covariance 2 kT h N. The test allows 5 standard errors, where that of a
- * product of normal numbers is sqrt(N_ii N_jj + N_ij^2).
+ * Increments have the covariance 2 kT h N. The test allows 5 standard errors. The standard
+ * deviation of a product of normal numbers is sqrt(N_ii N_jj + N_ij^2).
  */
 void checkCovariance(const Scene& scene) {
     const double h = 1e-6, kT = 0.8;
@@ -555,7 +557,7 @@ TEST(OverdampedSchemes, DiscreteNoiseHasTheSameDriftAndCovariance) {
     checkDrift(iterations, 0.4);
 }
 
-/** Nothing turns a rod about its line, wherever its origin. */
+/** No step turns a rod about its line, wherever its origin is. */
 TEST(OverdampedSchemes, NoNoiseAboutARodsLine) {
     const Scene scene = rodsUnbounded();
     for (bool matrixFree : {false, true}) {
@@ -588,7 +590,7 @@ namespace {
 const vector<OpenMM::Vec3> pointsOfFluid = {OpenMM::Vec3(0.4, 1.2, 1.4),
                                             OpenMM::Vec3(1.5, -0.6, 2.1)};
 
-/** The flow at points of the fluid that these shares of a step's flow make. */
+/** The flow at points of the fluid that is made by these shares of a step's flow. */
 VectorXd flowAt(BodyMobility& mobility, const FlowOfStep& made, RandomField* field,
                 const DrivenFlow* driven = nullptr) {
     Velocities velocities = Velocities::Zero(3, pointsOfFluid.size());
@@ -603,7 +605,7 @@ VectorXd flowAt(BodyMobility& mobility, const FlowOfStep& made, RandomField* fie
 
 /** Steps whose flow is recorded. */
 struct FlowingSteps : Steps {
-    bool whole = true;  // or only the flow that comes from solves for velocities
+    bool whole = true;  // false: only the flow that comes from solves for velocities
     const char* name;
     FlowingSteps(Integrator::Scheme s, const Scene& scene, double kT)
         : Steps(s, scene, kT), name(traitsOf(s).name) {}
@@ -615,7 +617,7 @@ struct FlowingSteps : Steps {
         move.record(nullptr);
         made.check(name);
         if (!whole) {
-            // Apart from these shares, only thermal slips are recorded.
+            // Besides these shares, only thermal slips are recorded.
             made.fieldWeight = 0;
             if (made.shares.size() > 1) made.shares.resize(1);
         }
@@ -694,8 +696,8 @@ TEST(OverdampedSchemes, MeanFlowWithARandomField) { checkMeanFlow(blobsInAField(
 TEST(OverdampedSchemes, MeanFlowWithLubrication) { checkMeanFlow(stokesianSpheres()); }
 
 /**
- * The flow of the forces that keep bodies rigid has another mean, because the random flow is
- * correlated with nu.
+ * The flow of the forces that keep bodies rigid, without the random flow, has another mean, because
+ * the random flow is correlated with nu.
  */
 TEST(OverdampedSchemes, MeanFlowNeedsTheRandomFlow) {
     const double h = 1e-4, kT = 1.3;
@@ -711,8 +713,8 @@ TEST(OverdampedSchemes, MeanFlowNeedsTheRandomFlow) {
     }
 }
 
-/** Spheres have no Brownian stress: the flow of a force has no sources, at either end. The mean is
- * that of forces alone. */
+/** Spheres have no Brownian stress, because the flow of a force has no sources, neither at the
+ * force nor at the point. So the mean flow is that of forces alone. */
 TEST(OverdampedSchemes, MeanFlowOfSpheresIsThatOfForces) {
     Scene scene;
     scene.add(element(0, {{0, 0, 0}}, {0.9}), {0, 0, 0});
@@ -731,8 +733,8 @@ TEST(OverdampedSchemes, MeanFlowOfSpheresIsThatOfForces) {
             const Averages found = sampling.averages();
             for (int i = 0; i < 6; i++)
                 EXPECT_LT(abs(found.mean[i]), 5 * found.error[i] + 1e-10) << "row " << i;
-            // With slips of the mid-point instead of the start's, the drift correctors would have a
-            // mean of 0.01 h in row 3 (seen: 7 errors).
+            // With slips of the mid-point instead of those of the start, the drift correctors would
+            // have a mean of 0.01 h in row 3. That fault was seen with 7 standard errors.
             if (!iterate) {
                 EXPECT_LT(found.error[3], 0.0025 * h);
             }

@@ -1,5 +1,5 @@
-// Lattice sums: against sums written down by their definition, closed forms and published numbers
-// of cubic arrays.
+// Lattice sums agree with sums written down by their definition, with closed forms, and with
+// published numbers of cubic arrays.
 
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
@@ -40,7 +40,7 @@ MatrixXd sum(const vector<double>& radii, const vector<Vec3>& x, const BoxVector
     return M / (8 * M_PI);
 }
 
-/** The largest difference of entries, in units of the roots of diagonals. */
+/** The largest difference of entries, in units of the roots of the diagonal entries. */
 double scaledDifference(const MatrixXd& a, const MatrixXd& b) {
     const VectorXd d = b.diagonal().cwiseSqrt().cwiseInverse();
     return (d.asDiagonal() * (a - b) * d.asDiagonal()).cwiseAbs().maxCoeff();
@@ -64,7 +64,7 @@ const vector<double> radii = {1, 0.55, 0.8, 0.1};
 const vector<Vec3> places = {Vec3(0.41, 6.9, 1.2), Vec3(2.15, 0.35, 8.9), Vec3(2.3, 0.9, 9.4),
                              Vec3(0.7, 6.2, 1.5)};
 
-/** Force coupling by its definition: a complex sum over every single wave, both k and -k. */
+/** Force coupling by its definition, as a complex sum over all waves, both k and -k. */
 MatrixXd byDefinition(const vector<double>& radii, const vector<Vec3>& x, const BoxVectors& box,
                       double largestWave) {
     typedef complex<double> Complex;
@@ -100,8 +100,8 @@ MatrixXd byDefinition(const vector<double>& radii, const vector<Vec3>& x, const 
     return M;
 }
 
-/** The friction of one sphere of radius 1 in a simple cubic array of this volume fraction; over
- * that of one alone: K, KR. */
+/** The friction of one sphere of radius 1 in a simple cubic array of this volume fraction, divided
+ * by that of a sphere alone: K for translation, KR for rotation. */
 pair<double, double> arrayFriction(MobilityModel& model, double fraction) {
     MatrixXd friction;
     model.at({{Vec3(0.3, 0.1, -5)}, cube(cbrt(4 * M_PI / 3 / fraction))})->friction(friction);
@@ -123,7 +123,7 @@ TEST(LatticeSum, DoesNotDependOnTheSplitting) {
     for (const BoxVectors& box : boxes)
         for (int kind = 0; kind < 3; kind++) {
             const Spreading& spreading = kind == 1 ? overGaussians() : overSurfaces();
-            // Stresslets of spheres that do not overlap only.
+            // Sums with stresslets are tested for spheres that do not overlap only.
             const vector<Vec3> x = kind == 2 ? vector<Vec3>{Vec3(0.4, 1, 3), Vec3(1.8, 2.5, 6),
                                                             Vec3(2, 3.1, 1), Vec3(1, 3.1, 4.4)}
                                              : places;
@@ -139,8 +139,8 @@ TEST(LatticeSum, DoesNotDependOnTheSplitting) {
 }
 
 TEST(LatticeSum, OneSphereInACubeIsTheClosedForm) {
-    // Hasimoto's constant; the cubic terms are exact, for RotnePragerYamakawa while the sphere does
-    // not overlap its image.
+    // The linear term has Hasimoto's constant. The cubic terms are exact, for RotnePragerYamakawa
+    // as long as the sphere does not overlap its image.
     const double hasimoto = 2.837297479480619;
     for (double x : {0.499, 0.3, 0.1, 1e-2, 1e-4, 1e-8}) {
         const BoxVectors box = cube(1 / x);
@@ -148,9 +148,10 @@ TEST(LatticeSum, OneSphereInACubeIsTheClosedForm) {
                        gaussians = sum({1}, {Vec3(3, 1, 2)}, box, overGaussians()) * 6 * M_PI;
         for (int k = 0; k < 3; k++) {
             EXPECT_NEAR(surfaces(k, k), 1 - hasimoto * x + 4 * M_PI / 3 * x * x * x, 2e-14) << x;
-            // A rotating sphere's images make a uniform counter-rotation: 1 - volume fraction.
+            // The images of a rotating sphere make a uniform counter-rotation, which leaves 1 -
+            // volume fraction.
             EXPECT_NEAR(surfaces(3 + k, 3 + k) * 4 / 3, 1 - 4 * M_PI / 3 * x * x * x, 2e-14) << x;
-            // Gaussians overlap their images by exp(-L^2/4 sigma^2).
+            // The overlap of Gaussians with their images adds exp(-L^2/4 sigma^2).
             EXPECT_NEAR(gaussians(k, k), 1 - hasimoto * x + 4 * x * x * x,
                         2e-14 + 20 * exp(-M_PI / (4 * x * x)))
                 << x;
@@ -166,8 +167,8 @@ TEST(LatticeSum, LargeBoxesAreUnboundedFluid) {
     RotnePragerYamakawa(particlesOf(radii), 1).at({places})->dense(free);
     MatrixXd M;
     model.at({places, cube(L)})->dense(M);
-    // All velocities lag behind by the same amount, in units of 1/(6 pi eta). The rest is of order
-    // (r/L)^3.
+    // All velocities are lower by the same amount, hasimoto/L in units of 1/(6 pi eta). The rest is
+    // of order (r/L)^3.
     for (int i = 0; i < 24; i++)
         for (int j = 0; j < 24; j++) {
             const bool translations = i / 3 % 2 == 0 && i % 3 == j % 3 && j / 3 % 2 == 0;
@@ -190,7 +191,7 @@ TEST(LatticeSum, EquivalentLatticeVectorsAreTheSameLattice) {
                                        sum(radii, places, box, *spreading)),
                       1e-13);
         }
-    // The same array by a box twice as long: two spheres that move alike.
+    // A box twice as long with two spheres that move alike describes the same array.
     const MatrixXd one = sum({1}, {Vec3()}, boxes[0], overSurfaces());
     const MatrixXd two = sum({1, 1}, {Vec3(), boxes[0][0]},
                              {boxes[0][0] * 2, boxes[0][1], boxes[0][2]}, overSurfaces());
@@ -199,7 +200,7 @@ TEST(LatticeSum, EquivalentLatticeVectorsAreTheSameLattice) {
 }
 
 TEST(LatticeSum, PlacesAreThoseOfTheBox) {
-    // Powers of two, so that nothing is rounded when a place is a million boxes away.
+    // Lengths are powers of two, so that nothing is rounded when a place is a million boxes away.
     const BoxVectors box = {Vec3(8, 0, 0), Vec3(2, 8, 0), Vec3(-2, 4, 8)};
     vector<Vec3> near, far;
     for (size_t i = 0; i < places.size(); i++) {
@@ -223,7 +224,7 @@ TEST(LatticeSum, BoxesOfAspectTen) {
 }
 
 TEST(LatticeSum, SmallParticlesInAWideBox) {
-    // Distances and radii from 1e-5 of the box to all of it.
+    // Distances and radii range from 1e-5 of the box to the whole box.
     vector<double> some;
     vector<Vec3> x;
     mt19937 random(2);
@@ -255,14 +256,14 @@ TEST(LatticeSum, FieldHasNoDivergence) {
                 }
                 divergence += (column[1] - column[0]) / (2 * delta);
             }
-        // Differences of second order, and overlapping spheres have kinks in their higher
+        // The differences are of second order, and overlapping spheres have kinks in their higher
         // derivatives.
         EXPECT_LT(divergence.cwiseAbs().maxCoeff(), 1e-6);
     }
 }
 
-// Columns of simple cubic arrays, by this library's definitions: exact sums of FTS, and its
-// viscosity.
+// Values for simple cubic arrays by this library's definitions, from exact sums of FTS, and the
+// viscosity of FTS.
 TEST(PeriodicStokesianDynamics, SimpleCubicArrays) {
     const struct {
         double fraction, K_FTS, K, KR, eta;
@@ -282,7 +283,7 @@ TEST(PeriodicStokesianDynamics, SimpleCubicArrays) {
         EXPECT_NEAR(FTS.second, 1 / (1 - c.fraction), 1e-13) << c.fraction;
         EXPECT_NEAR(lubricated.first, c.K, 1e-6 * c.K) << c.fraction;
         EXPECT_NEAR(lubricated.second, c.KR, 1e-6 * c.KR) << c.fraction;
-        // Stresslets S = M_SS^-1 E; the stress is 2 eta E + S/V.
+        // Stresslets are S = M_SS^-1 E, and the stress is 2 eta E + S/V.
         const double L = cbrt(4 * M_PI / 3 / c.fraction);
         const MatrixXd M = sum({1}, {Vec3()}, cube(L), overSurfaces(), true);
         EXPECT_NEAR(1 + 1 / (2 * L * L * L * M(8, 8)), c.eta, 1e-6 * c.eta) << c.fraction;
@@ -295,7 +296,7 @@ TEST(PeriodicStokesianDynamics, LargeBoxesAreUnboundedFluid) {
     for (bool lubrication : {false, true}) {
         MatrixXd M, free;
         StokesianDynamics(particlesOf(some), 1, lubrication, 0).at({x})->dense(free);
-        // The friction that lubrication adds is affected by the common lag of all velocities.
+        // The common lag of all velocities affects the friction that lubrication adds.
         const double L = lubrication ? 1e11 : 1e6, lag = 2.837297479480619 / (6 * M_PI * L);
         PeriodicStokesianDynamics model(particlesOf(some), 1, lubrication, 0);
         model.at({x, cube(L)})->dense(M);
@@ -307,8 +308,8 @@ TEST(PeriodicStokesianDynamics, LargeBoxesAreUnboundedFluid) {
 }
 
 TEST(PeriodicStokesianDynamics, LubricationOfImagesIsThatOfPairs) {
-    // Two spheres that are near across a face of the box, by a box and by its shifted places; and
-    // an array by a box twice as long.
+    // Two spheres near each other across a face of the box have the friction of the same pair
+    // inside the box. An array has the friction of the same array in a box twice as long.
     const vector<double> some = {1, 0.7};
     MatrixXd across, inside;
     PeriodicStokesianDynamics model(particlesOf(some), 1, true, 0);
@@ -327,7 +328,7 @@ TEST(PeriodicStokesianDynamics, LubricationOfImagesIsThatOfPairs) {
 }
 
 TEST(PeriodicStokesianDynamics, DenseClustersArePositiveDefinite) {
-    // Unequal spheres with gaps from 1e-5 on, some across faces of a crowded box: lubrication only
+    // Unequal spheres have gaps from 1e-5 on, some across faces of a crowded box. Lubrication only
     // adds friction.
     mt19937 random(7);
     uniform_real_distribution<double> u(-1, 1);
@@ -394,7 +395,7 @@ TEST(PeriodicStokesianDynamics, RefusesSpheresThatTouchImages) {
         },
         {"particle 0 (body 0) and the nearest image of particle 0 (body 0) overlap or touch: their "
          "distance is 2 nm"});
-    // With a smallest gap they may overlap.
+    // With a smallest gap spheres may overlap.
     PeriodicStokesianDynamics bridged(particlesOf({1, 0.5}), 1, true, 1e-3);
     MatrixXd friction;
     bridged.at({apart, cube(3.4)})->friction(friction);

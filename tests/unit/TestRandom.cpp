@@ -1,5 +1,5 @@
-// Counter-based random numbers: Random123's known answers, the SIMD stream against the scalar one,
-// moments of the laws.
+// Counter-based random numbers: Philox gives Random123's known answer, the SIMD stream agrees with
+// the scalar one, and the laws have the right moments.
 
 #include "TestSupport.h"
 #include "host/SimdBodyLoops.h"
@@ -35,7 +35,7 @@ TEST(Random, SimdAndScalarStreamsAreTheSame) {
             double z[4];
             noise.pair(NoiseStream::FreeFirstDraw, index[i], 0, z[0], z[1]);
             noise.pair(NoiseStream::FreeFirstDraw, index[i], 1, z[2], z[3]);
-            // The integers are the same; logarithm, sine and cosine differ by rounding.
+            // The integers are the same. Only logarithm, sine and cosine differ, by rounding.
             for (int k = 0; k < 3; k++) ASSERT_NEAR(xi[3 * i + k], z[k], 1e-14 * 8);
         }
     }
@@ -68,7 +68,8 @@ TEST(Random, EveryPartOfTheCounterMatters) {
 }
 
 TEST(Random, LawsHaveTheRightMoments) {
-    // Moments 1, 2, 4 of the three laws: 0, 1 and 3, 3, 1.
+    // The first moment of all three laws is 0, and the second is 1. The fourth moments are 3, 3 and
+    // 1.
     for (auto law : {NoiseStream::Gaussian, NoiseStream::ThreePoint, NoiseStream::TwoPoint}) {
         NoiseStream noise;
         noise.law = law;

@@ -104,10 +104,10 @@ void longRotor(long long steps) {
             worstEnergy = max(worstEnergy, abs(rotationalEnergy(l, inverse) / energy - 1));
     }
     EXPECT_NEAR(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z, 1, 1e-15);
-    // |l| performs a random walk of rounding errors: about 1e-16 sqrt(10 steps), five times that
-    // allowed.
+    // |l| performs a random walk of rounding errors, about 1e-16 sqrt(10 steps). The test allows
+    // five times this value.
     EXPECT_NEAR(sqrt(scalar::dot(l, l)) / length, 1, 5e-16 * sqrt(10.0 * steps));
-    EXPECT_LT(worstEnergy, 1e-3);  // bounded: a symplectic map, error (0.05)^2
+    EXPECT_LT(worstEnergy, 1e-3);  // bounded, since the map is symplectic; error (0.05)^2
 }
 
 }  // namespace
@@ -144,7 +144,8 @@ TEST(BodyGeometry, WaterFromItsConstraints) {
 }
 
 TEST(BodyGeometry, VirtualSitesMayDependOnOthers) {
-    // OpenMM allows it from version 8.2 on; here nothing but the System is asked.
+    // OpenMM allows this from version 8.2 on. This test needs only the System, so it runs with any
+    // version.
     System system;
     for (double mass : {3.0, 1.0, 0.0, 0.0}) system.addParticle(mass);
     system.addConstraint(0, 1, 0.4);
@@ -160,7 +161,7 @@ TEST(BodyGeometry, VirtualSitesMayDependOnOthers) {
 }
 
 TEST(BodyGeometry, LocalCoordinatesSitesMayHaveTwoParents) {
-    // Colinear lone pairs: no y axis, so that only the coordinate along x counts.
+    // Lone pairs on a line have no y axis, so that only the coordinate along x counts.
     System system;
     for (double mass : {3.0, 1.0, 0.0}) system.addParticle(mass);
     system.addConstraint(0, 1, 0.4);
@@ -241,14 +242,15 @@ TEST(PoseFit, RecoversPosesOfEveryShape) {
 }
 
 TEST(PoseFit, TakesTheSmallestTurnWhereARotationIsOpen) {
-    // A line: turning it from x to y must not spin it about itself.
+    // Turning a line from x to y must not spin it about itself.
     const BodyGeometry g = {2, Vec3(0, 1, 1), {Vec3(-1, 0, 0), Vec3(1, 0, 0)}};
     const PoseFit fit(g, {1, 1}, {false, false});
     BodyState state;
     int worst;
     fit.fitPose({Vec3(0, -1, 0), Vec3(0, 1, 0)}, state, worst);
     EXPECT_NEAR(norm(rotate(state.q, Vec3(0, 0, 1)) - Vec3(0, 0, 1)), 0, 1e-14);
-    // The opposite direction: any perpendicular axis, but a proper rotation.
+    // The turn to the opposite direction may be about any perpendicular axis, but must be a proper
+    // rotation.
     fit.fitPose({Vec3(0, 1, 0), Vec3(0, -1, 0)}, state, worst);
     EXPECT_NEAR(norm(rotate(state.q, Vec3(1, 0, 0)) - Vec3(0, -1, 0)), 0, 1e-14);
     // Nearly opposite: the axis is known to rounding over the angle that is left to half a turn.
@@ -259,12 +261,12 @@ TEST(PoseFit, TakesTheSmallestTurnWhereARotationIsOpen) {
         EXPECT_LT(norm(rotate(state.q, Vec3(1, 0, 0)) - now), left > 5e-7 ? 1e-15 / left : 1e-14)
             << left;
     }
-    // One site keeps its orientation.
+    // A body of one site keeps its orientation.
     const PoseFit point({1, Vec3(), {Vec3()}}, {1}, {false});
     const QuaternionArray before = state.q;
     point.fitPose({Vec3(5, 0, 0)}, state, worst);
     EXPECT_EQ(before, state.q);
-    // And it keeps its spin, about which one velocity says nothing.
+    // A body of one site also keeps its spin, which one velocity does not determine.
     Vec3 v, w(1, 2, 3);
     point.fitTwist({Vec3(1, 0, 0)}, state, v, w);
     EXPECT_NEAR(norm(w - Vec3(1, 2, 3)), 0, 1e-14);
@@ -292,7 +294,7 @@ TEST(PoseFit, SitesOnASkewLineAreALine) {
         state.q = q;
         int worst;
         ASSERT_LT(fit.fitPose(positions, state, worst), 1e-13) << trial;
-        // An orientation that fits is kept, spin about the line and all.
+        // An orientation that fits is kept, including the angle about the line.
         for (int k = 0; k < 4; k++) ASSERT_NEAR(state.q[k], q[k], 1e-7) << trial;
         Vec3 v, omega(1, 2, 3);
         fit.fitTwist(positions, state, v, omega);
@@ -325,14 +327,14 @@ TEST(BodySet, UserFrameIsKeptWhateverTheOrderOfMoments) {
         const BodyState back = bodies.getState(0);
         EXPECT_EQ(state.l, back.l);
         for (int k = 0; k < 4; k++) EXPECT_NEAR(state.q[k], back.q[k], 1e-15);
-        // Angular velocity in the lab: A diag(1/I) l.
+        // The angular velocity in the lab frame is A diag(1/I) l.
         const Vec3 omega = rotate(state.q, Vec3(7 / I[0], 8 / I[1], 9 / I[2]));
         EXPECT_NEAR(norm(bodies.getAngularVelocity_lab(0) - omega), 0, 1e-13);
-        // Kinetic energies come by ascending moment.
+        // Kinetic energies are in the order of ascending moments.
         const Vec3 energies = bodies.rotationalKineticEnergies();
         for (int k = 0; k < 3; k++)
             EXPECT_NEAR(energies[order[k]], 0.5 * state.l[k] * state.l[k] / I[k], 1e-13);
-        // The site is where the user's frame puts it.
+        // The site is at its place in the user's body frame.
         double x[3], copy[3];
         scalar::BodyFlow<double>(bodies, StepSettings(), 0).scatterPositions(x, copy);
         EXPECT_NEAR(norm(Vec3(x[0], x[1], x[2]) - state.R - rotate(state.q, Vec3(0.1, 0.2, 0.3))),

@@ -1,5 +1,5 @@
-// Rotne-Prager-Yamakawa: values computed elsewhere, continuity, symmetry, positive definiteness,
-// covariance.
+// The Rotne-Prager-Yamakawa mobility has values that were computed independently. It is continuous,
+// symmetric, positive definite, and covariant.
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
@@ -17,7 +17,8 @@ using Eigen::MatrixXd;
 
 namespace {
 
-/** tt across and along r, rr across and along, c (of F x n), for viscosity 1. */
+/** Elements of the pair mobility for viscosity 1: tt across and along r, rr across and along r, and
+ * c, the coefficient of F x n. */
 struct Numbers {
     double v[6];  // ..., rt, tr
 };
@@ -56,8 +57,8 @@ Scene randomScene(mt19937& random, int n, double size) {
 }  // namespace
 
 TEST(RotnePragerYamakawa, ValuesComputedElsewhere) {
-    // By quadrature over the spheres' surfaces, good to 2e-12: tt across, along r, rr across,
-    // along, c.
+    // The expected values are by quadrature over the spheres' surfaces, good to 2e-12: tt across
+    // and along r, rr across and along r, c.
     const struct {
         double a_i, a_j, R, expected[5];
     } cases[] = {
@@ -74,8 +75,8 @@ TEST(RotnePragerYamakawa, ValuesComputedElsewhere) {
     for (const auto& c : cases)
         for (int k = 0; k < 5; k++)
             EXPECT_NEAR(numbers(c.a_i, c.a_j, c.R).v[k], c.expected[k], 1e-9 * c.expected[1]);
-    // One inside the other: the large one's own numbers; force on the small one turns the large
-    // one, not the other way.
+    // With one sphere inside the other the elements are those of the large sphere alone. A force on
+    // the small sphere turns the large one, but not the other way round.
     const auto large = numbers(2, 0.5, 1.2), small = numbers(0.5, 2, 1.2);
     for (int k = 0; k < 2; k++) {
         EXPECT_NEAR(large.v[k], 1 / (6 * M_PI * 2), 1e-15);
@@ -114,7 +115,7 @@ TEST(RotnePragerYamakawa, SymmetricPositiveDefinite) {
                                                         : 8);
         const MatrixXd M = scene.dense();
         ASSERT_EQ((M - M.transpose()).cwiseAbs().maxCoeff(), 0);
-        // In units in which every particle's own mobility is 1.
+        // The matrix is in units in which every particle's own mobility is 1.
         const Eigen::VectorXd d = M.diagonal().cwiseSqrt().cwiseInverse();
         const MatrixXd scaled = d.asDiagonal() * M * d.asDiagonal();
         const double least = Eigen::SelfAdjointEigenSolver<MatrixXd>(scaled).eigenvalues()[0];

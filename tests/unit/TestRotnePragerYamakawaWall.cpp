@@ -1,6 +1,7 @@
-// Rotne-Prager-Yamakawa above a no-slip wall: values computed elsewhere, averages of Blake's image
-// over spheres, no slip, symmetry, positive definiteness, invariances, limits, particles that reach
-// through the wall, messages.
+// The Rotne-Prager-Yamakawa mobility above a no-slip wall has values that were computed
+// independently, and the averages of Blake's image over spheres. Further tests are of no slip,
+// symmetry, positive definiteness, invariances, limits, particles that reach through the wall, and
+// messages.
 
 #include <Eigen/Dense>
 #include <random>
@@ -38,7 +39,7 @@ struct Scene {
         model(viscosity).at({positions})->dense(matrix);
         return matrix;
     }
-    /** By apply(), which computes all blocks by themselves. */
+    /** The matrix by apply(), which computes each block by itself. */
     MatrixXd applied(double viscosity = 1) const {
         MatrixXd matrix;
         model(viscosity)
@@ -56,7 +57,7 @@ struct Scene {
 
 /**
  * Particles of mixed radii and kinds, some touching the wall, in a box so small that many overlap
- * and some are inside others. Gaps are from lowest times the radius on.
+ * and some are inside others. The smallest gaps are `lowest` times the radius.
  */
 Scene randomScene(mt19937& random, int n, double size, double lowest = 0) {
     uniform_real_distribution<double> u(0, 1);
@@ -65,8 +66,8 @@ Scene randomScene(mt19937& random, int n, double size, double lowest = 0) {
     scene.crossing = lowest < 0;
     for (int i = 0; i < n; i++) {
         const double radius = 0.2 + 1.8 * u(random);
-        // One in three on the wall, or as far through it as may be; positions keep a rounding
-        // error's distance.
+        // One particle in three is on the wall, or as far through it as is allowed. Positions keep
+        // the distance of a rounding error.
         const double gap =
             u(random) < 0.33 ? (lowest + 1e-12) * radius : lowest * radius + size * u(random);
         scene.add(radius, u(random) < 0.5,
@@ -90,8 +91,8 @@ Matrix3d crossMatrix(const Vector3d& v) {
     return m;
 }
 
-/** Blake's image of a point force at y over the wall z = 0, at x, as he wrote it; times 8 pi eta.
- */
+/** The flow at x of Blake's image of a point force at y over the wall z = 0, in Blake's own form,
+ * times 8 pi eta. */
 Matrix3d blakeImage(const Vector3d& x, const Vector3d& y) {
     const double h = y.z();
     const Vector3d R(x.x() - y.x(), x.y() - y.y(), x.z() + h);
@@ -129,8 +130,8 @@ struct SphereRule {
     }
 };
 
-/** (V, W) of a sphere from (F, T) on another by way of the wall: averages over both surfaces; times
- * 8 pi eta. */
+/** The velocities (V, W) of a sphere from (F, T) on another by way of the wall, as averages over
+ * both surfaces, times 8 pi eta. */
 MatrixXd averagedImage(const SphereRule& rule, const Vector3d& r_i, double a_i, const Vector3d& r_j,
                        double a_j) {
     MatrixXd M = MatrixXd::Zero(6, 6);
@@ -160,7 +161,7 @@ TEST(RotnePragerYamakawaWall, OneSphere) {
             const double u3 = u * u * u, u5 = u3 * u * u;
             Scene scene;
             scene.height = height;
-            scene.crossing = true;  // so that rounding of the height does not matter at contact
+            scene.crossing = true;  // rounding of the height then does not matter at contact
             scene.add(a, true, Vec3(1, 2, height + a / u));
             MatrixXd expected = MatrixXd::Zero(6, 6);
             const double across = 1 - 9 * u / 8 + u3 / 2 - u5 / 8,
@@ -200,7 +201,7 @@ TEST(RotnePragerYamakawaWall, AveragesOfBlakesImage) {
     const struct {
         double a_i, a_j;
         Vec3 r_i, r_j;
-        int points;  // what brings the quadrature to rounding
+        int points;  // enough for an error of the size of rounding
     } cases[] = {
         {1, 1, {0, 0, 1.4}, {2.5, 1, 3}, 16},           // apart
         {0.3, 1.5, {0.5, -0.2, 0.8}, {2, 1, 2.6}, 16},  // unequal
@@ -212,8 +213,8 @@ TEST(RotnePragerYamakawaWall, AveragesOfBlakesImage) {
         const SphereRule rule(c.points);
         const MatrixXd expected = averagedImage(rule, Vector3d(c.r_i[0], c.r_i[1], c.r_i[2]), c.a_i,
                                                 Vector3d(c.r_j[0], c.r_j[1], c.r_j[2]), c.a_j);
-        // Two particles at one place are a fair scene too, so the self block is M's off-diagonal
-        // one here.
+        // Two particles may be at one place, so the self block is tested here as an off-diagonal
+        // block of M.
         Scene scene;
         scene.add(c.a_i, true, c.r_i);
         scene.add(c.a_j, true, c.r_j);
@@ -233,7 +234,7 @@ TEST(RotnePragerYamakawaWall, NoSlip) {
         Scene scene;
         const double a = 1 + 0.5 * u(random);
         scene.add(a, true, Vec3(0, 0, a * (1.6 + 0.5 * u(random))));
-        // On the wall, below the sphere or beside it.
+        // The probe is on the wall, below the sphere or beside it.
         scene.add(probe, false, Vec3(3 * a * u(random), 3 * a * u(random), probe));
         const MatrixXd flow = scene.dense().bottomLeftCorner(3, 6);
         const VectorXd scale = scene.dense().diagonal().head(6);
@@ -260,7 +261,7 @@ TEST(RotnePragerYamakawaWall, SymmetricPositiveDefinite) {
     cout << "smallest eigenvalue " << smallest << ", largest asymmetry " << asymmetry << endl;
 }
 
-/** As far below contact as finite differences may go. */
+/** Particles are as far below contact as finite differences may go. */
 TEST(RotnePragerYamakawaWall, NearbyPositionsPositiveDefinite) {
     mt19937 random(4);
     double smallest = INFINITY;
@@ -296,7 +297,7 @@ TEST(RotnePragerYamakawaWall, ApplyIsTheMatrix) {
                 const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, columns);
                 M->apply(forces, velocities);
                 EXPECT_LT(largest(velocities - dense * forces), 3e-14 * largest(dense));
-                // Again, into the same places.
+                // The product is made again, into the same memory.
                 const double* place = velocities.data();
                 const MatrixXd first = velocities;
                 M->apply(forces, velocities);
@@ -329,7 +330,7 @@ TEST(RotnePragerYamakawaWall, FarFromTheWall) {
     const double rise = 1e4, eta = 0.7;
     for (Vec3& r : scene.positions) r[2] += rise - scene.height;
     scene.height = 0;
-    // What the wall does to all of them alike, to leading order in 1/height.
+    // The effect of the wall on all particles alike, to leading order in 1/height.
     const Vector3d translation = Vector3d(9.0 / 16, 9.0 / 16, 9.0 / 8) / (6 * M_PI * eta * rise);
     const Vector3d rotation =
         Vector3d(5.0 / 16, 5.0 / 16, 1.0 / 8) / (8 * M_PI * eta * rise * rise * rise);
@@ -340,7 +341,8 @@ TEST(RotnePragerYamakawaWall, FarFromTheWall) {
             const MatrixXd tt = (free - M).block(p.firstRow[i], p.firstRow[j], 3, 3);
             EXPECT_LT(largest(tt - MatrixXd(translation.asDiagonal())), 2e-3 * translation[2]);
         }
-    // Rotation is lost beside the free mobility this far up.
+    // At this height the effect on rotation is lost beside the free mobility. So two small spheres
+    // are taken at height 1, and the effect is scaled.
     Scene near;
     near.add(1e-3, true, Vec3(0, 0, 1));
     near.add(2e-3, true, Vec3(1e-3, 3e-3, 1.002));
@@ -349,8 +351,8 @@ TEST(RotnePragerYamakawaWall, FarFromTheWall) {
 }
 
 TEST(RotnePragerYamakawaWall, DriftOfARigidBody) {
-    // div N of a body of three blobs (rows about the tracked point): computed elsewhere, good to
-    // the digits.
+    // div N of a body of three blobs, with rows about the tracking point, was computed
+    // independently and is good to the digits.
     const vector<Vector3d> blobs = {{-1, 0, 2.5}, {1.2, 0.5, 2.8}, {0.2, -1.4, 3.6}};
     const Vector3d point(0, 0, 2.5);
     VectorXd expected(6);
@@ -470,7 +472,7 @@ TEST(RotnePragerYamakawaWall, RefusesParticlesThatReachThroughTheWall) {
         crossing.objection({behind}).find("particle 17 (in no body) has its centre -0.5 nm above"),
         string::npos);
     EXPECT_NE(crossing.objection({nowhere}), "");
-    // What was refused leaves the last good positions.
+    // A refused placement leaves the last good positions.
     auto place = overlap.at({good});
     MatrixXd before, after;
     place->dense(before);

@@ -1,4 +1,4 @@
-// A fluid between two walls that it slips along: reference values, what walls do to a flow,
+// A fluid between two walls along which it slips: reference values, the flow at the walls,
 // symmetry, noise.
 
 #include <Eigen/Cholesky>
@@ -52,8 +52,8 @@ MatrixXd matrixAt(const MobilityModel& model, const vector<Vec3>& positions) {
 }  // namespace
 
 TEST(SlipChannel, OneSphere) {
-    // Diagonals and the derivative towards the walls: PERIODIC fluids, part 4, which two other ways
-    // of summing gave.
+    // The expected diagonal entries and the derivative towards the walls are those of PERIODIC
+    // fluids, part 4. Two other ways of summing gave these values.
     HydrodynamicParticles one;
     one.add(1, true, 0, 0);
     const auto model = dense(one, true);
@@ -64,15 +64,15 @@ TEST(SlipChannel, OneSphere) {
     EXPECT_NEAR(M(2, 2), 0.04607665115, 1e-11);
     const double delta = 1e-4;
     EXPECT_NEAR((at(1 + delta)(1, 1) - at(1 - delta)(1, 1)) / (2 * delta), 0.02038153982, 1e-9);
-    // The middle of the channel is as near to both walls.
+    // The mobility is symmetric about the middle of the channel.
     const double middle = (high - low) / 2;
     EXPECT_NEAR(at(middle + 0.7)(1, 1), at(middle - 0.7)(1, 1), 1e-13);
     EXPECT_NEAR(at(middle + 0.7)(5, 0), -at(middle - 0.7)(5, 0), 1e-13);
 }
 
 TEST(SlipChannel, FlowsAlongItsWallsWithoutShear) {
-    // Points that drift with the flow of a force and a torque: no velocity through a wall, and
-    // along it none that changes with the distance.
+    // Points drift with the flow of a force and a torque. They have no velocity through a wall, and
+    // near the wall their velocity along it does not change with the distance.
     HydrodynamicParticles particles;
     particles.add(1, true, 0, 0);
     particles.add(1e-3, false, 1, -1);
@@ -89,7 +89,7 @@ TEST(SlipChannel, FlowsAlongItsWallsWithoutShear) {
         const Vector3d at = flow(wall + side * near), beyond = flow(wall + side * further);
         EXPECT_GT(at.norm(), 5e-3);
         EXPECT_LT(abs(at.y()), 0.2 * near) << wall;
-        // Without shear it changes as the square of the distance.
+        // Without shear the velocity changes as the square of the distance.
         EXPECT_LT(abs(beyond.x() - at.x()), 0.1 * further * further);
         EXPECT_LT(abs(beyond.z() - at.z()), 0.1 * further * further);
         EXPECT_GT(abs(beyond.y()), 2 * abs(at.y()));
@@ -138,7 +138,8 @@ TEST(SlipChannel, GridsHaveTheirTolerance) {
 }
 
 TEST(SlipChannel, TheRandomFieldHasTheCovarianceOfProducts) {
-    // Five standard errors of a product of normal numbers, sqrt((M_ii M_kk + M_ik^2)/n).
+    // The test allows five standard errors of a product of normal numbers, sqrt((M_ii M_kk +
+    // M_ik^2)/n).
     const HydrodynamicParticles particles = mixture();
     const auto model = onGrid(particles, 0.05);
     const MatrixXd M = matrixAt(*model, places);

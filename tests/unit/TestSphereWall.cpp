@@ -1,5 +1,5 @@
-// The best known mobility of a sphere above a wall: against exact values, at both ends, and as a
-// congruence of many spheres.
+// The best known mobility of a sphere above a wall agrees with exact values and with the limits
+// near contact and far away. For many spheres it enters as a congruence.
 
 #include <Eigen/Dense>
 #include <random>
@@ -18,9 +18,10 @@ using RigidHITest::expectError;
 namespace {
 
 /**
- * Exact, by tools/sphere_wall_mobility.py (bispherical coordinates; at cosh 1 radii it has the
- * resistance 1.5675 along the wall that Goldman, Cox and Brenner print), in units of the free
- * mobilities: V along, V across, W along, W normal, a W from F.
+ * Gaps in radii and exact mobilities by tools/sphere_wall_mobility.py, which uses bispherical
+ * coordinates. At cosh 1 radii the script has the resistance 1.5675 along the wall that Goldman,
+ * Cox and Brenner print. Mobilities are in units of the free ones: V along, V across, W along, W
+ * normal, a W from F.
  */
 const double exact[][6] = {
     {0.001, 0.22054656, 0.00099765, 0.32611529, 0.83399731, 0.03507902},
@@ -67,14 +68,16 @@ TEST(SphereWallMobility, IsThatOfARigidSphere) {
     for (const auto& row : exact) {
         const double gap = row[0];
         const SphereWallMobility m = SphereWallMobility::bestKnown(gap);
-        // To the digits of the table and the errors that the source states of its fits.
+        // The tolerances are the digits of the table and the errors that the source states of its
+        // fits.
         EXPECT_NEAR(m.along, row[1], 1e-8) << gap;
         EXPECT_NEAR(m.across, row[2], 1e-8) << gap;
         EXPECT_NEAR(m.turnAlong / 0.75, row[3], 2e-8) << gap;
         EXPECT_NEAR(m.turnNormal / 0.75, row[4], 3e-8) << gap;
         EXPECT_NEAR(m.rolling, row[5], 1e-8) << gap;
     }
-    // Brenner's sum itself, at gaps between those of the fit and narrower than the table's.
+    // The mobility across is compared with Brenner's sum itself, at gaps between those of the fit
+    // and at narrower gaps than in the table.
     for (double gap = 2.7e-6; gap < 300; gap *= 1.7) {
         const double alpha = acosh(1 + gap);
         double sum = 0;
@@ -90,8 +93,8 @@ TEST(SphereWallMobility, IsThatOfARigidSphere) {
 }
 
 /**
- * The published approximations that these fits replace: Delong et al. 2015, eqs. 95 to 97, where h
- * of the first two is the gap.
+ * The fits are close to the published approximations that they replace: Delong et al. 2015, eqs. 95
+ * to 97, where h of the first two equations is the gap.
  */
 TEST(SphereWallMobility, IsNearTheApproximationsOfThePaper) {
     for (double gap : {0.001, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0})
@@ -131,8 +134,8 @@ TEST(SphereWallMobility, EndsContinuityAndPositivity) {
         }
         before = m;
     }
-    // Contact: lubrication. Across like the gap, along and turning like 1/ln (Goldman, Cox, Brenner
-    // 1967).
+    // Near contact lubrication theory holds. The mobility across goes like the gap, those along the
+    // wall and of turning go like 1/ln (Goldman, Cox, Brenner 1967).
     const double gap = 1e-14, l = log(gap);
     const SphereWallMobility near = SphereWallMobility::bestKnown(gap);
     EXPECT_NEAR(near.across / gap, 1, 1e-12);
@@ -142,7 +145,7 @@ TEST(SphereWallMobility, EndsContinuityAndPositivity) {
     EXPECT_NEAR(near.turnAlong / (0.75 * force / all), 1, 1e-3);
     EXPECT_NEAR(near.rolling / (-torque / all), 1, 1e-3);
     EXPECT_NEAR(near.turnNormal / 0.75 * 1.2020569, 1, 1e-6);  // zeta(3)
-    // Far away: the model's.
+    // Far away the mobilities are those of the Rotne-Prager-Yamakawa model.
     const double far = 1e4;
     const SphereWallMobility away = SphereWallMobility::bestKnown(far),
                              model = SphereWallMobility::rotnePragerYamakawa(1 / (1 + far));
@@ -160,7 +163,8 @@ TEST(SphereWallCongruence, OneSphereIsAsBestKnown) {
             scene.add(radius, true, 0, 1, 2, gap * radius);
             Scene free;
             free.add(radius, false, -1, 1, 2, gap * radius);
-            // Positions are known to a rounding of the height, which is much for the narrowest gap.
+            // Rounding of the height is a large part of the narrowest gap, so the gap is computed
+            // from the rounded position.
             const double z = scene.positions[0][2] - scene.wall.getHeight();
             const SphereWallMobility m = SphereWallMobility::bestKnown((z - radius) / radius);
             MatrixXd expected = MatrixXd::Zero(6, 6);

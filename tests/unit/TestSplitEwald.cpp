@@ -1,5 +1,5 @@
-// Periodic Rotne-Prager-Yamakawa by pairs and waves: against lattice sums, both parts positive, the
-// covariance of the waves' field.
+// The periodic Rotne-Prager-Yamakawa mobility by pairs and waves agrees with lattice sums. Both
+// parts are positive, and the field of the waves has their covariance.
 
 #include <Eigen/Dense>
 #include <cmath>
@@ -29,7 +29,7 @@ BoxVectors orthogonal(double x, double y, double z) {
     return {{Vec3(x, 0, 0), Vec3(0, y, 0), Vec3(0, 0, z)}};
 }
 
-/** Particles at random places, in and out of the box, overlapping as they come. */
+/** Particles at random places, inside and outside of the box, which may overlap. */
 struct Scene {
     const char* what;
     HydrodynamicParticles particles;
@@ -135,8 +135,8 @@ TEST(SplitEwald, TablesAreThePairsToRounding) {
 
 namespace {
 
-/** Arrangements whose errors add up: a crystal, a cluster in a large box, shells of blobs that
- * overlap, large particles among small ones. */
+/** Arrangements in which errors add up: a crystal, a cluster in a large box, shells of overlapping
+ * blobs, large particles among small ones. */
 vector<Scene> arrangements() {
     vector<Scene> all = {
         {"a face-centred cubic array, 0.5",
@@ -280,8 +280,8 @@ TEST(SplitEwald, BothPartsArePositive) {
             const MatrixXd pairs = split.denseOfPairs(), waves = split.denseOfWaves();
             EXPECT_LE((pairs - pairs.transpose()).norm(), 1e-14 * pairs.norm()) << scene.what;
             EXPECT_LE((waves - waves.transpose()).norm(), 1e-14 * waves.norm()) << scene.what;
-            // Waves are a Gram matrix whatever is cut off; of pairs what is cut off is a part of
-            // the tolerance.
+            // The matrix of the waves is a Gram matrix, whatever is cut off. For the matrix of the
+            // pairs, the cut-off has an effect of a part of the tolerance.
             const double rounding = 1e-13;
             EXPECT_GE(smallestEigenvalue(scaled(waves, scene.particles)),
                       -rounding * normOf(scaled(waves, scene.particles)))
@@ -292,7 +292,7 @@ TEST(SplitEwald, BothPartsArePositive) {
 }
 
 TEST(SplitEwald, PairsDoNotDependOnTheCells) {
-    // Against all images of all pairs, by the functions themselves.
+    // The expected matrix is the sum over all images of all pairs, by the functions themselves.
     for (const Scene& scene : scenes()) {
         SplitScene split(scene, 1e-4, plainFluid());
         const HydrodynamicParticles& particles = scene.particles;
@@ -385,8 +385,8 @@ TEST(SplitEwald, BoxesAwayMakeNoDifference) {
 }
 
 TEST(SplitEwald, PlacesNearbyKeepTheirPairs) {
-    // So central differences of products converge as their step squared: a pair more or less would
-    // be an error of tolerance/step.
+    // Central differences of products converge as the square of their step. One pair more or less
+    // would make an error of tolerance/step.
     const Scene scene("unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed,
                       {1, 1.4}, 5);
     const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-2, 0, plainFluid());
@@ -404,7 +404,7 @@ TEST(SplitEwald, PlacesNearbyKeepTheirPairs) {
             Placement moved = scene.placement;
             for (size_t i = 0; i < direction.size(); i++)
                 moved.positions[i] += direction[i] * ((side - 0.5) * step);
-            // The anchors are those of the placement before.
+            // The anchors of a nearby placement are those of the placement before.
             model.place(at, scene.placement);
             model.placeNear(at, moved);
             at->apply(forces, ends[side]);
@@ -425,8 +425,8 @@ TEST(SplitEwald, PlacesNearbyKeepTheirPairs) {
 
 namespace {
 
-/** The part of a field that pairs have, by dense matrices; in units of own mobilities, of which 0.3
- * tolerances are added. */
+/** The part of a field that belongs to the pairs, by dense matrices, in units of the particles' own
+ * mobilities. To the matrix of the pairs 0.3 tolerances of these own mobilities are added. */
 struct PairsOfField {
     VectorXd slips, forces;
 
@@ -451,7 +451,8 @@ struct PairsOfField {
 }  // namespace
 
 TEST(SplitEwald, FieldsAreThoseOfWavesAndARootOfPairs) {
-    // With the covariance of waves (above) and the symmetric root here, that of slips is M.
+    // The covariance of the waves is tested above. Together with the symmetric root of the pairs
+    // that is tested here, the slips have the covariance M.
     const double tolerance = 1e-3;
     NoiseStream noise, ofWaves;
     ofWaves.field = 1;  // of the group of particle 0
@@ -473,7 +474,7 @@ TEST(SplitEwald, FieldsAreThoseOfWavesAndARootOfPairs) {
         EXPECT_LE((found - expected).norm(), 5 * 0.1 * tolerance * expected.norm()) << scene.what;
         EXPECT_GT(waves.norm(), 0);
 
-        // Looked at elsewhere in between, and nearby, it is the same.
+        // The field is the same after it was evaluated at other places and nearby.
         Placement nearby = scene.placement;
         for (Vec3& r : nearby.positions) r += Vec3(1e-3, 0, -1e-3);
         field->slipsAt(nearby, true, others);
@@ -488,8 +489,8 @@ TEST(SplitEwald, FieldsAreThoseOfWavesAndARootOfPairs) {
 
 namespace {
 
-/** Points of a sphere's surface, and their weights, which add up to 1: Gauss's of the height, equal
- * ones of the angle. */
+/** Points of a sphere's surface and their weights, which add up to 1: Gauss's weights for the
+ * height, equal weights for the angle. */
 struct SurfaceRule {
     vector<Vector3d> normals;
     vector<double> weights;
@@ -519,8 +520,8 @@ Scene apart() {
 
 }  // namespace
 
-/** Particles move with the average of a field's flow over their surfaces, and turn with that of its
- * moment: so flow and slips are of one field. */
+/** Particles move with the average of a field's flow over their surfaces, and turn with the average
+ * of its moment. So flow and slips belong to one field. */
 TEST(SplitEwald, FlowsOfFieldsHaveTheSlipsForAverages) {
     const Scene scene = apart();
     const HydrodynamicParticles& particles = scene.particles;
@@ -546,8 +547,9 @@ TEST(SplitEwald, FlowsOfFieldsHaveTheSlipsForAverages) {
                 if (particles.hasTorque[p]) averages.segment<3>(row + 3) += 1.5 / a * n.cross(v);
             }
         }
-        // The flow of pairs is that of forces. Sums over pairs and flows leave out what is far away
-        // in different ways, up to a tolerance each, and 0.3 are added to the former.
+        // The flow of pairs is that of forces. Sums over pairs and flows leave out distant pairs in
+        // different ways, with an error of up to one tolerance each. To the sums over pairs 0.3
+        // tolerances are added.
         SplitScene split(scene, tolerance, plainFluid());
         const PairsOfField pairs(split, tolerance, NoiseStream());
         const VectorXd root = roots(particles);
@@ -558,7 +560,8 @@ TEST(SplitEwald, FlowsOfFieldsHaveTheSlipsForAverages) {
     }
 }
 
-/** The component of a flow along a wave, by a sum over a lattice of points. */
+/** The amplitude of a field along a wave is the component of its flow, by a sum over a lattice of
+ * points. */
 TEST(SplitEwald, AmplitudesOfFieldsAreThoseOfTheirFlows) {
     const Scene scene = apart();
     const BoxVectors& box = scene.placement.box;
@@ -588,13 +591,15 @@ TEST(SplitEwald, AmplitudesOfFieldsAreThoseOfTheirFlows) {
                 sum += flow(a, i) * sin(wave.k * points[i][wave.waveAxis] + wave.phase);
             sum *= 2.0 / points.size();
             const double found = field->amplitudeOf(wave);
-            // Surfaces, where flows have kinks, are seen to the distance of the points.
+            // At surfaces flows have kinks, which the lattice resolves only to the distance of its
+            // points.
             EXPECT_NEAR(found, sum, 1e-3 * slips.topRows<3>().norm()) << a << " " << periods;
         }
 }
 
 TEST(SplitEwald, FieldsAndProductsShareNoResults) {
-    // Whoever was at a place before, with whatever was kept there: the same bits.
+    // Products are the same bit for bit, whatever products and fields were evaluated before, and
+    // whatever these kept.
     const Scene scene("unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed,
                       {1, 1.4}, 5);
     Placement other = scene.placement, smaller = scene.placement;
@@ -631,7 +636,7 @@ TEST(SplitEwald, FieldsAndProductsShareNoResults) {
 }
 
 TEST(SplitEwald, ASplittingByHandIsRightToo) {
-    // The fastest is a matter of time, not of accuracy.
+    // The splitting parameter affects the time, not the accuracy.
     const Scene scene("unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed,
                       {1, 1.4}, 5);
     const MatrixXd exact = latticeSum(scene);

@@ -1,4 +1,5 @@
-// Stokesian dynamics of spheres in unbounded fluid.
+// Stokesian dynamics of spheres in unbounded fluid has the exact friction of one sphere and of an
+// isolated pair, and far fields of known accuracy.
 
 #include <Eigen/Dense>
 
@@ -30,7 +31,7 @@ MatrixXd frictionOf(const vector<double>& radii, const vector<Vec3>& positions,
 }
 
 /** Forces and torques in units of each sphere's own friction coefficients, so that eigenvalues of
- * different kinds compare. */
+ * different kinds can be compared. */
 MatrixXd scaled(const MatrixXd& friction, const vector<double>& radii) {
     VectorXd scale(friction.rows());
     for (size_t i = 0; i < radii.size(); i++) {
@@ -50,7 +51,7 @@ Vec3 randomDirection(mt19937& generator) {
     return v / norm(v);
 }
 
-/** Spheres added one by one at a given gap from an earlier one, overlapping none. */
+/** Spheres that are added one by one at a given gap from an earlier one, without any overlap. */
 vector<Vec3> cluster(const vector<double>& radii, const vector<double>& gaps, mt19937& generator) {
     vector<Vec3> positions = {Vec3()};
     while (positions.size() < radii.size()) {
@@ -90,8 +91,8 @@ TEST(StokesianDynamics, SingleSphere) {
 }
 
 TEST(StokesianDynamics, TwoSedimentingSpheres) {
-    // Davidchack et al. 2017, Table S1, exact values by collocation (1e-10), and what FTS without
-    // lubrication misses
+    // The exact values are those of Davidchack et al. 2017, Table S1, by collocation (1e-10). The
+    // error of FTS without lubrication is known too.
     struct Case {
         double l, force, omega, ftsForceError, ftsOmegaError, tolerance;
     };
@@ -110,7 +111,7 @@ TEST(StokesianDynamics, TwoSedimentingSpheres) {
             if (lubrication) {
                 EXPECT_NEAR(forceRatio / c.force, 1, 2e-10) << c.l;
                 EXPECT_NEAR(abs(omega) / c.omega, 1, 2e-9) << c.l;
-                // falling, the left sphere turns as its right side is dragged down: about +y
+                // The left sphere falls and turns about +y, because its right side is dragged down.
                 EXPECT_GT(velocity(4), 0);
             } else {
                 EXPECT_NEAR((forceRatio / c.force - 1) / c.ftsForceError, 1, c.tolerance) << c.l;
@@ -120,8 +121,8 @@ TEST(StokesianDynamics, TwoSedimentingSpheres) {
 }
 
 TEST(StokesianDynamics, IsolatedPairIsExact) {
-    // in a general direction, in either order, against the solution in bispherical coordinates:
-    // R.(U along the line) and so on
+    // The pair has a general direction and either order. Its friction is compared with the exact
+    // solution for two spheres: R.(U along the line) and so on.
     const double viscosity = 0.7;
     for (double gap : {1e-2, 0.3, 4.0})
         for (bool swapped : {false, true}) {
@@ -169,8 +170,8 @@ TEST(StokesianDynamics, IsolatedPairIsExact) {
 }
 
 TEST(StokesianDynamics, ForceAndTorqueBlocksFarApart) {
-    // of Rotne-Prager-Yamakawa, at a distance where stresslets (a/r)^4 and lubrication are below
-    // the tolerance
+    // The blocks are those of Rotne-Prager-Yamakawa, at a distance where stresslets (a/r)^4 and
+    // lubrication are below the tolerance.
     const vector<double> radii = {1, 0.6};
     const double r = 200;
     StokesianDynamics model(spheres(radii), 1, true, 0);
@@ -191,7 +192,7 @@ TEST(StokesianDynamics, MatricesAgreeAndAreSymmetric) {
         StokesianDynamics model(spheres(threeRadii), 0.9, lubrication, 0);
         MatrixXd friction, mobility, velocities;
         unique_ptr<MobilityAt> at;
-        for (int visit = 0; visit < 2; visit++) {  // nothing is left of earlier positions
+        for (int visit = 0; visit < 2; visit++) {  // earlier positions have no influence
             vector<Vec3> positions = threePositions;
             if (visit == 0) positions[1] *= 3;
             model.place(at, {positions});
@@ -267,7 +268,7 @@ TEST(StokesianDynamics, PositiveDefiniteForRandomClusters) {
         const double value = eigenvalues(friction)[0];
         smallest = min(smallest, value);
         ASSERT_GT(value, 1e-3) << sample;
-        // Galerkin's far field is a bound from below, so what lubrication adds is positive
+        // Galerkin's far field is a lower bound, so the friction that lubrication adds is positive.
         ASSERT_GT(eigenvalues(friction - scaled(frictionOf(radii, positions, false), radii))[0],
                   -1e-14 * friction.norm());
     }
@@ -275,8 +276,8 @@ TEST(StokesianDynamics, PositiveDefiniteForRandomClusters) {
 }
 
 TEST(StokesianDynamics, SmoothInThePositions) {
-    // finite differences of second order converge as h², also where the tables' nodes change their
-    // source
+    // Finite differences of second order converge as h², also where the source of the tables' nodes
+    // changes.
     for (double gap : {1e-3, 0.05, 2.0}) {
         const auto element = [&](double h) -> VectorXd {
             const vector<Vec3> positions = {Vec3(), Vec3(2 + gap * (1 + h), 0.3 * gap * h, 0),
@@ -382,8 +383,8 @@ TEST(StokesianDynamics, HopelessOverlapIsAnError) {
 }
 
 TEST(StokesianDynamics, StressletsAndStrainsAreReciprocal) {
-    // The power of forces F on spheres that go with a strain E is that of the stresslets that F
-    // makes: F.U(E) = S(F):E.
+    // The power of forces F on spheres that move with a strain E is the power of the stresslets
+    // that F makes: F.U(E) = S(F):E.
     mt19937 generator(9);
     const double viscosity = 0.7;
     const vector<double> radii = {1, 0.8, 1.3, 0.6};
@@ -406,8 +407,8 @@ TEST(StokesianDynamics, StressletsAndStrainsAreReciprocal) {
         }
     }
     EXPECT_GT(largest, 0.1);
-    // One sphere in a strain has the stresslet -20/3 pi eta a^3 E (Batchelor 1970), and none of
-    // forces.
+    // One sphere in a strain has the stresslet -20/3 pi eta a^3 E (Batchelor 1970), and forces on
+    // it make no stresslet.
     StressletResponse alone;
     forceTorqueStressletMobility({1.4}, {Vec3(3, 2, 1)}, viscosity, &alone);
     const VectorXd E = VectorXd::LinSpaced(5, -1, 2), F = VectorXd::LinSpaced(6, 1, 3);

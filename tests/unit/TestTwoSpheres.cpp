@@ -1,4 +1,5 @@
-// The resistance functions of two spheres: exact solution, table, and the FTS far field of a pair.
+// The resistance functions of two spheres: the exact solution, the table, and the FTS far field of
+// a pair agree with independent values and with limits.
 
 #include <Eigen/Dense>
 
@@ -60,8 +61,8 @@ const vector<Reference> references = {
       1.001380939914},
      2e-12}};
 
-/** The functions with the spheres' numbers exchanged; the direction from 1 to 2 changes sign, and B
- * with it. */
+/** The functions with the spheres' numbers exchanged. The direction from 1 to 2 changes sign, and
+ * so does B. */
 Values exchanged(const Values& f) {
     Values g = f;
     for (int first : {XA11, YA11, XC11, YC11}) swap(g[first], g[first + 2]);
@@ -94,13 +95,13 @@ TEST(TwoSpheres, ReferenceValues) {
 }
 
 TEST(TwoSpheres, TableAgainstSolutionAtEveryGap) {
-    // both sides of the gap where the nodes' values change from expansion to solution (2e-3 reduced
-    // radii), and far beyond its fit
+    // Gaps are on both sides of the gap where the nodes' values change from expansion to solution
+    // (2e-3 reduced radii), and far beyond the range of the fit.
     for (double ratio : ratios) {
         const TwoSphereResistance table(ratio);
         double worst = 0;
         for (double gap = 1e-4; gap < 1e3; gap *= 2.1) {
-            // double's rounding grows as 1/gap
+            // The rounding of doubles grows as 1/gap.
             const Values solution =
                 gap < 0.01 ? Values(solveTwoSpheres<long double>(ratio, gap).cast<double>())
                            : solveTwoSpheres(ratio, gap);
@@ -127,7 +128,7 @@ TEST(TwoSpheres, LubricationLimits) {
     // are right. In addition, for equal spheres approaching each other: 1/(4 gap), the leading term
     // of lubrication theory.
     EXPECT_NEAR(TwoSphereResistance(1).exact(1e-8)[XA11] * 1e-8, 0.25, 1e-7);
-    // and shearing past each other: -(1/6) ln(gap)
+    // For equal spheres shearing past each other the leading term is -(1/6) ln(gap).
     const TwoSphereResistance equal(1);
     EXPECT_NEAR((equal.exact(1e-9)[YA11] - equal.exact(1e-8)[YA11]) / log(10), 1.0 / 6, 1e-7);
 }
@@ -149,17 +150,17 @@ TEST(TwoSpheres, ExchangeOfSpheres) {
 TEST(TwoSpheres, FarApart) {
     for (double ratio : ratios) {
         const TwoSphereResistance table(ratio);
-        // alone at infinity
+        // At infinity each sphere is alone.
         Values alone = Values::Zero();
         for (int f : {XA11, XA22, YA11, YA22, XC11, XC22, YC11, YC22}) alone[f] = 1;
         EXPECT_LT((table.exact(1e7) - alone).abs().maxCoeff(), 1e-6);
-        // Rotne-Prager-Yamakawa is the far field of A12: -6 eta pi a_1 a_2 3/(2 r), and so on; FTS
-        // lacks much smaller terms
+        // Rotne-Prager-Yamakawa is the far field of A12: -6 eta pi a_1 a_2 3/(2 r), and so on. The
+        // terms that FTS lacks are much smaller.
         const double gap = 1e3, r = (1 + gap / 2) * (1 + ratio);
         EXPECT_NEAR(table.exact(gap)[XA12] * (1 + ratio) / 2 * r / (-1.5 * ratio), 1, 2e-4);
         EXPECT_NEAR(table.exact(gap)[YB12] * (1 + ratio) * (1 + ratio) * r * r / (6 * ratio), 1,
                     3e-3);
-        // multipoles beyond FTS: reflections of order (a/r)^6 and higher
+        // FTS lacks higher multipoles, which make reflections of order (a/r)^6 and higher.
         const auto missing = [&](double x) {
             return (solveTwoSpheres<long double>(ratio, x).cast<double>() -
                     forceTorqueStressletPair(ratio, x))
@@ -172,8 +173,8 @@ TEST(TwoSpheres, FarApart) {
 }
 
 TEST(TwoSpheres, SmoothAtEveryGap) {
-    // the second derivative by finite differences converges as h² everywhere, so also where the
-    // table's nodes change their source
+    // The second derivative by finite differences converges as h² everywhere, so also where the
+    // source of the table's nodes changes.
     for (double ratio : {1.0, 0.1}) {
         const TwoSphereResistance table(ratio);
         for (double gap : {3e-4, 1e-3, 2e-3, 0.02, 0.5, 5.0})
@@ -190,8 +191,8 @@ TEST(TwoSpheres, SmoothAtEveryGap) {
 }
 
 TEST(TwoSpheres, ForceTorqueStressletBySurfaceQuadrature) {
-    // Galerkin's matrix from its definition: tractions 1, e x n, B.n on both spheres, the Oseen
-    // tensor between them, by quadrature
+    // Galerkin's matrix is computed by quadrature from its definition: tractions 1, e x n, B.n on
+    // both spheres, with the Oseen tensor between them.
     const double a[2] = {1, 0.4}, distance = 1.9;
     const int numPolar = 28, numAzimuth = 28;
     Eigen::Matrix<double, numPolar, 1> diagonal = Eigen::Matrix<double, numPolar, 1>::Zero();

@@ -1,4 +1,5 @@
-// Libraries that do not belong together are noticed, and the message says which is which.
+// Libraries of versions that do not belong together are noticed, and the message names the version
+// of each.
 
 #include <gtest/gtest.h>
 #include <openmm/Platform.h>
