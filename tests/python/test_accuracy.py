@@ -10,6 +10,7 @@ import io
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -258,7 +259,7 @@ class _Resources(html.parser.HTMLParser):
 
     def handle_starttag(self, tag, attributes):
         self.found += [(tag, name, value) for name, value in attributes
-                       if name in ('src', 'href', 'srcset', 'data')]
+                       if name in ('src', 'href', 'srcset', 'data') and not value.startswith('#')]
         if tag in ('script', 'link', 'iframe'):
             self.found.append((tag, '', ''))
 
@@ -290,6 +291,14 @@ class TestFiles(unittest.TestCase):
                 self.assertTrue(value.startswith('data:image/png;base64,'))
             self.assertNotIn('http', text.split('base64,')[0] + text.rsplit('">', 1)[1])
             self.assertIn('LangevinC at 6 fs', text)
+            self.assertIn(
+                'Which setting is the cheapest with an error of at most 0.5% of potential energy',
+                text)
+            # Each entry of the contents leads to its section, in the order of a reader's questions.
+            sections = re.findall('<h2 id="([^"]*)">', text)
+            self.assertEqual(re.findall('<a href="#([^"]*)">', text)[:len(sections)], sections)
+            self.assertEqual(sections[:4],
+                             ['what-was-asked', 'answer', 'how-sure-it-is', 'what-to-do'])
             self.assertIn('LangevinMiddle was unstable at 8 fs', text)
 
             # Results that were written are the same when they are read again.
@@ -435,7 +444,8 @@ class TestScenes(unittest.TestCase):
         expected = 2*integrator.computeTranslationalKineticEnergy()._value/(
             3*64)*1e30/6.02214076e23/1e6
         self.assertAlmostEqual(value/expected, 1, places=6)
-        with self.assertRaisesRegex(ValueError, 'not periodic'):
+        with self.assertRaisesRegex(
+                ValueError, 'the System is not periodic; it has no volume: leave this observable'):
             pressure.setup(scene, platform, {})
 
 

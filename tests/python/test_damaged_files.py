@@ -137,6 +137,20 @@ def test_shapes_that_do_not_fit(files, tmp_path):
         tools.readBodyStates(spoil('bodies.h5', 'positions', (3, 10**9, 3)))
 
 
+def test_the_sites_of_an_h5md_file_are_those_of_its_bodies(files, tmp_path):
+    copy = tmp_path/'trajectory.h5md'
+    copy.write_bytes((files/'trajectory.h5md').read_bytes())
+    with h5py.File(copy, 'r+') as file:
+        first = file['parameters/bodies/first_site'][:]
+        assert len(first) == 3
+        del file['parameters/bodies/first_site']
+        file['parameters/bodies/first_site'] = first[:-1]
+    with pytest.raises(
+            ValueError, match='/parameters/bodies is of 1 bodies, /particles/bodies of 2; these '
+            'must be the same: the file is damaged, restore it from a copy'):
+        tools.readH5md(copy)
+
+
 def test_a_gsd_file_that_claims_more_particles_than_it_can_hold(tmp_path):
     name = str(tmp_path/'large.gsd')
     with gsd.fl.open(name=name, mode=WRITE, application='test', schema='hoomd',

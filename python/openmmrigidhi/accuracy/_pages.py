@@ -26,6 +26,10 @@ class Report:
     #: Title of the page, before the scene's name; what is chosen for a wanted error; an example of
     #: a wanted error.
     TITLE, CHOICE, EXAMPLE = '', '', ''
+    #: How a picture is read: what the points, lines and colours are, and which ones are good.
+    READING = ''
+    #: Verdict -> how sure the answer is, and what to do with the answer.
+    SURE, NEXT = {}, {}
     #: The parts of an answer that the JSON keeps.
     ANSWER = ('verdict', 'setting', 'text', 'candidates')
 
@@ -100,34 +104,83 @@ class Report:
         """The relative widths of the panels of a picture."""
         return 1.35, 1
 
+    def questions(self):
+        """What was asked, a sentence for each answer."""
+        return [
+            f'Which {self.CHOICE} is the cheapest with an error of at most '
+            f'{" and ".join(each.text for each in answer.wanted)}?' for answer in self.answers
+        ]
+
+    def compared(self):
+        """What was compared, a sentence."""
+        raise NotImplementedError
+
+    def describePicture(self, observable):
+        """What the picture of an observable shows, for readers who do not see it."""
+        raise NotImplementedError
+
+    def image(self, observable, pictures):
+        """The picture of an observable as HTML; a reference to it, if it stands with the answer."""
+        if observable == self._shown(pictures):
+            return '<p>The picture is <a href="#answer">with the answer</a>.</p>'
+        return picture(pictures[observable], self.describePicture(observable))
+
+    def _shown(self, pictures):
+        """The observable whose picture stands with the answer: the first one that was asked for."""
+        asked = [each.observable for item in self.single for each in self.result.parseWanted(item)]
+        return next((name for name in (*asked, *pictures) if name in pictures), None)
+
     def page(self, pictures):
         """One HTML page with everything in it; nothing is loaded from elsewhere.
+
+        It begins with what was asked, the answers with a picture, how sure they are, and what to
+        do.
 
         pictures: observable -> PNG.
         """
         title, texts = f'{self.TITLE}: {self.result.scene["name"]}', self.paragraphs()
+        count, shown = len(self.answerTexts()), self._shown(pictures)
         parts = [
-            f'<h1>{html.escape(title)}</h1>',
-            paragraph(self.result.scene['description'] + '.'), '<h2>In words</h2>'
+            section('What was asked'), *map(paragraph, self.questions()),
+            paragraph(self.compared()),
+            paragraph(f'The scene: {self.result.scene["description"]}.'),
+            section('The answer', 'answer')
         ]
-        count = len(self.answerTexts())
         parts += [f'<p class="answer">{html.escape(text)}</p>' for text in texts[:count]]
-        parts += map(paragraph, texts[count:])
         if not count:
             parts.append(
                 paragraph(
-                    f'No wanted error was given; with one (for example {self.EXAMPLE}) this page '
-                    f'names the cheapest {self.CHOICE}.'))
+                    f'No wanted error was given. With a wanted error (for example {self.EXAMPLE}) '
+                    f'this page names the cheapest {self.CHOICE}.'))
+        if shown:
+            parts += [
+                picture(pictures[shown], self.describePicture(shown)),
+                paragraph('How to read the picture: ' + self.READING)
+            ]
+        if self.answers:
+            verdicts = dict.fromkeys(answer.verdict for answer in self.answers)
+            parts += [
+                section('How sure it is'), *(paragraph(self.SURE[each]) for each in verdicts),
+                section('What to do'), *(paragraph(self.NEXT[each]) for each in verdicts)
+            ]
+        if texts[count:]:
+            parts += [section('What else was found'), *map(paragraph, texts[count:])]
         parts += self.body(pictures)
         parts += [
-            '<h2>How it was measured</h2>', *map(paragraph, self.how()),
+            section('How it was measured'), *map(paragraph, self.how()),
             '<details><summary>Machine, versions, seed</summary>' +
             table(None, _flatten(self.result.provenance), notes=True) + '</details>'
         ]
+        links = [
+            f'<a href="#{found[1]}">{found[2]}</a>' for part in parts
+            for found in re.finditer('<h2 id="([^"]*)">(.*?)</h2>', part)
+        ]
         return '\n'.join([
-            '<!DOCTYPE html>',
-            f'<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
-            f'<style>{_CSS}</style></head><body>', *parts, '</body></html>'
+            '<!DOCTYPE html>', '<html lang="en"><head><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">'
+            f'<title>{html.escape(title)}</title><style>{_CSS}</style></head><body>',
+            f'<h1>{html.escape(title)}</h1>', f'<nav aria-label="Contents">{" ".join(links)}</nav>',
+            '<main>', *parts, '</main>', '</body></html>'
         ]) + '\n'
 
 
@@ -169,10 +222,14 @@ def plainTicks(axes):
 
 # ---- HTML ----------------------------------------------------------------------------------------
 
-_CSS = '''body{font:15px/1.5 sans-serif;max-width:1150px;margin:2em auto;padding:0 1em;color:#222}
-img{max-width:100%}table{border-collapse:collapse;font-size:13px;margin:1em 0}
+# On a narrow window pictures and tables are moved by finger or arrow keys, not the page.
+_CSS = '''body{font:16px/1.5 sans-serif;max-width:1150px;margin:2em auto;padding:0 1em;color:#222}
+main>p{max-width:46em}img{width:100%;min-width:720px;height:auto}a{color:#005a8c}
+nav{display:flex;flex-wrap:wrap;gap:.2em 1.2em;margin:1em 0}nav a{padding:.3em 0}
+a:focus,summary:focus,.wide:focus{outline:3px solid #E69F00;outline-offset:2px}
+.wide{overflow-x:auto}table{border-collapse:collapse;font-size:14px;margin:1em 0}
 td,th{border:1px solid #ccc;padding:2px 8px;text-align:right}
-th{background:#f0f0f0}td:first-child,th:first-child,td.t{text-align:left}tr.bad td{color:#999}
+th{background:#f0f0f0}td:first-child,th:first-child,td.t{text-align:left}tr.bad td{color:#666}
 .answer{background:#eef5fb;border-left:5px solid #0072B2;padding:.6em 1em;margin:.6em 0}
 summary{cursor:pointer;font-weight:bold}'''
 
@@ -202,6 +259,20 @@ def duration(seconds):
     return f'{seconds/scale:.3g} {name}'
 
 
+def section(title, name=None):
+    """The heading of a section, which the contents refer to.
+
+    Parameters
+    ----------
+    title : str
+        plain text
+    name : str, optional
+        of the anchor; default: from the title
+    """
+    name = name or re.sub('[^a-z0-9]+', '-', title.lower()).strip('-')
+    return f'<h2 id="{name}">{html.escape(title)}</h2>'
+
+
 def paragraph(text):
     """A paragraph of plain text."""
     return f'<p>{html.escape(text)}</p>'
@@ -209,8 +280,9 @@ def paragraph(text):
 
 def picture(content, text):
     """A PNG within a page; the text describes it for readers who do not see it."""
-    return (f'<img alt="{html.escape(text)}" '
-            f'src="data:image/png;base64,{base64.b64encode(content).decode()}">')
+    return ('<div class="wide" tabindex="0" role="region" aria-label="Picture">'
+            f'<img alt="{html.escape(text)}" '
+            f'src="data:image/png;base64,{base64.b64encode(content).decode()}"></div>')
 
 
 def table(head, rows, notes=False, pale=()):
@@ -226,14 +298,17 @@ def table(head, rows, notes=False, pale=()):
         rows that are grey
     """
     def line(tag, cells, shade=''):
-        tags = [tag]*(len(cells) - notes) + [f'{tag} class="t"' if tag == 'td' else tag]*notes
+        opening = 'th scope="col"' if tag == 'th' else tag
+        tags = [opening]*(len(cells) - notes) + [f'{tag} class="t"' if tag == 'td' else opening
+                                                 ]*notes
         return f'<tr{shade}>' + ''.join(f'<{opening}>{html.escape(cell)}</{tag}>'
                                         for opening, cell in zip(tags, cells)) + '</tr>'
 
     return '\n'.join([
-        '<table>', *([line('th', head)] if head else ()),
-        *(line('td', row, ' class="bad"' if k in pale else '') for k, row in enumerate(rows)),
-        '</table>'
+        '<div class="wide" tabindex="0" role="region" aria-label="Table"><table>',
+        *([line('th', head)] if head else
+          ()), *(line('td', row, ' class="bad"' if k in pale else '')
+                 for k, row in enumerate(rows)), '</table></div>'
     ])
 
 

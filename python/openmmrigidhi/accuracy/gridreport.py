@@ -2,11 +2,11 @@
 
 It has texts, pictures, tables and one HTML page.
 """
-import html
 
 import numpy as np
 
-from ._pages import Report, paragraph, picture, plainTicks, sentence, table
+from ._pages import Report, paragraph, plainTicks, section, sentence, table
+from ._results import NONE, RECOMMENDED, UNDECIDED
 
 #: Errors for which the fineness is given, beside the fineness that the sampling of a Gaussian
 #: needs.
@@ -48,6 +48,39 @@ class GridReport(Report):
 
     FILES, PICTURE = ('grid.csv', 'grid.json', 'grid.html'), 'grid'
     TITLE, CHOICE, EXAMPLE = 'What the accuracy of a grid costs', 'tolerance', 'forces:1e-4'
+    READING = (
+        'On the left are errors against the fineness of the grid, in nodes for the width of the '
+        'narrowest envelope. On the right are errors against the time of a product with the '
+        'mobility. Points below the dashed line have the wanted error, and the best one is '
+        'farthest to the left.')
+    SURE = {
+        RECOMMENDED: 'The errors are measured against exact sums for this scene. There is no '
+        'statistical error. Another scene with the same radii and tolerance has similar errors.',
+        NONE: 'The errors are measured against exact sums, and each of them is above the wanted '
+        'error.',
+        UNDECIDED: 'No grid could be compared.'
+    }
+    NEXT = {
+        RECOMMENDED: 'Give the recommended tolerance to setSolverTolerance().',
+        NONE: 'Measure smaller tolerances (--tolerances), or accept a larger error.',
+        UNDECIDED: 'Measure other tolerances (--tolerances).'
+    }
+
+    def compared(self):
+        """What was compared, a sentence."""
+        settings = sorted(
+            {row['setting']
+             for row in self.result.rows if row['kind'] == 'tolerance'})
+        labels = (about['label'] for about in self.result.observables.values())
+        return (f'Grids for these tolerances were compared: '
+                f'{", ".join(f"{setting:g}" for setting in settings)}. '
+                f'What was computed with each: {"; ".join(labels)}.')
+
+    def describePicture(self, observable):
+        """What the picture of an observable shows, for readers who do not see it."""
+        label = self.result.observables[observable]['label']
+        return (f'Left: errors of {label} against the fineness of the grid. Right: against the '
+                f'time of a product. The table of {label} has all numbers.')
 
     def textTable(self):
         """Grids, errors and times by tolerance, as text."""
@@ -190,17 +223,9 @@ class GridReport(Report):
         head, rows = self._table()
         parts = []
         for observable, about in self.result.observables.items():
-            parts += [
-                f'<h2>{html.escape(sentence(about["label"]))}</h2>',
-                paragraph(about['description'] + '.')
-            ]
+            parts += [section(sentence(about["label"])), paragraph(about['description'] + '.')]
             if observable in pictures:
-                parts += [
-                    picture(
-                        pictures[observable],
-                        f'Errors of {about["label"]} against the fineness of the grid and time'),
-                    table(head, rows[observable])
-                ]
+                parts += [self.image(observable, pictures), table(head, rows[observable])]
             spaced = [(row['nodes'], f'{row["fineness"]:.3f}', f'{row["described"]:.1e}',
                        f'{row["error"]:.1e}', f'{row["own_error"]:.1e}', f'{row["typical"]:.1e}')
                       for row in self.result.select(observable, 'spacing')]

@@ -6,7 +6,8 @@ import html
 
 import numpy as np
 
-from ._pages import Report, duration, paragraph, picture, plainTicks, sentence, table
+from ._pages import Report, duration, paragraph, plainTicks, section, sentence, table
+from ._results import NONE, RECOMMENDED, UNDECIDED
 from .measurement import STABLE
 from .rungs import BEST
 
@@ -53,6 +54,42 @@ class LadderReport(Report):
 
     FILES, PICTURE = ('ladder.csv', 'ladder.json', 'ladder.html'), 'ladder'
     TITLE, CHOICE, EXAMPLE = 'What hydrodynamic accuracy costs', 'model', 'mobility:1%'
+    READING = (
+        'Each colour is a model of the fluid. The left panel has the relative errors of models. '
+        'The right panel has the same errors against the time of a step. Models below the dashed '
+        'line have the wanted error, and the best one is farthest to the left. In the grey region '
+        'errors are smaller than the uncertainty of the reference. Where exact numbers are known, '
+        'a further panel shows the models beside the exact numbers.')
+    SURE = {
+        RECOMMENDED: 'The error of the recommended model plus the uncertainty of the reference '
+        'is below the wanted error. There is no statistical error. The answer is for the '
+        'arrangements of this scene.',
+        NONE: 'Every model has an error above the wanted one, by more than the reference is '
+        'uncertain. There is no statistical error.',
+        UNDECIDED: 'The reference is not accurate enough for this wanted error, or the observable '
+        'has no meaning for this scene.'
+    }
+    NEXT = {
+        RECOMMENDED: 'Use the recommended model by setModel(). The table of times says what '
+        'the other models cost.',
+        NONE: 'Add more accurate models (--rungs), or accept a larger error.',
+        UNDECIDED: 'Add a finer multiblob as the reference (--ladder-reference), or accept a '
+        'larger error.'
+    }
+
+    def compared(self):
+        """What was compared, a sentence."""
+        rungs = dict.fromkeys(row['rung'] for row in self.result.rows)
+        labels = (about['label'] for about in self.result.observables.values())
+        return (f'These models were compared: {", ".join(rungs)}. '
+                f'What was computed with each: {"; ".join(labels)}.')
+
+    def describePicture(self, observable):
+        """What the picture of an observable shows, for readers who do not see it."""
+        label = self.result.observables[observable]['label']
+        return (f'Error of {label} for each model, against '
+                f'{self.result.parameter + " and against " if self.result.parameter else ""}'
+                f'the time of a step. The table of {label} has all numbers.')
 
     def textTable(self):
         """As the function textTable()."""
@@ -97,7 +134,7 @@ class LadderReport(Report):
         pictures : dict
             observable -> PNG
         """
-        parts = ['<h2>Time</h2>', costTable(self.result), '<h2>Errors</h2>']
+        parts = [section('Time'), costTable(self.result), section('Errors')]
         for observable, about in self.result.observables.items():
             if observable not in pictures:
                 parts.append(paragraph(f'{sentence(about["label"])}: has no meaning here.'))
@@ -105,7 +142,7 @@ class LadderReport(Report):
             parts += [
                 f'<h3>{html.escape(sentence(about["label"]))}</h3>',
                 paragraph(about['description'] + '.'),
-                picture(pictures[observable], f'Error of {about["label"]} by model'),
+                self.image(observable, pictures),
                 errorTable(self.result, observable)
             ]
         return parts

@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ._pages import Report, number, picture, plainTicks, sentence, table
+from ._pages import Report, duration, number, picture, plainTicks, section, sentence, table
+from ._results import NONE, RECOMMENDED, UNDECIDED
 from .measurement import STABLE, UNSTABLE
 from .pricereport import PriceReport
 
@@ -71,6 +72,28 @@ class StudyReport(Report):
     FILES, PICTURE = ('results.csv', 'results.json', 'report.html'), 'error'
     TITLE, CHOICE, EXAMPLE = 'What accuracy costs', 'setting', 'potential_energy:0.5%'
     ANSWER = ('verdict', 'setting', 'factor', 'text', 'candidates')
+    READING = (
+        'On the left each point is a setting, with its speed and its error. The label is the '
+        'setting. Settings below the dashed line have the wanted error, and the best one is '
+        'farthest to the right. An open symbol is an error that the statistics do not distinguish '
+        'from 0. On the right is the mean of the observable for each setting. The black line is '
+        'the exact value or the limit of small steps, which errors are differences from.')
+    SURE = {
+        RECOMMENDED: 'The recommended setting has the wanted error with the stated confidence: the '
+        'upper confidence bound of its error, systematic and statistical, is below the wanted '
+        'error. The confidence is about this scene and these observables only.',
+        NONE: 'Every setting has an error above the wanted one with the stated confidence: the '
+        'lower confidence bound is above the wanted error.',
+        UNDECIDED: 'This study cannot tell: the wanted error lies inside the confidence intervals '
+        'of the settings that could be the answer.'
+    }
+    NEXT = {
+        RECOMMENDED: 'Use the recommended scheme and step. If the answer says that faster settings '
+        'may or may not qualify, a longer study (--budget) decides about them.',
+        NONE: 'Measure more accurate settings (--steps, --methods), or accept a larger error.',
+        UNDECIDED: 'Run the study longer, by the factor that the answer names (--budget), or '
+        'accept a larger error (--from results.json --wanted-error, which measures nothing anew).'
+    }
 
     def __init__(self, result, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
         super().__init__(result, wanted)
@@ -86,6 +109,38 @@ class StudyReport(Report):
     def answerTexts(self):
         """The answers as text: settings for wanted errors, prices, and what a time buys."""
         return super().answerTexts() + self.priced.texts()
+
+    def questions(self):
+        """What was asked, a sentence for each answer: also prices, and what a time buys."""
+        priced, labels = self.priced, self._labels()
+        return super().questions() + [
+            'How long does it take to know '
+            f'{" and ".join(item.text for item in answer.wanted)}, bias and standard error '
+            'together?' for answer in priced.answers
+        ] + [
+            f'How well is {labels[name]} known after {duration(seconds)}?'
+            for name, seconds in priced.spend
+        ]
+
+    def compared(self):
+        """What was compared, a sentence."""
+        result, knob = self.result, self.result.knob
+        parts = []
+        for method in result.methods():
+            values = sorted({row['value'] for row in result.rows if row['method'] == method})
+            parts.append(f'{method} at {", ".join(knob.format(value) for value in values)}')
+        return (f'These settings were compared: {"; ".join(parts)}. '
+                f'What was measured: {"; ".join(self._labels().values())}.')
+
+    def _labels(self):
+        return {name: about['label'] for name, about in self.result.observables.items()}
+
+    def describePicture(self, observable):
+        """What the picture of an observable shows, for readers who do not see it."""
+        label, knob = self.result.observables[observable]['label'], self.result.knob
+        return (f'Left: error of {label} against {knob.speedUnit} for '
+                f'{", ".join(self.result.methods())}. Right: mean of {label} against '
+                f'{knob.label}. The table of {label} has all numbers.')
 
     # ---- Pictures --------------------------------------------------------------------------------
 
@@ -259,7 +314,7 @@ class StudyReport(Report):
 
     # ---- Words -----------------------------------------------------------------------------------
 
-    def compared(self, comparison):
+    def atWantedError(self, comparison):
         """How the methods compare at the wanted error, a sentence for each method.
 
         Parameters
@@ -300,7 +355,7 @@ class StudyReport(Report):
             if comparison:
                 item, = result.parseWanted(wanted)
                 lines.append(f'At exactly {item.text}, between the steps that were measured: ' +
-                             ' '.join(self.compared(comparison)))
+                             ' '.join(self.atWantedError(comparison)))
         dead = {}
         for row in result.rows:
             if row['status'] == UNSTABLE:
@@ -424,19 +479,17 @@ class StudyReport(Report):
             for wanted, comparison in self.comparisons.items() if comparison
         ]
         if self.priced.answers:
-            parts.append('<h2>Prices</h2>')
+            parts.append(section('Prices'))
             parts += [
                 picture(content, 'Total error against time, and the time to the wanted error')
                 for content in self._pricePictures.values()
             ]
             parts += self.priced.tables()
-        parts.append('<h2>Pictures and tables</h2>')
+        parts.append(section('Pictures and tables'))
         for observable, about in self.result.observables.items():
             parts.append(f'<h3>{html.escape(sentence(about["label"]))}</h3>')
             if observable in pictures:
-                parts.append(
-                    picture(pictures[observable],
-                            f'Error of {about["label"]} against {self.result.knob.speedUnit}'))
+                parts.append(self.image(observable, pictures))
             parts.append(self._table(observable))
         return parts
 
