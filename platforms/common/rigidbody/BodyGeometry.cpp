@@ -2,7 +2,8 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <functional>
 #include <map>
