@@ -5,6 +5,7 @@ import json
 import os
 import pathlib
 import platform
+import re
 import subprocess
 import sys
 import time
@@ -73,9 +74,11 @@ def plain(value):
 
 
 def save(folder, name, data):
-    """Write a JSON, with numbers of 12 digits."""
+    """Write a JSON, with numbers of 12 digits, and each list of numbers on one line."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder/name).write_text(json.dumps(plain(data), indent=1) + '\n')
+    text = re.sub(r'\[[^\[\]{}"]*\]', lambda match: ' '.join(match.group().split()),
+                  json.dumps(plain(data), indent=1))
+    (folder/name).write_text(text + '\n')
     print(f'wrote {folder/name}')
 
 
