@@ -441,7 +441,7 @@ def test_what_needs_a_context_says_so(method, arguments, platform):
     getattr(integrator, method)(*arguments)
     del context
     gc.collect()
-    message = rf'{method}\(\) needs a Context, and the Context of this integrator was deleted .*: keep'
+    message = rf'{method}\(\) needs a Context, and the Context of this integrator was deleted'
     with pytest.raises(openmm.OpenMMException, match=message):
         getattr(integrator, method)(*arguments)
 
