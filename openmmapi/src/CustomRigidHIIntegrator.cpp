@@ -652,7 +652,7 @@ void CustomRigidHIIntegrator::initialize(ContextImpl& contextImpl) {
 
 void CustomRigidHIIntegrator::cleanup() {
     kernel = Kernel();
-    contextIsGone = hasKernel;
+    contextIsGone = contextIsGone || hasKernel;
     hasKernel = false;
 }
 

@@ -97,6 +97,17 @@ def test_a_sentence_of_markdown_is_a_line():
     assert not result.returncode, 'run `make format` on ' + ', '.join(result.stdout.split())
 
 
+def test_sentences_end_where_readers_see_their_end(tmp_path):
+    page = tmp_path/'page.md'
+    page.write_text('It is at 300 K. The bath is warm, says J. Smith. '
+                    'See ![One. Two.](a.png) there. At $T$ K. And [a. B](c.md). New.\n')
+    subprocess.run([sys.executable, 'tools/format_markdown.py', page], cwd=ROOT, check=True)
+    assert page.read_text().splitlines() == [
+        'It is at 300 K.', 'The bath is warm, says J. Smith.', 'See ![One. Two.](a.png) there.',
+        'At $T$ K.', 'And [a. B](c.md).', 'New.'
+    ]
+
+
 @pytest.mark.parametrize('header', PUBLIC_HEADERS)
 def test_public_header_compiles_alone(header, tmp_path):
     (tmp_path/'alone.cpp'

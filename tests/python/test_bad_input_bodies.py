@@ -216,20 +216,6 @@ def test_state_of_the_bodies_needs_a_context(integrator):
         integrator.getBodyPositions()
 
 
-def test_the_context_was_deleted(integrator):
-    system = openmm.System()
-    for _ in range(3):
-        system.addParticle(1)
-    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
-    context.setPositions(np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]]))
-    integrator.step(1)
-    del context
-    for method in (lambda: integrator.step(1), integrator.getBodyPositions):
-        with refused('needs a Context, and the Context of this integrator was deleted',
-                     'keep the Context in a variable'):
-            method()
-
-
 def test_geometry_that_is_not_known_yet(integrator):
     with refused('body 0', 'its mass, moments and sites are not known', 'create a Context'):
         integrator.getRigidBodyParameters(0)

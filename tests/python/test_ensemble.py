@@ -637,6 +637,7 @@ def test_a_worker_that_does_not_see_the_directory(tmp_path):
 @pytest.mark.parametrize(
     'wrong, text', [(dict(scene='nothing'), 'module:function, a function or a Scene: correct'),
                     (dict(scene='nowhere:nothing'), 'which cannot be imported'),
+                    (dict(scene='__main__:nothing'), 'it was defined in a script'),
                     (dict(observables=[]), 'one at least, and none twice'),
                     (dict(observables=['potential_energy']*2), 'one at least, and none twice'),
                     (dict(replicas=0), 'replicas: got 0, where a whole number from'),

@@ -5,7 +5,6 @@ import json
 import os
 import pathlib
 import platform
-import re
 import subprocess
 import sys
 import time
@@ -14,6 +13,7 @@ import numpy as np
 import openmm
 
 import openmmrigidhi
+from openmmrigidhi.accuracy._results import jsonText
 
 HERE = pathlib.Path(__file__).resolve().parent
 
@@ -76,9 +76,7 @@ def plain(value):
 def save(folder, name, data):
     """Write a JSON, with numbers of 12 digits, and each list of numbers on one line."""
     folder.mkdir(parents=True, exist_ok=True)
-    text = re.sub(r'\[[^\[\]{}"]*\]', lambda match: ' '.join(match.group().split()),
-                  json.dumps(plain(data), indent=1))
-    (folder/name).write_text(text + '\n')
+    (folder/name).write_text(jsonText(plain(data)))
     print(f'wrote {folder/name}')
 
 

@@ -47,7 +47,7 @@ struct Principal {
  */
 Eigen::Quaterniond smallestTurn(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
     const Eigen::Vector3d from = a.normalized(), to = b.normalized();
-    const double twice = (from + to).norm();  // the cosine of half the angle
+    const double twice = (from + to).norm();  // the cosine of half the angle, twice
     Eigen::Quaterniond turn;
     if (twice < 1e-6) {
         // The axis is lost in rounding: half a turn about any perpendicular one, and the rest.

@@ -129,6 +129,21 @@ def longer(factor):
 # ---- Files ---------------------------------------------------------------------------------------
 
 
+def jsonText(data):
+    """Data as JSON that people can read: each list of numbers is on one line.
+
+    Parameters
+    ----------
+    data : dict
+
+    Returns
+    -------
+    str
+    """
+    return re.sub(r'\[[^\[\]{}"]*\]', lambda match: ' '.join(match.group().split()),
+                  json.dumps(data, indent=1)) + '\n'
+
+
 class Result:
     """Rows of a table, and how they were measured.
 
@@ -190,11 +205,8 @@ class Result:
         ----------
         path : str
         """
-        # Lists of numbers are on one line.
-        text = re.sub(r'\[[^\[\]{}"]*\]', lambda match: ' '.join(match.group().split()),
-                      json.dumps(dict(self.asDict(), **extra), indent=1))
         with open(path, 'w') as file:
-            file.write(text + '\n')
+            file.write(jsonText(dict(self.asDict(), **extra)))
 
     @classmethod
     def isOne(cls, path):

@@ -54,10 +54,10 @@ class GridReport(Report):
         'mobility. Points below the dashed line have the wanted error, and the best one is '
         'farthest to the left.')
     SURE = {
-        RECOMMENDED: 'The errors are measured against exact sums for this scene. There is no '
-        'statistical error. Another scene with the same radii and tolerance has similar errors.',
-        NONE: 'The errors are measured against exact sums, and each of them is above the wanted '
-        'error.',
+        RECOMMENDED: 'The errors are norms of differences to the matrix of lattice sums. The '
+        'answer is for the arrangement of this scene.',
+        NONE: 'The errors are norms of differences to the matrix of lattice sums. Each of them '
+        'is above the wanted error.',
         UNDECIDED: 'No grid could be compared.'
     }
     NEXT = {

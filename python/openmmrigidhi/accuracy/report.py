@@ -82,10 +82,10 @@ class StudyReport(Report):
         RECOMMENDED: 'The recommended setting has the wanted error with the stated confidence: the '
         'upper confidence bound of its error, systematic and statistical, is below the wanted '
         'error. The confidence is about this scene and these observables only.',
-        NONE: 'Every setting has an error above the wanted one with the stated confidence: the '
-        'lower confidence bound is above the wanted error.',
-        UNDECIDED: 'This study cannot tell: the wanted error lies inside the confidence intervals '
-        'of the settings that could be the answer.'
+        NONE: 'No setting has the wanted error: for each stable setting the lower confidence '
+        'bound of its error is above the wanted error.',
+        UNDECIDED: 'This study cannot tell. Either the wanted error lies inside the confidence '
+        'intervals of the settings that could be the answer, or there is nothing to compare with.'
     }
     NEXT = {
         RECOMMENDED: 'Use the recommended scheme and step. If the answer says that faster settings '

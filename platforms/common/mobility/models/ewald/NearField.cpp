@@ -56,8 +56,8 @@ NearTables::NearTables(const std::vector<EwaldKind>& kinds, int numbers, double 
             pair.reach = gap + pair.contact;
             largest = std::max(largest, pair.reach);
             // The part with H has waves up to about 8 xi, and the other one consists of powers of
-            // contact/distance. In such an interval a polynomial of this degree has an error of
-            // 1e-11.
+            // contact/distance. In such an interval a polynomial of this degree has an error
+            // below 1e-10.
             const double step = std::min(0.1 / xi, pair.contact / 20);
             pair.inverseStep = 1 / step;
             const NearPair functions(i.radius, j.radius, xi, numbers > 2);

@@ -14,7 +14,7 @@ typedef std::function<void(int count, const std::function<void(int, int)>& task)
 
 /**
  * The functions of NearPair for all pairs of kinds of particles. Where spheres do not overlap, the
- * functions are polynomials in the distance, to 1e-11 of own mobilities. Where spheres overlap,
+ * functions are polynomials in the distance, to 1e-10 of own mobilities. Where spheres overlap,
  * only the part with H is by polynomials, and the closed form is computed.
  */
 class NearTables {
