@@ -8,6 +8,7 @@ import json
 import math
 import os
 import types
+from html import escape
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ import scipy.stats
 
 from openmmrigidhi import accuracy
 from openmmrigidhi.accuracy import cli, measurement, price, statistics
+from openmmrigidhi.accuracy.pricereport import PriceReport
 from openmmrigidhi.accuracy.result import Reference, StudyResult
 from openmmrigidhi.accuracy.study import STEP_SIZE, Setting
 from openmmrigidhi.analysis import series as seriesModule
@@ -475,6 +477,11 @@ def test_files_of_prices(tmp_path, capsys):
     assert page.count(
         '<p class="answer">') == 3 and 'To know potential energy to 1%' in page and page.count(
             '<img') == 2
+    # The page says how sure each price is, and what to do with it.
+    for verdict in 'recommended', 'none of these':
+        assert escape(PriceReport.SURE[verdict]) in page
+        assert escape(PriceReport.NEXT[verdict]) in page
+    assert escape(PriceReport.SURE['cannot tell']) not in page
     head, first = (tmp_path/'first'/'results.csv').read_text().splitlines()[:2]
     row = dict(zip(head.split(','), first.split(',')))
     assert float(row['noise']) == 20 and float(row['effective_per_second']) > 0

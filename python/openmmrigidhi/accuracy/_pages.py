@@ -111,6 +111,10 @@ class Report:
             f'{" and ".join(each.text for each in answer.wanted)}?' for answer in self.answers
         ]
 
+    def advice(self):
+        """How sure the answers are, and what to do with them: two lists of paragraphs."""
+        return advise(self)
+
     def compared(self):
         """What was compared, a sentence."""
         raise NotImplementedError
@@ -157,11 +161,11 @@ class Report:
                 picture(pictures[shown], self.describePicture(shown)),
                 paragraph('How to read the picture: ' + self.READING)
             ]
-        if self.answers:
-            verdicts = dict.fromkeys(answer.verdict for answer in self.answers)
+        sure, following = self.advice()
+        if sure:
             parts += [
-                section('How sure it is'), *(paragraph(self.SURE[each]) for each in verdicts),
-                section('What to do'), *(paragraph(self.NEXT[each]) for each in verdicts)
+                section('How sure it is'), *map(paragraph, sure),
+                section('What to do'), *map(paragraph, following)
             ]
         if texts[count:]:
             parts += [section('What else was found'), *map(paragraph, texts[count:])]
@@ -182,6 +186,22 @@ class Report:
             f'<h1>{html.escape(title)}</h1>', f'<nav aria-label="Contents">{" ".join(links)}</nav>',
             '<main>', *parts, '</main>', '</body></html>'
         ]) + '\n'
+
+
+def advise(report):
+    """How sure the answers of a report are, and what to do with them, for each verdict once.
+
+    Parameters
+    ----------
+    report : object
+        with answers and the texts SURE and NEXT, by verdict
+
+    Returns
+    -------
+    (list of str, list of str)
+    """
+    verdicts = dict.fromkeys(answer.verdict for answer in report.answers)
+    return [report.SURE[each] for each in verdicts], [report.NEXT[each] for each in verdicts]
 
 
 # ---- Pictures ------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ import re
 import numpy as np
 
 from ._pages import duration, emptyPanels, number, plainTicks, png, sentence, table
+from ._results import NONE, RECOMMENDED, UNDECIDED
 from .price import OPEN, Prices, aim
 
 #: Uncertainties are drawn for at most so many settings, to keep the picture readable.
@@ -31,6 +32,27 @@ class PriceReport:
     style : dict
         method -> (colour, marker)
     """
+
+    SURE = {
+        RECOMMENDED: 'The recommended setting takes the least time of the settings whose bias is '
+        'below the wanted total error with the stated confidence. Its time is an estimate, since '
+        'the bias, the correlation time and the speed are measured: the interval beside the time '
+        'shows how well they are known.',
+        NONE: 'No time suffices: the bias of every stable setting exceeds the wanted total error '
+        'with the stated confidence, or no setting was stable.',
+        UNDECIDED: 'This study cannot tell the price. Either no bias is known well enough, or '
+        'there is nothing to compare with.'
+    }
+    NEXT = {
+        RECOMMENDED: 'Take the recommended scheme and step, for the time that the answer names. '
+        'Settings that are not distinguishable from it serve as well. If the answer names settings '
+        'that may cost less, a longer study (--budget) decides about them.',
+        NONE: 'Measure smaller steps or other schemes (--steps, --methods), or accept a larger '
+        'total error.',
+        UNDECIDED: 'Run the study longer, by the factor that the answer names (--budget). If there '
+        'is nothing to compare with, give an exact value or measure smaller steps.'
+    }
+
     def __init__(self, result, price, spend, style):
         self.result = result
         self.style = style

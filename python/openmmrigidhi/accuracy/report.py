@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ._pages import Report, duration, number, picture, plainTicks, section, sentence, table
+from ._pages import Report, advise, duration, number, picture, plainTicks, section, sentence, table
 from ._results import NONE, RECOMMENDED, UNDECIDED
 from .measurement import STABLE, UNSTABLE
 from .pricereport import PriceReport
@@ -121,6 +121,10 @@ class StudyReport(Report):
             f'How well is {labels[name]} known after {duration(seconds)}?'
             for name, seconds in priced.spend
         ]
+
+    def advice(self):
+        """How sure the answers are, prices too, and what to do: two lists of paragraphs."""
+        return tuple(own + ofPrices for own, ofPrices in zip(super().advice(), advise(self.priced)))
 
     def compared(self):
         """What was compared, a sentence."""
