@@ -1,10 +1,17 @@
 #!/bin/sh
-# Builds, tests and packages what is committed on a Debian made from nothing, and tries the packages on another.
-# Usage: tools/test-debian.sh 12|13 [directory for the chroots, default build/debian]
-# Needs root (chroot, mount), debootstrap, git, 6 GB, and an hour of two processors. The summary goes to tests/reports/debian-<release>.txt.
+# What is committed, on a Debian made from nothing: the tree (built, tested, demonstrated), and its packages (made there,
+# tried on another Debian made from nothing).
+# Usage: tools/test-debian.sh 12|13 [directory for the chroots, default build/debian] [all|tree|packages, default all]
+# Needs root (chroot, mount), debootstrap, git, 6 GB, and an hour of two processors for the tree, a third of that for the
+# packages. The summaries go to tests/reports/debian-<release>.txt and debian-<release>-packages.txt.
 set -eu
 cd "$(dirname "$0")/.."
-release=${1:?usage: tools/test-debian.sh 12|13 [directory]}
+release=${1:?usage: tools/test-debian.sh 12|13 [directory] [all|tree|packages]}
+part=${3:-all}
+case $part in
+all | tree | packages) ;;
+*) echo "test-debian.sh: got part '$part'; it must be all, tree or packages" >&2; exit 2 ;;
+esac
 case $release in
 12) suite=bookworm ;;
 13) suite=trixie ;;
@@ -13,11 +20,10 @@ esac
 [ "$(id -u)" = 0 ] || { echo "test-debian.sh: chroot and mount need root: run it as root" >&2; exit 2; }
 command -v debootstrap >/dev/null || { echo "test-debian.sh: debootstrap is missing: apt install debootstrap" >&2; exit 2; }
 where=$(realpath "${2:-build/debian}")
-report=$PWD/tests/reports/debian-$release.txt
 log=$where/$release.log
 # The mirror that this machine uses itself.
 mirror=${MIRROR:-$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' | grep -v security | head -1)}
-mkdir -p "$where" "$(dirname "$report")"
+mkdir -p "$where" tests/reports
 : > "$log"
 
 say() { echo "$*" | tee -a "$log" >> "$report.new"; echo "$*"; }
@@ -55,37 +61,71 @@ step() { # name, directory, command: a line of the summary, with the last lines 
     [ $outcome = passed ] || tail -40 "$where/$release-step.log"
 }
 
-rm -f "$report.new"
-say "Debian $release ($suite), made by debootstrap; tools/test-debian.sh $release; $(date -u +%Y-%m-%d)"
-one=$where/$release-build
-fresh "$one"
-trap 'release_mounts "$one"; release_mounts "$where/$release-packages"' EXIT
-if [ -n "${CCACHE_DIR:-}" ]; then mkdir -p "$one/ccache"; mount --bind "$CCACHE_DIR" "$one/ccache"; fi
-git clone -q --no-hardlinks . "$one/source"
-say "commit $(git rev-parse --short HEAD)"
-step 'packages' "$one" 'apt-get update -qq && apt-get install -qq -y --no-install-recommends make git ca-certificates ccache && make deps'
-say "$(inside "$one" 'echo "$(g++ --version | head -1); $(cmake --version | head -1); $(swig -version | grep Version); $(python3 --version); NumPy $(python3 -c "import numpy; print(numpy.__version__)"); OpenMM $(python3 -c "import openmm; print(openmm.Platform.getOpenMMVersion())" 2>/dev/null)"')"
-step 'make build' "$one" 'make build'
-step 'make test' "$one" 'make test'
-step 'make lint' "$one" 'make lint'
-step 'make demo' "$one" 'make demo'
-step 'make deb' "$one" 'apt-get install -qq -y --no-install-recommends dpkg-dev && make deb'
-step 'lintian' "$one" 'lintian --fail-on error,warning --pedantic build/deb/*.changes'
+begin() { # name of the report: a new one
+    report=$PWD/tests/reports/$1.txt
+    rm -f "$report.new"
+    say "Debian $release ($suite), made by debootstrap; tools/test-debian.sh $release; $(date -u +%Y-%m-%d); $(nproc) processors"
+    say "commit $(git rev-parse --short HEAD)"
+}
 
-two=$where/$release-packages
-fresh "$two"
-mkdir -p "$two/packages" "$two/tests"
-cp "$one"/source/build/deb/*.deb "$two/packages"
-cp debian/tests/script debian/tests/program README.md "$two/tests"
-cat > "$two/tests/readme.py" <<'END'
+finish() {
+    mv "$report.new" "$report"
+    echo "Written: $report; everything that was printed: $log"
+}
+
+source_in() { # directory: a fresh Debian with the committed source, make and git
+    fresh "$1"
+    if [ -n "${CCACHE_DIR:-}" ]; then mkdir -p "$1/ccache"; mount --bind "$CCACHE_DIR" "$1/ccache"; fi
+    git clone -q --no-hardlinks . "$1/source"
+}
+
+versions() { # directory
+    say "$(inside "$1" 'echo "$(g++ --version | head -1); $(cmake --version | head -1); $(swig -version | grep Version); $(python3 --version); NumPy $(python3 -c "import numpy; print(numpy.__version__)"); OpenMM $(python3 -c "import openmm; print(openmm.Platform.getOpenMMVersion())" 2>/dev/null)"')"
+}
+
+tree() {
+    begin "debian-$release"
+    one=$where/$release-build
+    source_in "$one"
+    step 'packages' "$one" 'apt-get update -qq && apt-get install -qq -y --no-install-recommends make git ca-certificates ccache && make deps'
+    versions "$one"
+    step 'make build' "$one" 'make build'
+    say "compiler warnings: $(grep -c 'warning:' "$where/$release-step.log" || true)"
+    step 'make test' "$one" 'make test'
+    step 'make lint' "$one" 'make lint'
+    step 'make demo' "$one" 'make demo'
+    release_mounts "$one"
+    finish
+}
+
+packages() {
+    begin "debian-$release-packages"
+    one=$where/$release-packaging
+    source_in "$one"
+    # With what the package needs to be built, and nothing else.
+    step 'make deb' "$one" 'apt-get update -qq && apt-get install -qq -y --no-install-recommends make git ca-certificates ccache dpkg-dev && make deb'
+    versions "$one"
+    step 'lintian' "$one" 'lintian --allow-root --fail-on error,warning --pedantic build/deb/*.changes'
+    two=$where/$release-packages
+    fresh "$two"
+    mkdir -p "$two/packages" "$two/tests"
+    cp "$one"/source/build/deb/*.deb "$two/packages"
+    cp debian/tests/script debian/tests/program README.md "$two/tests"
+    cat > "$two/tests/readme.py" <<'END'
 import re
 exec('\n'.join(re.findall(r'^```python\n(.*?)^```', open('/tests/README.md').read(), flags=re.S | re.M)))
 END
-step 'apt install of the packages alone' "$two" 'apt-get update -qq && apt-get install -qq -y --no-install-recommends /packages/python3-openmm-rigidhi*.deb /packages/libopenmm-rigidhi*.deb'
-step 'debian/tests/script' "$two" '/tests/script'
-step "the README's scripts" "$two" 'cd /tmp && python3 /tests/readme.py'
-step 'apt install of the headers' "$two" 'apt-get install -qq -y --no-install-recommends /packages/openmm-rigidhi-dev*.deb g++ cmake make'
-step 'debian/tests/program' "$two" '/tests/program'
-mv "$report.new" "$report"
-echo "Written: $report; everything that was printed: $log"
+    step 'apt install of the packages alone' "$two" 'apt-get update -qq && apt-get install -qq -y --no-install-recommends /packages/python3-openmm-rigidhi*.deb /packages/libopenmm-rigidhi*.deb'
+    step 'debian/tests/script' "$two" '/tests/script'
+    step "the README's scripts" "$two" 'cd /tmp && python3 /tests/readme.py'
+    step 'apt install of the headers' "$two" 'apt-get install -qq -y --no-install-recommends /packages/openmm-rigidhi-dev*.deb g++ cmake make'
+    step 'debian/tests/program' "$two" '/tests/program'
+    release_mounts "$one"
+    release_mounts "$two"
+    finish
+}
+
+trap 'for each in build packaging packages; do release_mounts "$where/$release-$each"; done' EXIT
+[ $part = packages ] || tree
+[ $part = tree ] || packages
 exit $failed
