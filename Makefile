@@ -92,6 +92,7 @@ recipes: deps
 # The committed tree, so that nothing of this machine gets in.
 deb:
 	@tools/install-packages.sh debian/packages-to-build.txt
+	@dpkg-checkbuilddeps debian/control 2>/dev/null || $(MAKE) deps
 	@rm -rf $(BUILD)/deb && mkdir -p $(BUILD)/deb/openmm-rigidhi
 	git archive HEAD | tar -x -C $(BUILD)/deb/openmm-rigidhi
 	cd $(BUILD)/deb/openmm-rigidhi && dpkg-buildpackage --build=binary --no-sign --jobs=$(JOBS)

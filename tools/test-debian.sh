@@ -103,7 +103,7 @@ packages() {
     one=$where/$release-packaging
     source_in "$one"
     # With what the package needs to be built, and nothing else.
-    step 'make deb' "$one" 'apt-get update -qq && apt-get install -qq -y --no-install-recommends make git ca-certificates ccache dpkg-dev && make deb'
+    step 'make deb' "$one" 'apt-get update -qq && apt-get install -qq -y --no-install-recommends make git ca-certificates ccache dpkg-dev && apt-get build-dep -qq -y --no-install-recommends ./ && make deb'
     versions "$one"
     step 'lintian' "$one" 'lintian --allow-root --fail-on error,warning --pedantic build/deb/*.changes'
     two=$where/$release-packages
