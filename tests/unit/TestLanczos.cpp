@@ -202,6 +202,62 @@ TEST(Lanczos, RoughProductsTakeOverWhereTheyDoNoHarm) {
     EXPECT_GT(roughOnes, products / 3);
 }
 
+TEST(Lanczos, DifferencesOfOneCourseKeepTheirDigits) {
+    // (f(A + eps B) - f(A)) x / eps, where eps is much smaller than the tolerance. In spectra
+    // without gaps the iteration's polynomials fit f and, less well, its derivative: the error is
+    // larger by a small power of the number of products, but not by 1/eps.
+    mt19937 random(11);
+    const int n = 90;
+    const double tolerance = 1e-4, eps = 1e-6;
+    double worst = 0;
+    for (Spectrum kind : {Uniform, Logarithmic})
+        for (int repeat = 0; repeat < 6; repeat++) {
+            const KnownMatrix A = {spectrum(random, kind, n, 30), rotation(random, n)};
+            const MatrixXd whole = A.Q * A.values.asDiagonal() * A.Q.transpose();
+            MatrixXd B = normal(random, n, n);
+            B = (B + B.transpose()).eval();
+            B *= A.values.minCoeff() / B.norm();
+            const auto f =
+                repeat % 2 ? SpectralFunction::squareRoot() : SpectralFunction::inverseSquareRoot();
+            const MatrixXd x = normal(random, n, 2);
+            const auto product = [&](double shift) {
+                return [&whole, &B, shift](const MatrixXd& in, MatrixXd& out) {
+                    out = whole * in + shift * (B * in);
+                };
+            };
+            Lanczos lanczos(tolerance);
+            MatrixXd here, there, own;
+            lanczos.apply(product(0), x, {f, f}, here);
+            const Lanczos::Course course = lanczos.getCourse();
+            const int products = lanczos.getNumProducts();
+            EXPECT_EQ(course.products[0] + course.products[1], products);
+            lanczos.apply(product(eps), x, {f, f}, there, Lanczos::OwnNorm, Lanczos::Product(),
+                          &course);
+            EXPECT_EQ(lanczos.getNumProducts(), products);
+            // In the eigenbasis the derivative is that of divided differences.
+            const MatrixXd in = A.Q.transpose() * x;
+            const MatrixXd turned = A.Q.transpose() * B * A.Q;
+            MatrixXd change = MatrixXd::Zero(n, n);
+            for (int i = 0; i < n; i++)
+                for (int j = 0; j < n; j++) {
+                    const double a = A.values[i], b = A.values[j], r = sqrt(a), q = sqrt(b);
+                    change(i, j) =
+                        turned(i, j) * (repeat % 2 ? 1 / (r + q) : -1 / (r * q * (r + q)));
+                }
+            const MatrixXd exact = A.Q * (change * in);
+            const auto errorOfDifference = [&](const MatrixXd& other) {
+                return ((other - here) / eps - exact).norm() / exact.norm();
+            };
+            const double error = errorOfDifference(there) / tolerance;
+            worst = max(worst, error);
+            EXPECT_LT(error, 100) << kind << " " << repeat;
+            // Results with errors of their own are of no use.
+            Lanczos(tolerance / 10).apply(product(eps), x, {f, f}, own);
+            EXPECT_GT(errorOfDifference(own), 0.1) << kind << " " << repeat;
+        }
+    cout << "worst error of a derivative " << worst << " tolerances" << endl;
+}
+
 TEST(Lanczos, ExactInInvariantSubspaces) {
     mt19937 random(2);
     const VectorXd x = normal(random, 30, 1);

@@ -27,7 +27,7 @@ const double denseDifference = 1e-5;
 /**
  * For iterations of a tolerance t the difference has an error of t/step, beside step^2. The step is
  * therefore t^(1/3). It is not so large that bodies leave the neighbourhood in which the mobility
- * is smooth. Solves go to a part of the tolerance.
+ * is smooth. Until the differences are taken, iterations go to a part of the tolerance.
  */
 const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
 
@@ -58,12 +58,14 @@ bool Fluid::differencesIterate(const FluidGroup& group, const SchemeTraits& sche
 
 /** Set the tolerance of iterations in a step with this finite-difference step. */
 void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme, double difference) const {
+    BodyMobility& mobility = *group.overdamped.mobility;
     const bool iterate = differencesIterate(group, scheme);
-    const bool isDifferenced =
+    BodyMobility::ForDifferences needed;
+    needed.exactProducts = iterate && difference < largestDifference;
+    needed.exactSolves =
         !group.overdamped.move->driftIsKnown() && scheme.differenced != Differenced::Nothing;
-    group.overdamped.mobility->setTolerance(
-        force.getSolverTolerance() * (iterate ? toleranceOfDifferences : 1),
-        iterate && difference < largestDifference, isDifferenced);
+    if (iterate) needed.partOfTolerance = toleranceOfDifferences;
+    mobility.setTolerance(force.getSolverTolerance(), needed);
 }
 
 /** The finite-difference step: as set, or chosen by the errors of the differenced results. */

@@ -57,21 +57,21 @@ Lanczos::Lanczos(double tolerance, int maxIterations, double wanted)
 
 void Lanczos::apply(const Product& multiply, const MatrixXd& x,
                     const std::vector<SpectralFunction>& functions, MatrixXd& result,
-                    Measure measure, const Product& rough) {
+                    Measure measure, const Product& rough, const Course* toFollow) {
     numProducts = numIterations = 0;
     if (rough) {
         try {
-            iterate(multiply, rough, x, functions, result, measure);
+            iterate(multiply, rough, x, functions, result, measure, toFollow);
             return;
         } catch (const TooRough&) {
         }
     }
-    iterate(multiply, Product(), x, functions, result, measure);
+    iterate(multiply, Product(), x, functions, result, measure, toFollow);
 }
 
 void Lanczos::iterate(const Product& multiply, const Product& rough, const MatrixXd& x,
                       const std::vector<SpectralFunction>& functions, MatrixXd& result,
-                      Measure measure) {
+                      Measure measure, const Course* toFollow) {
     isRough = rough && tolerance >= MobilityAt::leastRoughTolerance;
     const int n = x.rows(), count = x.cols();
     result.setZero(n, count);
@@ -80,18 +80,24 @@ void Lanczos::iterate(const Product& multiply, const Product& rough, const Matri
     for (int c = 0; c < count; c++) {
         start(columns[c], x.col(c));
         active += columns[c].active;
+        if (toFollow) columns[c].nextLook = toFollow->products[c];
     }
+    Course own;
+    own.products.assign(count, 0);
     for (int k = 1; active > 0; k++) {
         input.resize(n, active);
         for (int c = 0, i = 0; c < count; c++)
             if (columns[c].active) input.col(i++) = columns[c].basis.col(k - 1);
+        if (rough && toFollow && k <= static_cast<int>(toFollow->isRough.size()))
+            isRough = toFollow->isRough[k - 1];
+        own.isRough.push_back(isRough);
         (isRough ? rough : multiply)(input, output);
         numIterations++;
         numProducts += active;
         for (int c = 0, i = 0; c < count; c++)
             if (columns[c].active) extend(columns[c], output.col(i++));
         // Until the next products may be rough, every iterate is checked for that.
-        const bool mayBecomeRough = rough && !isRough;
+        const bool mayBecomeRough = rough && !isRough && !toFollow;
         const bool last = k >= maxIterations;
         const auto isDue = [&](const Column& column) {
             return column.active && (column.exact || last || k == column.nextLook);
@@ -104,6 +110,7 @@ void Lanczos::iterate(const Product& multiply, const Product& rough, const Matri
             if (!isDue(column)) continue;
             if (isConverged(column, functions[c], measure, result)) {
                 put(column, result, c);
+                own.products[c] = k;
                 column.active = false;
                 active--;
             } else if (last) {
@@ -121,6 +128,7 @@ void Lanczos::iterate(const Product& multiply, const Product& rough, const Matri
                 return !column.active || allowsRoughProducts(column);
             });
     }
+    course = own;
 }
 
 /**

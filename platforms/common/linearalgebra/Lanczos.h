@@ -64,6 +64,12 @@ public:
      * apply()) that of their sum. */
     enum Measure { OwnNorm, NormOfSum };
 
+    /** How the columns of apply() have iterated. */
+    struct Course {
+        std::vector<int> products;  // of each column
+        std::vector<char> isRough;  // each call of the product, in order
+    };
+
     static constexpr int defaultIterations = 1000;
     /**
      * @param maxIterations  bounds memory and time; at the matrix's dimension results are exact
@@ -81,14 +87,25 @@ public:
      * has decayed may then be `tolerance` times the norm of the sum of all results. Increments and
      * columns without `minusOne` are always relative to themselves.
      *
-     * @param rough  if not empty: products as in MobilityAt::applyRoughly()
+     * For differences of results for A and for A' close to it, with the same x, the second apply()
+     * should follow the course of the first. It makes as many products of each column, exact and
+     * rough ones in the same order, and more only where the error is still too large. Where no more
+     * are needed, the result is a smooth function of the matrix. For spectra without gaps, the
+     * relative error of the difference is then about that of f(A) x, however close A' is to A.
+     *
+     * @param rough   if not empty: products as in MobilityAt::applyRoughly()
+     * @param course  to be followed; null: none
      * @throws OpenMMException  if the tolerance is not reached in maxIterations or because of
      *     rounding (with what was reached and what helps); if A is not positive definite; for
      *     numbers that are not finite
      */
     void apply(const Product& multiply, const Eigen::MatrixXd& x,
                const std::vector<SpectralFunction>& functions, Eigen::MatrixXd& result,
-               Measure measure = OwnNorm, const Product& rough = Product());
+               Measure measure = OwnNorm, const Product& rough = Product(),
+               const Course* course = nullptr);
+
+    /** The course of the last apply(). */
+    const Course& getCourse() const { return course; }
 
     bool isIncrement(int column) const { return columns[column].form == Increment; }
     /** Error, relative as the tolerance is, as estimated when the column was finished. */
@@ -104,7 +121,7 @@ private:
     /** @param rough  empty: exact products only */
     void iterate(const Product& multiply, const Product& rough, const Eigen::MatrixXd& x,
                  const std::vector<SpectralFunction>& functions, Eigen::MatrixXd& result,
-                 Measure measure);
+                 Measure measure, const Course* toFollow);
     enum Form { Value, Increment };
     /** f(A) x or (f - 1)(A) x for x of length 1, as far as it is known. */
     struct Iterate {
@@ -146,6 +163,7 @@ private:
     Eigen::VectorXd ritzValues, overlap, weights;
     Eigen::MatrixXd input, output, slopes;
     int numProducts = 0, numIterations = 0;
+    Course course;
     bool isRough = false;  // whether the present attempt has had rough products
 };
 

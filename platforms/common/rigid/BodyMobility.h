@@ -56,15 +56,26 @@ public:
     const std::vector<Pose>& posesHere() const { return getPoses(); }
     /** The rotation of an element at the poses set last. */
     const Eigen::Matrix3d& getTurn(int element) const { return getTurns()[element]; }
-    /**
-     * Set the relative tolerance of iterations. Exact products are for small finite differences of
-     * results of iterations, which would magnify rounding of single precision. Otherwise products
-     * are as in MobilityAt::applyFor(). Exact solves: where nothing iterates, solve() has exact
-     * products, for differences of its results. Otherwise its products are right to a part of the
-     * tolerance.
-     */
-    virtual void setTolerance(double relative, bool exactProducts = false,
-                              bool exactSolves = true) {}
+    /** What finite differences need of the results that they are taken of. */
+    struct ForDifferences {
+        /** Iterations go to this part of the tolerance. */
+        double partOfTolerance = 1;
+        /**
+         * Exact products within iterations: small differences would magnify rounding of single
+         * precision. Otherwise products are as in MobilityAt::applyFor().
+         */
+        bool exactProducts = false;
+        /**
+         * Where nothing iterates, solve() has exact products. Otherwise its products are right to a
+         * part of the tolerance.
+         */
+        bool exactSolves = true;
+    };
+    /** Set the relative tolerance of iterations, from the start of a step on. */
+    virtual void setTolerance(double relative, const ForDifferences& needed) {}
+    void setTolerance(double relative) { setTolerance(relative, ForDifferences()); }
+    /** In this step no more differences are taken: iterations go to the tolerance itself. */
+    virtual void endDifferences() {}
     /**
      * Whether multiplyNearby(), solve() and the thermal vectors iterate, and so are right to the
      * tolerance only.

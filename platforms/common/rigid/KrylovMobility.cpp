@@ -9,8 +9,8 @@ namespace RigidHIPlugin {
 
 KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
     : BodyMobility(bodies), spheres(bodies.getMotion().isIdentity()), wantedTolerance(tolerance),
-      tolerance(tolerance), toleranceOfProducts(tolerance), here(bodies, costs),
-      elsewhere(bodies, costs) {
+      toleranceOfStep(tolerance), tolerance(tolerance), toleranceOfProducts(tolerance),
+      here(bodies, costs), elsewhere(bodies, costs) {
     if (!spheres) return;
     const HydrodynamicParticles& particles = bodies.getParticles();
     ownScale.resize(particles.numRows);
@@ -22,7 +22,15 @@ KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
     }
 }
 
-void KrylovMobility::setTolerance(double relative, bool exactProducts, bool exactSolves) {
+void KrylovMobility::setTolerance(double relative, const ForDifferences& needed) {
+    toleranceOfStep = relative;
+    courseOfWrench = courseOfSlip = Lanczos::Course();
+    setTolerances(relative * needed.partOfTolerance, needed.exactProducts, needed.exactSolves);
+}
+
+void KrylovMobility::endDifferences() { setTolerances(toleranceOfStep, false, false); }
+
+void KrylovMobility::setTolerances(double relative, bool exactProducts, bool exactSolves) {
     // The tolerance is in the norm of the friction. In this norm errors of products were up to a
     // hundred times as large.
     const double part = 0.01;
@@ -140,7 +148,8 @@ void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& f
  * result = f(S) W for the matrix S that stands for M: that of MultiblobSolver, or ownScale M
  * ownScale for spheres.
  */
-void KrylovMobility::applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result) {
+void KrylovMobility::applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result,
+                               Lanczos::Course* course) {
     const Solving timed(*this);
     if (!lanczos)
         lanczos.reset(new Lanczos(tolerance, Lanczos::defaultIterations, wantedTolerance));
@@ -158,17 +167,21 @@ void KrylovMobility::applyRoot(const SpectralFunction& f, const MatrixXd& W, Mat
             y = ownScale.asDiagonal() * y;
         };
     };
-    lanczos->apply(product(0), W, functions, result, Lanczos::OwnNorm,
-                   toleranceOfProducts > 0 && bodies.getModel().hasRoughProducts()
-                       ? Lanczos::Product(product(MobilityAt::leastRoughTolerance))
-                       : Lanczos::Product());
+    const Lanczos::Product rough = toleranceOfProducts > 0 && bodies.getModel().hasRoughProducts()
+                                       ? Lanczos::Product(product(MobilityAt::leastRoughTolerance))
+                                       : Lanczos::Product();
+    const bool follows =
+        course && here.isNearby() && static_cast<int>(course->products.size()) == W.cols();
+    lanczos->apply(product(0), W, functions, result, Lanczos::OwnNorm, rough,
+                   follows ? course : nullptr);
+    if (course && !follows) *course = lanczos->getCourse();
     costs.products += lanczos->getNumProducts();
     costs.iterations += lanczos->getNumIterations();
 }
 
 void KrylovMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
     costs.roots++;
-    applyRoot(SpectralFunction::inverseSquareRoot(), W, scratch);
+    applyRoot(SpectralFunction::inverseSquareRoot(), W, scratch, &courseOfWrench);
     if (spheres)
         wrench = ownScale.asDiagonal() * scratch;
     else
@@ -184,7 +197,7 @@ void KrylovMobility::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
         return;
     }
     costs.roots++;
-    applyRoot(SpectralFunction::squareRoot(), W, scratch);
+    applyRoot(SpectralFunction::squareRoot(), W, scratch, &courseOfSlip);
     if (spheres)
         slips = ownScale.cwiseInverse().asDiagonal() * scratch;
     else

@@ -27,8 +27,9 @@ public:
     void setPoses(const std::vector<Pose>& poses, bool nearby = false) override {
         here.setPoses(poses, nearby);
     }
-    void setTolerance(double relative, bool exactProducts = false,
-                      bool exactSolves = true) override;
+    using BodyMobility::setTolerance;
+    void setTolerance(double relative, const ForDifferences& needed) override;
+    void endDifferences() override;
     bool productsIterate() const override { return getSlipSpace().areOfBodies() && !spheres; }
     bool solvesIterate() const override { return !spheres; }
     bool rootsIterate() const override { return true; }
@@ -60,20 +61,27 @@ protected:
     void endSolving() override;
 
 private:
+    void setTolerances(double relative, bool exactProducts, bool exactSolves);
     void iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
                  bool fromGuess = false);
     void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists,
                     double errorOfProducts);
-    void applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result);
+    /**
+     * @param course  of the root at the last poses that were not nearby ones; at nearby poses the
+     *     iterations follow it, so that differences are accurate. null: differences are not taken
+     */
+    void applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result,
+                   Lanczos::Course* course = nullptr);
     void forcesFromScaled(const MatrixXd& x, MatrixXd& forces);
     MultiblobSolver& solverAt(const BodiesAt& at);
 
     const bool spheres;  // K = 1, with or without own tensors
     const double wantedTolerance;
-    double tolerance, toleranceOfProducts, errorOfSolves = 0;
+    double toleranceOfStep, tolerance, toleranceOfProducts, errorOfSolves = 0;
     BodiesAt here, elsewhere;
-    std::unique_ptr<MultiblobSolver> solver;  // made when first needed
-    std::unique_ptr<Lanczos> lanczos;         // likewise; one for each tolerance
+    std::unique_ptr<MultiblobSolver> solver;       // made when first needed
+    std::unique_ptr<Lanczos> lanczos;              // likewise; one for each tolerance
+    Lanczos::Course courseOfWrench, courseOfSlip;  // of thermalWrench() and thermalSlip()
     Eigen::VectorXd ownScale;  // of rows of spheres: about the root of a particle's own friction
                                // over 6 pi viscosity
     int solving = 0;           // depth of nested calls

@@ -177,9 +177,13 @@ public:
     int getNumRows() const { return mobility.getBodies().getNumRows(); }
     /**
      * From now on everything is computed at the start, at the present poses, or at displaced ones.
+     * Differences are taken before atPresent(): after it, iterations go to the tolerance itself.
      */
     void atStart() { mobility.setPoses(start); }
-    void atPresent() { mobility.setPoses(present); }
+    void atPresent() {
+        mobility.setPoses(present);
+        mobility.endDifferences();
+    }
     void at(const std::vector<Pose>& poses) { mobility.setPoses(poses, true); }
     /** Move to Q^n + t U: Rotate(q, t W). */
     void goFromStart(double t, const Vectors& twists);
