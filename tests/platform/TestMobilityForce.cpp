@@ -227,6 +227,9 @@ TEST_P(EveryModel, BodiesAloneHaveTheTensorOfTheirBlobs) {
     if (!GetParam().takesMultiblobs) GTEST_SKIP() << "spheres only";
     if (GetParam().model == MobilityForce::ForceCoupling)
         GTEST_SKIP() << "of Gaussians: TestPeriodicMobility";
+    if (GetParam().boundary == MobilityForce::Periodic) {
+        SKIP_ON_DEVICES("they keep positions in the box, and the box is 1e18 nm wide");
+    }
     for (const BodyKind& kind : {boomerangKind(), rodKind()})
         for (int seed = 0; seed < 3; seed++) {
             mt19937 random(seed);
