@@ -26,7 +26,7 @@ mirror=${MIRROR:-$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Pack
 mkdir -p "$where" tests/reports
 : > "$log"
 
-say() { echo "$*" | tee -a "$log" >> "$report.new"; echo "$*"; }
+say() { echo "$*" | tee -a "$log" >> "$where/report"; echo "$*"; }
 
 release_mounts() { # directory
     for each in "$1/proc" "$1/sys" "$1/ccache"; do if mountpoint -q "$each"; then umount "$each"; fi; done
@@ -47,8 +47,9 @@ fresh() { # directory
 }
 
 inside() { # directory, command
+    if [ -n "${CCACHE_DIR:-}" ] && mountpoint -q "$1/ccache"; then cached=yes; else cached=; fi
     chroot "$1" /usr/bin/env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin LC_ALL=C.UTF-8 HOME=/root DEBIAN_FRONTEND=noninteractive \
-        ${CCACHE_DIR:+CMAKE_CXX_COMPILER_LAUNCHER=ccache CCACHE_DIR=/ccache CCACHE_BASEDIR=/source CCACHE_NOHASHDIR=1} sh -c "$2"
+        ${cached:+CMAKE_CXX_COMPILER_LAUNCHER=ccache CCACHE_DIR=/ccache CCACHE_BASEDIR=/source CCACHE_NOHASHDIR=1} sh -c "$2"
 }
 
 failed=0
@@ -57,19 +58,19 @@ step() { # name, directory, command: a line of the summary, with the last lines 
     echo "==== $1" >> "$log"
     if inside "$2" "cd /source 2>/dev/null; $3" > "$where/$release-step.log" 2>&1 </dev/null; then outcome=passed; else outcome=FAILED; failed=1; fi
     cat "$where/$release-step.log" >> "$log"
-    say "$1: $outcome, $(($(date +%s) - began)) s$(grep -hoE '^(100% tests passed.*|[0-9]+% tests passed.*|=* ?[0-9]+ (passed|failed).*)' "$where/$release-step.log" | tail -2 | sed 's/=//g' | paste -sd ';' | sed 's/^/; /')"
+    say "$1: $outcome, $(($(date +%s) - began)) s$(grep -hoE '^(100% tests passed.*|[0-9]+% tests passed.*|=* ?[0-9]+ (passed|failed).*)' "$where/$release-step.log" | tail -2 | sed 's/=//g' | paste -sd ';' | sed -n 's/^\(.\)/; \1/p')"
     [ $outcome = passed ] || tail -40 "$where/$release-step.log"
 }
 
 begin() { # name of the report: a new one
     report=$PWD/tests/reports/$1.txt
-    rm -f "$report.new"
+    rm -f "$where/report"
     say "Debian $release ($suite), made by debootstrap; tools/test-debian.sh $release; $(date -u +%Y-%m-%d); $(nproc) processors"
     say "commit $(git rev-parse --short HEAD)"
 }
 
 finish() {
-    mv "$report.new" "$report"
+    mv "$where/report" "$report"
     echo "Written: $report; everything that was printed: $log"
 }
 
