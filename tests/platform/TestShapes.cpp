@@ -86,8 +86,7 @@ TEST(Shapes, AreRigidFiniteAndThermal) {
 }
 
 TEST(Shapes, FullAThousandOrientationsAHundredThousandSteps) {
-    SKIP_ON_SINGLE_PRECISION_DEVICES(
-        "shapes are found from places that are rounded to 1e-4 nm at these distances");
+    SKIP_ON_DEVICES("millions of steps that copy positions");
     for (const Shape& shape : allShapes())
         checkShape(shape, shape.sites.size() > 100 ? 50 : 1000, 100000);
 }
