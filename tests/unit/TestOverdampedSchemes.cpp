@@ -557,6 +557,68 @@ TEST(OverdampedSchemes, DiscreteNoiseHasTheSameDriftAndCovariance) {
     checkDrift(iterations, 0.4);
 }
 
+/**
+ * The difference of square roots at close poses is right to about the tolerance although the poses
+ * are closer than that, because iterations follow one course. When differences are no longer taken,
+ * iterations go to a coarser tolerance.
+ */
+TEST(OverdampedSchemes, DifferencedRootsFollowOneCourse) {
+    const double tolerance = 1e-4, delta = 1e-6;
+    Scene scene;
+    scene.wall = true;
+    for (int b = 0; b < 9; b++)
+        scene.add(element(b, threeBlobs, {1, 0.8, 1}), {3.0 * (b % 3), 3.0 * (b / 3), 3.2},
+                  {0.3 * b, 0.1, -0.5});
+    auto bodies = scene.mobility();
+    mt19937 random(4);
+    normal_distribution<double> gauss;
+    MatrixXd W(bodies->getMotion().getParticles().numRows, 1), directions(bodies->getNumRows(), 1);
+    for (int i = 0; i < W.size(); i++) W(i) = gauss(random);
+    for (int i = 0; i < directions.size(); i++) directions(i) = gauss(random);
+    vector<Pose> here(scene.elements.size()), there;
+    for (size_t e = 0; e < here.size(); e++) here[e] = {scene.R[e], scene.q[e]};
+    there = here;
+    for (size_t e = 0; e < here.size(); e++)
+        there[e].R += delta * directions.middleRows<3>(bodies->firstRow(e));
+    struct Found {
+        MatrixXd difference;
+        long long start, displaced, afterwards;
+    };
+    const auto find = [&](double wanted) {
+        BodyMobility& mobility = bodies.byProducts();
+        BodyMobility::ForDifferences needed;
+        needed.partOfTolerance = 0.1;
+        needed.exactProducts = true;
+        mobility.setTolerance(wanted, needed);
+        Found found;
+        MatrixXd first, second, last;
+        const auto productsOf = [&](MatrixXd& slips) {
+            const long long before = mobility.getCosts().products;
+            mobility.thermalSlip(W, slips);
+            return mobility.getCosts().products - before;
+        };
+        mobility.setPoses(here);
+        found.start = productsOf(first);
+        mobility.setPoses(there, true);
+        found.displaced = productsOf(second);
+        mobility.setPoses(here);
+        mobility.endDifferences();
+        found.afterwards = productsOf(last);
+        found.difference = (second - first) / delta;
+        EXPECT_LT((last - first).norm(), 5 * wanted * first.norm());
+        return found;
+    };
+    const Found exact = find(1e-9), found = find(tolerance);
+    EXPECT_EQ(found.displaced, found.start);
+    EXPECT_LT(found.afterwards, found.start);
+    // A tenth of the tolerance, times a small power of the number of products.
+    const double error =
+        (found.difference - exact.difference).norm() / exact.difference.norm() / tolerance;
+    cout << found.start << " products, then " << found.afterwards << "; error of the difference "
+         << error << " tolerances" << endl;
+    EXPECT_LT(error, 20);
+}
+
 /** No step turns a rod about its line, wherever its origin is. */
 TEST(OverdampedSchemes, NoNoiseAboutARodsLine) {
     const Scene scene = rodsUnbounded();
