@@ -61,9 +61,12 @@ MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nu
             MatrixXd friction = shape->K.transpose() * shape->MinvK;
             shape->N = generalisedInverse(friction, nullTwists.inBody(e));
             known.push_back(shape);
+            families.push_back({shape, {}});
             found = shape;
         }
         shapes.push_back(found);
+        for (Family& family : families)
+            if (family.shape == found) family.elements.push_back(e);
     }
 }
 
@@ -86,6 +89,38 @@ void MultiblobSolver::turn(Rows kind, bool toBody, const MatrixXd& from, MatrixX
     }
 }
 
+int MultiblobSolver::firstRow(Rows kind, int element) const {
+    return kind == OfBlobs ? blobRow[element] : rows[element];
+}
+
+void MultiblobSolver::gather(Rows kind, const Family& family, const MatrixXd& from,
+                             MatrixXd& to) const {
+    const int columns = from.cols(), count = family.elements.size();
+    const int own = kind == OfBlobs ? family.shape->K.rows() : family.shape->K.cols();
+    to.resize(own, count * columns);
+    for (int i = 0; i < count; i++)
+        to.middleCols(i * columns, columns) =
+            from.middleRows(firstRow(kind, family.elements[i]), own);
+}
+
+void MultiblobSolver::scatter(Rows kind, const Family& family, const MatrixXd& from,
+                              MatrixXd& to) const {
+    const int columns = to.cols();
+    for (size_t i = 0; i < family.elements.size(); i++)
+        to.middleRows(firstRow(kind, family.elements[i]), from.rows()) =
+            from.middleCols(i * columns, columns);
+}
+
+template <class Act>
+void MultiblobSolver::actOnBlobs(const MatrixXd& from, MatrixXd& to, const Act& act) {
+    to.resize(from.rows(), from.cols());
+    for (const Family& family : families) {
+        gather(OfBlobs, family, from, gathered);
+        act(*family.shape, gathered);
+        scatter(OfBlobs, family, gathered, to);
+    }
+}
+
 /**
  * preconditioned = M~^-1 (residual - K u) with K^T preconditioned = 0, M~ the bodies' own matrices,
  * and u = N~ K^T M~^-1 residual. K u is moved from the residual to the twists. A residual that goes
@@ -93,15 +128,18 @@ void MultiblobSolver::turn(Rows kind, bool toBody, const MatrixXd& from, MatrixX
  */
 void MultiblobSolver::project() {
     preconditioned.resize(residual.rows(), residual.cols());
-    for (size_t e = 0; e < shapes.size(); e++) {
-        const Shape& shape = *shapes[e];
-        const int first = blobRow[e], count = numBlobRows[e], row = rows[e],
-                  own = shape.isFree ? 3 : 6;
-        const MatrixXd u = shape.N * (shape.MinvK.transpose() * residual.middleRows(first, count));
-        residual.middleRows(first, count).noalias() -= shape.K * u;
-        twists_body.middleRows(row, own) += u;
-        preconditioned.middleRows(first, count) = shape.M.solve(residual.middleRows(first, count));
+    ofBodies.resize(twists_body.rows(), twists_body.cols());
+    for (const Family& family : families) {
+        const Shape& shape = *family.shape;
+        gather(OfBlobs, family, residual, gathered);
+        gatheredTwists.noalias() = shape.N * (shape.MinvK.transpose() * gathered);
+        gathered.noalias() -= shape.K * gatheredTwists;
+        scatter(OfBlobs, family, gathered, residual);
+        scatter(OfBodies, family, gatheredTwists, ofBodies);
+        shape.M.solveInPlace(gathered);
+        scatter(OfBlobs, family, gathered, preconditioned);
     }
+    twists_body += ofBodies;
 }
 
 void MultiblobSolver::multiply(MobilityAt& blobs, double tolerance, const MatrixXd& from,
@@ -146,20 +184,21 @@ int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const Ma
 }
 
 /** Begin at the forces of blobs for bodies that do not feel each other. */
-void MultiblobSolver::begin(const MatrixXd& wrenches, const MatrixXd& slips,
-                            MatrixXd& forces) const {
+void MultiblobSolver::begin(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
     forces.resize(numBlobRowsTotal, wrenches.cols());
-    for (size_t e = 0; e < shapes.size(); e++) {
-        const Shape& shape = *shapes[e];
-        const auto wrench = wrenches.middleRows(rows[e], shape.isFree ? 3 : 6);
-        auto own = forces.middleRows(blobRow[e], numBlobRows[e]);
-        if (slips.size() == 0) {
-            own.noalias() = shape.MinvK * (shape.N * wrench);
-            continue;
+    for (const Family& family : families) {
+        const Shape& shape = *family.shape;
+        gather(OfBodies, family, wrenches, gatheredTwists);
+        if (slips.size() > 0) {
+            gather(OfBlobs, family, slips, gathered);
+            gatheredTwists.noalias() += shape.MinvK.transpose() * gathered;
         }
-        const auto slip = slips.middleRows(blobRow[e], numBlobRows[e]);
-        const MatrixXd u = shape.N * (wrench + shape.MinvK.transpose() * slip);
-        own = shape.MinvK * u - shape.M.solve(slip);
+        gatheredForces.noalias() = shape.MinvK * (shape.N * gatheredTwists);
+        if (slips.size() > 0) {
+            shape.M.solveInPlace(gathered);
+            gatheredForces -= gathered;
+        }
+        scatter(OfBlobs, family, gatheredForces, forces);
     }
 }
 
@@ -191,12 +230,10 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bo
     const int columns = wrenches_body.cols();
     const bool withSlips = slips_body.size() > 0;
     VectorXd slipEnergy = VectorXd::Zero(columns);
-    if (withSlips)
-        for (size_t e = 0; e < shapes.size(); e++) {
-            const auto slip = slips_body.middleRows(blobRow[e], numBlobRows[e]);
-            scaled = shapes[e]->M.matrixL().solve(slip);
-            slipEnergy += scaled.colwise().squaredNorm().transpose();
-        }
+    if (withSlips) {
+        slipsToScaled(slips_body, scaled);
+        slipEnergy = scaled.colwise().squaredNorm().transpose();
+    }
     if (fromGuess)
         beginFromGuess(wrenches_body, slips_body);
     else
@@ -279,49 +316,50 @@ void MultiblobSolver::getBlobForces(MatrixXd& lambda_lab) const {
 
 void MultiblobSolver::multiplyScaled(MobilityAt& blobs, double tolerance, const MatrixXd& x,
                                      MatrixXd& y) {
-    scaled.resize(x.rows(), x.cols());
-    for (size_t e = 0; e < shapes.size(); e++)
-        scaled.middleRows(blobRow[e], numBlobRows[e]) =
-            shapes[e]->M.matrixU().solve(x.middleRows(blobRow[e], numBlobRows[e]));
+    scaledToForces(x, scaled);
     multiply(blobs, tolerance, scaled, y);
-    for (size_t e = 0; e < shapes.size(); e++) {
-        auto own = y.middleRows(blobRow[e], numBlobRows[e]);
-        shapes[e]->M.matrixL().solveInPlace(own);
-    }
+    slipsToScaled(y, y);
+}
+
+/** L^-T x, in the frames of the bodies. */
+void MultiblobSolver::scaledToForces(const MatrixXd& x, MatrixXd& forces) {
+    actOnBlobs(x, forces,
+               [](const Shape& shape, MatrixXd& own) { shape.M.matrixU().solveInPlace(own); });
+}
+
+/** L^-1 slips, which are in the frames of the bodies. */
+void MultiblobSolver::slipsToScaled(const MatrixXd& slips, MatrixXd& x) {
+    actOnBlobs(slips, x,
+               [](const Shape& shape, MatrixXd& own) { shape.M.matrixL().solveInPlace(own); });
 }
 
 void MultiblobSolver::slipsFromScaled(const MatrixXd& x, MatrixXd& slips_lab) {
-    scaled.resize(x.rows(), x.cols());
-    for (size_t e = 0; e < shapes.size(); e++)
-        scaled.middleRows(blobRow[e], numBlobRows[e]) =
-            shapes[e]->M.matrixL() * x.middleRows(blobRow[e], numBlobRows[e]);
+    actOnBlobs(x, scaled, [this](const Shape& shape, MatrixXd& own) {
+        gatheredForces.noalias() = shape.M.matrixL() * own;
+        own.swap(gatheredForces);
+    });
     turn(OfBlobs, false, scaled, slips_lab);
 }
 
 void MultiblobSolver::scaledFromSlips(const MatrixXd& slips_lab, MatrixXd& x) {
     turn(OfBlobs, true, slips_lab, x);
-    for (size_t e = 0; e < shapes.size(); e++) {
-        auto own = x.middleRows(blobRow[e], numBlobRows[e]);
-        shapes[e]->M.matrixL().solveInPlace(own);
-    }
+    slipsToScaled(x, x);
 }
 
 void MultiblobSolver::forcesFromScaled(const MatrixXd& x, MatrixXd& forces_lab) {
-    scaled.resize(x.rows(), x.cols());
-    for (size_t e = 0; e < shapes.size(); e++)
-        scaled.middleRows(blobRow[e], numBlobRows[e]) =
-            shapes[e]->M.matrixU().solve(x.middleRows(blobRow[e], numBlobRows[e]));
+    scaledToForces(x, scaled);
     turn(OfBlobs, false, scaled, forces_lab);
 }
 
 void MultiblobSolver::wrenchesFromScaled(const MatrixXd& x, MatrixXd& wrenches_lab) {
-    scaled.resize(numRows, x.cols());
-    for (size_t e = 0; e < shapes.size(); e++) {
-        const Shape& shape = *shapes[e];
-        const MatrixXd forces = shape.M.matrixU().solve(x.middleRows(blobRow[e], numBlobRows[e]));
-        scaled.middleRows(rows[e], shape.isFree ? 3 : 6).noalias() = shape.K.transpose() * forces;
+    scaledToForces(x, scaled);
+    ofBodies.resize(numRows, x.cols());
+    for (const Family& family : families) {
+        gather(OfBlobs, family, scaled, gathered);
+        gatheredTwists.noalias() = family.shape->K.transpose() * gathered;
+        scatter(OfBodies, family, gatheredTwists, ofBodies);
     }
-    turn(OfBodies, false, scaled, wrenches_lab);
+    turn(OfBodies, false, ofBodies, wrenches_lab);
 }
 
 }  // namespace RigidHIPlugin
