@@ -17,7 +17,7 @@ runs in an unbounded fluid serve for comparison.
 
     python3 lennard_jones.py              # about an hour and a half, mostly for RPY at kT = 0.2,
                                           # h = 0.02
-    python3 lennard_jones.py --periodic   # an hour or two
+    python3 lennard_jones.py --periodic   # four hours on one idle core
     python3 lennard_jones.py --jobs 8     # eight runs at a time
     python3 lennard_jones.py --long 8     # runs eight times as long; existing runs go on
     python3 lennard_jones.py --quick      # seconds: a smoke test
@@ -323,14 +323,14 @@ def plan(quick, factor, periodic):
     if periodic:
         if quick:
             return [(0.1, 0.2, 'SD periodic', 40.0, 8), (0.1, 0.2, 'RPY periodic', 40.0, 8)]
-        # For errors of 1e-3 in U/N at kT = 0.1, as below, and 4e-3 at 0.2 (--long 15: 1e-3). A step
-        # of one cluster takes 2 ms on an idle core. Runs are twice as long at h = 0.15 and 0.2,
-        # where 1200 led to errors of 1.3e-3 and 1.7e-3: single clusters were long in another shape.
+        # For errors of 1e-3 in U/N, as below. A step of one cluster takes 2 ms on an idle core. At
+        # kT = 0.1, runs are twice as long at h = 0.15 and 0.2, where 1200 led to errors of 1.3e-3
+        # and 1.7e-3: single clusters were long in another shape.
         return ([(0.1, h, 'SD periodic', factor*1200.0*longer, 32)
                  for h, longer in ((0.15, 2), (0.2, 2),
                                    (0.3, 1))] + [(0.1, 0.2, 'RPY periodic', factor*1200.0, 32)] +
-                [(0.2, h, 'SD periodic', factor*500.0*longer, 32)
-                 for h, longer in ((0.15, 1), (0.2, 1), (0.24, 1.5))])
+                [(0.2, h, 'SD periodic', factor*7000.0*longer, 32)
+                 for h, longer in ((0.15, 1), (0.2, 1), (0.24, 1.3))])
     if quick:
         return [(0.1, h, model, t, 8)
                 for h, model, t in ((0.05, 'FreeDraining', 200.0), (0.2, 'FreeDraining', 800.0),
