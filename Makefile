@@ -20,7 +20,7 @@ PYTHONPATH_BUILD = PYTHONPATH="$(CURDIR)/$(BUILD)/python$${PYTHONPATH:+:$$PYTHON
 
 help:
 	@echo "make build              release build; importable package in $(BUILD)/python"
-	@echo "make demo               build, then run examples/water_demo/run.py (TIP4P-Ew water, 3 minutes)"
+	@echo "make demo               build, then run examples/water_demo/run.py (TIP4P-Ew water, about two minutes)"
 	@echo "make test               build, then all quick tests, C++ and Python"
 	@echo "make test-full          likewise with the tests labelled full (long ones: ctest -L long, pytest -m long)"
 	@echo "make install PREFIX=dir libraries, headers and Python package (default $(PREFIX))"
@@ -32,7 +32,7 @@ help:
 	@echo "make format             clang-format all C++ files, yapf all Python files, a sentence a line in Markdown"
 	@echo "make docs               C++ reference by Doxygen into $(BUILD)/docs"
 	@echo "make site               the site, all pages with search and references, into $(BUILD)/site/html (site/packages-debian.txt)"
-	@echo "make benchmark          C++ benchmarks"
+	@echo "make benchmark          all benchmarks, C++ and Python"
 	@echo "make deps               only install the Debian packages that are missing (packages-debian.txt)"
 	@echo "make clean              remove all build directories"
 	@echo "Variables: PYTHON ($(PYTHON)), PREFIX, JOBS ($(JOBS))"

@@ -575,16 +575,17 @@ TOP = '''# Validation: the papers\u2019 numbers and ours
 
 *`verdict.py` writes this page from the JSONs of the papers\u2019 folders; edit `verdict.py`.*
 A folder for each paper has the scripts, their results, and a page that says how the runs were made
-and what they show. Errors in brackets are one standard error. A difference is ours less the
-paper\u2019s over both errors together; below {below:g} the number **agrees**. A distribution agrees
-with the exact one if the probability of so large a difference by chance is above {above:g}. The
+and what they show. Errors in brackets are one standard error. A difference is our number
+minus the paper\u2019s, divided by the standard error of this difference. If its magnitude is below
+{below:g}, the number **agrees**. A distribution agrees with the exact one if the probability of so large a difference by chance is above {above:g}. The
 verdict *not reached* comes with its reason.
 '''
 RUNS = '''
 ## Making the runs again
-Each page gives the commands of its runs. All scripts that make runs have `--jobs N` (so many at a
-time) and `--cluster ADDRESS` (a scheduler of dask.distributed), by
-[openmmrigidhi.ensemble.tasks](../docs/ensembles.md#tasks-of-your-own). Runs are independent. The
+Each page gives the commands of its runs. All scripts that make runs use
+[openmmrigidhi.ensemble.tasks](../docs/ensembles.md#tasks-of-your-own). They have the options
+`--jobs N`, for N runs at a time, and `--cluster ADDRESS`, for a scheduler of dask.distributed. Runs
+are independent. The
 seed of a run follows from the script\u2019s seed and the place of the run in the script. Each run
 keeps its state in a directory of its own below `--work` (by default `work` in the folder of
 `--output`, which git ignores). The same command continues an interrupted run; `--fresh` begins

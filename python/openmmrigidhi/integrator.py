@@ -505,10 +505,12 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         radians.
 
         The default is 0, which means 1e-5, except where results of matrix-free iterations are
-        differenced: in RandomFiniteDifference with multiblobs, DriftCorrectorFD and
-        DriftCorrectorRFD. There 0 means tolerance**(1/3), between 1e-5 and 1e-2, with iterations to
-        a tenth of the tolerance. On a grid (ForceCoupling) the step has no effect on the drift
-        correctors, which take the derivative of the random field.
+        differenced: in RandomFiniteDifference, TractionEulerMaruyama and TrapezoidalSlip with
+        multiblobs (in the last two only where multiblobs have tensors of their own), and in the
+        drift-correctors. There 0 means tolerance**(1/3), between 1e-5 and 1e-2. Until the
+        differences are taken, iterations go to a tenth of the tolerance. On a grid (ForceCoupling)
+        the step has no effect on the drift-correctors, which take the derivative of the random
+        field.
         """
         super().setFiniteDifferenceStep(
             self._number(relative, _units.NONE, 'setFiniteDifferenceStep', 'relative'))
@@ -550,14 +552,14 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         -----
         Under Crossing, particles with their centre at 0 < z < a above a NoSlipWall have the
         mobility of contact. It is multiplied by z/a for their velocities, and once more for the
-        forces on them. The mobility is so continuous and positive definite. Between slip walls no
-        mobility is damped.
+        forces on them. This keeps the mobility continuous and positive definite. Between slip
+        walls no mobility is damped.
         """
         super().setWallRejection(
             _units.constant(rejection, WallRejection, _where('setWallRejection'), 'rejection'))
 
     def getDriftCorrectorScaling(self):
-        """Get what the drift factor of the drift correctors multiplies: SlipOnly or Whole."""
+        """Get what the drift factor of the drift-correctors multiplies: SlipOnly or Whole."""
         return DriftCorrectorScaling(super().getDriftCorrectorScaling())
 
     def setDriftCorrectorScaling(self, scaling):

@@ -586,7 +586,7 @@ class MobilityForce(_copies.Copies, _Base):
     def setGroups(self, groups):
         """Set groups of bodies; bodies feel each other through the fluid only within a group.
 
-        Replicas of a scene can so run in one Context, at a cost linear in their number.
+        In this way replicas of a scene can run in one Context, at a cost linear in their number.
         Hydrodynamic particles that are in no body belong to group 0.
 
         Groups are meant to be independent. In schemes without momenta, a step that a group must

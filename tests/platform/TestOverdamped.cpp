@@ -114,6 +114,22 @@ struct OverdampedScene : FluidScene {
 
 // ---- Without noise ----
 
+/** A step at T = 0 iterates as often as its solves need, and nothing for differences. */
+TEST(Overdamped, ColdStepsIterateForTheirSolvesOnly) {
+    const auto iterationsOf = [](RigidHI::Scheme scheme) {
+        OverdampedScene scene(scheme, 0, 1e-9);
+        scene.fluid->setSolver(MobilityForce::MatrixFree);
+        scene.fluid->setSolverTolerance(1e-3);
+        scene.addMixture(true);
+        scene.start(testPlatform());
+        scene.integrator.step(3);
+        return scene.integrator.getStepStatistics().at("solverIterations");
+    };
+    const double once = iterationsOf(RigidHI::EulerMaruyama);
+    EXPECT_GT(once, 0);
+    for (const Named& s : schemes) EXPECT_EQ(iterationsOf(s.scheme), s.forces * once) << s.name;
+}
+
 TEST(Overdamped, OrderWithoutNoise) {
     // The reference is a step 32 times finer with a second-order scheme, whose own error is 1e-3 of
     // that of the tested schemes.

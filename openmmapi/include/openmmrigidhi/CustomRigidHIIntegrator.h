@@ -362,10 +362,11 @@ public:
      * and turned by delta radians.
      *
      * With 0 (default) the step is 1e-5, except where results of matrix-free iterations are
-     * differenced: RandomFiniteDifference with multiblobs, DriftCorrectorFD and DriftCorrectorRFD.
-     * There it is tolerance^(1/3), between 1e-5 and 1e-2, and the iterations go on to a tenth of
-     * the tolerance. On a grid (MobilityForce::ForceCoupling) the setting has no effect on the
-     * drift-correctors, which take the derivative of the random field.
+     * differenced: RandomFiniteDifference, TractionEulerMaruyama and TrapezoidalSlip with
+     * multiblobs (the last two only where multiblobs have tensors of their own), and the
+     * drift-correctors. There it is tolerance^(1/3), between 1e-5 and 1e-2, and until differences
+     * are taken iterations go to a tenth of the tolerance. On a grid (MobilityForce::ForceCoupling)
+     * the setting has no effect on the drift-correctors: they take the random field's derivative.
      * @throws OpenMMException if negative, above 0.1 or not finite
      */
     void setFiniteDifferenceStep(double relative);

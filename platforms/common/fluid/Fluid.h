@@ -316,7 +316,8 @@ private:
     DrivenFlow flow;  // in this box
     bool isDriven = false;
     const DrivenFlow* flowIfAny() const { return isDriven ? &flow : nullptr; }
-    void setTolerance(FluidGroup& group, const SchemeTraits& scheme, double difference) const;
+    void setTolerance(FluidGroup& group, const SchemeTraits& scheme,
+                      const OverdampedStep& step) const;
     /** The flow of one group: its sources, and the move that has its random field. */
     struct FlowOfGroup {
         FlowOfStep made;

@@ -123,7 +123,7 @@ void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
     result.move.reset(new OverdampedMove(*group.overdamped.mobility));
     OverdampedStep step = last.step;
     step.flow = flowIfAny();
-    setTolerance(group, traitsOf(overdampedScheme_), step.difference);
+    setTolerance(group, traitsOf(overdampedScheme_), step);
     OverdampedMove& move = *result.move;
     move.start = last.start;
     move.begin(step);
@@ -224,6 +224,7 @@ Fluid::FlowOfGroup& Fluid::findFlow(FluidGroup& group, const FlowQuestion& quest
 template <class Add>
 void Fluid::forSources(FluidGroup& group, FlowOfGroup& flowOfGroup, const Add& add) const {
     BodyMobility& mobility = *group.overdamped.mobility;
+    mobility.setTolerance(force.getSolverTolerance());  // others may have asked since
     for (const FlowOfStep::Share& share : flowOfGroup.made.shares) {
         // Displaced poses may reach a little beyond what the model accepts.
         mobility.setPoses(share.poses, !mobility.objection(share.poses).empty());

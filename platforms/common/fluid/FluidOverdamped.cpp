@@ -25,9 +25,10 @@ namespace {
 const double denseDifference = 1e-5;
 
 /**
- * For iterations of a tolerance t the difference has an error of t/step, beside step^2. The step is
+ * For solves of a tolerance t the difference has an error of t/step, beside step^2. The step is
  * therefore t^(1/3). It is not so large that bodies leave the neighbourhood in which the mobility
- * is smooth. Until the differences are taken, iterations go to a part of the tolerance.
+ * is smooth. Until the differences are taken, iterations go to a part of the tolerance. Differences
+ * of roots are better than that where they follow one course (KrylovMobility::applyRoot()).
  */
 const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
 
@@ -56,14 +57,15 @@ bool Fluid::differencesIterate(const FluidGroup& group, const SchemeTraits& sche
     return false;
 }
 
-/** Set the tolerance of iterations in a step with this finite-difference step. */
-void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme, double difference) const {
+/** Set the tolerance of iterations in this step. Without noise there are no differences. */
+void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme,
+                         const OverdampedStep& step) const {
     BodyMobility& mobility = *group.overdamped.mobility;
-    const bool iterate = differencesIterate(group, scheme);
+    const bool iterate = step.kT > 0 && differencesIterate(group, scheme);
     BodyMobility::ForDifferences needed;
-    needed.exactProducts = iterate && difference < largestDifference;
-    needed.exactSolves =
-        !group.overdamped.move->driftIsKnown() && scheme.differenced != Differenced::Nothing;
+    needed.exactProducts = iterate && step.difference < largestDifference;
+    needed.exactSolves = step.kT > 0 && !group.overdamped.move->driftIsKnown() &&
+                         scheme.differenced != Differenced::Nothing;
     if (iterate) needed.partOfTolerance = toleranceOfDifferences;
     mobility.setTolerance(force.getSolverTolerance(), needed);
 }
@@ -282,7 +284,7 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
             OverdampedStep own = step;
             own.noise.attempt = group.overdamped.attempt;
             own.difference = differenceOf(group, settings.traits(), settings.difference);
-            setTolerance(group, settings.traits(), own.difference);
+            setTolerance(group, settings.traits(), own);
             group.readPoses(bodies, positions, move.start);
             move.begin(own);
             if (hasOneFlow()) {

@@ -81,9 +81,9 @@ public:
         : Relaxation(mobility, scaling), tolerance(tolerance), lanczos(tolerance) {}
 
 protected:
+    void prepare() override { mobility.setTolerance(innerTolerance * tolerance); }
     void evolve(const RelaxationStep& step) override {
         const BodyMobility::Solving timed(mobility);
-        mobility.setTolerance(innerTolerance * tolerance);
         const auto product = [&](double toleranceOfProducts) {
             return [&, toleranceOfProducts](const MatrixXd& x, MatrixXd& y) {
                 scaling.wrenches(x, mobility, step.bodies, step.freeParticles, wrenches);
@@ -131,6 +131,7 @@ unique_ptr<Relaxation> makeRelaxation(BodyMobility& mobility, const MomentumScal
 
 void Relaxation::relax(const vector<Pose>& poses, const RelaxationStep& step) {
     randomNumbers = iterations = 0;
+    prepare();
     mobility.setPoses(poses);
     takeMomenta(step);
     if (step.flow) takeMomentaOfFlow(step);

@@ -48,6 +48,9 @@ public:
     bool isFinite() const { return Z.allFinite(); }
 
 protected:
+    /** Called before anything is asked of the mobility in a step: others ask it in between, to
+     * tolerances of their own. */
+    virtual void prepare() {}
     /** Z and chi are those of this step; Z(0) becomes Z(h). */
     virtual void evolve(const RelaxationStep& step) = 0;
 

@@ -73,6 +73,7 @@ void Lanczos::iterate(const Product& multiply, const Product& rough, const Matri
                       const std::vector<SpectralFunction>& functions, MatrixXd& result,
                       Measure measure, const Course* toFollow) {
     isRough = rough && tolerance >= MobilityAt::leastRoughTolerance;
+    follows = toFollow;
     const int n = x.rows(), count = x.cols();
     result.setZero(n, count);
     columns.resize(count);
@@ -293,7 +294,9 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
     // The error must be below five tolerances. This many of them are for the error of the iteration
     // (which the bound exceeds), this many for rounding, and the rest for the estimated interval of
     // the eigenvalues.
-    const double shareOfIteration = 3, shareOfRounding = 1;
+    // Where a course is followed, the matrix is another one, and the first apply() may have stopped
+    // just below its limit. The limit is then twice as high, so that the number of products stays.
+    const double shareOfIteration = follows ? 6 : 3, shareOfRounding = 1;
     // A result this much smaller than its vector counts as zero: squares of its elements underflow.
     const double nothing = 1e-140;
     const Iterate& iterate = column.iterate[column.form];

@@ -89,9 +89,11 @@ public:
      *
      * For differences of results for A and for A' close to it, with the same x, the second apply()
      * should follow the course of the first. It makes as many products of each column, exact and
-     * rough ones in the same order, and more only where the error is still too large. Where no more
-     * are needed, the result is a smooth function of the matrix. For spectra without gaps, the
-     * relative error of the difference is then about that of f(A) x, however close A' is to A.
+     * rough ones in the same order, and more only where the error of the iteration exceeds six
+     * tolerances, twice what it may be otherwise. Where no more are needed, the result is a smooth
+     * function of the matrix. For spectra without gaps, the relative error of the difference is
+     * then up to a hundred tolerances, however close A' is to A. For eigenvalues in clusters the
+     * difference may be worse, and no estimate tells.
      *
      * @param rough   if not empty: products as in MobilityAt::applyRoughly()
      * @param course  to be followed; null: none
@@ -165,6 +167,7 @@ private:
     int numProducts = 0, numIterations = 0;
     Course course;
     bool isRough = false;  // whether the present attempt has had rough products
+    bool follows = false;  // whether the present attempt follows a course
 };
 
 }  // namespace RigidHIPlugin

@@ -81,7 +81,7 @@ private:
     BodiesAt here, elsewhere;
     std::unique_ptr<MultiblobSolver> solver;       // made when first needed
     std::unique_ptr<Lanczos> lanczos;              // likewise; one for each tolerance
-    Lanczos::Course courseOfWrench, courseOfSlip;  // of thermalWrench() and thermalSlip()
+    Lanczos::Course courseOfWrench, courseOfSlip;  // of the thermal vectors, for one W each
     Eigen::VectorXd ownScale;  // of rows of spheres: about the root of a particle's own friction
                                // over 6 pi viscosity
     int solving = 0;           // depth of nested calls

@@ -53,6 +53,7 @@ void OverdampedMove::begin(const OverdampedStep& step) {
     driftFactorScalesAll_ = step.driftFactorScalesAll;
     flow = step.flow;
     randomNumbers = 0;
+    differencesHaveEnded = false;
     present = start;
 }
 
@@ -252,7 +253,17 @@ void OverdampedMove::failToDisplace(const vector<Pose>& at) {
         mobility.objection(at) + "; use a smaller setFiniteDifferenceStep(), or FixmanMidpoint");
 }
 
+/** A difference magnifies the errors that are allowed after atPresent(). */
+void OverdampedMove::requireDifferences(const char* method) const {
+    if (differencesHaveEnded)
+        throw OpenMM::OpenMMException(
+            string("OverdampedMove: ") + method +
+            " after atPresent(): iterations are no longer accurate enough for "
+            "differences; take differences before atPresent()");
+}
+
 void OverdampedMove::displaceAlong(int row, double& step, vector<Pose>& to) {
+    requireDifferences("displace()");
     for (int shrink = 0; shrink <= maxShrinks; shrink++, step *= 0.1)
         for (int side = 0; side < 2; side++, step = -step) {
             displaceBy(step, row, to);
@@ -280,6 +291,7 @@ void OverdampedMove::displaceBothWays(double& step) {
 }
 
 void OverdampedMove::drawTractions(Vectors& forces, Vectors& slips) {
+    requireDifferences("drawTractions()");
     mobility.getBlobForces(lambdas);
     lambda = lambdas.col(0);
     centralStep = differenceStep_;

@@ -177,12 +177,14 @@ public:
     int getNumRows() const { return mobility.getBodies().getNumRows(); }
     /**
      * From now on everything is computed at the start, at the present poses, or at displaced ones.
-     * Differences are taken before atPresent(): after it, iterations go to the tolerance itself.
+     * Differences are taken before atPresent(): after it, iterations go to the tolerance itself,
+     * and displace(), displaceAlong() and drawTractions() throw.
      */
     void atStart() { mobility.setPoses(start); }
     void atPresent() {
         mobility.setPoses(present);
         mobility.endDifferences();
+        differencesHaveEnded = true;
     }
     void at(const std::vector<Pose>& poses) { mobility.setPoses(poses, true); }
     /** Move to Q^n + t U: Rotate(q, t W). */
@@ -220,6 +222,7 @@ private:
     void displaceBy(double step, int onlyRow, std::vector<Pose>& poses) const;
     void recordKnownDrift(double factor);
     bool isAccepted(const std::vector<Pose>& poses);
+    void requireDifferences(const char* method) const;
     [[noreturn]] void failToDisplace(const std::vector<Pose>& poses);
     void drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& W);
     void drawForParticles(uint32_t purpose, Vectors& W);
@@ -236,6 +239,7 @@ private:
     bool slipsAreOfField = false;
     NoiseStream stream;
     double differenceStep_ = 0;
+    bool differencesHaveEnded = false;
     bool driftFactorScalesAll_ = false;
     const DrivenFlow* flow = nullptr;
     FlowOfStep* recorded = nullptr;

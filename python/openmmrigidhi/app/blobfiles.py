@@ -105,9 +105,9 @@ def writeClones(file, positions, orientations):
     Parameters
     ----------
     file : str or path
-        name of the file; an existing one is replaced
         name of the file; an existing file is replaced
-        positions; a Quantity is written in nm, numbers as they are
+    positions : array-like or Quantity of shape (n, 3)
+        positions of the bodies; a Quantity is written in nm, numbers as they are
     orientations : array-like of shape (n, 4)
         unit quaternions (w, x, y, z), body frame to lab frame
 
