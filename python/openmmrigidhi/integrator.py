@@ -504,13 +504,12 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         times their length (the longest distance of points on their particles) and turned by delta
         radians.
 
-        The default is 0, which means 1e-5, except where results of matrix-free iterations are
-        differenced: in RandomFiniteDifference, TractionEulerMaruyama and TrapezoidalSlip with
-        multiblobs (in the last two only where multiblobs have tensors of their own), and in the
-        drift-correctors. There 0 means tolerance**(1/3), between 1e-5 and 1e-2. Until the
-        differences are taken, iterations go to a tenth of the tolerance. On a grid (ForceCoupling)
-        the step has no effect on the drift-correctors, which take the derivative of the random
-        field.
+        The default is 0, which means 1e-5, except where matrix-free solves are differenced: in
+        RandomFiniteDifference with multiblobs, and in all such schemes with multiblobs that have
+        tensors of their own. There 0 means tolerance**(1/3), between 1e-5 and 1e-2, with iterations
+        to a tenth of the tolerance. So it does in the drift-correctors at tolerances from 5e-5 up,
+        where products are of single precision. On a grid (ForceCoupling) the step has no effect on
+        the drift-correctors, which take the derivative of the random field.
         """
         super().setFiniteDifferenceStep(
             self._number(relative, _units.NONE, 'setFiniteDifferenceStep', 'relative'))

@@ -89,9 +89,8 @@ TEST(BodyForces, ConstantForceGivesAParabola) {
               1e-12);
     EXPECT_LT(norm(scene.integrator.getBodyForces()[1] - Vec3(3, -6, 0.5)), 1e-15);
     EXPECT_LT(norm(scene.integrator.getBodyForces()[0]), 1e-15);
-    EXPECT_NE(
-        scene.integrator.getEffects()["body forces"].find("on: 1 bodies, 1 CustomBodyForce(s)"),
-        string::npos);
+    EXPECT_NE(scene.integrator.getEffects()["body forces"].find("on: 1 body, 1 CustomBodyForce"),
+              string::npos);
 }
 
 TEST(BodyForces, ConstantTorqueSpinsUpASphere) {
@@ -356,7 +355,7 @@ TEST(BodyForces, WithoutAnyNothingChanges) {
         scene.create();
         scene.integrator.step(20);
         EXPECT_EQ(scene.integrator.getEffects()["body forces"],
-                  idle ? "off: none of the 1 CustomBodyForce(s) has bodies and is in an integrated "
+                  idle ? "off: none of 1 CustomBodyForce has bodies and is in an integrated "
                          "force group"
                        : "off: the System has no CustomBodyForce");
         results.push_back(scene.stateOfBodies());

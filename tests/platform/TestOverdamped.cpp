@@ -112,6 +112,36 @@ struct OverdampedScene : FluidScene {
 
 }  // namespace
 
+// ---- Differences of iterated roots ----
+
+/**
+ * Drift-correctors difference square roots that are known to the tolerance. A step is right to
+ * about the tolerance all the same, because these roots follow one course of iterations: their
+ * difference is right to some hundred tolerances, as a share of a drift factor nu - 1 below 0.3.
+ */
+TEST(Overdamped, DriftCorrectorsAreRightToTheTolerance) {
+    SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
+    for (auto scheme : {RigidHI::DriftCorrectorFD, RigidHI::DriftCorrectorRFD}) {
+        const auto move = [&](double tolerance, double difference) -> VectorXd {
+            OverdampedScene scene(scheme, T1, 5e-3);
+            scene.fluid->setSolver(MobilityForce::MatrixFree);
+            scene.fluid->setSolverTolerance(tolerance);
+            scene.integrator.setFiniteDifferenceStep(difference);
+            scene.addMixture(true);
+            scene.start(testPlatform());
+            const VectorXd before = scene.state();
+            scene.integrator.step(1);
+            return scene.state() - before;
+        };
+        const VectorXd exact = move(1e-11, 1e-5);
+        for (double tolerance : {1e-5, 1e-6, 1e-8}) {
+            const double error = (move(tolerance, 0) - exact).norm() / exact.norm();
+            cout << traitsOf(scheme).name << ": error " << error / tolerance << " tolerances\n";
+            EXPECT_LT(error, (5 + 0.3 * 100) * tolerance) << traitsOf(scheme).name;
+        }
+    }
+}
+
 // ---- Without noise ----
 
 /** A step at T = 0 iterates as often as its solves need, and nothing for differences. */

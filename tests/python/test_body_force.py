@@ -212,7 +212,7 @@ def test_parameters_and_forces(platform):
     mine.updateParametersInContext(context)
     integrator.step(1)
     assert np.array_equal(integrator.getBodyForces()._value, [(0, 0, 0), (0, 0, 3)])
-    assert integrator.getEffects()['body forces'] == 'on: 1 bodies, 1 CustomBodyForce(s)'
+    assert integrator.getEffects()['body forces'] == 'on: 1 body, 1 CustomBodyForce'
     assert 'body forces is on' in integrator.describeEffects()
     with pytest.raises(openmm.OpenMMException, match='not present in the Context'):
         make().updateParametersInContext(context)

@@ -361,12 +361,12 @@ public:
      * are displaced by delta times their length (the longest distance of points on their particles)
      * and turned by delta radians.
      *
-     * With 0 (default) the step is 1e-5, except where results of matrix-free iterations are
-     * differenced: RandomFiniteDifference, TractionEulerMaruyama and TrapezoidalSlip with
-     * multiblobs (the last two only where multiblobs have tensors of their own), and the
-     * drift-correctors. There it is tolerance^(1/3), between 1e-5 and 1e-2, and until differences
-     * are taken iterations go to a tenth of the tolerance. On a grid (MobilityForce::ForceCoupling)
-     * the setting has no effect on the drift-correctors: they take the random field's derivative.
+     * With 0 (default) the step is 1e-5, except where matrix-free solves are differenced: in
+     * RandomFiniteDifference with multiblobs, and in all such schemes with multiblobs that have
+     * tensors of their own. There it is tolerance^(1/3), between 1e-5 and 1e-2, and iterations go
+     * to a tenth of the tolerance. So it is in the drift-correctors at tolerances from 5e-5 up,
+     * where products are of single precision. On a grid (MobilityForce::ForceCoupling) the setting
+     * has no effect on the drift-correctors, which take the derivative of the random field.
      * @throws OpenMMException if negative, above 0.1 or not finite
      */
     void setFiniteDifferenceStep(double relative);

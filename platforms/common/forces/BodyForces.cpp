@@ -166,11 +166,15 @@ string BodyForces::describe(int groups) const {
             on++;
             acted.insert(force->impl.getBodies().begin(), force->impl.getBodies().end());
         }
+    const auto number = [](int n, const char* one, const char* many) {
+        return to_string(n) + " " + (n == 1 ? one : many);
+    };
     if (on == 0)
-        return "none of the " + to_string(forces.size()) +
-               " CustomBodyForce(s) has bodies and is in an integrated force group";
-    return to_string(acted.size()) + " bodies, " + to_string(on) + " CustomBodyForce(s)" +
-           (time ? ", depending on time" : "") + (velocities ? ", depending on velocities" : "");
+        return "none of " + number(forces.size(), "CustomBodyForce", "CustomBodyForces") +
+               " has bodies and is in an integrated force group";
+    return number(acted.size(), "body", "bodies") + ", " +
+           number(on, "CustomBodyForce", "CustomBodyForces") + (time ? ", depending on time" : "") +
+           (velocities ? ", depending on velocities" : "");
 }
 
 }  // namespace RigidHIPlugin

@@ -99,8 +99,9 @@ std::unique_ptr<MobilityModel> ThreadedLoops::createMobility(const MobilityForce
 }
 
 std::string ThreadedLoops::describe() const {
-    return std::to_string(pool.getNumThreads()) + " threads, " + std::to_string(simdWidth()) +
-           " bodies at a time (" + simdTargetName() + ")";
+    const int threads = pool.getNumThreads();
+    return std::to_string(threads) + (threads == 1 ? " thread, " : " threads, ") +
+           std::to_string(simdWidth()) + " bodies at a time (" + simdTargetName() + ")";
 }
 
 }  // namespace RigidHIPlugin
