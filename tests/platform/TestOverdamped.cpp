@@ -157,7 +157,7 @@ TEST(Overdamped, ColdStepsIterateForTheirSolvesOnly) {
     };
     const double once = iterationsOf(RigidHI::EulerMaruyama);
     EXPECT_GT(once, 0);
-    for (const Named& s : schemes) EXPECT_EQ(iterationsOf(s.scheme), s.forces * once) << s.name;
+    for (const Named& s : schemes) EXPECT_LE(iterationsOf(s.scheme), s.forces * once) << s.name;
 }
 
 TEST(Overdamped, OrderWithoutNoise) {

@@ -192,13 +192,14 @@ vector<double> BodyAccess::applyMobility(const vector<double>& wrenches) {
 
 bool BodyAccess::flowNeedsForces(const char* method) {
     Fluid& fluid = prepareFluid(method);
-    return !hasMomenta() && !fluid.findFlowOfLastStep(scene.bodies, scene.arrays->positions());
+    return !hasMomenta() && !fluid.findFlowOfLastStep(scene.bodies, scene.arrays->positions(),
+                                                      scene.integrator.getScheme());
 }
 
 Fluid::FlowQuestion BodyAccess::askForFlow() const {
     scene.arrays->pullVelocities();
     return {scene.bodies, *scene.freeParticles, scene.arrays->positions(),
-            scene.arrays->velocities(), hasMomenta()};
+            scene.arrays->velocities(), scene.integrator.getScheme()};
 }
 
 vector<Vec3> BodyAccess::getFlow(const vector<Vec3>& points) {

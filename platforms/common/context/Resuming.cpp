@@ -85,7 +85,7 @@ void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
     }
     if (scene.fluid) {
         scene.fluid->checkMemory(saved.memory, scene.integrator.getScheme());
-        scene.fluid->checkLastStep(saved.lastStep, scene.integrator.getScheme());
+        scene.fluid->checkLastStep(saved.lastStep);
     }
     scene.build(now);
     BodySet& bodies = scene.bodies;
@@ -105,7 +105,7 @@ void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
     scene.adoptInertiaScale();
     if (scene.fluid) {
         scene.fluid->setMemory(saved.memory, scene.integrator.getScheme());
-        scene.fluid->setLastStep(saved.lastStep, scene.integrator.getScheme());
+        scene.fluid->setLastStep(saved.lastStep);
     }
     mirror.stateWasLoaded(saved, others);
     scene.noteChange();

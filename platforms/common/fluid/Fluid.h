@@ -85,6 +85,9 @@ public:
 
     /** Begin a step without momenta: every group is at its start, for its first attempt. */
     void beginOverdamped(CustomRigidHIIntegrator::Scheme scheme);
+    /** End it: what was recorded of the step becomes the last step. A step that fails leaves the
+     * last step as it was. */
+    void endOverdamped();
     /**
      * The next stage. Groups that were redone make it an earlier one. It is the scheme's number of
      * stages if no stage is left.
@@ -156,7 +159,8 @@ public:
         const FreeParticles& freeParticles;
         const std::vector<OpenMM::Vec3>& positions;
         const std::vector<OpenMM::Vec3>& velocities;
-        bool hasMomenta;
+        CustomRigidHIIntegrator::Scheme scheme;  // of the integrator at present
+        bool hasMomenta() const { return traitsOf(scheme).hasMomenta; }
     };
     /**
      * Whether the last step without momenta led to the present poses of bodies and particles, in
@@ -167,7 +171,8 @@ public:
      * Whether lastStepIsPresent(), and the last step leads to the same poses when it is done again.
      * If so, the flow of that step is given. If not, the flow is that of the forces last gathered.
      */
-    bool findFlowOfLastStep(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
+    bool findFlowOfLastStep(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions,
+                            CustomRigidHIIntegrator::Scheme scheme);
     /**
      * Velocities of the fluid at points: of the last step, at the poses where its forces were
      * evaluated; or of the present forces or (LangevinHI) velocities.
@@ -188,12 +193,12 @@ public:
      */
     SchemeMemory getLastStep() const;
     /**
-     * @throws OpenMMException if the data are not of these groups, or damaged. The data of another
-     *     scheme are ignored
+     * @throws OpenMMException if the data are not of these groups, or damaged. The data of a scheme
+     *     that is not known are ignored
      */
-    void checkLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const;
+    void checkLastStep(const SchemeMemory& saved) const;
     /** Set the data. Errors as in checkLastStep(), after which nothing is changed. */
-    void setLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme);
+    void setLastStep(const SchemeMemory& saved);
 
     /** Set the vectors of the Context's periodic box; zeros, as at first: there is none. */
     void setBox(const BoxVectors& box);
@@ -347,7 +352,6 @@ private:
     FluidGroup& onlyGroup(const char* method) const;
     FluidGroup& groupWithWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex,
                               DrivenFlow& wave) const;
-    bool isLastStepOf(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const;
     FlowOfGroup& findFlow(FluidGroup& group, const FlowQuestion& question);
     std::string describeBox() const;
 };

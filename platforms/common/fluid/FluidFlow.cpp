@@ -119,11 +119,11 @@ FluidGroup& Fluid::onlyGroup(const char* method) const {
 void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
     moveOf(group);  // there is none yet in a Context that took no step itself
     const LastStep& last = group.overdamped.last;
-    const OverdampedEntry& entry = overdampedScheme(overdampedScheme_);
+    const OverdampedEntry& entry = overdampedScheme(last.scheme);
     result.move.reset(new OverdampedMove(*group.overdamped.mobility));
     OverdampedStep step = last.step;
     step.flow = flowIfAny();
-    setTolerance(group, traitsOf(overdampedScheme_), step);
+    setTolerance(group, traitsOf(last.scheme), step);
     OverdampedMove& move = *result.move;
     move.start = last.start;
     move.begin(step);
@@ -136,7 +136,7 @@ void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
         scheme->run(stage, move);
     }
     move.record(nullptr);
-    result.made.check(traitsOf(overdampedScheme_).name);
+    result.made.check(traitsOf(last.scheme).name);
     if (step.kT > 0) result.randomFlow = sqrt(2 * step.kT / step.h);
 }
 
@@ -188,10 +188,12 @@ void Fluid::flowOfVelocities(FluidGroup& group, const BodySet& bodies,
     result.made.shares.push_back({1, poses, forces, isDriven});
 }
 
-bool Fluid::findFlowOfLastStep(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+bool Fluid::findFlowOfLastStep(const BodySet& bodies, const vector<OpenMM::Vec3>& positions,
+                               CustomRigidHIIntegrator::Scheme scheme) {
     if (!hasOneFlow() || !lastStepIsPresent(bodies, positions)) return false;
-    if (flowOfLastStep && flowOfLastStep->isOfLastStep) return true;
     FluidGroup& group = *groups[0];
+    if (group.overdamped.last.scheme != scheme) return false;
+    if (flowOfLastStep && flowOfLastStep->isOfLastStep) return true;
     flowOfLastStep.reset(new FlowOfGroup());
     flowOfLastStep->isOfLastStep = true;
     replay(group, *flowOfLastStep);
@@ -209,11 +211,12 @@ bool Fluid::findFlowOfLastStep(const BodySet& bodies, const vector<OpenMM::Vec3>
 }
 
 Fluid::FlowOfGroup& Fluid::findFlow(FluidGroup& group, const FlowQuestion& question) {
-    if (!question.hasMomenta && findFlowOfLastStep(question.bodies, question.positions))
+    if (!question.hasMomenta() &&
+        findFlowOfLastStep(question.bodies, question.positions, question.scheme))
         return *flowOfLastStep;
     flowOfLastStep.reset(new FlowOfGroup());
     FlowOfGroup& result = *flowOfLastStep;
-    if (question.hasMomenta)
+    if (question.hasMomenta())
         flowOfVelocities(group, question.bodies, question.positions, question.velocities, result);
     else
         flowOfForces(group, question.bodies, question.freeParticles, question.positions, result);
@@ -335,19 +338,26 @@ SchemeMemory Fluid::getLastStep() const {
         own.insert(own.end(), last.memory.begin(), last.memory.end());
         saved.groups.push_back(own);
     }
-    if (!saved.groups.empty()) saved.scheme = traitsOf(overdampedScheme_).name;
+    if (!saved.groups.empty()) saved.scheme = traitsOf(groups[0]->overdamped.last.scheme).name;
     return saved;
 }
 
-bool Fluid::isLastStepOf(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const {
-    // The last step of another scheme is of no use.
-    return !saved.groups.empty() && saved.scheme == traitsOf(scheme).name &&
-           traitsOf(scheme).isOverdamped();
+namespace {
+
+/** The scheme without momenta that made a saved last step; null: there is none. */
+const SchemeTraits* schemeOfLastStep(const SchemeMemory& saved) {
+    if (saved.groups.empty()) return nullptr;
+    for (const SchemeTraits& traits : schemeTable)
+        if (traits.isOverdamped() && saved.scheme == traits.name) return &traits;
+    return nullptr;
 }
 
-void Fluid::checkLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const {
-    if (!isLastStepOf(saved, scheme)) return;
-    const OverdampedEntry& entry = overdampedScheme(scheme);
+}  // namespace
+
+void Fluid::checkLastStep(const SchemeMemory& saved) const {
+    const SchemeTraits* const scheme = schemeOfLastStep(saved);
+    if (!scheme) return;
+    const OverdampedEntry& entry = overdampedScheme(scheme->scheme);
     const int numStages = entry.numStages(), numMemories = entry.make()->memory().size();
     bool fits = saved.groups.size() == groups.size();
     for (size_t g = 0; fits && g < groups.size(); g++) {
@@ -378,15 +388,16 @@ void Fluid::checkLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Sc
             "same bodies and groups, or use another state");
 }
 
-void Fluid::setLastStep(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) {
-    checkLastStep(saved, scheme);
+void Fluid::setLastStep(const SchemeMemory& saved) {
+    checkLastStep(saved);
     flowOfLastStep.reset();
     for (auto& group : groups) group->overdamped.last.isKnown = false;
-    if (!isLastStepOf(saved, scheme)) return;
-    if (overdampedScheme_ != scheme) beginOverdamped(scheme);
-    const int numStages = overdampedScheme(scheme).numStages();
+    const SchemeTraits* const scheme = schemeOfLastStep(saved);
+    if (!scheme) return;
+    const int numStages = overdampedScheme(scheme->scheme).numStages();
     for (size_t g = 0; g < groups.size(); g++) {
         LastStep& last = groups[g]->overdamped.last;
+        last.scheme = scheme->scheme;
         last.step = toStep(saved.groups[g][0]);
         last.box = toBox(saved.groups[g][0]);
         last.start = toPoses(saved.groups[g][1]);

@@ -17,6 +17,7 @@ namespace RigidHIPlugin {
  */
 struct LastStep {
     bool isKnown = false;
+    CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::EulerMaruyama;
     OverdampedStep step;
     BoxVectors box = {};
     std::vector<Pose> start, end;
@@ -33,11 +34,11 @@ struct OverdampedProgress {
     std::unique_ptr<OverdampedMove> move;  // made at the first step without momenta
     std::unique_ptr<OverdampedScheme> scheme;
     std::vector<Eigen::MatrixXd> memoryAtStart;
-    LastStep last;
-    int stage = 0;                                  // stages of the present step that are done
-    uint32_t attempt = 0;                           // of the present step
-    std::string objection;                          // against the poses after the last stage
-    bool isFinite = true;                           // whether these poses are finite
+    LastStep present, last;  // what is recorded of the present step; the last whole step
+    int stage = 0;           // stages of the present step that are done
+    uint32_t attempt = 0;    // of the present step
+    std::string objection;   // against the poses after the last stage
+    bool isFinite = true;    // whether these poses are finite
     std::vector<std::vector<Pose>> placesOfForces;  // where those of each stage are evaluated
     long long squareRoots = 0, iterations = 0, randomNumbers = 0;  // of the last stage
 };

@@ -261,6 +261,11 @@ void Fluid::beginOverdamped(CustomRigidHIIntegrator::Scheme scheme) {
     }
 }
 
+void Fluid::endOverdamped() {
+    for (auto& group : groups)
+        if (hasOneFlow()) swap(group->overdamped.last, group->overdamped.present);
+}
+
 int Fluid::nextStage() const {
     int next = overdampedScheme(overdampedScheme_).numStages();
     for (const auto& group : groups) next = min(next, group->overdamped.stage);
@@ -309,24 +314,25 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
             group.readPoses(bodies, positions, move.start);
             move.begin(own);
             if (hasOneFlow()) {
-                LastStep& last = group.overdamped.last;
-                last.isKnown = false;
-                last.step = own;
-                last.box = box;
-                last.start = move.start;
-                last.forces.resize(entry.numStages());
-                last.memory = group.overdamped.memoryAtStart;
+                LastStep& present = group.overdamped.present;
+                present.isKnown = false;
+                present.scheme = settings.scheme;
+                present.step = own;
+                present.box = box;
+                present.start = move.start;
+                present.forces.resize(entry.numStages());
+                present.memory = group.overdamped.memoryAtStart;
             }
         }
         if (entry.needsForces(stage)) {
             takeForces(group, bodies, freeParticles);
-            if (hasOneFlow()) group.overdamped.last.forces[stage] = move.force;
+            if (hasOneFlow()) group.overdamped.present.forces[stage] = move.force;
         }
         group.overdamped.scheme->run(stage, move);
         group.overdamped.stage++;
         if (group.overdamped.stage == entry.numStages() && hasOneFlow()) {
-            group.overdamped.last.end = move.present;
-            group.overdamped.last.isKnown = true;
+            group.overdamped.present.end = move.present;
+            group.overdamped.present.isKnown = true;
         }
         if (group.overdamped.stage < entry.numStages())
             group.overdamped.placesOfForces[group.overdamped.stage] = move.present;

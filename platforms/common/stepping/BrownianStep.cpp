@@ -24,6 +24,7 @@ void BrownianStep::take() {
     }
     writePositions();
     scene.settings.warnOfDriftFactor(scene);
+    fluid.endOverdamped();
 }
 
 /**
