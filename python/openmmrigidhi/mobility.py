@@ -608,7 +608,7 @@ class MobilityForce(_copies.Copies, _Base):
         """Hand changed parameters to a Context.
 
         The parameters are viscosity, radii, own tensors, lubrication, minimum gap, solver,
-        tolerance and flow. A radius may not change between 0 and not 0. Changes of model, boundary,
+        tolerance, grid spacing and flow. A radius may not change between 0 and not 0. Changes of model, boundary,
         wall height, sphere-wall mobility and groups need ``reinitialize``.
         """
         super().updateParametersInContext(
@@ -792,7 +792,10 @@ class MobilityForce(_copies.Copies, _Base):
                 *self._wave(where, forceAxis, waveAxis, waveVectorIndex))))
 
     def usesPeriodicBoundaryConditions(self):
-        """Get whether this Force makes the System periodic: whether the boundary is Periodic."""
+        """Get whether this Force makes the System periodic.
+
+        It does with the boundaries Periodic and SlipChannel.
+        """
         return super().usesPeriodicBoundaryConditions()
 
     @staticmethod

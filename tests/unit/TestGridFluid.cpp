@@ -116,6 +116,8 @@ double normOf(const MatrixXd& symmetric) {
 
 TEST(GridShape, SizesAreEvenAndSmooth) {
     EXPECT_EQ(nextGridSize(1), 2);
+    for (double many : {1.5e6, 3e9, 1e300, double(INFINITY), double(NAN)})
+        EXPECT_EQ(nextGridSize(many), tooManyNodes);
     EXPECT_EQ(nextGridSize(22), 24);
     EXPECT_EQ(nextGridSize(24), 24);
     EXPECT_EQ(nextGridSize(24.0000001), 28);

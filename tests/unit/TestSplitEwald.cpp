@@ -61,7 +61,17 @@ vector<Scene> scenes() {
         {"unequal spheres and blobs", 36, orthogonal(9, 12, 10), Scene::Mixed, {1, 1.4}, 5},
         {"crowded blobs", 120, orthogonal(5, 5.5, 6), Scene::Blobs, {1}, 6},
         {"a box that pairs reach across", 3, orthogonal(2.6, 3, 2.4), Scene::Mixed, {1, 0.5}, 7},
-        {"one sphere", 1, orthogonal(5, 6, 7), Scene::Spheres, {1}, 8}};
+        {"one sphere", 1, orthogonal(5, 6, 7), Scene::Spheres, {1}, 8},
+        {"a blob that nearly touches its images",
+         1,
+         orthogonal(2.05, 2.05, 2.05),
+         Scene::Blobs,
+         {1},
+         9},
+        {"two blobs there", 2, orthogonal(2.05, 2.05, 2.05), Scene::Blobs, {1}, 10},
+        {"a blob in a small cube", 1, orthogonal(3, 3, 3), Scene::Blobs, {1}, 11},
+        {"a blob in a cube", 1, orthogonal(4, 4, 4), Scene::Blobs, {1}, 12},
+        {"a blob in a small flat box", 1, orthogonal(3, 9, 9), Scene::Blobs, {1}, 13}};
 }
 
 VectorXd roots(const HydrodynamicParticles& particles) {

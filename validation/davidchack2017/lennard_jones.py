@@ -330,7 +330,7 @@ def plan(quick, factor, periodic):
                  for h, longer in ((0.15, 2), (0.2, 2),
                                    (0.3, 1))] + [(0.1, 0.2, 'RPY periodic', factor*1200.0, 32)] +
                 [(0.2, h, 'SD periodic', factor*7000.0*longer, 32)
-                 for h, longer in ((0.15, 1), (0.2, 1), (0.24, 1.3))])
+                 for h, longer in ((0.15, 0.7), (0.2, 1), (0.24, 1.3))])
     if quick:
         return [(0.1, h, model, t, 8)
                 for h, model, t in ((0.05, 'FreeDraining', 200.0), (0.2, 'FreeDraining', 800.0),

@@ -80,6 +80,21 @@ double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density
     return largest;
 }
 
+/**
+ * In a box of a few radii the mobility of a particle by itself is a small part of its free one, and
+ * so is the norm of the mobility of very few particles: 1 - 2.837 a/L + (4 pi/3) (a/L)^3 in a cube
+ * (Hasimoto, J. Fluid Mech. 5, 317 (1959); 0.1 where the particle touches its images). Errors
+ * beside free mobilities must then be smaller by this factor. With L the shortest edge, it is a
+ * lower bound.
+ */
+double partOfFreeMobility(double radius, const BoxVectors& box) {
+    const double x = radius / std::min({box[0][0], box[1][1], box[2][2]});
+    const double part = 1 - 2.837297 * x + 4 * M_PI / 3 * x * x * x;
+    // From a half on, the errors are far enough below the tolerance. Bodies may overlap their
+    // images.
+    return part > 0.5 && x < 0.5 ? 1 : 0.9 * std::max(0.1, part);
+}
+
 }  // namespace
 
 std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles) {
@@ -108,6 +123,7 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
         anyTorques = anyTorques || kind.torques > 0;
     }
     const double smallest = kinds.front().radius, largest = kinds.back().radius;
+    tolerance *= partOfFreeMobility(smallest, box);
     // Where particles are crowded, they have more neighbours than on average.
     const double crowd = 0.1 / (4 * M_PI / 3 * largest * largest * largest),
                  density = std::max(numParticles / volume, crowd);

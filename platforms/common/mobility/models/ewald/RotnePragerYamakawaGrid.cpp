@@ -333,6 +333,7 @@ void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Pla
 
 void RotnePragerYamakawaGrid::checkBox(const BoxVectors& box) const {
     checkBoxOfGrid(name(), box);
+    if (spacing > 0) checkSizeOfGrid(name(), box, spacing);
     const EwaldSplitting splitting = splittingFor(box);
     checkSizeOfGrid(name(), box, splitting.shape.spacing(0));
     int numChannels = 0, numParticles = 0;
@@ -355,6 +356,7 @@ void RotnePragerYamakawaGrid::checkBox(const BoxVectors& box) const {
 std::string RotnePragerYamakawaGrid::describe(const BoxVectors& box) const {
     const EwaldSplitting splitting = splittingFor(box);
     const GridShape& shape = splitting.shape;
+    if (isTooLarge(shape)) return "a grid that is too large, which steps refuse";
     return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.size[1]) +
            " x " + std::to_string(shape.size[2]) + " nodes, whose products have the tolerance " +
            text(tolerance, 3) + ", and a sum over pairs whose surfaces are up to " +

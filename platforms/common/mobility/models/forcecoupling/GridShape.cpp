@@ -13,6 +13,7 @@ double GridShape::waveNumber(int axis, int index) const {
 }
 
 int nextGridSize(double least) {
+    if (!(least <= tooManyNodes)) return tooManyNodes;
     for (int n = std::max(2, 2 * (int)std::ceil(least / 2 - 1e-9));; n += 2) {
         int rest = n;
         for (int factor : {2, 3, 5, 7})

@@ -88,9 +88,12 @@ private:
     double spacing = 0, tolerance = 0, coarsest = 0, cutoffInWidths;
 };
 
+/** More nodes along an edge than any grid has: checkSizeOfGrid() refuses so many. */
+const int tooManyNodes = 1 << 20;
+
 /**
  * The smallest even number, at least `least`, without prime factors above 7. Transforms of such a
- * length are fast.
+ * length are fast. It is `tooManyNodes` at most.
  */
 int nextGridSize(double least);
 
