@@ -326,9 +326,11 @@ def timeToError(tolerance, bias, noise, speed, equilibration):
     """
     room = np.asarray(tolerance, float)**2 - np.square(bias)
     reachable = room > 0
-    return np.where(reachable,
-                    (equilibration + np.asarray(noise)/np.where(reachable, room, 1))/speed,
-                    np.inf)[()]
+    # A tolerance beyond all sense takes a time beyond the range of numbers, which is infinite.
+    with np.errstate(over='ignore'):
+        return np.where(reachable,
+                        (equilibration + np.asarray(noise)/np.where(reachable, room, 1))/speed,
+                        np.inf)[()]
 
 
 def errorAfter(seconds, bias, noise, speed, equilibration):
