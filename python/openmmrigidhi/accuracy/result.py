@@ -102,6 +102,7 @@ class Reference:
                 'degrees_of_freedom': self.fit.degrees,
                 'probability': self.fit.probability,
                 'note': self.fit.note,
+                'model_error': self.fit.modelError,
                 'weights': [{
                     'method': method,
                     'value': value,
@@ -132,7 +133,8 @@ class Reference:
                                 {name: tuple(pair)
                                  for name, pair in old['coefficients'].items()},
                                 [item['used'] for item in old['weights']], old['chi2'],
-                                old['degrees_of_freedom'], old['probability'], old['note'])
+                                old['degrees_of_freedom'], old['probability'], old['note'],
+                                old.get('model_error', 0.0))
         return Reference(observable, data['value'], data['standard_error'], data['kind'], fit,
                          points)
 
@@ -336,13 +338,16 @@ class StudyResult(Result):
         room = abs(item.tolerance - size)
         if size <= reach:
             room = min(room, item.tolerance)
-        # The error of a given reference stays the same, however long the runs are.
-        fixed = self._givenError(item.observable)
+        # The error of a given reference stays the same, however long the runs are, and so does what
+        # the model of an extrapolation may be wrong by.
+        fixed = self._fixedError(item.observable)
         room = (room/quantile(confidence, math.inf, sided=1))**2 - fixed**2
         return 'undecided', float(sigma**2 - fixed**2)/room if room > 0 else math.inf, likely
 
-    def _givenError(self, observable):
+    def _fixedError(self, observable):
         reference = self.references[observable]
+        if reference.fit is not None:
+            return float(reference.fit.modelError)
         return float(reference.standardError) if reference.kind == 'given' else 0.0
 
     def advice(self, factor, wanted):
@@ -358,12 +363,17 @@ class StudyResult(Result):
             # Without an error of a given reference some length suffices, unless the measured error
             # is the wanted one to the last digit.
             if not math.isfinite(factor) and item.observable in self.references:
-                fixed = self._givenError(item.observable)
+                fixed = self._fixedError(item.observable)
                 if fixed > 0:
-                    return (f'the given reference of {self.observables[item.observable]["label"]} '
-                            f'is not known well enough: its standard error is {fixed:.3g} '
-                            f'{self.observables[item.observable]["unit"]}; longer runs will not '
-                            'decide it, a better reference may')
+                    label, unit = (self.observables[item.observable][key]
+                                   for key in ('label', 'unit'))
+                    what, remedy = (
+                        'limit of small steps',
+                        'smaller steps') if self.references[item.observable].fit is not None else (
+                            'given reference', 'a better reference')
+                    return (f'the {what} of {label} is not known well enough: its error is '
+                            f'{fixed:.3g} {unit} however long runs are; longer runs will not '
+                            f'decide it, {remedy} may')
         return longer(factor)
 
     def _conclude(self, candidates, wanted, confidence):
