@@ -98,10 +98,10 @@ def extrapolate(points):
     error of the model is the larger of two changes of A0: without the largest step, and with one
     more term for each method that has the steps for it. A change that is within its own standard
     error counts only where fewer than three degrees of freedom test the model. A single method of
-    three steps is tested poorly: intervals of 95 % hold the truth in some 84 % of the cases. Where no fit can be
-    changed in this way, and where no degree of freedom is left, the model is not tested: its error
-    is then what the next term would make at the smallest step if terms had the ratio of the
-    smallest to the largest step, and there is a note.
+    three steps is tested poorly: intervals of 95 % hold the truth in some 84 % of the cases. Where
+    no fit can be changed in this way, and where no degree of freedom is left, the model is not
+    tested: its error is then what the next term would make at the smallest step if terms had the
+    ratio of the smallest to the largest step, and there is a note.
 
     Parameters
     ----------
