@@ -187,7 +187,7 @@ def test_slow_fluctuations_of_small_amplitude(share, memory, n):
     # below 0.85 is not chance.
     least = 0.85*cases - 4.5*math.sqrt(0.85*0.15*cases)
     assert held > least
-    # White noise has blocks of 1, 2, 4 ... samples. The longest ones see the noise but for tau/block.
+    # White noise has blocks of 1, 2, 4 ... samples. The longest see the noise but for tau/block.
     # An error that is kept is at most 1 + 2/sqrt(2 (blocks - 1)) times below theirs.
     length = 2**int(math.log2(n/10))
     degrees = n // length - 1

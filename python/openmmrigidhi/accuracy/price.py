@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ._pages import duration
-from ._results import NONE, RECOMMENDED, UNDECIDED, Recommendation, checkedConfidence, factorToDecide, worst
+from ._results import (NONE, RECOMMENDED, UNDECIDED, Recommendation, checkedConfidence,
+                       factorToDecide, worst)
 from .measurement import SECONDS_PER_DAY, SLOW, STABLE
 from .statistics import errorAfter, noiseDegrees, resampledNoise, timeToError
 
