@@ -156,6 +156,27 @@ class TestStatistics(unittest.TestCase):
         self.assertFalse(fit.used[-1])
         self.assertAlmostEqual(fit.value, 1.0, delta=0.02)
 
+    def testExtrapolationKnowsWhatItsModelLeavesOut(self):
+        # A harmonic oscillator's bias has all powers of h^2, of which the fit has one or two. The
+        # largest step is at 0.7 of the limit of stability. Of 95 % intervals 95 % should hold the
+        # truth; without the error of the model it is less than half.
+        rng = np.random.default_rng(4)
+        for steps, untested in (((8, 14), True), ((6, 8, 10, 12), False)):
+            steps = np.array(steps)/20
+            bias = 1/(1 - steps**2) - 1
+            held, cases = 0, 100
+            for _ in range(cases):
+                fit = statistics.extrapolate([
+                    statistics.Point('a', h, 1 + error + 0.002*rng.normal(), 0.002, 2)
+                    for h, error in zip(steps, bias)
+                ])
+                held += abs(fit.value - 1) < 1.96*fit.standardError
+                self.assertLess(fit.modelError, fit.standardError)
+                if untested:
+                    self.assertEqual(fit.note, statistics.UNTESTED)
+            print(f'steps {steps}: held {held} of {cases}')
+            self.assertGreater(held, 0.95*cases - 4.5*math.sqrt(0.95*0.05*cases))
+
     def testExtrapolationNeedsTwoSteps(self):
         self.assertIsNone(
             statistics.extrapolate(

@@ -152,6 +152,80 @@ def test_a_constant_series_has_no_noise():
         statistics.noise([1.0])
 
 
+@pytest.mark.parametrize('share, memory, n', [(0.05, 0.995, 20000), (0.02, 0.999, 50000)])
+def test_slow_fluctuations_of_small_amplitude(share, memory, n):
+    """White noise over a slow part with a few percent of the variance, which makes most of the
+    variance of the mean: 0.95 of it, as (share tau)/((1 - share)/2 + share tau) with tau 200 and
+    1000. The series has 100 and 50 tau.
+
+    The error from blocks of 20 tau of the white noise would be 0.3 and 0.2 of the true one, and
+    intervals of 95 % would hold the truth in 40 and 30 % of the cases.
+    """
+    rng, cases = np.random.default_rng(10), 150
+    slow = 0.5 + memory/(1 - memory)
+    true = 2*((1 - share)/2 + share*slow)
+    held, marked, noises = 0, 0, []
+    for _ in range(cases):
+        series = math.sqrt(1 - share)*rng.normal(size=n) + math.sqrt(share)*autoregressive(
+            n, memory, rng)
+        found, own = statistics.seriesStatistics(series), statistics.noise(series)
+        held += abs(found.mean) < statistics.quantile(0.95, found.degrees)*found.standardError
+        noises.append(own.value)
+        marked += found.isSlow and own.isSlow
+        if found.isSlow:
+            # One tau belongs to the error, whatever is asked for.
+            assert found.tau*2*series.var()/n == pytest.approx(found.standardError**2, rel=0.1)
+            assert found.effectiveSamples == n/(2*found.tau)
+            assert own.value == pytest.approx(2*own.tau*own.variance, rel=1e-12)
+            assert found.isTrusted
+    relative = np.mean(noises)/true
+    print(f'held {held}, noise {relative:.2f}, marked {marked} of {cases}')
+    # Blocks of at most a tenth of the series have 10 and 5 tau of the slow part. Their means are
+    # correlated, which makes the variance of the mean too small by about tau/block: up to 10 and
+    # 20 %. An error 0.9 times the true one holds the truth in 92 % of the cases; the shorter blocks
+    # that are kept where the growth is not certain miss more. Less than 4.5 standard deviations
+    # below 0.85 is not chance.
+    least = 0.85*cases - 4.5*math.sqrt(0.85*0.15*cases)
+    assert held > least
+    # White noise has blocks of 1, 2, 4 ... samples. The longest see the noise but for tau/block.
+    # An error that is kept is at most 1 + 2/sqrt(2 (blocks - 1)) times below theirs.
+    length = 2**int(math.log2(n/10))
+    degrees = n // length - 1
+    least = (1 - slow/length)/(1 + 2/math.sqrt(2*degrees))**2
+    assert relative > least*(1 - 4.5*math.sqrt(2/degrees/cases))
+    assert marked > 0.95*cases
+
+
+def test_fast_fluctuations_alone_are_rarely_taken_for_slow_ones():
+    """Each doubling is passed by chance with the probability 2.3 %, at the limit of two standard
+    errors. White noise of 1000 samples has six of them."""
+    rng, cases = np.random.default_rng(11), 400
+    found = [statistics.seriesStatistics(rng.normal(size=1000)) for _ in range(cases)]
+    marked = sum(each.isSlow for each in found)
+    z = np.array([each.mean/each.standardError for each in found])
+    held = sum(abs(one) < statistics.quantile(0.95, each.degrees) for one, each in zip(z, found))
+    print(f'marked {marked}, held {held} of {cases}')
+    allowed = 6*scipy.stats.norm.sf(2)*cases
+    assert marked < allowed + 4.5*math.sqrt(allowed)
+    assert held > 0.95*cases - 4.5*math.sqrt(0.95*0.05*cases)
+    constant = statistics.seriesStatistics(np.full(1000, 0.1))
+    assert not constant.isSlow and constant.tau == 0.5
+
+
+def test_slow_fluctuations_of_replicas():
+    """Replicas share one length of blocks, and their degrees of freedom add up."""
+    rng, share, memory, n, replicas = np.random.default_rng(12), 0.05, 0.995, 20000, 4
+    series = math.sqrt(1 - share)*rng.normal(size=(n, replicas)) + math.sqrt(share)*np.stack(
+        [autoregressive(n, memory, rng) for _ in range(replicas)], axis=1)
+    found = statistics.noise(series)
+    true = 2*((1 - share)/2 + share*(0.5 + memory/(1 - memory)))/replicas
+    print(found, true)
+    assert found.isSlow and found.degrees % replicas == 0
+    # Blocks of 10 tau or less miss 10 % of the slow part or more.
+    assert abs(found.value/true - 1) < 0.1 + 4.5*math.sqrt(2/found.degrees)
+    assert found.tau == pytest.approx(found.value*replicas/(2*found.variance))
+
+
 # ---- Answers on numbers that are known -----------------------------------------------------------
 
 
@@ -339,6 +413,19 @@ def test_doubts_are_marked():
     assert 'Beware: the two halves of the run disagree.' in long_.price('potential_energy:1%').text
 
 
+def test_slow_fluctuations_are_marked():
+    """The mark is in the rows, among the doubts about a price, and in the report."""
+    rng = np.random.default_rng(13)
+    series = rng.normal(size=20000) + math.sqrt(0.05)*autoregressive(20000, 0.995, rng)
+    result = resultOf([('LangevinC', 4, record({OBSERVABLE: REFERENCE + 0.01*series}, 0.1, 0.001))])
+    assert result.rows[0]['note'] == 'slow fluctuations of small amplitude'
+    answer = result.price('potential_energy:1%')
+    assert 'slow fluctuations of small amplitude' in answer.candidates[0]['marks'][0]
+    assert 'slow fluctuations of small amplitude' in answer.text
+    assert any('slow fluctuations of small amplitude' in each and 'LangevinC 4 fs' in each
+               for each in result.report().paragraphs())
+
+
 def test_wrong_questions_are_refused():
     result = knownResult([('LangevinC', 4, 0.1, 20, 1)])
     for seconds in (0, -1, math.inf, math.nan):
@@ -351,6 +438,76 @@ def test_wrong_questions_are_refused():
         result.price('potential_energy:1%', resamplings=10)
     with pytest.raises(ValueError, match='the error must be a positive number'):
         result.price('potential_energy:-1%')
+    for confidence in (0, 1, -1, math.nan):
+        for ask, name in ((lambda c: result.price('potential_energy:1%', c), 'price'),
+                          (lambda c: result.recommend('potential_energy:1%', c),
+                           'recommend'), (lambda c: result.spend(OBSERVABLE, 10, c), 'spend')):
+            with pytest.raises(ValueError, match=f'{name}: confidence: got {confidence}; it must'):
+                ask(confidence)
+    # A percentage of 0 would be no tolerance at all.
+    result.references[OBSERVABLE] = Reference(OBSERVABLE, 0.0, 0.0, 'exact')
+    for ask in (result.price, result.recommend):
+        with pytest.raises(ValueError, match='a percentage of an average that is 0: give it in its'
+                           ' unit'):
+            ask('potential_energy:1%')
+
+
+@pytest.mark.filterwarnings('error')
+def test_absurd_errors_take_longer_than_anyone_has():
+    result = knownResult([('LangevinC', 4, 0.1, 20, 1), ('LangevinC', 8, 0.0, 20, 1)], sigma=1.0)
+    for amount in ('1e-12', '1e-155', '1e-160', '1e-300'):
+        for answer in (result.recommend(f'potential_energy:{amount}'),
+                       result.price(f'potential_energy:{amount}')):
+            assert answer.verdict == 'cannot tell' and 'hardly decide' in answer.text
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_constant_observable_takes_no_time(tmp_path):
+    result = resultOf([('LangevinC', fs,
+                        record({OBSERVABLE: np.full(50, REFERENCE)}, 0.1, 0.001, equilibration=0))
+                       for fs in (4, 8)])
+    answer = result.price('potential_energy:1%')
+    assert answer.setting['seconds'] == 0 and answer.setting['equilibration_part'] == 0
+    assert result.write(str(tmp_path), price=['potential_energy:1%'])
+
+
+def test_how_much_longer_an_undecided_run_must_be():
+    """An error that cannot be told from 0 may be 0, however large noise makes it. With the true
+    error 0, z sigma must shrink to the wanted error."""
+    for bias in (0.0, 0.5, -1.2):
+        result = knownResult([('LangevinC', 4, bias, 20, 1)], sigma=1.0)
+        for answer in (result.recommend('potential_energy:0.05'),
+                       result.price('potential_energy:0.05')):
+            assert answer.verdict == 'cannot tell'
+            assert answer.factor == pytest.approx((1.64485/0.05)**2, rel=1e-3)
+    # Errors that can be told from 0 stay where they are, and the distance to the limit counts.
+    result = knownResult([('LangevinC', 4, 2.0, 20, 1)], sigma=1.0)
+    assert result.recommend('potential_energy:0.6').factor == pytest.approx((1.64485/1.4)**2,
+                                                                            rel=1e-3)
+    # Where no setting looks good, all must be decided, in both answers.
+    result = knownResult([('LangevinC', 4, 2.0, 20, 1), ('LangevinC', 8, 2.1, 20, 1)], sigma=1.0)
+    for answer in (result.recommend('potential_energy:0.6'), result.price('potential_energy:0.6')):
+        assert answer.factor == pytest.approx((1.64485/1.4)**2, rel=1e-3)
+
+
+def test_longer_runs_do_not_improve_a_given_reference():
+    result = knownResult([('LangevinC', 4, 0.1, 20, 1)], sigma=1.0)
+
+    def asked(error, amount):
+        result.references[OBSERVABLE] = Reference(OBSERVABLE, REFERENCE, error, 'given')
+        for row in result.rows:
+            result._compare(row)
+        return result.recommend(amount), result.price(amount)
+
+    # z sqrt(1/f + 0.1^2) = 0.5 - 0.1
+    for answer in asked(0.1, 'potential_energy:0.5'):
+        assert answer.factor == pytest.approx(1/((0.4/1.64485)**2 - 0.01), rel=1e-3)
+    # 1.645*0.3 is above the distance to the limit, and 1.645*1 above the limit too.
+    for error, amount in ((0.3, 'potential_energy:0.5'), (1.0, 'potential_energy:0.2')):
+        for answer in asked(error, amount):
+            assert answer.verdict == 'cannot tell' and answer.factor == math.inf
+            assert 'given reference of potential energy is not known well enough' in answer.text
+            assert 'run longer' not in answer.text
 
 
 def test_without_a_correlation_time_or_a_reference_there_is_no_price():

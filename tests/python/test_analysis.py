@@ -69,6 +69,11 @@ def test_displacements_along_body_axes():
     assert np.allclose(numbers(msd.mean, NM2)[0], 4*np.outer(inBody, inBody), rtol=1e-12)
 
 
+def test_lags_must_be_given():
+    with pytest.raises(ValueError, match='translationalMSD: lags: got none; there must be one'):
+        analysis.translationalMSD(np.zeros((40, 1, 3)), still(40), 1, (0, 0, 0), lags=[])
+
+
 def test_constant_rotation_about_different_points():
     rate, lags = 0.3, np.array([1, 5, 20, 60])
     q = turns(np.outer(rate*np.arange(400), (0, 0, 1)))[:, None]

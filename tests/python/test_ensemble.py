@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+import types
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from openmmrigidhi.accuracy import scenes
 from openmmrigidhi.accuracy.measurement import Run
 from openmmrigidhi.analysis import series as seriesModule
 from openmmrigidhi.ensemble import cli, study as studyModule, taskfiles, tasks
+from openmmrigidhi.ensemble.result import EnsembleResult, TaskRecord
 
 try:
     import distributed
@@ -771,6 +773,55 @@ def test_students_errors_cover_the_truth():
         beyond += abs(found.mean) > 3.182*found.standardError
     print(f'{beyond} of 1000 beyond')
     assert 22 <= beyond <= 78
+
+
+def test_stuck_replicas_have_an_infinite_rhat():
+    """Replicas that never move, each at a value of its own, disagree as much as replicas can. Equal
+    up to rounding they say nothing."""
+    stuck = np.array([1.0, 1.0, 2.0])[:, None] + np.zeros((3, 8))
+    assert seriesModule.splitRHat(stuck) == math.inf
+    assert seriesModule.independentRuns(stuck).rHat == math.inf
+    assert math.isnan(seriesModule.splitRHat(np.array([[0.3]*8, [0.1 + 0.2]*8])))
+    # Two values that all chains visit have one distance from their median. Halves of 50 with the
+    # same mean give sqrt(1 - 1/50).
+    assert seriesModule.splitRHat(np.tile([0.0, 1.0],
+                                          (4, 50))) == pytest.approx(math.sqrt(49/50), rel=1e-12)
+
+
+def test_a_table_and_files_of_stuck_replicas(tmp_path):
+    """JSON has no infinity, so that parsers that follow its rules would refuse the file."""
+    contents = {(0, k): types.SimpleNamespace(series={'u': np.full(8, float(k))}, about={
+        'sample_interval': 1.0,
+        'exact': {}
+    })
+                for k in range(3)}
+    records = [TaskRecord(0, k, {}, 1, '', 'complete') for k in range(3)]
+    found = EnsembleResult({'settings': [{}]}, {'u': {
+        'label': 'u',
+        'unit': 'kJ/mol'
+    }}, records, contents, {'sessions': []})
+    row, = found.rows
+    assert row['r_hat'] == math.inf and 'stuck at a value of its own' in row['note']
+    assert ' inf ' in found.table()
+    json_, csv_ = found.write(str(tmp_path))
+
+    def refuse(name):
+        raise AssertionError(f'{name} is no number of JSON')
+
+    with open(json_) as file:
+        read, = json.load(file, parse_constant=refuse)['rows']
+    assert read['r_hat'] is None and 'infinite' in read['note']
+    with open(csv_) as file:
+        assert ',inf,' in file.read()
+
+
+def test_replicas_that_disagree_have_few_effective_samples():
+    """Four chains of 1000 with the means 0, 0, 5, 5 know their mean to sqrt(25/3/4); samples of
+    variance 1 + 25/4 that are independent know it as well if they are 3.5."""
+    chains = np.random.default_rng(6).normal(size=(4, 1000)) + np.array([0, 0, 5, 5])[:, None]
+    found = seriesModule.independentRuns(chains)
+    # The means are known to 0.03, which is 1 % of their differences.
+    assert found.effectiveSamples == pytest.approx((1 + 25/4)/(25/3/4), rel=0.05)
 
 
 def test_runs_of_unequal_lengths_and_single_ones():

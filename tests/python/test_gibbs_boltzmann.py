@@ -583,6 +583,37 @@ def test_virtual_sites_follow():
         check(samples.average(samples.freePositions[:, particle, 0]), 0)
 
 
+class _Stop(BaseException):
+    """Like KeyboardInterrupt, which pytest would take for the user's."""
+
+
+def test_sampling_goes_on_after_an_interruption():
+    """Ctrl-C or an exception in energyFunction ends a move in its middle. Particles are then where
+    poses and energy say. The calls that end differ, so that bodies and the free particle are on
+    their way in turns."""
+    calls, end = [0], [None]
+
+    def more(R, q):
+        calls[0] += 1
+        if calls[0] == end[0]:
+            raise _Stop
+        return 0.0
+
+    sampler = analysis.GibbsBoltzmannSampler(Scene().bind(), energyFunction=more, seed=3)
+    sampler.burnIn(20, progress=False)
+    for k in range(12):
+        end[0] = calls[0] + 5 + k
+        free = sampler._places[sampler._free].copy()
+        with pytest.raises(_Stop):
+            sampler.sample(50, progress=False)
+        # The energy is that of the same numbers, but for poses that are rounded in places.
+        assert sampler._evaluate(sampler._positions,
+                                 sampler._orientations) == pytest.approx(sampler._energy, abs=1e-9)
+        members = sampler._membersAt(slice(None), sampler._positions, sampler._orientations)
+        assert np.abs(sampler._places[sampler._members] - members).max() < 1e-12
+    assert np.any(sampler._places[sampler._free] != free)
+
+
 # ---- Bad input -----------------------------------------------------------------------------------
 
 

@@ -99,6 +99,21 @@ def splitWanted(wanted, names, example):
     return result
 
 
+def checkedConfidence(confidence, where):
+    """A confidence, if it is one.
+
+    Parameters
+    ----------
+    confidence : float
+    where : str
+        who asks
+    """
+    if not 0 < confidence < 1:
+        raise ValueError(f'{where}: confidence: got {confidence}; it must be above 0 and below 1: '
+                         f'give e.g. 0.95')
+    return confidence
+
+
 def worst(verdicts):
     """The verdict about a setting from the verdicts about each wanted error.
 
@@ -117,6 +132,20 @@ def decide(candidates):
     meaningless = candidates and all(candidate['verdict'] == 'n/a' for candidate in candidates)
     return (RECOMMENDED if best is not None else UNDECIDED if undecided or meaningless else NONE,
             best, undecided)
+
+
+def factorToDecide(undecided):
+    """How many times longer to run for an answer where no setting is decided in favour.
+
+    A setting that is decided in favour is an answer. If none looks like it, all must be decided.
+
+    Parameters
+    ----------
+    undecided : list of dict
+        candidates with likely and factor
+    """
+    likely = [candidate['factor'] for candidate in undecided if candidate['likely']]
+    return min(likely) if likely else max(candidate['factor'] for candidate in undecided)
 
 
 def longer(factor):

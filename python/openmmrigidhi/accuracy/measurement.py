@@ -21,6 +21,8 @@ EXPLOSION_FACTOR, EXPLOSION_MARGIN = 10, 40
 SECONDS_PER_DAY = 86400
 #: Halves of a run whose means differ by more than this many standard errors are called drifting.
 DRIFT_LIMIT = 4
+#: The note of a run whose error is larger than its fast fluctuations make it.
+SLOW = 'slow fluctuations of small amplitude'
 
 
 @dataclass
@@ -300,6 +302,8 @@ def _row(knob, setting, record, observable, seed, clock, typicalTau):
         row['note'] = 'few independent samples'
     elif row['drift'] is not None and abs(row['drift']) > DRIFT_LIMIT:
         row['note'] = 'drifts'
+    elif summary.isSlow or own.isSlow:
+        row['note'] = SLOW
     return row
 
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ._pages import duration
-from ._results import NONE, RECOMMENDED, UNDECIDED, Recommendation, longer, worst
-from .measurement import SECONDS_PER_DAY, STABLE
+from ._results import (NONE, RECOMMENDED, UNDECIDED, Recommendation, checkedConfidence,
+                       factorToDecide, worst)
+from .measurement import SECONDS_PER_DAY, SLOW, STABLE
 from .statistics import errorAfter, noiseDegrees, resampledNoise, timeToError
 
 #: Verdicts about settings.
@@ -172,6 +173,7 @@ class Prices:
         -------
         Recommendation
         """
+        checkedConfidence(confidence, 'price')
         all_ = [self.known(item.observable) for item in wanted]
         times = np.array([
             timeToError(item.tolerance, each.bias, each.noise, self.speed, each.equilibration)
@@ -201,14 +203,15 @@ class Prices:
                 'seconds_low': float(low[k]) if hasPrice else math.inf,
                 'seconds_high': float(high[k]) if hasPrice else math.inf,
                 'observable': item.observable,
-                'bias_part': float((limit.bias[k]/item.tolerance)**2) if hasPrice else None,
+                'bias_part': _part(limit.bias[k], item.tolerance, 2) if hasPrice else None,
                 'own_tau': limit.rows[k]['own_tau'],
                 'effective_per_second': limit.rows[k]['effective_per_second'],
-                'equilibration_part': float(limit.equilibration[k]/self.speed[k]/
-                                            seconds[k]) if hasPrice else None,
+                'equilibration_part': _part(limit.equilibration[k]/
+                                            self.speed[k], seconds[k]) if hasPrice else None,
                 'length': float(seconds[k]*self.speed[k] -
                                 limit.equilibration[k]) if hasPrice else math.inf,
                 'factor': factor if verdict == 'undecided' else None,
+                'likely': all(one[2] for one in judged),
                 'marks': list(dict.fromkeys(mark for each in all_ for mark in marks(each.rows[k])))
             })
         good = [k for k, each in enumerate(candidates) if each['bias'] == 'yes']
@@ -265,13 +268,15 @@ class Prices:
                 text += (
                     f' Settings that may cost less or never get there, since their bias is not '
                     f'known well enough: '
-                    f'{self._names(undecided)}; {longer(factor)}.')
+                    f'{self._names(undecided)}; '
+                    f'{self.result.advice(factor, wanted)}.')
             if best['marks']:
                 text += f' Beware: {"; ".join(best["marks"])}.'
         elif undecided:
-            verdict, factor = UNDECIDED, min(each['factor'] for each in undecided)
+            verdict, factor = UNDECIDED, factorToDecide(undecided)
             text += ('cannot tell. The bias is not known well enough for '
-                     f'{self._names(undecided)}; {longer(factor)}.')
+                     f'{self._names(undecided)}; '
+                     f'{self.result.advice(factor, wanted)}.')
         elif candidates and all(each['verdict'] == 'n/a' for each in candidates):
             verdict = UNDECIDED
             text += (
@@ -303,6 +308,7 @@ class Prices:
         Recommendation
         """
         self._check(observable, seconds)
+        checkedConfidence(confidence, 'spend')
         known = self.known(observable)
         label, unit = (self.result.observables[observable][key] for key in ('label', 'unit'))
         errors = errorAfter(seconds, known.bias, known.noise, self.speed, known.equilibration)
@@ -409,14 +415,15 @@ class Prices:
             each.update(ratio=None, ratio_low=None, ratio_high=None)
             if best is None:
                 continue
-            with np.errstate(invalid='ignore'):
+            with np.errstate(invalid='ignore', divide='ignore'):
                 ratios = cloud[:, k]/cloud[:, best]
+                ratio = np.nan_to_num(np.float64(values[k])/values[best], nan=1.0, posinf=np.inf)
             # Where both never get there, or nothing is known, there is no difference: the ratio is
             # 1.
             ratios = np.where(np.isnan(ratios), 1.0, ratios)
             tail = (1 - confidence)/2
             low, high = np.quantile(ratios, [tail, 1 - tail], method='nearest')
-            each.update(ratio=float(values[k]/values[best]) if np.isfinite(values[k]) else math.inf,
+            each.update(ratio=float(ratio) if np.isfinite(values[k]) else math.inf,
                         ratio_low=float(low), ratio_high=float(high))
 
     def _setting(self, row):
@@ -486,6 +493,8 @@ def marks(row):
             'the run is too short for its correlation time, which is known to a half at best')
     if row['note'] == 'drifts':
         found.append('the two halves of the run disagree')
+    if row['note'] == SLOW:
+        found.append(f'the samples have {SLOW}, which longer runs may show to be larger')
     return found
 
 
@@ -498,6 +507,12 @@ def aim(item):
     """
     amount, _, what = item.text.partition(' of ')
     return f'{what} to {amount}'
+
+
+def _part(part, whole, power=1):
+    """A part of something, to a power: 0 of nothing, and infinite beyond all numbers."""
+    with np.errstate(over='ignore'):
+        return float((np.float64(part)/whole)**power) if part else 0.0
 
 
 def _between(candidate):

@@ -131,7 +131,7 @@ class PriceReport:
     def _drawErrors(self, axes, item, answer):
         result, reference = self.result, self.result.references[item.observable].value
         scale = 100/abs(reference) if reference else 1.0
-        finite = [each['seconds'] for each in answer.candidates if math.isfinite(each['seconds'])]
+        finite = _positiveTimes(answer)
         known = self.prices.known(item.observable)
         # Before the end of the first equilibration there is nothing to see.
         first = max(np.nanmin(known.equilibration/self.prices.speed), min(finite)/MARGIN)
@@ -173,7 +173,8 @@ class PriceReport:
                       textcoords='offset points', fontsize=9)
         axes.set_xscale('log')
         axes.set_yscale('log')
-        axes.set_ylim(bottom*0.4, item.tolerance*scale*12)
+        axes.set_ylim(bottom*0.4 if bottom > 0 else item.tolerance*scale/12,
+                      item.tolerance*scale*12)
         axes.set_xlim(seconds[0]*0.7, seconds[-1])
         axes.set_xlabel('processor seconds' if result.provenance.get('clock') ==
                         'cpu' else 'seconds')
@@ -200,9 +201,10 @@ class PriceReport:
 
     def _drawTimes(self, axes, answer):
         result, knob = self.result, self.result.knob
-        finite = [each['seconds'] for each in answer.candidates if math.isfinite(each['seconds'])]
+        finite = _positiveTimes(answer)
         top = min(max(finite), FAR*min(finite))*4
-        bottom = min(each['seconds_low'] for each in answer.candidates)/2
+        bottom = min([each['seconds_low']
+                      for each in answer.candidates if each['seconds_low'] > 0] + finite)/2
         values = sorted({each['value']*knob.scale for each in answer.candidates})
         # Bars of several methods at one value stand side by side.
         aside = min([b - a for a, b in zip(values, values[1:])] + [values[-1]])*min(
@@ -332,3 +334,14 @@ def _finite(value):
     if isinstance(value, list):
         return [_finite(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _positiveTimes(answer):
+    """Finite times of the candidates that have a logarithm; a second where there is none.
+
+    A constant observable without equilibration takes no time at all.
+    """
+    return [
+        each['seconds']
+        for each in answer.candidates if math.isfinite(each['seconds']) and each['seconds'] > 0
+    ] or [1.0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from ._pages import Report, advise, duration, number, picture, plainTicks, section, sentence, table
 from ._results import NONE, RECOMMENDED, UNDECIDED
-from .measurement import STABLE, UNSTABLE
+from .measurement import SLOW, STABLE, UNSTABLE
 from .pricereport import PriceReport
 
 #: Colours that the colour-blind can tell apart (Okabe and Ito), one for each method. Users' own
@@ -382,6 +382,15 @@ class StudyReport(Report):
                 'The two halves of the run disagree (a longer equilibration is needed, or the run '
                 'is about to blow up) at: ' + ', '.join(f'{method} {knob.format(value)}'
                                                         for method, value in drifting) + '.')
+        slow = list(
+            dict.fromkeys(
+                (row['method'], row['value']) for row in result.rows if row['note'] == SLOW))
+        if slow:
+            lines.append(
+                f'Under fast fluctuations there are {SLOW}, which make the error larger (it is '
+                'from blocks as long as they need, and longer runs may show them to be larger '
+                'still) at: ' + ', '.join(f'{method} {knob.format(value)}'
+                                          for method, value in slow) + '.')
         if any(row['note'] == 'few independent samples' for row in result.rows):
             lines.append(
                 'Some runs have fewer than 10 blocks of independent samples. Their errors are '

@@ -5,8 +5,8 @@ from typing import Any, Optional
 
 import numpy as np
 
-from ._results import (NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted, decide, longer,
-                       splitWanted, worst)
+from ._results import (NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted,
+                       checkedConfidence, decide, factorToDecide, longer, splitWanted, worst)
 from .measurement import SECONDS_PER_DAY, STABLE
 from .price import Prices, completeNoise
 from .report import StudyReport
@@ -102,6 +102,7 @@ class Reference:
                 'degrees_of_freedom': self.fit.degrees,
                 'probability': self.fit.probability,
                 'note': self.fit.note,
+                'model_error': self.fit.modelError,
                 'weights': [{
                     'method': method,
                     'value': value,
@@ -132,7 +133,8 @@ class Reference:
                                 {name: tuple(pair)
                                  for name, pair in old['coefficients'].items()},
                                 [item['used'] for item in old['weights']], old['chi2'],
-                                old['degrees_of_freedom'], old['probability'], old['note'])
+                                old['degrees_of_freedom'], old['probability'], old['note'],
+                                old.get('model_error', 0.0))
         return Reference(observable, data['value'], data['standard_error'], data['kind'], fit,
                          points)
 
@@ -245,6 +247,12 @@ class StudyResult(Result):
         for name, amount, value in splitWanted(wanted, self.observables, 'potential_energy:0.5%'):
             if amount.endswith('%'):
                 reference = self.references.get(name)
+                if reference is not None and not reference.value:
+                    raise ValueError(
+                        f'wanted error: got {name}:{amount}, a percentage of an average that is 0: '
+                        f'give it in its unit, as in {name}:0.2' +
+                        (f' ({self.observables[name]["unit"]})' if self.
+                         observables[name]['unit'] else ''))
                 value *= abs(reference.value)/100 if reference is not None else math.nan
             unit = '' if amount.endswith('%') else ' ' + self.observables[name]['unit']
             text = f'{amount}{unit} of {self.observables[name]["label"]}'
@@ -272,7 +280,8 @@ class StudyResult(Result):
             likely (whether the errors as measured are below the wanted ones) and factor (how many
             times longer to run for a decision, or None)
         """
-        confidence = self.confidence if confidence is None else confidence
+        confidence = checkedConfidence(self.confidence if confidence is None else confidence,
+                                       'recommend')
         wanted = self.parseWanted(wanted)
         candidates = []
         for key in dict.fromkeys((row['method'], row['value']) for row in self.rows):
@@ -299,8 +308,7 @@ class StudyResult(Result):
         candidates.sort(key=lambda candidate: -candidate['ns_per_day'])
         return self._conclude(candidates, wanted, confidence)
 
-    @staticmethod
-    def judge(row, item, confidence):
+    def judge(self, row, item, confidence):
         """Whether the error of a setting is below a wanted one.
 
         Parameters
@@ -312,8 +320,8 @@ class StudyResult(Result):
         Returns
         -------
         tuple of (str, float or None, bool)
-            verdict 'yes', 'no', 'undecided' or 'n/a'; how many times longer to run for a decision;
-            whether the error as measured is below the wanted one
+            verdict 'yes', 'no', 'undecided' or 'n/a'; how many times longer to run for a decision,
+            infinite where no length suffices; whether the error as measured is below the wanted one
         """
         if row['error'] is None or not math.isfinite(item.tolerance):
             return 'n/a', None, False
@@ -324,9 +332,49 @@ class StudyResult(Result):
             return 'yes', None, likely
         if size - reach > item.tolerance:
             return 'no', None, likely
-        gap = abs(item.tolerance - size)
-        longer = quantile(confidence, math.inf, sided=1)*sigma
-        return 'undecided', (longer/gap)**2 if gap > 0 else math.inf, likely
+        # Runs must become so long that the error of the error, times z, fits into this room. An
+        # error that cannot be told from 0 is mostly noise: if it is really near 0, the room is the
+        # wanted error, however far beyond it the noise has put the measured one.
+        room = abs(item.tolerance - size)
+        if size <= reach:
+            room = min(room, item.tolerance)
+        # The error of a given reference stays the same, however long the runs are, and so does what
+        # the model of an extrapolation may be wrong by.
+        fixed = self._fixedError(item.observable)
+        room = (room/quantile(confidence, math.inf, sided=1))**2 - fixed**2
+        return 'undecided', float(sigma**2 - fixed**2)/room if room > 0 else math.inf, likely
+
+    def _fixedError(self, observable):
+        reference = self.references[observable]
+        if reference.fit is not None:
+            return float(reference.fit.modelError)
+        return float(reference.standardError) if reference.kind == 'given' else 0.0
+
+    def advice(self, factor, wanted):
+        """What to do for a decision, as text.
+
+        Parameters
+        ----------
+        factor : float
+            how many times longer to run
+        wanted : list of Wanted
+        """
+        for item in wanted:
+            # Without an error of a given reference some length suffices, unless the measured error
+            # is the wanted one to the last digit.
+            if not math.isfinite(factor) and item.observable in self.references:
+                fixed = self._fixedError(item.observable)
+                if fixed > 0:
+                    label, unit = (self.observables[item.observable][key]
+                                   for key in ('label', 'unit'))
+                    what, remedy = (
+                        'limit of small steps',
+                        'smaller steps') if self.references[item.observable].fit is not None else (
+                            'given reference', 'a better reference')
+                    return (f'the {what} of {label} is not known well enough: its error is '
+                            f'{fixed:.3g} {unit} however long runs are; longer runs will not '
+                            f'decide it, {remedy} may')
+        return longer(factor)
 
     def _conclude(self, candidates, wanted, confidence):
         text = f'For an error of at most {" and ".join(item.text for item in wanted)}: '
@@ -340,15 +388,14 @@ class StudyResult(Result):
             if faster:
                 factor = min(c['factor'] for c in faster)
                 text += (f' Faster settings that may or may not meet it: '
-                         f'{", ".join(self._name(c) for c in faster)}; ' + longer(factor) + '.')
+                         f'{", ".join(self._name(c) for c in faster)}; ' +
+                         self.advice(factor, wanted) + '.')
             text += self._bestOfOthers(candidates, best)
         elif undecided:
-            # A setting that is decided in favour is an answer; if none looks like it, all must be
-            # decided.
-            likely = [c['factor'] for c in undecided if c['likely']]
-            factor = min(likely) if likely else max(c['factor'] for c in undecided)
-            text += (f'cannot tell. The statistics do not suffice for '
-                     f'{", ".join(self._name(c) for c in undecided)}; {longer(factor)}.')
+            factor = factorToDecide(undecided)
+            text += (
+                f'cannot tell. The statistics do not suffice for '
+                f'{", ".join(self._name(c) for c in undecided)}; {self.advice(factor, wanted)}.')
         elif verdict == UNDECIDED:
             text += (
                 'cannot tell. There is nothing to compare with: no exact value, and too few stable '

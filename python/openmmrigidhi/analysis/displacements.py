@@ -265,6 +265,9 @@ class _Blocks:
         if lags is None:
             lags = np.unique(
                 np.rint(np.geomspace(1, max(1, self.length // 4), _DEFAULT_LAGS)).astype(int))
+        if np.size(lags) == 0:
+            raise ValueError(f'{where}: lags: got none; there must be one at least: give numbers '
+                             f'of frames from 0 to {self.length - 1}, or leave lags out')
         self.lags = _units.indices(lags, where, 'lags')
         for lag in self.lags:
             if not 0 <= lag < self.length:

@@ -273,7 +273,13 @@ class GibbsBoltzmannSampler(Sampler):
             return False
         before = self._places[particles]
         self._places[particles] = places
-        energy = self._evaluate(R, q)
+        try:
+            energy = self._evaluate(R, q)
+        except BaseException:
+            # The user may catch what energyFunction raised, or Ctrl-C, and go on: places must stay
+            # those of the poses and of the energy.
+            self._places[particles] = before
+            raise
         # -log of a uniform number is an exponential number, and needs no care with large
         # differences.
         if energy - self._energy <= self._kT*self._random.standard_exponential():

@@ -17,6 +17,11 @@ WINDOW = 5
 BLOCK_LENGTH_IN_TAU = 20
 #: With fewer blocks than this a mean is reported, but flagged, since its error is hardly known.
 FEWEST_TRUSTED_BLOCKS = 10
+#: An error from longer blocks counts as larger if it is above that of shorter blocks by this many
+#: of its own standard errors.
+GROWTH_IN_ERRORS = 2
+#: Above this R-hat chains should be run longer: Vehtari et al. 2021, section 4.
+LARGEST_RHAT = 1.01
 
 
 @dataclass
@@ -32,11 +37,15 @@ class SeriesStatistics:
     degrees : int
         degrees of freedom of that standard error: number of blocks less 1
     tau : float
-        integrated autocorrelation time 1/2 + sum_k rho(k), in samples; 0.5 for independent samples
+        integrated autocorrelation time 1/2 + sum_k rho(k), in samples; 0.5 for independent samples,
+        and never less: errors of anticorrelated series are too large
     samples : int
         number of samples
     blockLength : int
         samples in a block
+    isSlow : bool
+        whether slow fluctuations of small amplitude made the error larger, which Sokal's window
+        does not see; tau is then the one that belongs to the error
     """
 
     mean: float
@@ -45,6 +54,7 @@ class SeriesStatistics:
     tau: float
     samples: int
     blockLength: int
+    isSlow: bool = False
 
     @property
     def effectiveSamples(self):
@@ -69,14 +79,16 @@ def autocorrelationTime(series):
     -------
     float
         tau = 1/2 + sum_{k=1}^{W} rho(k), in samples, with the smallest W >= 5 tau(W); at least 0.5,
-        and 0.5 for a constant series. The variance of the mean is 2 tau var/n.
+        and 0.5 for a constant series. The variance of the mean is 2 tau var/n. For anticorrelated
+        series, whose tau is less than 0.5, this is too large. A slow part of small variance under
+        a fast one is not seen, since the window closes on the fast part; seriesStatistics() and
+        noise() see it by longer blocks.
     """
     series = np.asarray(series, dtype=float)
     n = len(series)
-    deviation = series - series.mean()
-    scale = np.abs(series).max() if n else 0
-    if n < 4 or np.abs(deviation).max() <= 1e-14*scale:
+    if n < 4 or _isConstant(series):
         return 0.5
+    deviation = series - series.mean()
     size = 1 << (2*n - 1).bit_length()
     spectrum = np.fft.rfft(deviation, size)
     correlation = np.fft.irfft(spectrum*spectrum.conj(), size)[:n]
@@ -88,12 +100,73 @@ def autocorrelationTime(series):
     return max(0.5, float(tau[window]))
 
 
+def _isConstant(values):
+    """Whether all numbers are the same up to rounding."""
+    return np.abs(values - values.mean()).max() <= 1e-14*np.abs(values).max()
+
+
+@dataclass
+class _Blocks:
+    """The mean over replicas and samples, and its error from averages over blocks."""
+
+    mean: float
+    standardError: float
+    degrees: int
+    length: int
+    used: int
+
+
+def _blockStatistics(replicas, length):
+    """The _Blocks of replicas (count, n), whose deviations are about the mean of each replica.
+
+    Samples that do not fill a block are left out at the start.
+    """
+    count, n = replicas.shape
+    blocks = n // length
+    used = replicas[:, n - blocks*length:]
+    means = used.reshape(count, blocks, length).mean(axis=2)
+    error = np.sqrt(means.var(axis=1, ddof=1).mean())/np.sqrt(blocks*count)
+    return _Blocks(float(used.mean()), float(error), count*(blocks - 1), length, blocks*length)
+
+
+def _blockLength(tau, n):
+    length = int(np.ceil(BLOCK_LENGTH_IN_TAU*tau)) if tau > 0.5 else 1
+    return max(1, min(length, n // 5))
+
+
+def _slowestBlocks(replicas, length):
+    """The _Blocks of replicas (count, n) at a length, or at a longer one where the error is larger.
+
+    A slow part of small variance under a fast one hardly shows in autocorrelations, but it can make
+    most of the variance of the mean. It shows in blocks as long as itself. So the length is doubled
+    while blocks are left to trust. A larger error counts if it is larger by more than chance.
+
+    Returns
+    -------
+    tuple of (_Blocks, bool)
+        and whether a longer block was taken
+    """
+    first = found = _blockStatistics(replicas, length)
+    if _isConstant(replicas):
+        return found, False
+    while replicas.shape[1] // (2*length) >= FEWEST_TRUSTED_BLOCKS:
+        length *= 2
+        longer = _blockStatistics(replicas, length)
+        # The relative standard error of a standard error of d degrees of freedom is 1/sqrt(2 d).
+        if longer.standardError > found.standardError*(1 +
+                                                       GROWTH_IN_ERRORS/np.sqrt(2*longer.degrees)):
+            found = longer
+    return found, found is not first
+
+
 def seriesStatistics(series, leastTau=0.0):
     """Mean of a correlated series, and its standard error from block averages.
 
     The block length is 20 autocorrelation times (:func:`autocorrelationTime`), but never so long
-    that fewer than 5 blocks are left. Samples that do not fill a block are left out at the start,
-    where they are least equilibrated.
+    that fewer than 5 blocks are left. It is doubled as long as 10 blocks are left; the error of
+    longer blocks is taken where it is larger by more than twice its own standard error. This shows
+    slow fluctuations of small amplitude under fast ones. Samples that do not fill a block are left
+    out at the start, where they are least equilibrated.
 
     Parameters
     ----------
@@ -111,13 +184,11 @@ def seriesStatistics(series, leastTau=0.0):
     if n < 2:
         raise ValueError(f'seriesStatistics: got {n} samples; at least 2 are needed: run longer')
     tau = max(autocorrelationTime(series), leastTau)
-    length = int(np.ceil(BLOCK_LENGTH_IN_TAU*tau)) if tau > 0.5 else 1
-    length = max(1, min(length, n // 5))
-    blocks = n // length
-    used = series[n - blocks*length:]
-    means = used.reshape(blocks, length).mean(axis=1)
-    return SeriesStatistics(float(used.mean()), float(means.std(ddof=1)/np.sqrt(blocks)),
-                            blocks - 1, tau, n, length)
+    found, isSlow = _slowestBlocks(series[None], _blockLength(tau, n))
+    if isSlow:
+        tau = max(tau, found.used*found.standardError**2/(2*float(series.var())))
+    return SeriesStatistics(found.mean, found.standardError, found.degrees, tau, n, found.length,
+                            isSlow)
 
 
 def replicaStatistics(series, leastTau=0.0):
@@ -168,6 +239,9 @@ class Noise:
         integrated autocorrelation time of the series, in samples
     tauError : float
         standard error of tau
+    isSlow : bool
+        whether slow fluctuations of small amplitude made the noise larger, see seriesStatistics();
+        value, degrees and tau are then from blocks
     """
 
     value: float
@@ -175,6 +249,7 @@ class Noise:
     variance: float
     tau: float
     tauError: float
+    isSlow: bool = False
 
 
 def noiseDegrees(tau, samples):
@@ -202,7 +277,8 @@ def noise(series):
     the lag W has the relative variance 2 (2 W + 1)/n, here with W = 5 tau. The relative variance of
     chi^2 with n/(2 W + 1) degrees of freedom is the same (:func:`noiseDegrees`). Deviations from
     the mean of the samples make the sum too small by (2 W + 1)/n of itself (Wolff, Comput. Phys.
-    Commun. 156, 143 (2004)). This bias is corrected.
+    Commun. 156, 143 (2004)). This bias is corrected. Where longer blocks show slow fluctuations of
+    small amplitude (:func:`seriesStatistics`), the noise is that of the blocks.
 
     Parameters
     ----------
@@ -224,7 +300,14 @@ def noise(series):
     each = noiseDegrees(tau, n)
     degrees = len(replicas)*each
     value = 2*float((taus*variances).mean())*(1 + 1/each)/len(replicas)
-    return Noise(value, degrees, float(variances.mean()), tau, tau*float(np.sqrt(2/degrees)))
+    found, isSlow = _slowestBlocks(replicas, _blockLength(tau, n))
+    slowValue = found.used*found.standardError**2
+    isSlow = isSlow and slowValue > value
+    if isSlow:
+        value, degrees = slowValue, found.degrees
+        tau = value*len(replicas)/(2*float(variances.mean()))
+    return Noise(value, degrees, float(variances.mean()), tau, tau*float(np.sqrt(2/degrees)),
+                 isSlow)
 
 
 def splitRHat(chains):
@@ -249,18 +332,23 @@ def splitRHat(chains):
     Returns
     -------
     float
-        NaN if all samples are the same
+        NaN if all samples are the same up to rounding; infinity if each chain is stuck at a value
+        of its own
     """
     chains = np.asarray(chains, dtype=float)
     if chains.ndim != 2 or chains.shape[1] < 4:
         raise ValueError(
             f'splitRHat: got chains of shape {chains.shape}; there must be rows of at least 4 '
             f'samples: run longer')
+    if _isConstant(chains):
+        return float('nan')
     half = chains.shape[1] // 2
     # An odd chain loses its middle sample.
     halves = np.concatenate([chains[:, :half], chains[:, -half:]])
-    return max(_rHat(_normalScores(halves)),
-               _rHat(_normalScores(np.abs(halves - np.median(halves)))))
+    # Distances of two values from their median are the same, and say nothing.
+    return float(
+        np.fmax(_rHat(_normalScores(halves)),
+                _rHat(_normalScores(np.abs(halves - np.median(halves))))))
 
 
 def _normalScores(values):
@@ -271,8 +359,10 @@ def _normalScores(values):
 
 def _rHat(chains):
     n = chains.shape[1]
+    if not np.ptp(chains, axis=1).any():
+        return float('inf') if np.ptp(chains) > 0 else float('nan')
     between, within = n*chains.mean(axis=1).var(ddof=1), chains.var(axis=1, ddof=1).mean()
-    return float(np.sqrt((n - 1)/n + between/(n*within))) if within > 0 else float('nan')
+    return float(np.sqrt((n - 1)/n + between/(n*within)))
 
 
 @dataclass
@@ -291,7 +381,9 @@ class ReplicaSummary:
     tau : float
         integrated autocorrelation time, mean over runs, in samples
     effectiveSamples : float
-        number of independent samples that all runs together have: number of samples/(2 tau)
+        number of independent samples that all runs together have: number of samples/(2 tau); where
+        R-hat is above 1.01, at most the variance of all samples divided by standardError^2, since
+        runs that disagree know little of their mean however many samples each has
     rHat : float or None
         see :func:`splitRHat`, of as many samples as the shortest run has; None with fewer than 4
     samples : int
@@ -327,7 +419,7 @@ def independentRuns(chains):
         raise ValueError(
             f'independentRuns: got {len(chains)} runs, the shortest of {shortest} samples; at '
             f'least one run of 2 is needed: run longer')
-    tau = float(np.mean([autocorrelationTime(chain) for chain in chains]))
+    tau = float(np.mean([seriesStatistics(chain).tau for chain in chains]))
     samples = sum(len(chain) for chain in chains)
     rHat = splitRHat([chain[:shortest] for chain in chains]) if shortest >= 4 else None
     if len(chains) == 1:
@@ -337,4 +429,7 @@ def independentRuns(chains):
         means = np.array([chain.mean() for chain in chains])
         mean, error, degrees = float(means.mean()), float(
             means.std(ddof=1)/np.sqrt(len(means))), len(means) - 1
-    return ReplicaSummary(mean, error, degrees, tau, samples/(2*tau), rHat, samples)
+    effective = samples/(2*tau)
+    if rHat is not None and rHat > LARGEST_RHAT and error > 0:
+        effective = min(effective, float(np.concatenate(chains).var())/error**2)
+    return ReplicaSummary(mean, error, degrees, tau, effective, rHat, samples)

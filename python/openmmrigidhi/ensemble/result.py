@@ -1,18 +1,17 @@
 """What a study found: means over replicas with their errors, and the outcome of each task."""
 import csv
 import json
+import math
 import os
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..accuracy.statistics import quantile
-from ..analysis.series import independentRuns
+from ..analysis.series import LARGEST_RHAT, independentRuns
 from . import taskfiles
 
 CONFIDENCE = 0.95
-#: Above this R-hat chains should be run longer: Vehtari et al. 2021, section 4.
-LARGEST_RHAT = 1.01
 COLUMNS = ('setting', 'settings', 'observable', 'unit', 'mean', 'standard_error', 'degrees', 'low',
            'high', 'replicas', 'samples', 'tau', 'effective_samples', 'r_hat', 'exact', 'note')
 
@@ -162,7 +161,9 @@ class EnsembleResult:
                        samples=found.samples, tau=found.tau*interval,
                        effective_samples=found.effectiveSamples,
                        r_hat=None if found.rHat is None or np.isnan(found.rHat) else found.rHat)
-            if row['r_hat'] is not None and row['r_hat'] > LARGEST_RHAT:
+            if row['r_hat'] == math.inf:
+                notes.append('R-hat is infinite: each replica is stuck at a value of its own')
+            elif row['r_hat'] is not None and row['r_hat'] > LARGEST_RHAT:
                 notes.append(f'R-hat above {LARGEST_RHAT}: run longer')
             if len(chains) == 1:
                 notes.append('one replica: error from blocks')
@@ -204,11 +205,13 @@ class EnsembleResult:
             'length': task.length,
             'seconds': round(task.seconds, 3)
         } for task in self.tasks]
+        # JSON has no infinity; the note of the row tells it.
+        rows = [dict(row, r_hat=None) if row['r_hat'] == math.inf else row for row in self.rows]
         return {
             'format': 'openmmrigidhi ensemble result 1',
             'definition': self.definition,
             'observables': self.observables,
-            'rows': self.rows,
+            'rows': rows,
             'tasks': tasks,
             'sessions': self.about['sessions']
         }
