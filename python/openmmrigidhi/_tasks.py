@@ -12,6 +12,8 @@ import logging
 import multiprocessing
 import multiprocessing.connection
 import os
+import pickle
+import sys
 import tempfile
 import threading
 import time
@@ -19,6 +21,7 @@ import traceback
 import uuid
 import warnings
 from dataclasses import dataclass, field
+from multiprocessing.reduction import ForkingPickler
 from typing import Any, Callable, Optional
 
 from tqdm import tqdm
@@ -136,6 +139,37 @@ def _perform(function, argument, job):
     return outcome
 
 
+def _failure(error, text='{}'):
+    """The Failure of an exception that is being handled."""
+    return Failure(type(error).__name__, text.format(error), traceback.format_exc())
+
+
+def _packed(outcome, dumps):
+    """An Outcome as bytes; a failure instead of a value that pickle does not accept."""
+    try:
+        return bytes(dumps(outcome))
+    # Whatever pickle, or a method of the value, says.
+    except Exception as error:
+        outcome.value, outcome.failure = None, _failure(error,
+                                                        'what it returned cannot be pickled: {}')
+        return bytes(dumps(outcome))
+
+
+def _unpacked(packed, index, loads):
+    """The Outcome in the bytes of _packed().
+
+    Values run their own code here, which may fail: this is the failure of one task, and no reason
+    to lose the others.
+    """
+    try:
+        return loads(packed)
+    except Exception as error:
+        return Outcome(
+            index, '', failure=_failure(
+                error, 'what it returned cannot be unpickled in this process: {}: return numbers, '
+                'texts, arrays, or lists and dicts of them'))
+
+
 # ---- Where tasks are done: free() places, submit() to one, look() what happened, cancel() what has
 # had its chances ---------
 
@@ -168,29 +202,52 @@ class _Worker:
     def __init__(self, context):
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        self.process.start()
+        with _mainThatCanBeImported():
+            self.process.start()
         # Without this copy the pipe ends when the process does.
         theirs.close()
         self.index = None
+
+
+@contextlib.contextmanager
+def _mainThatCanBeImported():
+    """New processes import the main module by its file.
+
+    Where there is no such file (a program from stdin, '<stdin>'), they would die of it, and so they
+    are not told of it. Functions of other modules then work; a function of such a main module is
+    not found, which _serve() says.
+    """
+    main = sys.modules['__main__']
+    path = getattr(main, '__file__', None)
+    hidden = path is not None and getattr(main, '__spec__',
+                                          None) is None and not os.path.exists(path)
+    if hidden:
+        main.__file__ = None
+    try:
+        yield
+    finally:
+        if hidden:
+            main.__file__ = path
 
 
 def _serve(connection):
     """What a worker process does until the pipe ends."""
     with contextlib.suppress(EOFError, BrokenPipeError, KeyboardInterrupt):
         while True:
-            function, argument, job = connection.recv()
-            job._tell = connection.send
-            outcome = _perform(function, argument, job)
+            packed, index, name = connection.recv()
             try:
-                connection.send((DONE, job.index, outcome))
-            except (BrokenPipeError, KeyboardInterrupt):
-                raise
-            except Exception as error:  # whatever pickle says of a value that it cannot send
-                outcome.value = None
-                outcome.failure = Failure(
-                    type(error).__name__, f'what it returned cannot be pickled: {error}',
-                    traceback.format_exc())
-                connection.send((DONE, job.index, outcome))
+                function, argument, job = pickle.loads(packed)
+            except Exception as error:
+                outcome = Outcome(
+                    index, name, failure=_failure(
+                        error, 'the function or its argument cannot be unpickled in another '
+                        'process: {}: functions and classes must be in a module that can be '
+                        'imported, not in a notebook or a program from stdin: put them into a file '
+                        'of their own, or use jobs=1'))
+            else:
+                job._tell = connection.send
+                outcome = _perform(function, argument, job)
+            connection.send((DONE, index, _packed(outcome, ForkingPickler.dumps)))
 
 
 class _Processes:
@@ -210,6 +267,7 @@ class _Processes:
         return self.jobs - sum(worker.index is not None for worker in self.workers)
 
     def submit(self, argument, job):
+        packed = bytes(ForkingPickler.dumps((self.function, argument, job)))
         worker = next((worker for worker in self.workers if worker.index is None), None)
         if worker is None:
             worker = _Worker(self.context)
@@ -218,7 +276,7 @@ class _Processes:
         self.events.append((STARTED, job.index, None))
         with contextlib.suppress(
                 BrokenPipeError):  # a worker that is dead already is noticed by look()
-            worker.connection.send((self.function, argument, job))
+            worker.connection.send((packed, job.index, job.name))
 
     def look(self):
         events, self.events = self.events, []
@@ -236,6 +294,7 @@ class _Processes:
                 continue
             if event[0] == DONE:
                 worker.index = None
+                event = *event[:2], _unpacked(event[2], event[1], pickle.loads)
             yield event
 
     def close(self):
@@ -253,21 +312,22 @@ class _Processes:
 
 
 def _performPickled(payload, topic):
-    """One task on a worker of dask.
+    """One task on a worker of dask, and its Outcome as bytes.
 
-    Everything is in one piece of bytes, in which dask looks for no tasks of its own.
+    Everything is in one piece of bytes, in which dask looks for no tasks of its own, and whose
+    unpickling is no matter of dask's.
     """
     import distributed
     worker = distributed.get_worker()
+    dumps, loads = distributed.protocol.pickle.dumps, distributed.protocol.pickle.loads
     payload, index, name = payload
     worker.log_event(topic, (STARTED, index, None))
     try:
-        function, argument, job = distributed.protocol.pickle.loads(payload)
+        function, argument, job = loads(payload)
     except Exception as error:  # e.g. a module of the user's that this worker does not find
-        return Outcome(index, name,
-                       failure=Failure(type(error).__name__, str(error), traceback.format_exc()))
+        return _packed(Outcome(index, name, failure=_failure(error)), dumps)
     job._tell = functools.partial(worker.log_event, topic)
-    return _perform(function, argument, job)
+    return _packed(_perform(function, argument, job), dumps)
 
 
 class _Cluster:
@@ -420,8 +480,10 @@ class _Cluster:
                 if isinstance(error, self.distributed.KilledWorker):
                     yield DIED, index, None
                 else:
-                    yield DONE, index, future.result() if error is None else Outcome(
-                        index, '', failure=Failure(type(error).__name__, str(error)))
+                    yield DONE, index, _unpacked(
+                        future.result(), index,
+                        self.distributed.protocol.pickle.loads) if error is None else Outcome(
+                            index, '', failure=Failure(type(error).__name__, str(error)))
             elif future.status in ('cancelled', 'lost'):
                 raise self._lost()
 

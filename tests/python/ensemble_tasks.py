@@ -153,3 +153,17 @@ def unpicklable(x, job):
 
 def leave(x, job):
     raise SystemExit('leaving')
+
+
+class Fragile:
+    """A value that pickle accepts, and that cannot be unpickled."""
+    def __reduce__(self):
+        return _break, ()
+
+
+def _break():
+    raise RuntimeError('this breaks on purpose')
+
+
+def fragileOne(x, job):
+    return Fragile() if x == 1 else x

@@ -187,6 +187,33 @@ def test_values_that_cannot_be_sent_and_exits_are_failures():
     assert (outcome.failure.kind, outcome.failure.message) == ('SystemExit', 'leaving')
 
 
+@pytest.mark.parametrize('where', CLUSTERS, indirect=True)
+def test_a_value_that_cannot_be_unpickled_is_the_failure_of_its_task_alone(where):
+    outcomes = tasks.run(ensemble_tasks.fragileOne, range(4), 2, where, quiet=True)
+    assert [outcome.value for outcome in outcomes] == [0, None, 2, 3]
+    assert outcomes[1].failure.kind == 'RuntimeError' and outcomes[1].failure.message.startswith(
+        'what it returned cannot be unpickled in this process: this breaks on purpose: return ')
+
+
+@pytest.mark.parametrize('how', ['stdin', '-c'])
+def test_functions_that_other_processes_cannot_import(how):
+    """Other processes cannot import a program from stdin, so they do not find its functions, which
+    they say at once. Functions of modules are no trouble."""
+    script = (f'import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\n'
+              'import ensemble_tasks\nfrom openmmrigidhi.ensemble import tasks\n'
+              'def own(x, job):\n    return x\n\n'
+              'for function in (own, ensemble_tasks.square):\n'
+              "    for each in tasks.run(function, [3], 2, 'processes', quiet=True):\n"
+              '        print(each.attempts, each.value, each.failure and each.failure.message)\n')
+    finished = subprocess.run([sys.executable, *(['-'] if how == 'stdin' else ['-c', script])],
+                              input=script, capture_output=True, text=True, timeout=120,
+                              env=dict(os.environ, PYTHONPATH=os.pathsep.join(sys.path)))
+    first, second = finished.stdout.splitlines()
+    assert first.startswith('1 None the function or its argument cannot be unpickled in another')
+    assert first.endswith('put them into a file of their own, or use jobs=1')
+    assert second == '1 9 None' and not finished.stderr
+
+
 def test_without_dask_there_are_plain_processes(monkeypatch):
     monkeypatch.setattr(importlib.util, 'find_spec', lambda name: None)
     assert isinstance(_tasks._backend(ensemble_tasks.square, 2, None, 3, 1), _tasks._Processes)
