@@ -113,7 +113,10 @@ class Job:
     _last: float = field(default=-1e300, repr=False)
 
     def report(self, done):
-        """Say how much is done, for the progress bar; frequent calls cost nothing.
+        """Say how much is done; frequent calls cost nothing.
+
+        The progress bar shows it. It is also how progress is seen when workers die: a task that goes
+        on from a file reports where it begins, before it computes.
 
         Parameters
         ----------
@@ -518,6 +521,52 @@ def _backend(function, jobs, cluster, retries, timeout):
     return _Cluster(function, jobs, None if cluster == 'local' else cluster, retries, timeout)
 
 
+class _Attempts:
+    """How far the attempts at one task came, and whether another one has a chance.
+
+    The furthest position does not say this. A worker begins at the last position that was saved, so
+    one that dies before the furthest position may have saved more than all before. What was saved
+    shows when the next attempt begins: a task that can go on reports its position at once. Two
+    cases are no progress although more was saved: a task that dies at one place, which its attempts
+    begin ever closer to; and attempts whose ends differ by no more than what is done between two
+    reports, which is how well ends are known.
+    """
+    def __init__(self):
+        self.starts = 0
+        #: Attempts since one that made progress.
+        self.fruitless = 0
+        self.begin = self.now = None
+        self._furthestBegin, self._furthest, self._last, self._stride = 0, 0, None, 0
+
+    def start(self):
+        self.starts += 1
+        self.begin = self.now = None
+
+    def report(self, done):
+        """A position that the present attempt has come to."""
+        if self.begin is None:
+            self.begin = done
+        else:
+            self._stride = max(self._stride, done - self.now)
+        self.now = done
+
+    def end(self):
+        """The worker of the present attempt has died. Returns whether it made progress."""
+        progress = False
+        if self.now is not None:
+            progress = (
+                # Further than all before, with certainty.
+                self.now > self._furthest + self._stride or self.begin > self._furthest
+                or self.now > self.begin >= self._furthest
+                # More saved than all before, and ended elsewhere.
+                or self._last is not None and self.begin > self._furthestBegin
+                and abs(self.now - self._last) > self._stride)
+            self._furthestBegin = max(self._furthestBegin, self.begin)
+            self._furthest, self._last = max(self._furthest, self.now), self.now
+        self.fruitless = 0 if progress else self.fruitless + 1
+        return progress
+
+
 # ---- All tasks -----------------------------------------------------------------------------------
 
 
@@ -555,8 +604,10 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
         title of the progress bar
     retries : int
         how many times a task is given to another worker after a worker has died with it. The count
-        begins anew when a worker comes further than all workers before (Job.report()). An external
-        scheduler also has its own bound (distributed.scheduler.allowed-failures, 3 by default).
+        begins anew when a worker makes progress: it comes further than all workers before, or it
+        begins further than they began and does not die where the one before died (Job.report()). An
+        external scheduler also has its own bound (distributed.scheduler.allowed-failures, 3 by
+        default).
     timeout : float
         seconds to wait for a cluster's answer, and for a worker where there is none
     finished : callable, optional
@@ -610,18 +661,22 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     if not arguments:
         return []
     outcomes, waiting = {}, collections.deque(range(len(arguments)))
-    # For each task: the number of starts; the number of starts since a worker came further than any
-    # before; how far this was; how far the present attempt is.
-    starts, fruitless, furthest, now = ([0]*len(arguments) for _ in range(4))
+    attempts = [_Attempts() for _ in arguments]
+    # Tasks with an attempt that made progress since they were submitted last.
+    fruitful = set()
+    # Whether no attempt has begun since then.
+    fresh = [True]*len(arguments)
     backend = _backend(function, jobs, cluster, retries, timeout)
     bar = _Bar(amounts, len(arguments), unit, title, quiet)
     backend.tell = lambda event: bar.show(event[1], event[2])
 
-    def cameFurther(index):
-        return now[index] > furthest[index]
+    def died(index):
+        if attempts[index].end():
+            fruitful.add(index)
 
     def end(outcome):
-        outcome.name, outcome.attempts = names[outcome.index], max(1, starts[outcome.index])
+        outcome.name, outcome.attempts = names[outcome.index], max(1,
+                                                                   attempts[outcome.index].starts)
         outcomes[outcome.index] = outcome
         bar.end(outcome.index)
         if finished is not None:
@@ -631,7 +686,8 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
         end(
             Outcome(
                 index, names[index], failure=Failure(
-                    'WorkerDied', f'{starts[index]} workers died with it, one after the other'
+                    'WorkerDied',
+                    f'{attempts[index].starts} workers died with it, one after the other'
                     f'{"" if how is None else f" ({how})"}; more retries than {retries} without '
                     f'progress are not made: look '
                     'for what ends the process (memory?), then run it again')))
@@ -641,31 +697,40 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
             places = backend.free()
             while waiting and places > 0:
                 index, places = waiting.popleft(), places - 1
+                fruitful.discard(index)
+                fresh[index] = True
                 backend.submit(
                     arguments[index],
                     Job(index, names[index],
                         None if directory is None else os.path.join(directory, names[index])))
             for event, index, what in backend.look():
                 if event == STARTED:
-                    fruitless[index] = 1 if cameFurther(index) else fruitless[index] + 1
-                    furthest[index] = max(furthest[index], now[index])
-                    starts[index] += 1
-                    if starts[index] > 1:
-                        bar.say(f'{names[index]}: its worker died; attempt {starts[index]}')
+                    mine = attempts[index]
+                    # A scheduler has tried it again by itself.
+                    if not fresh[index]:
+                        died(index)
+                    fresh[index] = False
+                    mine.start()
+                    if mine.starts > 1:
+                        bar.say(f'{names[index]}: its worker died; attempt {mine.starts}')
                     # An external scheduler may allow more attempts.
-                    if fruitless[index] > retries + 1:
+                    if mine.fruitless > retries:
                         backend.cancel(index)
                         giveUp(index)
                 elif event == PROGRESS:
-                    now[index] = what
+                    attempts[index].report(what)
                     bar.show(index, what)
                 elif event == DONE:
                     end(what)
-                # A scheduler has its own retries, which ignore progress.
-                elif cameFurther(index) or (what is not None and fruitless[index] <= retries):
-                    waiting.appendleft(index)
                 else:
-                    giveUp(index, what)
+                    died(index)
+                    # A scheduler that gives up ignores progress, and may have had more attempts
+                    # than it could tell of.
+                    if attempts[index].fruitless <= retries and (what is not None
+                                                                 or index in fruitful):
+                        waiting.appendleft(index)
+                    else:
+                        giveUp(index, what)
     return [outcomes[index] for index in range(len(arguments))]
 
 

@@ -20,7 +20,7 @@ from openmmrigidhi import _loading, _tasks, accuracy, ensemble
 from openmmrigidhi.accuracy import scenes
 from openmmrigidhi.accuracy.measurement import Run
 from openmmrigidhi.analysis import series as seriesModule
-from openmmrigidhi.ensemble import cli, study as studyModule, taskfiles, tasks
+from openmmrigidhi.ensemble import cli, simulation, study as studyModule, taskfiles, tasks
 
 try:
     import distributed
@@ -165,6 +165,79 @@ def test_workers_that_die_are_no_end_where_each_comes_further(where, tmp_path):
     outcome, = tasks.run(ensemble_tasks.dieOften, [0], 2, where, directory=str(tmp_path),
                          amounts=[4], retries=1, quiet=True)
     assert outcome.get() == 4 and outcome.attempts == 5
+
+
+@pytest.mark.parametrize('plan, progress',
+                         [([(0, 100), (20, 80), (40, 90), (50, 70), (60, 95)], [1, 1, 1, 1, 1]),
+                          ([(0, 100), (50, 100), (75, 101), (90, 100)], [1, 0, 0, 0]),
+                          ([(0, 100), (0, 80), (0, 90), (0, 70), (0, 120)], [1, 0, 0, 0, 1]),
+                          ([(0, 0), (0, 0), None, (0, 3)], [0, 0, 0, 1]),
+                          ([(1, 1), (2, 2), (4, 5), (6, 6), (7, 7)], [1, 1, 1, 1, 1])])
+def test_progress_is_what_was_saved(plan, progress):
+    """Attempts, each with the position where it begins and the one where it dies. Workers that die
+    before the furthest position make progress where they begin later than those before, which shows
+    that more was saved; but not where they die at one place, within what is done between two
+    reports (here 1)."""
+    attempts, found = _tasks._Attempts(), []
+    for each in plan:
+        attempts.start()
+        for position in () if each is None else range(each[0], each[1] + 1):
+            attempts.report(position)
+        found.append(attempts.end())
+        assert attempts.fruitless == 0 if found[-1] else attempts.fruitless > 0
+    assert found == [bool(each) for each in progress]
+
+
+def fate(lifetimes, need=math.inf, place=math.inf, saves=True):
+    """The fate of a task, simulated: whether it is done (None: not yet), and attempts.
+
+    Workers take 2 s to begin, then do 1 unit a second and report twice a second, and save as
+    ensemble tasks do, if at all. They die after their lifetimes, or at a place.
+    """
+    attempts, saved, tick = _tasks._Attempts(), 0.0, 0.1
+    for life in lifetimes:
+        attempts.start()
+        now, position, reported = 2.0, saved, -math.inf
+        times = simulation.CheckpointTimes(60.0, now)
+        while now < life and position < place:
+            if position >= need:
+                return True, attempts.starts
+            if now - reported > 0.5:
+                attempts.report(position)
+                reported = now
+            now, position = now + tick, position + tick
+            if saves and times.isDue(now):
+                saved = position
+                times.saved(now, now)
+        attempts.end()
+        if attempts.fruitless > 3:
+            return False, attempts.starts
+    return None, attempts.starts
+
+
+def test_workers_that_are_killed_at_random_are_no_end():
+    """Workers live for 1 to 10 min on average, with 60 s between checkpoints; the task takes half
+    an hour. An attempt without progress dies before its first checkpoint, about 3 s after its
+    start: with probability 0.05 at most, so four in a row are expected in less than 50*0.05^4 =
+    3e-4 of all tasks, and hardly among these 60."""
+    rng = np.random.default_rng(11)
+    for mean in (60.0, 120.0, 600.0):
+        for _ in range(20):
+            assert fate(rng.exponential(mean, 10000), 1800.0)[0]
+
+
+def test_tasks_that_kill_their_workers_are_given_up():
+    """At one place: the checkpoints come closer to it with each attempt, to half the distance at
+    least (the last wait is as long as those before together, at most), and this is no progress.
+    Without checkpoints it is the same at random places, as of a process that grows: only records
+    count, of which there are few (ln n among n)."""
+    for place in (0.0, 0.3, 5.0, 200.0, 1000.0):
+        done, attempts = fate([math.inf]*100, place=place)
+        assert done is False and attempts <= 6
+    rng = np.random.default_rng(12)
+    for _ in range(20):
+        done, attempts = fate(rng.exponential(100.0, 1000), saves=False)
+        assert done is False and attempts < 100
 
 
 @pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
@@ -359,6 +432,36 @@ def test_one_of_two_workers_is_killed_and_nothing_is_lost(where, undisturbed, tm
     # were saved.
     assert resumed[0]['to_position'] == resumed[1]['from_position'] == 30
     assert result.about['sessions'][0]['attempts'] == 4
+
+
+@pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
+def test_workers_that_live_shorter_than_the_interval_get_on(where, undisturbed, tmp_path):
+    """Workers die 0.7 s after their first sample, and the task takes twice as long. The time between
+    two checkpoints, 9.6 s, never comes; the first checkpoints come after 0.15 s and 0.3 s more."""
+    study = small(['ensemble_tasks:energyOfTheShortLived'], replicas=1)
+    study.checkpointInterval = 9.6
+    result = study.run(str(tmp_path/'study'), 2, where, quiet=True)
+    assert result.isComplete and result.about['sessions'][0]['attempts'] > 1
+    assert np.array_equal(result.series('energyOfTheShortLived', 0, 0),
+                          undisturbed.series('energy', 0, 0))
+
+
+def test_times_of_checkpoints():
+    """First a 64th of the interval, then twice the time before, and ten times what saving took at
+    least; never more than the interval."""
+    def times(interval, cost):
+        found, now, course = [], 0.0, simulation.CheckpointTimes(interval, 0.0)
+        while len(found) < 8:
+            now += 0.25
+            if course.isDue(now):
+                found.append(now)
+                now += cost
+                course.saved(now - cost, now)
+        return list(np.diff([-cost, *found]) - cost)
+
+    assert times(64.0, 0.0) == [1, 2, 4, 8, 16, 32, 64, 64]
+    assert times(64.0, 1.0) == [1, 10, 20, 40, 64, 64, 64, 64]
+    assert times(0.0, 1.0) == [0.25]*8
 
 
 @needsDask

@@ -118,7 +118,8 @@ class Study:
         ps; default: the scene's
     checkpointInterval : float
         seconds of wall time between two checkpoints of a task; at most so much is computed again
-        after an interruption
+        after an interruption. After each start the first checkpoint comes at a 64th of it, and each
+        wait is twice the one before, so that workers that live shortly get on, too.
 
     Raises
     ------
