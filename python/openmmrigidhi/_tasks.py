@@ -115,8 +115,8 @@ class Job:
     def report(self, done):
         """Say how much is done; frequent calls cost nothing.
 
-        The progress bar shows it. It is also how progress is seen when workers die: a task that goes
-        on from a file reports where it begins, before it computes.
+        The progress bar shows it. It is also how progress is seen when workers die: a task that
+        goes on from a file reports where it begins, before it computes.
 
         Parameters
         ----------

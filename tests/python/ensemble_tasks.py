@@ -79,6 +79,11 @@ def exits(context):
     return 0.0
 
 
+def exitsAtLargeSteps(context):
+    """Ends the task's process where steps are longer than 5 fs."""
+    return exits(context) if context.getIntegrator().getStepSize()._value > 0.005 else 1.0
+
+
 def square(x, job):
     job.report(1)
     return x*x

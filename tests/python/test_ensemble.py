@@ -436,8 +436,9 @@ def test_one_of_two_workers_is_killed_and_nothing_is_lost(where, undisturbed, tm
 
 @pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
 def test_workers_that_live_shorter_than_the_interval_get_on(where, undisturbed, tmp_path):
-    """Workers die 0.7 s after their first sample, and the task takes twice as long. The time between
-    two checkpoints, 9.6 s, never comes; the first checkpoints come after 0.15 s and 0.3 s more."""
+    """Workers die 0.7 s after their first sample, and the task takes twice as long. The time
+    between two checkpoints, 9.6 s, never comes; the first checkpoints come after 0.15 s and 0.3 s
+    more."""
     study = small(['ensemble_tasks:energyOfTheShortLived'], replicas=1)
     study.checkpointInterval = 9.6
     result = study.run(str(tmp_path/'study'), 2, where, quiet=True)
@@ -948,7 +949,7 @@ def test_times_that_end_where_the_runs_did_not(monkeypatch):
 
     def explode(self, samples, record=True, progress=None):
         if record:
-            self._end('unstable', 'exploded on purpose')
+            self.end('unstable', 'exploded on purpose')
         else:
             advance(self, samples, record, progress)
 
@@ -958,6 +959,34 @@ def test_times_that_end_where_the_runs_did_not(monkeypatch):
                                                             cluster='processes').rows
     assert rows[0]['status'] == 'stable' and rows[0][
         'samples'] == 40 and rows[0]['ns_per_day'] is None
+
+
+def test_a_run_of_accuracy_that_fails_leaves_the_others(capsys):
+    study = accuracy.StepSizeStudy(
+        scenes.trap(3), ['LangevinC'], [0.004, 0.008], platform='Reference',
+        observables=['energy_group_0', 'ensemble_tasks:exitsAtLargeSteps'])
+    result = study.run(length=2, jobs=2, cluster='processes')
+    short, long = [row for row in result.rows if row['observable'] == 'energy_group_0']
+    assert short['status'] == 'stable' and short['mean'] > 0 and short['ns_per_day'] > 0
+    assert (long['status'], long['message'], long['mean']) == ('failed', 'SystemExit: leaving',
+                                                               None)
+    assert 'LangevinC failed at 8 fs: SystemExit: leaving.' in result.report().paragraphs()
+
+
+def test_ctrl_c_keeps_the_runs_of_accuracy_that_are_finished():
+    """Ctrl-C comes when the first of two runs in other processes is finished."""
+    def interrupt(done, total, text):
+        raise KeyboardInterrupt
+
+    study = accuracy.StepSizeStudy(scenes.trap(3), ['LangevinC'], [0.004, 0.008],
+                                   platform='Reference', observables=['energy_group_0'])
+    result = study.run(length=2, jobs=2, cluster='processes', progress=interrupt)
+    rows = sorted(result.rows, key=lambda row: row['status'])
+    assert [row['status'] for row in rows] == ['not run', 'stable']
+    assert rows[0]['mean'] is None and 'interrupted' in rows[0]['message']
+    assert rows[1]['mean'] > 0 and rows[1]['ns_per_day'] > 0
+    assert any('LangevinC did not come to its end at' in text
+               for text in result.report().paragraphs())
 
 
 def test_a_run_of_accuracy_that_fails_names_its_setting(capsys):
