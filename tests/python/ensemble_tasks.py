@@ -4,7 +4,7 @@ import os
 import signal
 import time
 
-from openmmrigidhi.accuracy import scenes
+from openmmrigidhi.accuracy import Observable, scenes
 
 #: The environment variable that holds the directory where tasks leave marks.
 MARKS = 'RIGIDHI_TEST_MARKS'
@@ -66,6 +66,27 @@ def energyOrNot(context):
     if context.getState().getTime()._value > 1.51 and onlyOnce('failed'):
         raise RuntimeError('this measurement fails on purpose')
     return energy(context)
+
+
+def energyOrNan(context):
+    """The energy. One sample of the first run that comes to 1.5 ps is no number."""
+    if context.getState().getTime()._value > 1.51 and onlyOnce('nan'):
+        return float('nan')
+    return energy(context)
+
+
+class _Count:
+    def __init__(self, scene, platform, properties):
+        self.samples = 0
+
+
+def _timeFromTheThirdOn(sample, count):
+    count.samples += 1
+    return sample.energies.getTime()._value if count.samples > 2 else float('nan')
+
+
+#: An observable that needs two earlier samples, and does not say what it remembers.
+forgetful = Observable('forgetful', 'time', 'ps', _timeFromTheThirdOn, setup=_Count)
 
 
 def infinite(context):

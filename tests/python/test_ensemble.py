@@ -540,6 +540,47 @@ def test_observables_of_the_sample_before_go_on(tmp_path):
     np.testing.assert_array_equal(parts, whole)
 
 
+def test_a_diffusion_coefficient_goes_on(tmp_path):
+    """diffusion_coefficient remembers samples over 4 ps, here the first 80, and has no value for
+    them. An extension goes on bit for bit, since checkpoints hold what is remembered."""
+    def run(directory, *lengths):
+        for length in lengths:
+            study = ensemble.Study(SCENE, replicas=2, length=length,
+                                   observables=['diffusion_coefficient'], platform='Reference',
+                                   equilibration=0.0)
+            result = study.run(str(directory), extend=True, quiet=True)
+        return result
+
+    whole, parts = run(tmp_path/'one', 6.0), run(tmp_path/'two', 2.0, 5.0, 6.0)
+    np.testing.assert_array_equal(list(samples(parts).values()), list(samples(whole).values()))
+    row, chains = parts.row('diffusion_coefficient'), list(samples(parts).values())
+    assert all(np.isnan(chain[:80]).all() and np.isfinite(chain[80:]).all() for chain in chains)
+    assert row['mean'] == pytest.approx(np.mean([chain[80:] for chain in chains]), rel=1e-12)
+    assert (row['replicas'], row['samples']) == (2, 80)
+    assert 'n/a' not in row['note'] and 'interruptions' not in row['note']
+
+
+def test_samples_without_a_value_after_an_interruption_are_left_out(tmp_path):
+    for length in (1.0, 2.0):
+        result = small([ensemble_tasks.forgetful], length=length,
+                       replicas=2).run(str(tmp_path/'study'), extend=True, quiet=True)
+    # The last sample of the first session is measured again, so that only one has no value.
+    values = result.series('forgetful', 0, 1)
+    assert list(np.flatnonzero(np.isnan(values))) == [0, 1, 20]
+    row = result.row('forgetful')
+    assert row['mean'] == pytest.approx(np.nanmean(values), rel=1e-12)
+    assert row['samples'] == 2*37
+    assert row['note'].startswith('replicas 0 and 1 without samples after interruptions')
+
+
+def test_a_replica_that_is_sometimes_no_number_is_named(undisturbed, tmp_path):
+    result = small(['ensemble_tasks:energyOrNan']).run(str(tmp_path/'study'), quiet=True)
+    row = result.row('energyOrNan')
+    assert row['note'].startswith('replica 0 sometimes not a number, left out')
+    others = [undisturbed.series('energy', 0, k) for k in (1, 2)]
+    assert row['replicas'] == 2 and row['mean'] == pytest.approx(np.mean(others), rel=1e-12)
+
+
 def test_seeds_depend_on_the_place_alone():
     study = small(settings=[{}, {'bodies': 4}], replicas=5, seed=7)
     assert study.seeds() == [[ensemble.taskSeed(7, s, r) for r in range(5)] for s in (0, 1)]
@@ -787,6 +828,13 @@ def test_a_worker_that_does_not_see_the_directory(tmp_path):
 def test_wrong_studies_are_refused(wrong, text):
     with pytest.raises(ValueError, match=text):
         ensemble.Study(**{'scene': 'trap', 'length': 1.0, **wrong})
+
+
+@pytest.mark.parametrize('name', ['time/box', '.', '', 'a\0b'])
+def test_names_that_files_cannot_have_are_refused(name):
+    observable = accuracy.Observable(name, 'time', 'ps', ensemble_tasks.energy)
+    with pytest.raises(ValueError, match='it must be a text without / and other than'):
+        ensemble.Study('trap', length=1.0, observables=[observable])
 
 
 def test_settings_must_be_what_json_takes():

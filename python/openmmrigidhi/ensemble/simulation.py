@@ -357,10 +357,13 @@ class _Run:
             self.about, self.position = saved.about, saved.about['position']
             self.series = {name: list(values) for name, values in saved.series.items()}
             self.context.setState(openmm.XmlSerializer.deserialize(saved.state))
-            # An observable that remembers the sample before is told this sample again.
+            for name, values in saved.memory.items():
+                self.extras[name].recall(values)
+            # Another observable that remembers the sample before is told this sample again.
             if self.about['samples']:
                 self._measure([
-                    observable for observable in task.observables if observable.name in self.extras
+                    observable for observable in task.observables
+                    if observable.name in self.extras and observable.name not in saved.memory
                 ])
         self.segment = {
             'from_position': self.position,
@@ -412,8 +415,14 @@ class _Run:
                                       getIntegratorParameters=True)
         self.about.update(position=self.position, samples=max(0, self.position - self.warm))
         self.segment.update(to_position=self.position, saved=_now())
-        taskfiles.save(self.task.path,
-                       TaskFile(self.about, openmm.XmlSerializer.serialize(state), self.series))
+        memory = {
+            name: extra.memory()
+            for name, extra in self.extras.items() if hasattr(extra, 'memory')
+        }
+        self.about['remember'] = list(memory)
+        taskfiles.save(
+            self.task.path,
+            TaskFile(self.about, openmm.XmlSerializer.serialize(state), self.series, memory))
 
 
 def intervals(length, interval):
