@@ -12,6 +12,8 @@ import logging
 import multiprocessing
 import multiprocessing.connection
 import os
+import pickle
+import sys
 import tempfile
 import threading
 import time
@@ -19,6 +21,7 @@ import traceback
 import uuid
 import warnings
 from dataclasses import dataclass, field
+from multiprocessing.reduction import ForkingPickler
 from typing import Any, Callable, Optional
 
 from tqdm import tqdm
@@ -110,7 +113,10 @@ class Job:
     _last: float = field(default=-1e300, repr=False)
 
     def report(self, done):
-        """Say how much is done, for the progress bar; frequent calls cost nothing.
+        """Say how much is done; frequent calls cost nothing.
+
+        The progress bar shows it. It is also how progress is seen when workers die: a task that
+        goes on from a file reports where it begins, before it computes.
 
         Parameters
         ----------
@@ -134,6 +140,37 @@ def _perform(function, argument, job):
         outcome.failure = Failure(type(error).__name__, str(error), traceback.format_exc())
     outcome.seconds = time.perf_counter() - began
     return outcome
+
+
+def _failure(error, text='{}'):
+    """The Failure of an exception that is being handled."""
+    return Failure(type(error).__name__, text.format(error), traceback.format_exc())
+
+
+def _packed(outcome, dumps):
+    """An Outcome as bytes; a failure instead of a value that pickle does not accept."""
+    try:
+        return bytes(dumps(outcome))
+    # Whatever pickle, or a method of the value, says.
+    except Exception as error:
+        outcome.value, outcome.failure = None, _failure(error,
+                                                        'what it returned cannot be pickled: {}')
+        return bytes(dumps(outcome))
+
+
+def _unpacked(packed, index, loads):
+    """The Outcome in the bytes of _packed().
+
+    Values run their own code here, which may fail: this is the failure of one task, and no reason
+    to lose the others.
+    """
+    try:
+        return loads(packed)
+    except Exception as error:
+        return Outcome(
+            index, '', failure=_failure(
+                error, 'what it returned cannot be unpickled in this process: {}: return numbers, '
+                'texts, arrays, or lists and dicts of them'))
 
 
 # ---- Where tasks are done: free() places, submit() to one, look() what happened, cancel() what has
@@ -168,29 +205,52 @@ class _Worker:
     def __init__(self, context):
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        self.process.start()
+        with _mainThatCanBeImported():
+            self.process.start()
         # Without this copy the pipe ends when the process does.
         theirs.close()
         self.index = None
+
+
+@contextlib.contextmanager
+def _mainThatCanBeImported():
+    """New processes import the main module by its file.
+
+    Where there is no such file (a program from stdin, '<stdin>'), they would die of it, and so they
+    are not told of it. Functions of other modules then work; a function of such a main module is
+    not found, which _serve() says.
+    """
+    main = sys.modules['__main__']
+    path = getattr(main, '__file__', None)
+    hidden = path is not None and getattr(main, '__spec__',
+                                          None) is None and not os.path.exists(path)
+    if hidden:
+        main.__file__ = None
+    try:
+        yield
+    finally:
+        if hidden:
+            main.__file__ = path
 
 
 def _serve(connection):
     """What a worker process does until the pipe ends."""
     with contextlib.suppress(EOFError, BrokenPipeError, KeyboardInterrupt):
         while True:
-            function, argument, job = connection.recv()
-            job._tell = connection.send
-            outcome = _perform(function, argument, job)
+            packed, index, name = connection.recv()
             try:
-                connection.send((DONE, job.index, outcome))
-            except (BrokenPipeError, KeyboardInterrupt):
-                raise
-            except Exception as error:  # whatever pickle says of a value that it cannot send
-                outcome.value = None
-                outcome.failure = Failure(
-                    type(error).__name__, f'what it returned cannot be pickled: {error}',
-                    traceback.format_exc())
-                connection.send((DONE, job.index, outcome))
+                function, argument, job = pickle.loads(packed)
+            except Exception as error:
+                outcome = Outcome(
+                    index, name, failure=_failure(
+                        error, 'the function or its argument cannot be unpickled in another '
+                        'process: {}: functions and classes must be in a module that can be '
+                        'imported, not in a notebook or a program from stdin: put them into a file '
+                        'of their own, or use jobs=1'))
+            else:
+                job._tell = connection.send
+                outcome = _perform(function, argument, job)
+            connection.send((DONE, index, _packed(outcome, ForkingPickler.dumps)))
 
 
 class _Processes:
@@ -210,6 +270,7 @@ class _Processes:
         return self.jobs - sum(worker.index is not None for worker in self.workers)
 
     def submit(self, argument, job):
+        packed = bytes(ForkingPickler.dumps((self.function, argument, job)))
         worker = next((worker for worker in self.workers if worker.index is None), None)
         if worker is None:
             worker = _Worker(self.context)
@@ -218,7 +279,7 @@ class _Processes:
         self.events.append((STARTED, job.index, None))
         with contextlib.suppress(
                 BrokenPipeError):  # a worker that is dead already is noticed by look()
-            worker.connection.send((self.function, argument, job))
+            worker.connection.send((packed, job.index, job.name))
 
     def look(self):
         events, self.events = self.events, []
@@ -236,6 +297,7 @@ class _Processes:
                 continue
             if event[0] == DONE:
                 worker.index = None
+                event = *event[:2], _unpacked(event[2], event[1], pickle.loads)
             yield event
 
     def close(self):
@@ -253,21 +315,22 @@ class _Processes:
 
 
 def _performPickled(payload, topic):
-    """One task on a worker of dask.
+    """One task on a worker of dask, and its Outcome as bytes.
 
-    Everything is in one piece of bytes, in which dask looks for no tasks of its own.
+    Everything is in one piece of bytes, in which dask looks for no tasks of its own, and whose
+    unpickling is no matter of dask's.
     """
     import distributed
     worker = distributed.get_worker()
+    dumps, loads = distributed.protocol.pickle.dumps, distributed.protocol.pickle.loads
     payload, index, name = payload
     worker.log_event(topic, (STARTED, index, None))
     try:
-        function, argument, job = distributed.protocol.pickle.loads(payload)
+        function, argument, job = loads(payload)
     except Exception as error:  # e.g. a module of the user's that this worker does not find
-        return Outcome(index, name,
-                       failure=Failure(type(error).__name__, str(error), traceback.format_exc()))
+        return _packed(Outcome(index, name, failure=_failure(error)), dumps)
     job._tell = functools.partial(worker.log_event, topic)
-    return _perform(function, argument, job)
+    return _packed(_perform(function, argument, job), dumps)
 
 
 class _Cluster:
@@ -420,8 +483,10 @@ class _Cluster:
                 if isinstance(error, self.distributed.KilledWorker):
                     yield DIED, index, None
                 else:
-                    yield DONE, index, future.result() if error is None else Outcome(
-                        index, '', failure=Failure(type(error).__name__, str(error)))
+                    yield DONE, index, _unpacked(
+                        future.result(), index,
+                        self.distributed.protocol.pickle.loads) if error is None else Outcome(
+                            index, '', failure=Failure(type(error).__name__, str(error)))
             elif future.status in ('cancelled', 'lost'):
                 raise self._lost()
 
@@ -454,6 +519,52 @@ def _backend(function, jobs, cluster, retries, timeout):
             f'install python3-distributed, or leave the '
             'cluster out for processes on this machine')
     return _Cluster(function, jobs, None if cluster == 'local' else cluster, retries, timeout)
+
+
+class _Attempts:
+    """How far the attempts at one task came, and whether another one has a chance.
+
+    The furthest position does not say this. A worker begins at the last position that was saved, so
+    one that dies before the furthest position may have saved more than all before. What was saved
+    shows when the next attempt begins: a task that can go on reports its position at once. Two
+    cases are no progress although more was saved: a task that dies at one place, which its attempts
+    begin ever closer to; and attempts whose ends differ by no more than what is done between two
+    reports, which is how well ends are known.
+    """
+    def __init__(self):
+        self.starts = 0
+        #: Attempts since one that made progress.
+        self.fruitless = 0
+        self.begin = self.now = None
+        self._furthestBegin, self._furthest, self._last, self._stride = 0, 0, None, 0
+
+    def start(self):
+        self.starts += 1
+        self.begin = self.now = None
+
+    def report(self, done):
+        """A position that the present attempt has come to."""
+        if self.begin is None:
+            self.begin = done
+        else:
+            self._stride = max(self._stride, done - self.now)
+        self.now = done
+
+    def end(self):
+        """The worker of the present attempt has died. Returns whether it made progress."""
+        progress = False
+        if self.now is not None:
+            progress = (
+                # Further than all before, with certainty.
+                self.now > self._furthest + self._stride or self.begin > self._furthest
+                or self.now > self.begin >= self._furthest
+                # More saved than all before, and ended elsewhere.
+                or self._last is not None and self.begin > self._furthestBegin
+                and abs(self.now - self._last) > self._stride)
+            self._furthestBegin = max(self._furthestBegin, self.begin)
+            self._furthest, self._last = max(self._furthest, self.now), self.now
+        self.fruitless = 0 if progress else self.fruitless + 1
+        return progress
 
 
 # ---- All tasks -----------------------------------------------------------------------------------
@@ -493,8 +604,10 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
         title of the progress bar
     retries : int
         how many times a task is given to another worker after a worker has died with it. The count
-        begins anew when a worker comes further than all workers before (Job.report()). An external
-        scheduler also has its own bound (distributed.scheduler.allowed-failures, 3 by default).
+        begins anew when a worker makes progress: it comes further than all workers before, or it
+        begins further than they began and does not die where the one before died (Job.report()). An
+        external scheduler also has its own bound (distributed.scheduler.allowed-failures, 3 by
+        default).
     timeout : float
         seconds to wait for a cluster's answer, and for a worker where there is none
     finished : callable, optional
@@ -548,18 +661,22 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     if not arguments:
         return []
     outcomes, waiting = {}, collections.deque(range(len(arguments)))
-    # For each task: the number of starts; the number of starts since a worker came further than any
-    # before; how far this was; how far the present attempt is.
-    starts, fruitless, furthest, now = ([0]*len(arguments) for _ in range(4))
+    attempts = [_Attempts() for _ in arguments]
+    # Tasks with an attempt that made progress since they were submitted last.
+    fruitful = set()
+    # Whether no attempt has begun since then.
+    fresh = [True]*len(arguments)
     backend = _backend(function, jobs, cluster, retries, timeout)
     bar = _Bar(amounts, len(arguments), unit, title, quiet)
     backend.tell = lambda event: bar.show(event[1], event[2])
 
-    def cameFurther(index):
-        return now[index] > furthest[index]
+    def died(index):
+        if attempts[index].end():
+            fruitful.add(index)
 
     def end(outcome):
-        outcome.name, outcome.attempts = names[outcome.index], max(1, starts[outcome.index])
+        outcome.name, outcome.attempts = names[outcome.index], max(1,
+                                                                   attempts[outcome.index].starts)
         outcomes[outcome.index] = outcome
         bar.end(outcome.index)
         if finished is not None:
@@ -569,7 +686,8 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
         end(
             Outcome(
                 index, names[index], failure=Failure(
-                    'WorkerDied', f'{starts[index]} workers died with it, one after the other'
+                    'WorkerDied',
+                    f'{attempts[index].starts} workers died with it, one after the other'
                     f'{"" if how is None else f" ({how})"}; more retries than {retries} without '
                     f'progress are not made: look '
                     'for what ends the process (memory?), then run it again')))
@@ -579,31 +697,40 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
             places = backend.free()
             while waiting and places > 0:
                 index, places = waiting.popleft(), places - 1
+                fruitful.discard(index)
+                fresh[index] = True
                 backend.submit(
                     arguments[index],
                     Job(index, names[index],
                         None if directory is None else os.path.join(directory, names[index])))
             for event, index, what in backend.look():
                 if event == STARTED:
-                    fruitless[index] = 1 if cameFurther(index) else fruitless[index] + 1
-                    furthest[index] = max(furthest[index], now[index])
-                    starts[index] += 1
-                    if starts[index] > 1:
-                        bar.say(f'{names[index]}: its worker died; attempt {starts[index]}')
+                    mine = attempts[index]
+                    # A scheduler has tried it again by itself.
+                    if not fresh[index]:
+                        died(index)
+                    fresh[index] = False
+                    mine.start()
+                    if mine.starts > 1:
+                        bar.say(f'{names[index]}: its worker died; attempt {mine.starts}')
                     # An external scheduler may allow more attempts.
-                    if fruitless[index] > retries + 1:
+                    if mine.fruitless > retries:
                         backend.cancel(index)
                         giveUp(index)
                 elif event == PROGRESS:
-                    now[index] = what
+                    attempts[index].report(what)
                     bar.show(index, what)
                 elif event == DONE:
                     end(what)
-                # A scheduler has its own retries, which ignore progress.
-                elif cameFurther(index) or (what is not None and fruitless[index] <= retries):
-                    waiting.appendleft(index)
                 else:
-                    giveUp(index, what)
+                    died(index)
+                    # A scheduler that gives up ignores progress, and may have had more attempts
+                    # than it could tell of.
+                    if attempts[index].fruitless <= retries and (what is not None
+                                                                 or index in fruitful):
+                        waiting.appendleft(index)
+                    else:
+                        giveUp(index, what)
     return [outcomes[index] for index in range(len(arguments))]
 
 

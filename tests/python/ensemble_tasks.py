@@ -4,7 +4,7 @@ import os
 import signal
 import time
 
-from openmmrigidhi.accuracy import scenes
+from openmmrigidhi.accuracy import Observable, scenes
 
 #: The environment variable that holds the directory where tasks leave marks.
 MARKS = 'RIGIDHI_TEST_MARKS'
@@ -68,6 +68,27 @@ def energyOrNot(context):
     return energy(context)
 
 
+def energyOrNan(context):
+    """The energy. One sample of the first run that comes to 1.5 ps is no number."""
+    if context.getState().getTime()._value > 1.51 and onlyOnce('nan'):
+        return float('nan')
+    return energy(context)
+
+
+class _Count:
+    def __init__(self, scene, platform, properties):
+        self.samples = 0
+
+
+def _timeFromTheThirdOn(sample, count):
+    count.samples += 1
+    return sample.energies.getTime()._value if count.samples > 2 else float('nan')
+
+
+#: An observable that needs two earlier samples, and does not say what it remembers.
+forgetful = Observable('forgetful', 'time', 'ps', _timeFromTheThirdOn, setup=_Count)
+
+
 def infinite(context):
     return float('inf')
 
@@ -77,6 +98,11 @@ def exits(context):
     if multiprocessing.parent_process() is not None:
         raise SystemExit('leaving')
     return 0.0
+
+
+def exitsAtLargeSteps(context):
+    """Ends the task's process where steps are longer than 5 fs."""
+    return exits(context) if context.getIntegrator().getStepSize()._value > 0.005 else 1.0
 
 
 def square(x, job):
@@ -129,6 +155,18 @@ def dieOften(x, job):
     return done
 
 
+_born = None
+
+
+def energyOfTheShortLived(context):
+    """The energy, slowly. A process dies 0.7 s after its first sample."""
+    global _born
+    _born = _born or time.monotonic()
+    if time.monotonic() - _born > 0.7:
+        die()
+    return energyOfTheSlow(context)
+
+
 def countTogether(x, job):
     """The number of tasks that worked at the same time as this one. The task waits until as many as
     wanted work, 20 s at most, and then 1 s for more."""
@@ -153,3 +191,17 @@ def unpicklable(x, job):
 
 def leave(x, job):
     raise SystemExit('leaving')
+
+
+class Fragile:
+    """A value that pickle accepts, and that cannot be unpickled."""
+    def __reduce__(self):
+        return _break, ()
+
+
+def _break():
+    raise RuntimeError('this breaks on purpose')
+
+
+def fragileOne(x, job):
+    return Fragile() if x == 1 else x

@@ -21,7 +21,7 @@ from openmmrigidhi import _loading, _tasks, accuracy, ensemble
 from openmmrigidhi.accuracy import scenes
 from openmmrigidhi.accuracy.measurement import Run
 from openmmrigidhi.analysis import series as seriesModule
-from openmmrigidhi.ensemble import cli, study as studyModule, taskfiles, tasks
+from openmmrigidhi.ensemble import cli, simulation, study as studyModule, taskfiles, tasks
 from openmmrigidhi.ensemble.result import EnsembleResult, TaskRecord
 
 try:
@@ -169,6 +169,79 @@ def test_workers_that_die_are_no_end_where_each_comes_further(where, tmp_path):
     assert outcome.get() == 4 and outcome.attempts == 5
 
 
+@pytest.mark.parametrize('plan, progress',
+                         [([(0, 100), (20, 80), (40, 90), (50, 70), (60, 95)], [1, 1, 1, 1, 1]),
+                          ([(0, 100), (50, 100), (75, 101), (90, 100)], [1, 0, 0, 0]),
+                          ([(0, 100), (0, 80), (0, 90), (0, 70), (0, 120)], [1, 0, 0, 0, 1]),
+                          ([(0, 0), (0, 0), None, (0, 3)], [0, 0, 0, 1]),
+                          ([(1, 1), (2, 2), (4, 5), (6, 6), (7, 7)], [1, 1, 1, 1, 1])])
+def test_progress_is_what_was_saved(plan, progress):
+    """Attempts, each with the position where it begins and the one where it dies. Workers that die
+    before the furthest position make progress where they begin later than those before, which shows
+    that more was saved; but not where they die at one place, within what is done between two
+    reports (here 1)."""
+    attempts, found = _tasks._Attempts(), []
+    for each in plan:
+        attempts.start()
+        for position in () if each is None else range(each[0], each[1] + 1):
+            attempts.report(position)
+        found.append(attempts.end())
+        assert attempts.fruitless == 0 if found[-1] else attempts.fruitless > 0
+    assert found == [bool(each) for each in progress]
+
+
+def fate(lifetimes, need=math.inf, place=math.inf, saves=True):
+    """The fate of a task, simulated: whether it is done (None: not yet), and attempts.
+
+    Workers take 2 s to begin, then do 1 unit a second and report twice a second, and save as
+    ensemble tasks do, if at all. They die after their lifetimes, or at a place.
+    """
+    attempts, saved, tick = _tasks._Attempts(), 0.0, 0.1
+    for life in lifetimes:
+        attempts.start()
+        now, position, reported = 2.0, saved, -math.inf
+        times = simulation.CheckpointTimes(60.0, now)
+        while now < life and position < place:
+            if position >= need:
+                return True, attempts.starts
+            if now - reported > 0.5:
+                attempts.report(position)
+                reported = now
+            now, position = now + tick, position + tick
+            if saves and times.isDue(now):
+                saved = position
+                times.saved(now, now)
+        attempts.end()
+        if attempts.fruitless > 3:
+            return False, attempts.starts
+    return None, attempts.starts
+
+
+def test_workers_that_are_killed_at_random_are_no_end():
+    """Workers live for 1 to 10 min on average, with 60 s between checkpoints; the task takes half
+    an hour. An attempt without progress dies before its first checkpoint, about 3 s after its
+    start: with probability 0.05 at most, so four in a row are expected in less than 50*0.05^4 =
+    3e-4 of all tasks, and hardly among these 60."""
+    rng = np.random.default_rng(11)
+    for mean in (60.0, 120.0, 600.0):
+        for _ in range(20):
+            assert fate(rng.exponential(mean, 10000), 1800.0)[0]
+
+
+def test_tasks_that_kill_their_workers_are_given_up():
+    """At one place: the checkpoints come closer to it with each attempt, to half the distance at
+    least (the last wait is as long as those before together, at most), and this is no progress.
+    Without checkpoints it is the same at random places, as of a process that grows: only records
+    count, of which there are few (ln n among n)."""
+    for place in (0.0, 0.3, 5.0, 200.0, 1000.0):
+        done, attempts = fate([math.inf]*100, place=place)
+        assert done is False and attempts <= 6
+    rng = np.random.default_rng(12)
+    for _ in range(20):
+        done, attempts = fate(rng.exponential(100.0, 1000), saves=False)
+        assert done is False and attempts < 100
+
+
 @pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
 def test_as_many_at_a_time_as_there_are_jobs(where):
     """With 1 or 3 jobs exactly 1 or 3 tasks run at a time, whatever the number of processors. Tasks
@@ -187,6 +260,33 @@ def test_values_that_cannot_be_sent_and_exits_are_failures():
         'what it returned cannot be pickled: ')
     outcome, = tasks.run(ensemble_tasks.leave, [1], 2, 'processes', quiet=True)
     assert (outcome.failure.kind, outcome.failure.message) == ('SystemExit', 'leaving')
+
+
+@pytest.mark.parametrize('where', CLUSTERS, indirect=True)
+def test_a_value_that_cannot_be_unpickled_is_the_failure_of_its_task_alone(where):
+    outcomes = tasks.run(ensemble_tasks.fragileOne, range(4), 2, where, quiet=True)
+    assert [outcome.value for outcome in outcomes] == [0, None, 2, 3]
+    assert outcomes[1].failure.kind == 'RuntimeError' and outcomes[1].failure.message.startswith(
+        'what it returned cannot be unpickled in this process: this breaks on purpose: return ')
+
+
+@pytest.mark.parametrize('how', ['stdin', '-c'])
+def test_functions_that_other_processes_cannot_import(how):
+    """Other processes cannot import a program from stdin, so they do not find its functions, which
+    they say at once. Functions of modules are no trouble."""
+    script = (f'import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\n'
+              'import ensemble_tasks\nfrom openmmrigidhi.ensemble import tasks\n'
+              'def own(x, job):\n    return x\n\n'
+              'for function in (own, ensemble_tasks.square):\n'
+              "    for each in tasks.run(function, [3], 2, 'processes', quiet=True):\n"
+              '        print(each.attempts, each.value, each.failure and each.failure.message)\n')
+    finished = subprocess.run([sys.executable, *(['-'] if how == 'stdin' else ['-c', script])],
+                              input=script, capture_output=True, text=True, timeout=120,
+                              env=dict(os.environ, PYTHONPATH=os.pathsep.join(sys.path)))
+    first, second = finished.stdout.splitlines()
+    assert first.startswith('1 None the function or its argument cannot be unpickled in another')
+    assert first.endswith('put them into a file of their own, or use jobs=1')
+    assert second == '1 9 None' and not finished.stderr
 
 
 def test_without_dask_there_are_plain_processes(monkeypatch):
@@ -336,6 +436,37 @@ def test_one_of_two_workers_is_killed_and_nothing_is_lost(where, undisturbed, tm
     assert result.about['sessions'][0]['attempts'] == 4
 
 
+@pytest.mark.parametrize('where', ['processes', *(['local'] if distributed else [])])
+def test_workers_that_live_shorter_than_the_interval_get_on(where, undisturbed, tmp_path):
+    """Workers die 0.7 s after their first sample, and the task takes twice as long. The time
+    between two checkpoints, 9.6 s, never comes; the first checkpoints come after 0.15 s and 0.3 s
+    more."""
+    study = small(['ensemble_tasks:energyOfTheShortLived'], replicas=1)
+    study.checkpointInterval = 9.6
+    result = study.run(str(tmp_path/'study'), 2, where, quiet=True)
+    assert result.isComplete and result.about['sessions'][0]['attempts'] > 1
+    assert np.array_equal(result.series('energyOfTheShortLived', 0, 0),
+                          undisturbed.series('energy', 0, 0))
+
+
+def test_times_of_checkpoints():
+    """First a 64th of the interval, then twice the time before, and ten times what saving took at
+    least; never more than the interval."""
+    def times(interval, cost):
+        found, now, course = [], 0.0, simulation.CheckpointTimes(interval, 0.0)
+        while len(found) < 8:
+            now += 0.25
+            if course.isDue(now):
+                found.append(now)
+                now += cost
+                course.saved(now - cost, now)
+        return list(np.diff([-cost, *found]) - cost)
+
+    assert times(64.0, 0.0) == [1, 2, 4, 8, 16, 32, 64, 64]
+    assert times(64.0, 1.0) == [1, 10, 20, 40, 64, 64, 64, 64]
+    assert times(0.0, 1.0) == [0.25]*8
+
+
 @needsDask
 def test_workers_of_a_scheduler_are_killed_from_outside(cluster, tmp_path):
     """One of two workers is killed at an arbitrary time, while both compute."""
@@ -409,6 +540,47 @@ def test_observables_of_the_sample_before_go_on(tmp_path):
     whole, parts = run(tmp_path/'one', 50000.0), run(tmp_path/'two', 20000.0, 50000.0)
     assert whole.shape == (10, 2) and np.isnan(whole[0]).all() and np.isfinite(whole[1:]).all()
     np.testing.assert_array_equal(parts, whole)
+
+
+def test_a_diffusion_coefficient_goes_on(tmp_path):
+    """diffusion_coefficient remembers samples over 4 ps, here the first 80, and has no value for
+    them. An extension goes on bit for bit, since checkpoints hold what is remembered."""
+    def run(directory, *lengths):
+        for length in lengths:
+            study = ensemble.Study(SCENE, replicas=2, length=length,
+                                   observables=['diffusion_coefficient'], platform='Reference',
+                                   equilibration=0.0)
+            result = study.run(str(directory), extend=True, quiet=True)
+        return result
+
+    whole, parts = run(tmp_path/'one', 6.0), run(tmp_path/'two', 2.0, 5.0, 6.0)
+    np.testing.assert_array_equal(list(samples(parts).values()), list(samples(whole).values()))
+    row, chains = parts.row('diffusion_coefficient'), list(samples(parts).values())
+    assert all(np.isnan(chain[:80]).all() and np.isfinite(chain[80:]).all() for chain in chains)
+    assert row['mean'] == pytest.approx(np.mean([chain[80:] for chain in chains]), rel=1e-12)
+    assert (row['replicas'], row['samples']) == (2, 80)
+    assert 'n/a' not in row['note'] and 'interruptions' not in row['note']
+
+
+def test_samples_without_a_value_after_an_interruption_are_left_out(tmp_path):
+    for length in (1.0, 2.0):
+        result = small([ensemble_tasks.forgetful], length=length,
+                       replicas=2).run(str(tmp_path/'study'), extend=True, quiet=True)
+    # The last sample of the first session is measured again, so that only one has no value.
+    values = result.series('forgetful', 0, 1)
+    assert list(np.flatnonzero(np.isnan(values))) == [0, 1, 20]
+    row = result.row('forgetful')
+    assert row['mean'] == pytest.approx(np.nanmean(values), rel=1e-12)
+    assert row['samples'] == 2*37
+    assert row['note'].startswith('replicas 0 and 1 without samples after interruptions')
+
+
+def test_a_replica_that_is_sometimes_no_number_is_named(undisturbed, tmp_path):
+    result = small(['ensemble_tasks:energyOrNan']).run(str(tmp_path/'study'), quiet=True)
+    row = result.row('energyOrNan')
+    assert row['note'].startswith('replica 0 sometimes not a number, left out')
+    others = [undisturbed.series('energy', 0, k) for k in (1, 2)]
+    assert row['replicas'] == 2 and row['mean'] == pytest.approx(np.mean(others), rel=1e-12)
 
 
 def test_seeds_depend_on_the_place_alone():
@@ -660,6 +832,13 @@ def test_wrong_studies_are_refused(wrong, text):
         ensemble.Study(**{'scene': 'trap', 'length': 1.0, **wrong})
 
 
+@pytest.mark.parametrize('name', ['time/box', '.', '', 'a\0b'])
+def test_names_that_files_cannot_have_are_refused(name):
+    observable = accuracy.Observable(name, 'time', 'ps', ensemble_tasks.energy)
+    with pytest.raises(ValueError, match='it must be a text without / and other than'):
+        ensemble.Study('trap', length=1.0, observables=[observable])
+
+
 def test_settings_must_be_what_json_takes():
     with pytest.raises(TypeError, match='a number, a text, a truth value or a list'):
         ensemble.Study('trap', [{'bodies': {1, 2}}], length=1.0)
@@ -869,7 +1048,7 @@ def test_times_that_end_where_the_runs_did_not(monkeypatch):
 
     def explode(self, samples, record=True, progress=None):
         if record:
-            self._end('unstable', 'exploded on purpose')
+            self.end('unstable', 'exploded on purpose')
         else:
             advance(self, samples, record, progress)
 
@@ -879,6 +1058,34 @@ def test_times_that_end_where_the_runs_did_not(monkeypatch):
                                                             cluster='processes').rows
     assert rows[0]['status'] == 'stable' and rows[0][
         'samples'] == 40 and rows[0]['ns_per_day'] is None
+
+
+def test_a_run_of_accuracy_that_fails_leaves_the_others(capsys):
+    study = accuracy.StepSizeStudy(
+        scenes.trap(3), ['LangevinC'], [0.004, 0.008], platform='Reference',
+        observables=['energy_group_0', 'ensemble_tasks:exitsAtLargeSteps'])
+    result = study.run(length=2, jobs=2, cluster='processes')
+    short, long = [row for row in result.rows if row['observable'] == 'energy_group_0']
+    assert short['status'] == 'stable' and short['mean'] > 0 and short['ns_per_day'] > 0
+    assert (long['status'], long['message'], long['mean']) == ('failed', 'SystemExit: leaving',
+                                                               None)
+    assert 'LangevinC failed at 8 fs: SystemExit: leaving.' in result.report().paragraphs()
+
+
+def test_ctrl_c_keeps_the_runs_of_accuracy_that_are_finished():
+    """Ctrl-C comes when the first of two runs in other processes is finished."""
+    def interrupt(done, total, text):
+        raise KeyboardInterrupt
+
+    study = accuracy.StepSizeStudy(scenes.trap(3), ['LangevinC'], [0.004, 0.008],
+                                   platform='Reference', observables=['energy_group_0'])
+    result = study.run(length=2, jobs=2, cluster='processes', progress=interrupt)
+    rows = sorted(result.rows, key=lambda row: row['status'])
+    assert [row['status'] for row in rows] == ['not run', 'stable']
+    assert rows[0]['mean'] is None and 'interrupted' in rows[0]['message']
+    assert rows[1]['mean'] > 0 and rows[1]['ns_per_day'] > 0
+    assert any('LangevinC did not come to its end at' in text
+               for text in result.report().paragraphs())
 
 
 def test_a_run_of_accuracy_that_fails_names_its_setting(capsys):

@@ -14,6 +14,8 @@ from .scenes import GAS_CONSTANT
 from .statistics import autocorrelationTime, noise, replicaStatistics, seriesStatistics
 
 STABLE, UNSTABLE, NOT_APPLICABLE = 'stable', 'unstable', 'not applicable'
+#: Runs in other processes that failed, and those that an interruption left no time for.
+FAILED, NOT_RUN = 'failed', 'not run'
 #: A run has exploded when its potential energy exceeds that of the start by this many times the
 #: thermal kinetic energy dof/2 kT, plus this many kT for scenes of few bodies (probability at
 #: equilibrium below exp(-40)).
@@ -36,7 +38,8 @@ class Record:
     timings : list of (steps, wall seconds, CPU seconds)
         one entry per round; integration steps only, without the sampling
     status : str
-        'stable', 'unstable' or 'not applicable'
+        'stable', 'unstable' or 'not applicable'; of runs in other processes also 'failed' or 'not
+        run'
     message : str
         why it is not stable
     samplesAt : float
@@ -102,14 +105,21 @@ class Run:
             kT = GAS_CONSTANT*scene.temperature
             self.largestEnergy = start + (EXPLOSION_FACTOR*1.5*particles + EXPLOSION_MARGIN)*kT
         except (openmm.OpenMMException, ValueError) as error:
-            self._end(NOT_APPLICABLE, str(error))
+            self.end(NOT_APPLICABLE, str(error))
 
     @property
     def isAlive(self):
         """Whether the run can be advanced."""
         return self.record.status == STABLE
 
-    def _end(self, status, message):
+    def end(self, status, message):
+        """End the run: its record gets this status, and the Context goes.
+
+        Parameters
+        ----------
+        status, message : str
+            see Record
+        """
         self.record.status = status
         self.record.message = message
         self.context = None
@@ -138,7 +148,7 @@ class Run:
             # OpenMM raises OpenMMException; users' functions may fail on numbers that are not
             # finite.
             except (openmm.OpenMMException, Explosion, ArithmeticError, ValueError) as error:
-                self._end(UNSTABLE, f'after {self.time:.3g} ps: {error}')
+                self.end(UNSTABLE, f'after {self.time:.3g} ps: {error}')
                 break
             if progress is not None:
                 progress(self.stepsPerSample)

@@ -83,7 +83,8 @@ class Observable:
         Scene -> exact canonical average or None; without it the scene's own table is asked
     setup : callable, optional
         (scene, platform, properties) -> an object for the whole run; measure is then called with
-        (sample, object)
+        (sample, object). If it remembers earlier samples, its methods `memory()` -> array and
+        `recall(array)` make an ensemble go on from a checkpoint as without an interruption.
     """
     def __init__(self, name, label, unit, measure, exact=None, setup=None):
         self.name = name
@@ -289,6 +290,18 @@ class _Centres:
                             for k in range(3)], axis=1)/self.total[:, None]
         self.times.append(sample.energies.getTime()._value)
         self.places.append(centres)
+
+    def memory(self):
+        """What is remembered of earlier samples, as one array: times, and centres in rows."""
+        return np.column_stack([self.times,
+                                np.reshape(self.places,
+                                           (len(self.places), -1))]) if self.times else np.zeros(
+                                               (0, 1))
+
+    def recall(self, memory):
+        """Remember what memory() gave."""
+        self.times = deque(memory[:, 0])
+        self.places = deque(np.reshape(each, (-1, 3)) for each in memory[:, 1:])
 
     def meanSquareDisplacement(self, lag):
         return ((self.places[-1] - self.places[-1 - lag])**2).sum(axis=1).mean()

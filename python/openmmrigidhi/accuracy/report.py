@@ -9,7 +9,7 @@ import numpy as np
 
 from ._pages import Report, advise, duration, number, picture, plainTicks, section, sentence, table
 from ._results import NONE, RECOMMENDED, UNDECIDED
-from .measurement import SLOW, STABLE, UNSTABLE
+from .measurement import FAILED, NOT_RUN, SLOW, STABLE, UNSTABLE
 from .pricereport import PriceReport
 
 #: Colours that the colour-blind can tell apart (Okabe and Ito), one for each method. Users' own
@@ -360,18 +360,22 @@ class StudyReport(Report):
                 item, = result.parseWanted(wanted)
                 lines.append(f'At exactly {item.text}, between the steps that were measured: ' +
                              ' '.join(self.atWantedError(comparison)))
-        dead = {}
-        for row in result.rows:
-            if row['status'] == UNSTABLE:
-                dead.setdefault(row['method'], set()).add(row['value'])
-        for method, values in dead.items():
-            lines.append(f'{method} was unstable at '
-                         f'{", ".join(knob.format(value) for value in sorted(values))}.')
+        for status, text in ((UNSTABLE, 'was unstable'), (FAILED, 'failed'),
+                             (NOT_RUN, 'did not come to its end')):
+            dead, messages = {}, {}
+            for row in result.rows:
+                if row['status'] == status:
+                    dead.setdefault(row['method'], set()).add(row['value'])
+                    messages[row['method']] = row['message']
+            for method, values in dead.items():
+                lines.append(f'{method} {text} at '
+                             f'{", ".join(knob.format(value) for value in sorted(values))}' +
+                             (f': {messages[method]}' if status == FAILED else '') + '.')
         for method, reason in result.refusals.items():
             lines.append(f'{method} was not run: {reason}.')
         refused = {
             row['method']: row['message']
-            for row in result.rows if row['status'] not in (STABLE, UNSTABLE)
+            for row in result.rows if row['status'] not in (STABLE, UNSTABLE, FAILED, NOT_RUN)
         }
         for method, reason in refused.items():
             lines.append(f'{method} cannot be used on this scene: {reason}')

@@ -146,7 +146,8 @@ class StudyResult(Result):
     ----------
     rows : list of dict
         one row for each setting and observable. Keys: method, knob, value (of the knob, internal
-        unit), step_size (ps), status ('stable', 'unstable', 'not applicable'), message, ns_per_day
+        unit), step_size (ps), status ('stable', 'unstable', 'not applicable',
+        'failed', 'not run'), message, ns_per_day
         (median over rounds), ns_per_day_low and _high (16 and 84 %), ns_per_cpu_day, speeds (each
         round), length and equilibration (ps), seed, observable, mean, standard_error, degrees (of
         freedom of that error), tau (integrated autocorrelation time that the length of blocks is

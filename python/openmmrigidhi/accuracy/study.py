@@ -4,6 +4,7 @@
 :class:`StepSizeStudy` changes the step size. A study of another quantity (hydrodynamic model,
 solver tolerance, grid spacing) overrides ``knob``, ``settings``, ``makeContext`` and ``reference``.
 """
+import contextlib
 import math
 import time
 import zlib
@@ -17,7 +18,7 @@ from .. import _tasks
 from . import methods as methodsModule
 from . import observables as observablesModule
 from ._results import beginning, provenance
-from .measurement import STABLE, Run, summarise
+from .measurement import FAILED, NOT_RUN, STABLE, Run, summarise
 from .methods import Method
 # Users look for Knob in the module of the study.
 from .result import STEP_SIZE, Knob, Reference, StudyResult  # noqa: F401
@@ -148,6 +149,8 @@ class Study:
         The runs take turns. In each round every setting advances by a part of its length, in a
         random order. What slows the machine down for a while so slows all settings down, and ratios
         of times stay right. Ctrl-C ends the measurement early; what was gathered is evaluated.
+        Runs in other processes count as a whole: a run that was not at its end has the status 'not
+        run', and one that failed has the status 'failed' and a message.
 
         Parameters
         ----------
@@ -176,6 +179,11 @@ class Study:
         Returns
         -------
         StudyResult
+
+        Raises
+        ------
+        TaskError
+            if all runs in other processes failed
         """
         began = time.perf_counter()
         about = beginning()
@@ -260,43 +268,68 @@ class Study:
             return turn
 
     def _together(self, runs, lengths, left, jobs, cluster, meter):
-        """Whole runs in other processes; then times, here and in turn, without other work."""
+        """Whole runs in other processes; then times, here and in turn, without other work.
+
+        A run that fails is no reason to lose the others, nor is an interruption. If there is no
+        other, the failure is raised.
+        """
         alive = [i for i, (_, run) in enumerate(runs) if run.isAlive]
         # The longest first, so that none is left alone at the end.
         order = sorted(alive, key=lambda i: -lengths[i]/runs[i][1].stepSize)
+        failed, missing, interrupted = [], set(alive), False
 
         def take(outcome):
             i = order[outcome.index]
-            runs[i][1].record = outcome.get()
+            missing.discard(i)
+            if outcome.failure is None:
+                runs[i][1].record = outcome.value
+            else:
+                failed.append(outcome)
+                runs[i][1].end(FAILED, f'{outcome.failure.kind}: {outcome.failure.message}')
             meter.advance(self._text(runs[i][0]))(round((lengths[i] + left[i])/runs[i][1].stepSize))
 
-        _tasks.run(_wholeRun, [(self, runs[i][0], lengths[i], left[i]) for i in order], jobs,
-                   cluster, names=[self._text(runs[i][0]) for i in order], finished=take,
-                   quiet=True)
+        try:
+            _tasks.run(_wholeRun, [(self, runs[i][0], lengths[i], left[i]) for i in order], jobs,
+                       cluster, names=[self._text(runs[i][0]) for i in order], finished=take,
+                       quiet=True)
+        except KeyboardInterrupt:
+            interrupted = True
+        for i in missing:
+            runs[i][1].end(NOT_RUN, 'the measurement was interrupted before the end of this run')
+        if failed and len(failed) == len(alive):
+            failed[0].get()
         for i in alive:
             runs[i][1].record.timings = []
+        with contextlib.suppress(KeyboardInterrupt):
+            # After an interruption there are times, but it does not take long.
+            self._time([runs[i] for i in alive if runs[i][1].isAlive], 1 if interrupted else 7)
+
+    def _time(self, runs, rounds):
+        """Times of runs whose samples are there already."""
         rng = np.random.default_rng([self.seed, 2])
-        for _ in range(7):
-            for i in rng.permutation(alive):
+        for _ in range(rounds):
+            for i in rng.permutation(len(runs)):
                 setting, old = runs[i]
                 # Times may end although the run itself did not end, since their start differs.
-                if old.record.status != STABLE or old.context is None:
+                if old.context is None:
                     continue
                 # This process has a Context of its own for the times; what that computes is thrown
                 # away.
                 record, old.record = old.record, type(old.record)(
                     old.record.samplesAt, {o.name: []
                                            for o in self.observables})
-                before = time.perf_counter()
-                steps = [0, 0.0, 0.0]
-                while time.perf_counter() - before < 0.5:
-                    old.advance(1, True)
-                    if not old.isAlive:
-                        break
-                    steps = [a + b for a, b in zip(steps, old.record.timings[-1])]
-                if steps[0]:
-                    record.timings.append(tuple(steps))
-                old.record = record
+                try:
+                    before = time.perf_counter()
+                    steps = [0, 0.0, 0.0]
+                    while time.perf_counter() - before < 0.5:
+                        old.advance(1, True)
+                        if not old.isAlive:
+                            break
+                        steps = [a + b for a, b in zip(steps, old.record.timings[-1])]
+                    if steps[0]:
+                        record.timings.append(tuple(steps))
+                finally:
+                    old.record = record
 
     def _text(self, setting):
         return f'{setting.method.name} {self.knob.format(setting.value)}'

@@ -134,25 +134,38 @@ class EnsembleResult:
         row.update(setting=setting, settings=self.definition['settings'][setting], observable=name,
                    unit=self.observables[name]['unit'], replicas=0, samples=0, note='')
         mine = [task for task in self.tasks if task.setting == setting]
-        used, chains, interval = [], [], None
+        chains, interval, meaningless, holes, gaps = [], None, [], [], []
         for task in mine:
             content = self._contents.get((setting, task.replica))
             if content is None or task.status == 'failed' or name not in content.series:
                 continue
             chain = np.asarray(content.series[name], dtype=float)
             chain = chain.mean(axis=1) if chain.ndim == 2 else chain
-            # An observable that compares with the sample before has nothing to compare the first
-            # sample with.
-            chain = chain[1:] if len(chain) and np.isnan(chain[0]) else chain
+            whole, afterGaps = _withoutBeginnings(chain, content.about)
+            if len(chain) and np.isnan(chain).all():
+                # It has no meaning in this scene, or the run is too short for it.
+                meaningless.append(task)
+                continue
+            if np.isnan(whole).any():
+                holes.append(task)
+                continue
+            chain = whole
             if len(chain) < 2:
                 continue
-            used.append(task)
+            if afterGaps:
+                gaps.append(task)
             chains.append(chain)
             interval = content.about['sample_interval']
             row['exact'] = content.about['exact'].get(name)
         notes = []
-        if any(np.isnan(chain).any() for chain in chains):
-            notes, chains = ['n/a'], []
+        if meaningless and not chains and not holes:
+            notes.append('n/a')
+        elif meaningless:
+            notes.append(f'{_replicas(meaningless)} not a number, left out')
+        if holes:
+            notes.append(f'{_replicas(holes)} sometimes not a number, left out')
+        if gaps:
+            notes.append(f'{_replicas(gaps)} without samples after interruptions')
         if chains:
             found = independentRuns(chains)
             reach = quantile(CONFIDENCE, found.degrees)*found.standardError
@@ -247,3 +260,38 @@ class EnsembleResult:
                 '' if row[key] is None else f'{row[key]:.8g}' if isinstance(row[key], float) else
                 json.dumps(row[key]) if key == 'settings' else row[key] for key in COLUMNS
             ])
+
+
+def _replicas(tasks):
+    return f'replica{"s" if len(tasks) > 1 else ""} ' + ' and '.join(
+        [', '.join(str(task.replica)
+                   for task in tasks[:-1])]*(len(tasks) > 1) + [str(tasks[-1].replica)])
+
+
+def _withoutBeginnings(chain, about):
+    """A chain without the samples that are NaN because there was nothing to compare them with.
+
+    They are the first ones of a task, and of each session that had to begin to remember anew.
+
+    Parameters
+    ----------
+    chain : ndarray of shape (n,)
+    about : dict
+        of the task's file
+
+    Returns
+    -------
+    (ndarray, bool)
+        the rest, and whether samples inside are left out
+    """
+    warm = about['position'] - about['samples']
+    begins = sorted({0} | {
+        min(len(chain), session['from_position'] - warm)
+        for session in about['sessions'] if session['from_position'] > warm
+    })
+    keep = np.ones(len(chain), dtype=bool)
+    for begin, end in zip(begins, [*begins[1:], len(chain)]):
+        numbers = np.flatnonzero(~np.isnan(chain[begin:end]))
+        keep[begin:begin + (numbers[0] if len(numbers) else end - begin)] = False
+    first = np.flatnonzero(keep)
+    return chain[keep], bool(len(first)) and not keep[first[0]:].all()

@@ -195,7 +195,7 @@ class Task:
     platform : str
     threads : int
     checkpointInterval : float
-        seconds between two checkpoints
+        longest time between two checkpoints, seconds; see CheckpointTimes
     directory : str
         directory of the study
     path : str
@@ -245,15 +245,50 @@ def simulate(task, job):
             f'or integrator now than when this task began; '
             'they must be the same: put the function back as it was, or begin a new study')
     run = _Run(task, scene, integrator, digest, saved)
-    last = time.monotonic()
+    # Where it begins shows how much an earlier attempt has saved.
+    job.report(run.position*run.interval)
+    times = CheckpointTimes(task.checkpointInterval, time.monotonic())
     while run.position < run.end:
         run.advance()
         job.report(run.position*run.interval)
-        if run.position < run.end and time.monotonic() - last >= task.checkpointInterval:
+        if run.position < run.end and times.isDue(time.monotonic()):
+            began = time.monotonic()
             run.save()
-            last = time.monotonic()
+            times.saved(began, time.monotonic())
     run.save()
     return {'samples': run.about['samples'], 'seconds': run.segment['seconds']}
+
+
+class CheckpointTimes:
+    """When an attempt saves: early, then at twice the time each, up to the interval.
+
+    Workers may live for less than the interval. A worker that works for more than the first wait
+    saves at least about half of what it does; otherwise its successors would repeat the same steps
+    for ever. An attempt cannot know whether it is the first, since a scheduler may repeat it by
+    itself, so all attempts do this; it costs six checkpoints more.
+
+    Parameters
+    ----------
+    interval : float
+        longest time between two checkpoints, seconds
+    now : float
+        seconds
+    """
+
+    #: The first wait as a part of the interval; least wait, as a multiple of what saving took.
+    FIRST, LEAST = 1/64, 10
+
+    def __init__(self, interval, now):
+        self.interval, self.wait, self.last = interval, self.FIRST*interval, now
+
+    def isDue(self, now):
+        """Whether a checkpoint is due."""
+        return now - self.last >= self.wait
+
+    def saved(self, began, now):
+        """Take note of a checkpoint, with the times of its beginning and its end."""
+        self.wait = min(self.interval, max(2*self.wait, self.LEAST*(now - began)))
+        self.last = now
 
 
 def _checkDirectory(task):
@@ -322,10 +357,13 @@ class _Run:
             self.about, self.position = saved.about, saved.about['position']
             self.series = {name: list(values) for name, values in saved.series.items()}
             self.context.setState(openmm.XmlSerializer.deserialize(saved.state))
-            # An observable that remembers the sample before is told this sample again.
+            for name, values in saved.memory.items():
+                self.extras[name].recall(values)
+            # Another observable that remembers the sample before is told this sample again.
             if self.about['samples']:
                 self._measure([
-                    observable for observable in task.observables if observable.name in self.extras
+                    observable for observable in task.observables
+                    if observable.name in self.extras and observable.name not in saved.memory
                 ])
         self.segment = {
             'from_position': self.position,
@@ -377,8 +415,14 @@ class _Run:
                                       getIntegratorParameters=True)
         self.about.update(position=self.position, samples=max(0, self.position - self.warm))
         self.segment.update(to_position=self.position, saved=_now())
-        taskfiles.save(self.task.path,
-                       TaskFile(self.about, openmm.XmlSerializer.serialize(state), self.series))
+        memory = {
+            name: extra.memory()
+            for name, extra in self.extras.items() if hasattr(extra, 'memory')
+        }
+        self.about['remember'] = list(memory)
+        taskfiles.save(
+            self.task.path,
+            TaskFile(self.about, openmm.XmlSerializer.serialize(state), self.series, memory))
 
 
 def intervals(length, interval):

@@ -104,8 +104,9 @@ class Study:
         time that is sampled in each task, ps
     observables : sequence of str, Observable or callable
         see :func:`openmmrigidhi.accuracy.observables.byName`. An observable that remembers more
-        than the sample before cannot go on after an interruption.
-        sample before cannot go on after an interruption.
+        than the sample before goes on after an interruption if its `setup` object has `memory` and
+        `recall` (see :class:`openmmrigidhi.accuracy.Observable`), as diffusion_coefficient has;
+        else it begins anew, and samples that are NaN then are left out.
     seed : int
         seed of all random numbers; 0 or more
     platform : str
@@ -118,7 +119,8 @@ class Study:
         ps; default: the scene's
     checkpointInterval : float
         seconds of wall time between two checkpoints of a task; at most so much is computed again
-        after an interruption
+        after an interruption. After each start the first checkpoint comes at a 64th of it, and each
+        wait is twice the one before, so that workers that live shortly get on, too.
 
     Raises
     ------
@@ -157,6 +159,13 @@ class Study:
             raise ValueError(
                 f'ensemble.Study: observables: got {names}; one at least, and none twice: correct '
                 f'the list')
+        for name in names:
+            # HDF5 takes the first as a path, and the second as the group itself.
+            if not isinstance(name, str) or '/' in name or '\0' in name or name in ('', '.'):
+                raise ValueError(
+                    f'ensemble.Study: observables: got the name {name!r}; it must be a text '
+                    f'without / and other than ".", since samples are kept under it: give the '
+                    f'observable another name')
         for name, value, least in (('replicas', self.replicas, 1), ('seed', self.seed, 0),
                                    ('threads', self.threads, 1)):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:

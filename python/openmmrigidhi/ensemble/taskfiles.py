@@ -3,6 +3,7 @@
     about     JSON as bytes: settings, seed, progress, who computed the task when and with which
               versions
     state     the openmm.State at the last sample, XML as bytes
+    memory/   what observables remember of earlier samples, where they say it
     series/   one dataset for each observable: (samples,), or (samples, replicas) for a scene that
               has independent replicas in it
 
@@ -13,7 +14,7 @@ import glob
 import json
 import os
 import socket
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import h5py
 import numpy as np
@@ -37,11 +38,14 @@ class TaskFile:
         openmm.State as XML
     series : dict
         observable -> ndarray of samples
+    memory : dict
+        observable -> ndarray, what it remembers of earlier samples
     """
 
     about: dict
     state: str
     series: dict
+    memory: dict = field(default_factory=dict)
 
 
 def save(path, content):
@@ -62,8 +66,9 @@ def save(path, content):
             file.attrs['format'] = FORMAT
             _write(file, 'about', np.frombuffer(json.dumps(content.about).encode(), np.uint8))
             _write(file, 'state', np.frombuffer(content.state.encode(), np.uint8))
-            for name, values in content.series.items():
-                _write(file, f'series/{name}', np.asarray(values, dtype=float))
+            for group, items in (('series', content.series), ('memory', content.memory)):
+                for name, values in items.items():
+                    _write(file, f'{group}/{name}', np.asarray(values, dtype=float))
         replace(part, path)
     finally:
         with contextlib.suppress(FileNotFoundError):
@@ -118,10 +123,14 @@ def load(path):
             found = file.attrs.get('format')
             if found != FORMAT:
                 raise ValueError(f'its format is {found!r} instead of {FORMAT!r}')
-            content = TaskFile(json.loads(file['about'][()].tobytes()),
-                               file['state'][()].tobytes().decode(),
-                               {name: values[()]
-                                for name, values in file['series'].items()})
+            about = json.loads(file['about'][()].tobytes())
+            # A group that damage has hidden must not look like one that is not there.
+            content = TaskFile(
+                about, file['state'][()].tobytes().decode(),
+                {name: values[()]
+                 for name, values in file['series'].items()},
+                {name: file['memory'][name][()]
+                 for name in about.get('remember', [])})
         samples = content.about['samples']
         wrong = [name for name, values in content.series.items() if len(values) != samples]
         if wrong:
