@@ -577,8 +577,8 @@ TOP = '''# Validation: the papers\u2019 numbers and ours
 A folder for each paper has the scripts, their results, and a page that says how the runs were made
 and what they show. Errors in brackets are one standard error. A difference is our number
 minus the paper\u2019s, divided by the standard error of this difference. If its magnitude is below
-{below:g}, the number **agrees**. A distribution agrees with the exact one if the probability of so large a difference by chance is above {above:g}. The
-verdict *not reached* comes with its reason.
+{below:g}, the number **agrees**. A distribution agrees with the exact one if the probability of so
+large a difference by chance is above {above:g}. The verdict *not reached* comes with its reason.
 '''
 RUNS = '''
 ## Making the runs again

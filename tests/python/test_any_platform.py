@@ -198,7 +198,7 @@ def test_number_of_host_threads(opencl, monkeypatch):
     monkeypatch.setenv('OPENMM_CPU_THREADS', '3')
     assert '3 threads' in threads(0)[0]
     one, two = threads(1), threads(2)
-    assert ' 1 threads' in one[0] and ' 2 threads' in two[0]
+    assert ' 1 thread,' in one[0] and ' 2 threads' in two[0]
     assert np.array_equal(one[1], two[1])
 
 

@@ -969,10 +969,14 @@ def test_stuck_replicas_have_an_infinite_rhat():
 
 def test_a_table_and_files_of_stuck_replicas(tmp_path):
     """JSON has no infinity, so that parsers that follow its rules would refuse the file."""
-    contents = {(0, k): types.SimpleNamespace(series={'u': np.full(8, float(k))}, about={
-        'sample_interval': 1.0,
-        'exact': {}
-    })
+    contents = {(0, k): types.SimpleNamespace(
+        series={'u': np.full(8, float(k))}, about={
+            'sample_interval': 1.0,
+            'exact': {},
+            'position': 8,
+            'samples': 8,
+            'sessions': []
+        })
                 for k in range(3)}
     records = [TaskRecord(0, k, {}, 1, '', 'complete') for k in range(3)]
     found = EnsembleResult({'settings': [{}]}, {'u': {

@@ -32,8 +32,8 @@ LoopResult ContextMirror::run(BodyLoop loop) {
 void ContextMirror::requirePositions(const char* what) const {
     if (!positionsAreSet)
         fail(string(what) +
-             " needs positions: call setPositions() on the Context first; for setBodyPositions() and "
-             "setBodyOrientations(), bodies that are not turned are enough");
+             " needs positions: call setPositions() on the Context first; for setBodyPositions() "
+             "and setBodyOrientations(), bodies that are not turned are enough");
 }
 
 void ContextMirror::forgetWritten() {

@@ -286,7 +286,13 @@ class CheckpointTimes:
         return now - self.last >= self.wait
 
     def saved(self, began, now):
-        """Take note of a checkpoint, with the times of its beginning and its end."""
+        """Take note of a checkpoint.
+
+        Parameters
+        ----------
+        began, now : float
+            times of its beginning and its end, in s
+        """
         self.wait = min(self.interval, max(2*self.wait, self.LEAST*(now - began)))
         self.last = now
 

@@ -356,7 +356,6 @@ void RotnePragerYamakawaGrid::checkBox(const BoxVectors& box) const {
 std::string RotnePragerYamakawaGrid::describe(const BoxVectors& box) const {
     const EwaldSplitting splitting = splittingFor(box);
     const GridShape& shape = splitting.shape;
-    if (isTooLarge(shape)) return "a grid that is too large, which steps refuse";
     return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.size[1]) +
            " x " + std::to_string(shape.size[2]) + " nodes, whose products have the tolerance " +
            text(tolerance, 3) + ", and a sum over pairs whose surfaces are up to " +

@@ -160,7 +160,6 @@ void ForceCouplingGrid::checkBox(const BoxVectors& box) const {
 
 std::string ForceCouplingGrid::describe(const BoxVectors& box) const {
     const GridShape shape = shapeFor(box);
-    if (isTooLarge(shape)) return "a grid that is too large, which steps refuse";
     return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.numRows()) +
            " x " + std::to_string(shape.size[2]) + " nodes, whose products have the tolerance " +
            text(resolution.getTolerance(), 3);

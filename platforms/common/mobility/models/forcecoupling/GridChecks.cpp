@@ -2,7 +2,6 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <algorithm>
 #include <fstream>
 #include <limits>
 
@@ -41,10 +40,6 @@ void checkBoxOfGrid(const std::string& model, const BoxVectors& box) {
         refuseGrid(model,
                    "needs a periodic box, but the System has none; set a box by "
                    "setDefaultPeriodicBoxVectors() on the System");
-}
-
-bool isTooLarge(const GridShape& shape) {
-    return std::max({shape.size[0], shape.size[1], shape.size[2]}) >= largestSize;
 }
 
 void checkSizeOfGrid(const std::string& model, const BoxVectors& box, double spacing) {

@@ -11,8 +11,6 @@ namespace RigidHIPlugin {
 [[noreturn]] void refuseGrid(const std::string& model, const std::string& problem);
 /** @throws OpenMMException  for a box that is none, or has edges that are not along the axes */
 void checkBoxOfGrid(const std::string& model, const BoxVectors& box);
-/** Whether checkSizeOfGrid() would refuse a grid, which descriptions then say. */
-bool isTooLarge(const GridShape& shape);
 /** @throws OpenMMException  for more nodes along an edge than numbers of modes can be told apart */
 void checkSizeOfGrid(const std::string& model, const BoxVectors& box, double spacing);
 /**
