@@ -55,6 +55,7 @@ SERIES = (
     ('blobs', 'RotnePragerYamakawa', 'NoSlipWall', 'MatrixFree'),
     ('blobs', 'RotnePragerYamakawa', 'Periodic', 'MatrixFree'),
     ('blobs', 'ForceCoupling', 'Periodic', 'MatrixFree'),
+    ('blobs', 'ForceCoupling', 'SlipChannel', 'MatrixFree'),
 )
 # yapf: enable
 COLOURS = {

@@ -187,7 +187,9 @@ TEST(Lanczos, RoughProductsTakeOverWhereTheyDoNoHarm) {
                 const VectorXd x = normal(random, n, 1);
                 Lanczos lanczos(tolerance);
                 MatrixXd result;
-                lanczos.apply(exactly, x, {f}, result, Lanczos::OwnNorm, roughly);
+                lanczos.apply(exactly, x, {f}, result, Lanczos::OwnNorm,
+                              {{roughly, MobilityAt::roughError, 0,
+                                tolerance >= MobilityAt::leastRoughTolerance}});
                 const double error = errorOf(lanczos, result, A, f, x) / tolerance;
                 EXPECT_LE(error, 5) << kind << " tolerance " << tolerance << " condition "
                                     << condition << " " << repeat;
@@ -200,6 +202,64 @@ TEST(Lanczos, RoughProductsTakeOverWhereTheyDoNoHarm) {
     cout << cases << " cases, worst error " << worst << " tolerances, " << again
          << " done again; at 1e-6 " << roughOnes << " of " << products << " products rough" << endl;
     EXPECT_GT(roughOnes, products / 3);
+}
+
+TEST(Lanczos, CoarseProductsAreTriedFirst) {
+    // Errors of a tenth and of a hundredth of the tolerance, relative to the first product, as
+    // those of multipoles. They have random directions, or they are those of another matrix.
+    mt19937 random(5);
+    uniform_real_distribution<double> uniform(0, 1);
+    map<string, int> outcomes;  // by the kinds of products, in order
+    double worst = 0;
+    for (int kind = 0; kind < numSpectra; kind++)
+        for (double tolerance : {1e-2, 1e-3, 1e-4})
+            for (int repeat = 0; repeat < 12; repeat++) {
+                const int n = 80;
+                const double condition = pow(10, 2.5 * uniform(random));
+                const KnownMatrix A = {spectrum(random, Spectrum(kind), n, condition),
+                                       rotation(random, n)};
+                const VectorXd x = normal(random, n, 1);
+                const double first = A.times(x, A.values).norm() / x.norm();
+                const VectorXd change = normal(random, n, 1).array().sin();
+                const MatrixXd Q = rotation(random, n);
+                string calls;
+                const auto product = [&](char name, double error) {
+                    return [&, name, error](const MatrixXd& in, MatrixXd& out) {
+                        if (calls.empty() || calls.back() != name) calls += name;
+                        out = A.times(in, A.values);
+                        const double size = 0.5 * error * first;
+                        out += size * (Q * change.asDiagonal() * Q.transpose() * in);
+                        for (int c = 0; c < in.cols(); c++)
+                            out.col(c) +=
+                                size * in.col(c).norm() * normal(random, n, 1).normalized();
+                    };
+                };
+                const double coarse = 0.1 * tolerance, fine = 0.01 * tolerance;
+                const auto f = repeat % 3 == 0 ? SpectralFunction::squareRoot()
+                               : repeat % 3 == 1
+                                   ? SpectralFunction::inverseSquareRoot()
+                                   : SpectralFunction::decay(pow(10, 2 * uniform(random) - 1));
+                Lanczos lanczos(tolerance);
+                MatrixXd result;
+                lanczos.apply(product('e', 0), x, {f}, result, Lanczos::OwnNorm,
+                              {{product('c', coarse), 0, coarse}, {product('f', fine), 0, fine}});
+                const double error = errorOf(lanczos, result, A, f, x) / tolerance;
+                EXPECT_LE(error, 5) << kind << " tolerance " << tolerance << " condition "
+                                    << condition << " " << repeat;
+                worst = max(worst, error);
+                outcomes[calls]++;
+            }
+    cout << "worst error " << worst << " tolerances;";
+    int cases = 0;
+    for (const auto& each : outcomes) {
+        cout << " " << each.first << " " << each.second;
+        cases += each.second;
+    }
+    cout << endl;
+    EXPECT_EQ(outcomes["c"] + outcomes["cf"] + outcomes["cfe"], cases);
+    EXPECT_GT(outcomes["c"], cases / 3);
+    EXPECT_GT(outcomes["cf"], 0);
+    EXPECT_LT(outcomes["cfe"], outcomes["cf"]);
 }
 
 TEST(Lanczos, ACourseIsFollowed) {
@@ -220,7 +280,8 @@ TEST(Lanczos, ACourseIsFollowed) {
     };
     Lanczos lanczos(tolerance);
     MatrixXd result;
-    lanczos.apply(product('e'), x, f, result, Lanczos::OwnNorm, product('r'));
+    const vector<Lanczos::Rough> rough = {{product('r'), MobilityAt::roughError, 0, true}};
+    lanczos.apply(product('e'), x, f, result, Lanczos::OwnNorm, rough);
     Lanczos::Course course = lanczos.getCourse();
     ASSERT_EQ(course.isRough.size(), calls.size());
     for (size_t k = 0; k < calls.size(); k++) EXPECT_EQ(course.isRough[k], calls[k] == 'r');
@@ -235,13 +296,13 @@ TEST(Lanczos, ACourseIsFollowed) {
         wanted += k % 3 == 1 ? 'r' : 'e';
     }
     calls.clear();
-    lanczos.apply(product('e'), x, f, result, Lanczos::OwnNorm, product('r'), &course);
+    lanczos.apply(product('e'), x, f, result, Lanczos::OwnNorm, rough, &course);
     EXPECT_EQ(calls, wanted);
     EXPECT_EQ(lanczos.getNumProducts(), course.products[0] + course.products[1]);
     EXPECT_EQ(lanczos.getCourse().products, course.products);
     // Too short a course is left: the error decides.
     course.products = {3, 3};
-    lanczos.apply(product('e'), x, f, result, Lanczos::OwnNorm, Lanczos::Product(), &course);
+    lanczos.apply(product('e'), x, f, result, Lanczos::OwnNorm, {}, &course);
     EXPECT_GT(lanczos.getNumProducts(), 6);
     for (int c = 0; c < 2; c++)
         EXPECT_LT(errorOf(lanczos, result, A, f[c], x.col(c), c), 10 * tolerance);
@@ -284,8 +345,7 @@ TEST(Lanczos, DifferencesOfOneCourseKeepTheirDigits) {
             const auto errorOfDifference = [&](const MatrixXd& second) {
                 return ((second - here) / eps - exact).norm() / exact.norm() / tolerance;
             };
-            lanczos.apply(product(eps), x, {f}, there, Lanczos::OwnNorm, Lanczos::Product(),
-                          &course);
+            lanczos.apply(product(eps), x, {f}, there, Lanczos::OwnNorm, {}, &course);
             longer += lanczos.getNumProducts() > course.products[0];
             if (lanczos.getNumProducts() == course.products[0]) {
                 worst = max(worst, errorOfDifference(there));

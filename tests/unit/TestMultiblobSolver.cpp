@@ -121,6 +121,19 @@ struct SolverOf {
     }
 };
 
+/** A place whose products are wrong by all of the error that they may have. */
+struct CoarsePlace : MobilityAt {
+    const MatrixXd M, errors;
+    CoarsePlace(const MobilityModel& model, const MatrixXd& M, const MatrixXd& anyMatrix)
+        : MobilityAt(model), M(M), errors(M.operatorNorm() / anyMatrix.operatorNorm() * anyMatrix) {
+    }
+    void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = M * forces; }
+    void applyWithin(double error, const MatrixXd& forces, MatrixXd& velocities) override {
+        velocities = M * forces + error * (errors * forces);
+    }
+    void moveTo(const Placement&, bool) override {}
+};
+
 }  // namespace
 
 TEST(MultiblobSolver, RoughProductsKeepAnyTolerance) {
@@ -131,11 +144,11 @@ TEST(MultiblobSolver, RoughProductsKeepAnyTolerance) {
     SolverOf at(layer);
     for (double tolerance : {1e-1, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10}) {
         MatrixXd twists, exactly;
-        const int iterations =
-            at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, false, twists);
+        const int iterations = at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance,
+                                               MobilityAt::roughError, twists);
         const int products = at.solver.getNumProducts(), exact = at.solver.getNumExactProducts();
         const int exactIterations =
-            at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, true, exactly);
+            at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, 0, exactly);
         for (int c = 0; c < 2; c++) {
             EXPECT_LT(layer.errorOf(twists, wrenches, c), 3 * tolerance) << tolerance;
             EXPECT_LT(layer.errorOf(exactly, wrenches, c), 3 * tolerance) << tolerance;
@@ -149,6 +162,39 @@ TEST(MultiblobSolver, RoughProductsKeepAnyTolerance) {
         cout << "tolerance " << tolerance << ": " << iterations << " iterations, " << exact / 2
              << " of " << products / 2 << " products exact; with exact ones only "
              << exactIterations << " iterations" << endl;
+    }
+}
+
+TEST(MultiblobSolver, CoarseProductsKeepTheTolerance) {
+    mt19937 random(5);
+    Layer layer(shell(20, 0.8), 0.25, 2.2, 5);
+    layer.setPoses();
+    const MatrixXd wrenches = normal(random, layer.bodies->getNumRows(), 2),
+                   M = layer.blobMobility();
+    SolverOf at(layer);
+    CoarsePlace coarse(layer.bodies->getModel(), M, normal(random, M.rows(), M.rows()));
+    for (double tolerance : {1e-2, 1e-3, 1e-4}) {
+        const double allowed = at.solver.errorFor(tolerance);
+        EXPECT_GT(allowed, 1e-3 * tolerance);
+        // What the solver is given is not always what it would ask for.
+        for (double factor : {1.0, 30.0, 1e4}) {
+            MatrixXd twists, exactly;
+            const int iterations =
+                at.solver.solve(coarse, wrenches, MatrixXd(), tolerance, factor * allowed, twists);
+            const int exact = at.solver.getNumExactProducts();
+            const int exactIterations =
+                at.solver.solve(coarse, wrenches, MatrixXd(), tolerance, 0, exactly);
+            cout << "tolerance " << tolerance << ", products to " << factor * allowed << ": "
+                 << iterations << " iterations, " << exact / 2
+                 << " exact products; with exact ones " << exactIterations << " iterations; error "
+                 << layer.errorOf(twists, wrenches, 0) << endl;
+            for (int c = 0; c < 2; c++)
+                EXPECT_LT(layer.errorOf(twists, wrenches, c), 3 * tolerance);
+            if (factor == 1) {
+                EXPECT_EQ(exact, 0);
+                EXPECT_LE(iterations, exactIterations + 1);
+            }
+        }
     }
 }
 
@@ -170,7 +216,7 @@ TEST(MultiblobSolver, SlipsTooAndTheForcesOfBlobs) {
     SolverOf at(layer);
     for (double tolerance : {1e-3, 1e-6, 1e-9}) {
         MatrixXd twists, forces;
-        at.solver.solve(*at.place, wrenches, slips, tolerance, false, twists);
+        at.solver.solve(*at.place, wrenches, slips, tolerance, MobilityAt::roughError, twists);
         at.solver.getBlobForces(forces);
         const VectorXd difference = forces - lambda, ofTwists = twists - U;
         // Errors are relative to forces and slips together, in the energy norm.
@@ -194,7 +240,7 @@ TEST(MultiblobSolver, IllConditionedBodiesAreNotTrustedToRoughProducts) {
     SolverOf at(layer);
     for (double tolerance : {1e-4, 1e-6}) {
         MatrixXd twists;
-        at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, false, twists);
+        at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, MobilityAt::roughError, twists);
         EXPECT_LT(layer.errorOf(twists, wrenches, 0), 3 * tolerance);
         EXPECT_GE(at.solver.getNumExactProducts(), 1);
     }
@@ -207,7 +253,8 @@ TEST(MultiblobSolver, ModelsWithoutRoughProductsHaveNoneInVain) {
     const MatrixXd wrenches = normal(random, layer.bodies->getNumRows(), 1);
     SolverOf at(layer);
     MatrixXd twists;
-    const int iterations = at.solver.solve(*at.place, wrenches, MatrixXd(), 1e-6, false, twists);
+    const int iterations =
+        at.solver.solve(*at.place, wrenches, MatrixXd(), 1e-6, MobilityAt::roughError, twists);
     EXPECT_EQ(at.solver.getNumProducts(), iterations + 1);
     EXPECT_LT(layer.errorOf(twists, wrenches, 0), 3e-6);
 }
@@ -225,7 +272,7 @@ TEST(MultiblobSolver, BeginsAtAGuessThatTurnsWithTheBodies) {
             Layer moved(shell(20, 0.8), 0.25, 2.2, 5);
             MatrixXd twists, expected, guessed;
             at.goTo(layer);
-            at.solver.solve(*at.place, wrenches, slips, tolerance, false, twists);
+            at.solver.solve(*at.place, wrenches, slips, tolerance, MobilityAt::roughError, twists);
             at.solver.keepGuess(0);
             for (Pose& pose : moved.poses) {
                 pose.R += step * Vector3d(normal(random, 3, 1)).cwiseAbs();
@@ -234,11 +281,11 @@ TEST(MultiblobSolver, BeginsAtAGuessThatTurnsWithTheBodies) {
             }
             at.goTo(moved);
             const MatrixXd wrenchesThere = wrenches + step * change;
-            at.solver.solve(*at.place, wrenchesThere, slips, 1e-10, true, expected);
-            const int cold =
-                at.solver.solve(*at.place, wrenchesThere, slips, tolerance, false, twists);
-            const int warm =
-                at.solver.solve(*at.place, wrenchesThere, slips, tolerance, false, guessed, true);
+            at.solver.solve(*at.place, wrenchesThere, slips, 1e-10, 0, expected);
+            const int cold = at.solver.solve(*at.place, wrenchesThere, slips, tolerance,
+                                             MobilityAt::roughError, twists);
+            const int warm = at.solver.solve(*at.place, wrenchesThere, slips, tolerance,
+                                             MobilityAt::roughError, guessed, true);
             cout << "step " << step << ", tolerance " << tolerance << ": " << warm
                  << " iterations instead of " << cold << endl;
             EXPECT_LT((guessed - expected).norm(), 10 * tolerance * expected.norm());

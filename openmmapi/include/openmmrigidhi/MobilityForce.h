@@ -269,7 +269,8 @@ public:
      * particles. Two kinds of products are done so, because a tolerance is good enough for them:
      *   - answers of applyMobilityInContext() for spheres, to the solver tolerance, if that is 1e-6
      *     or more,
-     *   - products of iterations whose tolerance is 5e-5 or more, to 1e-6.
+     *   - products of iterations, to a part of their tolerance, if that is 1e-6 or more. The result
+     *     keeps the tolerance. Results that a scheme differences have no such products.
      *
      * The numbers of particles from which multipoles are used follow from the tolerance alone, and
      * CustomRigidHIIntegrator::getEffects() says them. Other products are sums over all pairs, to

@@ -76,7 +76,7 @@ private:
         const bool hasForce = fluid.getParameters() != nullptr;
         const string missing =
             hasForce ? "positions are not set yet" : "the System has no MobilityForce";
-        set("hydrodynamics", hasForce, fluid ? fluid->describe(scheme.isOverdamped()) : missing);
+        set("hydrodynamics", hasForce, fluid ? fluid->describe(scheme) : missing);
         set("mobilities asked for", hasForce, fluid ? fluid->describeAnswers() : missing);
         const string flow = fluid ? fluid->describeFlow() : "";
         set("driven flow", !flow.empty(),

@@ -226,7 +226,7 @@ public:
     /** For describeEffects(): the flow that users drive; empty: there is none. */
     std::string describeFlow() const;
     /** For describeEffects(): what the fluid is, and how many groups are solved in which way. */
-    std::string describe(bool overdamped) const;
+    std::string describe(const SchemeTraits& scheme) const;
     /**
      * For describeEffects(): the method by which mobility(), friction() and apply() are computed,
      * whatever the scheme.
@@ -269,8 +269,7 @@ public:
 private:
     /** Groups by what their stochastic drift is. */
     struct Drifts {
-        std::vector<const FluidGroup*>
-            differenced;  // by finite differences, where the scheme has them
+        std::vector<FluidGroup*> differenced;  // by finite differences, where the scheme has them
         int known = 0, zero = 0,
             ofSpheres = 0;  // known for a body alone in a uniform fluid; the same, and 0; 0 for
                             // spheres that feel each other
@@ -282,8 +281,8 @@ private:
     OverdampedMove& moveOf(FluidGroup& group) const;
     OverdampedScheme& schemeOf(FluidGroup& group) const;
     void restoreMemory(FluidGroup& group) const;
-    bool differencesIterate(const FluidGroup& group, const SchemeTraits& scheme) const;
-    double differenceOf(const FluidGroup& group, const SchemeTraits& scheme, double wanted) const;
+    bool differencesIterate(FluidGroup& group, const SchemeTraits& scheme) const;
+    double differenceOf(FluidGroup& group, const SchemeTraits& scheme, double wanted) const;
     void takeForces(FluidGroup& group, const BodySet& bodies,
                     const FreeParticles& freeParticles) const;
     bool writePlaces(const FluidGroup& group, const std::vector<Pose>& places, BodySet& bodies,

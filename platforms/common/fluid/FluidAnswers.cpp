@@ -168,7 +168,28 @@ string Fluid::describeBox() const {
     return text.str();
 }
 
-string Fluid::describe(bool overdamped) const {
+/**
+ * How iterations make their products, where they are not plain sums over all pairs. In schemes of
+ * several stages the last one follows the differences (OverdampedMove::atPresent()).
+ */
+static string describeProducts(BodyMobility& mobility, bool differenced,
+                               const SchemeTraits& scheme) {
+    const string products = mobility.describeProducts(!differenced);
+    string text = products;
+    if (differenced && overdampedScheme(scheme.scheme).numStages() > 1) {
+        const string later = mobility.describeProducts(true);
+        if (later != products)
+            text = (products.empty() ? "over all pairs" : products) + " for differences, then " +
+                   later;
+    }
+    return text.empty() ? text : ", products in iterations " + text;
+}
+
+string Fluid::describe(const SchemeTraits& scheme) const {
+    const bool overdamped = scheme.isOverdamped();
+    const auto mobilityOf = [&](const FluidGroup& group) -> BodyMobility& {
+        return overdamped ? *group.overdamped.mobility : group.relaxation->getMobility();
+    };
     int bodies = 0, free = 0, thermostats = 0, ways[3] = {0, 0, 0};
     for (int g : groupOfBody) bodies += g >= 0;
     for (int g : groupOfFree) free += g >= 0;
@@ -176,8 +197,7 @@ string Fluid::describe(bool overdamped) const {
         if (!overdamped && !group->relaxation)
             thermostats++;
         else
-            ways[(overdamped ? *group->overdamped.mobility : group->relaxation->getMobility())
-                     .getWay()]++;
+            ways[mobilityOf(*group).getWay()]++;
     ostringstream text;
     text << modelName(force.getModel());
     if (force.getBoundary() == MobilityForce::NoSlipWall)
@@ -200,7 +220,7 @@ string Fluid::describe(bool overdamped) const {
                      ? " with all images along x and z in "
                      : " with all images in ")
              << describeBox();
-    const FluidGroup* largest = nullptr;
+    FluidGroup* largest = nullptr;
     for (const auto& group : groups)
         if (!largest || group->bodies.getNumParticleRows() > largest->bodies.getNumParticleRows())
             largest = group.get();
@@ -213,11 +233,9 @@ string Fluid::describe(bool overdamped) const {
     text << ways[BodyMobility::Constant] << " alone with a constant tensor (computed once), "
          << ways[BodyMobility::Dense] << " groups with dense matrices, "
          << ways[BodyMobility::Krylov] << " groups matrix-free";
-    if (largest && largest->bodies.hasModel() && ways[BodyMobility::Krylov] > 0) {
-        const string products = largest->bodies.getModel().describeFastProducts(
-            MobilityAt::errorFor(force.getSolverTolerance()));
-        if (!products.empty()) text << ", products in iterations " << products;
-    }
+    if (largest && largest->bodies.hasModel() && (overdamped || largest->relaxation))
+        text << describeProducts(mobilityOf(*largest),
+                                 overdamped && differencesIterate(*largest, scheme), scheme);
     return text.str();
 }
 

@@ -57,9 +57,9 @@ OverdampedMove& Fluid::moveOf(FluidGroup& group) const {
 }
 
 /** Whether a scheme differences results of iterations, which have a tolerance. */
-bool Fluid::differencesIterate(const FluidGroup& group, const SchemeTraits& scheme) const {
+bool Fluid::differencesIterate(FluidGroup& group, const SchemeTraits& scheme) const {
     const BodyMobility& mobility = *group.overdamped.mobility;
-    if (group.overdamped.move->driftIsKnown()) return false;
+    if (moveOf(group).driftIsKnown()) return false;
     switch (scheme.differenced) {
         case Differenced::Products: return mobility.productsIterate();
         case Differenced::Solves: return mobility.solvesIterate();
@@ -77,6 +77,7 @@ void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme,
     const bool iterate = step.kT > 0 && differencesIterate(group, scheme);
     BodyMobility::ForDifferences needed;
     needed.exactProducts = iterate && step.difference < largestDifference;
+    needed.coarseProducts = !iterate;
     needed.exactSolves = step.kT > 0 && !group.overdamped.move->driftIsKnown() &&
                          scheme.differenced != Differenced::Nothing;
     const double tolerance = force.getSolverTolerance();
@@ -88,8 +89,7 @@ void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme,
 }
 
 /** The finite-difference step: as set, or chosen by the errors of the differenced results. */
-double Fluid::differenceOf(const FluidGroup& group, const SchemeTraits& scheme,
-                           double wanted) const {
+double Fluid::differenceOf(FluidGroup& group, const SchemeTraits& scheme, double wanted) const {
     if (wanted > 0) return wanted;
     if (!differencesIterate(group, scheme)) return denseDifference;
     // Where products may be of single precision at once, small differences would need exact ones.
@@ -127,7 +127,7 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT,
               zero = drifts.zero + drifts.ofSpheres;
     double smallest = 0, largest = 0;
     bool byFields = scheme.differenced == Differenced::Roots;
-    for (const FluidGroup* group : drifts.differenced) {
+    for (FluidGroup* group : drifts.differenced) {
         byFields = byFields && group->overdamped.mobility->divergenceIsOfField();
         const double step = differenceOf(*group, scheme, difference);
         smallest = smallest == 0 ? step : min(smallest, step);

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "rigid/RoughProducts.h"
 #include "rigidbody/BodyPoses.h"
 #include "rigidbody/EigenVec3.h"
 
@@ -84,10 +85,10 @@ protected:
     void prepare() override { mobility.setTolerance(innerTolerance * tolerance); }
     void evolve(const RelaxationStep& step) override {
         const BodyMobility::Solving timed(mobility);
-        const auto product = [&](double toleranceOfProducts) {
-            return [&, toleranceOfProducts](const MatrixXd& x, MatrixXd& y) {
+        const auto product = [&](double error) {
+            return [&, error](const MatrixXd& x, MatrixXd& y) {
                 scaling.wrenches(x, mobility, step.bodies, step.freeParticles, wrenches);
-                mobility.multiply(wrenches, twists, MobilityAt::errorFor(toleranceOfProducts));
+                mobility.multiply(wrenches, twists, error);
                 scaling.scaled(twists, mobility, step.bodies, step.freeParticles, y);
             };
         };
@@ -100,11 +101,10 @@ protected:
         }
         // For multiblobs a product is a solve, whose own products are rough where that is accurate
         // enough.
-        const bool hasRough = mobility.getBodies().multipliesWithoutIterations() &&
-                              mobility.getBodies().getModel().hasRoughProducts();
-        lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum,
-                      hasRough ? Lanczos::Product(product(MobilityAt::leastRoughTolerance))
-                               : Lanczos::Product());
+        vector<Lanczos::Rough> rough;
+        if (mobility.getBodies().multipliesWithoutIterations())
+            rough = roughProducts(mobility.getBodies().getModel(), tolerance, true, 1, product);
+        lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum, rough);
         if (!lanczos.isIncrement(0)) Z.setZero();
         for (int c = 0; c < results.cols(); c++) Z += results.col(c);
         iterations += lanczos.getNumIterations();

@@ -57,22 +57,27 @@ Lanczos::Lanczos(double tolerance, int maxIterations, double wanted)
 
 void Lanczos::apply(const Product& multiply, const MatrixXd& x,
                     const std::vector<SpectralFunction>& functions, MatrixXd& result,
-                    Measure measure, const Product& rough, const Course* toFollow) {
+                    Measure measure, const std::vector<Rough>& kinds, const Course* toFollow) {
     numProducts = numIterations = 0;
-    if (rough) {
+    const int count = kinds.size();
+    for (int attempt = toFollow ? toFollow->attempt : 0; attempt < count; attempt++) {
+        rough = &kinds[attempt];
         try {
-            iterate(multiply, rough, x, functions, result, measure, toFollow);
+            iterate(multiply, x, functions, result, measure, toFollow);
+            course.attempt = attempt;
             return;
         } catch (const TooRough&) {
         }
     }
-    iterate(multiply, Product(), x, functions, result, measure, toFollow);
+    rough = nullptr;
+    iterate(multiply, x, functions, result, measure, toFollow);
+    course.attempt = count;
 }
 
-void Lanczos::iterate(const Product& multiply, const Product& rough, const MatrixXd& x,
+void Lanczos::iterate(const Product& multiply, const MatrixXd& x,
                       const std::vector<SpectralFunction>& functions, MatrixXd& result,
                       Measure measure, const Course* toFollow) {
-    isRough = rough && tolerance >= MobilityAt::leastRoughTolerance;
+    isRough = rough && rough->atOnce;
     follows = toFollow;
     const int n = x.rows(), count = x.cols();
     result.setZero(n, count);
@@ -92,7 +97,7 @@ void Lanczos::iterate(const Product& multiply, const Product& rough, const Matri
         if (rough && toFollow && k <= static_cast<int>(toFollow->isRough.size()))
             isRough = toFollow->isRough[k - 1];
         own.isRough.push_back(isRough);
-        (isRough ? rough : multiply)(input, output);
+        (isRough ? rough->multiply : multiply)(input, output);
         numIterations++;
         numProducts += active;
         for (int c = 0, i = 0; c < count; c++)
@@ -132,6 +137,11 @@ void Lanczos::iterate(const Product& multiply, const Product& rough, const Matri
     course = own;
 }
 
+/** The error of a rough product with a vector of length 1. */
+double Lanczos::errorOfRough(const Column& column) const {
+    return rough ? rough->ofNorm * column.scale + rough->ofVector * column.first : 0;
+}
+
 /**
  * Errors of the products so far enter the result with factors that shrink about as fast as its
  * coefficients. The next products together therefore do not exceed a few times the effect of the
@@ -140,8 +150,7 @@ void Lanczos::iterate(const Product& multiply, const Product& rough, const Matri
 bool Lanczos::allowsRoughProducts(const Column& column) const {
     const double shareOfRough = 0.25;  // of the rounding that isConverged() allows
     const Iterate& iterate = column.iterate[column.form];
-    return MobilityAt::roughError * column.scale * iterate.lastFactor <=
-           shareOfRough * tolerance * iterate.norm;
+    return errorOfRough(column) * iterate.lastFactor <= shareOfRough * tolerance * iterate.norm;
 }
 
 void Lanczos::start(Column& column, const VectorXd& x) {
@@ -185,9 +194,10 @@ void Lanczos::extend(Column& column, const VectorXd& product) {
             "MobilityForce: a product with the mobility is not finite; look at the positions");
     column.alpha.push_back(alpha);
     column.scale = std::max(column.scale, std::abs(alpha) + beta);
+    if (k == 1) column.first = std::hypot(alpha, beta);
     column.wasRough.push_back(isRough);
     column.exact =
-        k == n || beta <= (isRough ? MobilityAt::roughError : roundingError) * column.scale;
+        k == n || beta <= (isRough ? errorOfRough(column) : roundingError * column.scale);
     if (column.exact) return;
     column.beta.push_back(beta);
     if (column.basis.cols() == k) column.basis.conservativeResize(n, std::min(2 * k, n));
@@ -244,7 +254,7 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
             if (column.wasRough[j]) ofRough += iterate.lastFactor;
         }
         iterate.roundoff = roundingError * (column.scale * steepest + iterate.norm) +
-                           MobilityAt::roughError * column.scale * std::min(ofRough, steepest);
+                           errorOfRough(column) * std::min(ofRough, steepest);
         iterate.bound = column.exact
                             ? 0
                             : column.beta[k - 1] * largestFactor(function, functionValues, firstRow,
@@ -316,6 +326,8 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
     }
     column.error = (iterate.bound + iterate.roundoff) / norm;
     if (!iterationConverged(norm)) {
+        // Errors of the first products count most, so that more products do not help.
+        if (isRough && rough->ofVector > 0 && !roundingIsSmall(norm)) throw TooRough();
         planNextLook(column, iterate.bound / (shareOfIteration * tolerance * norm));
         return false;
     }

@@ -52,7 +52,7 @@ struct SpectralFunction {
  * An error in the k-th product enters the result as the k-th basis vector does. Rough products are
  * therefore used from the first product on at coarse tolerances, and after a few at fine ones.
  * Their errors are counted with rounding. If this makes the estimate too large, the computation is
- * repeated with exact products.
+ * repeated with the next kind of rough products, and in the end with exact ones.
  *
  * There are no measured times and no random numbers: the same input gives the same bits.
  */
@@ -64,10 +64,21 @@ public:
      * apply()) that of their sum. */
     enum Measure { OwnNorm, NormOfSum };
 
+    /** Products that take less time, and their errors. */
+    struct Rough {
+        Product multiply;
+        /** The error of a product with a vector v is at most this times the norms of A and v... */
+        double ofNorm = 0;
+        /** ...and this times the norm of v times |A x|/|x|, where x is the column's vector. */
+        double ofVector = 0;
+        /** Whether the first products may be rough. Otherwise the iterates decide. */
+        bool atOnce = true;
+    };
     /** How the columns of apply() have iterated. */
     struct Course {
         std::vector<int> products;  // of each column
         std::vector<char> isRough;  // each call of the product, in order
+        int attempt = 0;            // the kind of rough products
     };
 
     static constexpr int defaultIterations = 1000;
@@ -95,7 +106,7 @@ public:
      * then up to a hundred tolerances, however close A' is to A. For eigenvalues in clusters the
      * difference may be worse, and no estimate tells.
      *
-     * @param rough   if not empty: products as in MobilityAt::applyRoughly()
+     * @param rough   kinds of rough products, which are tried in this order
      * @param course  to be followed; null: none
      * @throws OpenMMException  if the tolerance is not reached in maxIterations or because of
      *     rounding (with what was reached and what helps); if A is not positive definite; for
@@ -103,7 +114,7 @@ public:
      */
     void apply(const Product& multiply, const Eigen::MatrixXd& x,
                const std::vector<SpectralFunction>& functions, Eigen::MatrixXd& result,
-               Measure measure = OwnNorm, const Product& rough = Product(),
+               Measure measure = OwnNorm, const std::vector<Rough>& rough = {},
                const Course* course = nullptr);
 
     /** The course of the last apply(). */
@@ -120,8 +131,7 @@ public:
 private:
     /** Thrown where rough products are not accurate enough. */
     struct TooRough {};
-    /** @param rough  empty: exact products only */
-    void iterate(const Product& multiply, const Product& rough, const Eigen::MatrixXd& x,
+    void iterate(const Product& multiply, const Eigen::MatrixXd& x,
                  const std::vector<SpectralFunction>& functions, Eigen::MatrixXd& result,
                  Measure measure, const Course* toFollow);
     enum Form { Value, Increment };
@@ -137,6 +147,7 @@ private:
         std::vector<double> alpha, beta;
         std::vector<char> wasRough;  // for each product
         double scale;  // the largest number in the tridiagonal matrix, about the norm of A
+        double first;  // |A x|/|x|
         double smallest, largest;  // Ritz values
         Iterate iterate[2];
         bool active, exact;
@@ -149,6 +160,7 @@ private:
     void start(Column& column, const Eigen::VectorXd& x);
     void extend(Column& column, const Eigen::VectorXd& product);
     void evaluate(Column& column, const SpectralFunction& f);
+    double errorOfRough(const Column& column) const;
     bool allowsRoughProducts(const Column& column) const;
     double largestFactor(const std::function<double(double)>& f,
                          const Eigen::VectorXd& functionValues, const Eigen::VectorXd& firstRow,
@@ -166,8 +178,9 @@ private:
     Eigen::MatrixXd input, output, slopes;
     int numProducts = 0, numIterations = 0;
     Course course;
-    bool isRough = false;  // whether the present attempt has had rough products
-    bool follows = false;  // whether the present attempt follows a course
+    const Rough* rough = nullptr;  // of the present attempt; null: exact products only
+    bool isRough = false;          // whether the present attempt has had rough products
+    bool follows = false;          // whether the present attempt follows a course
 };
 
 }  // namespace RigidHIPlugin

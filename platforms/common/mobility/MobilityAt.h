@@ -68,17 +68,6 @@ public:
         else
             apply(forces, velocities);
     }
-    /**
-     * The error of products that is small enough for an iteration of this relative tolerance; 0:
-     * products must be exact.
-     */
-    static double errorFor(double tolerance) {
-        return tolerance >= leastRoughTolerance ? roughError : 0;
-    }
-    /** Products with the error errorFor(tolerance). */
-    void applyFor(double tolerance, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
-        applyWithin(errorFor(tolerance), forces, velocities);
-    }
     /** The matrix itself. Default: apply() to the identity. */
     virtual void dense(Eigen::MatrixXd& mobility);
     /**

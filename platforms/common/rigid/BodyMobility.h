@@ -62,9 +62,15 @@ public:
         double partOfTolerance = 1;
         /**
          * Exact products within iterations: small differences would magnify rounding of single
-         * precision. Otherwise products are as in MobilityAt::applyFor().
+         * precision.
          */
         bool exactProducts = false;
+        /**
+         * Products within iterations may be as coarse as the tolerance allows. Results of
+         * iterations that are differenced must not have such products, because their errors jump
+         * from place to place.
+         */
+        bool coarseProducts = true;
         /**
          * Where nothing iterates, solve() has exact products. Otherwise its products are right to a
          * part of the tolerance.
@@ -74,6 +80,13 @@ public:
     /** Set the relative tolerance of iterations, from the start of a step on. */
     virtual void setTolerance(double relative, const ForDifferences& needed) {}
     void setTolerance(double relative) { setTolerance(relative, ForDifferences()); }
+    /**
+     * How the first products of iterations are made, for describeEffects(). Default, and where they
+     * are sums over all pairs: empty.
+     *
+     * @param coarse  as of ForDifferences
+     */
+    virtual std::string describeProducts(bool coarse) { return {}; }
     /** In this step no more differences are taken: iterations go to the tolerance itself. */
     virtual void endDifferences() {}
     /**

@@ -1,6 +1,7 @@
 #include "rigid/KrylovMobility.h"
 
 #include "linearalgebra/Symmetrise.h"
+#include "rigid/RoughProducts.h"
 
 using namespace Eigen;
 using namespace std;
@@ -9,8 +10,8 @@ namespace RigidHIPlugin {
 
 KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
     : BodyMobility(bodies), spheres(bodies.getMotion().isIdentity()), wantedTolerance(tolerance),
-      toleranceOfStep(tolerance), tolerance(tolerance), toleranceOfProducts(tolerance),
-      here(bodies, costs), elsewhere(bodies, costs) {
+      toleranceOfStep(tolerance), tolerance(tolerance), here(bodies, costs),
+      elsewhere(bodies, costs) {
     if (!spheres) return;
     const HydrodynamicParticles& particles = bodies.getParticles();
     ownScale.resize(particles.numRows);
@@ -25,17 +26,22 @@ KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
 void KrylovMobility::setTolerance(double relative, const ForDifferences& needed) {
     toleranceOfStep = relative;
     courseOfWrench = courseOfSlip = Lanczos::Course();
-    setTolerances(relative * needed.partOfTolerance, needed.exactProducts, needed.exactSolves);
+    setTolerances(relative * needed.partOfTolerance, needed);
 }
 
-void KrylovMobility::endDifferences() { setTolerances(toleranceOfStep, false, false); }
+void KrylovMobility::endDifferences() {
+    ForDifferences none;
+    none.exactSolves = false;
+    setTolerances(toleranceOfStep, none);
+}
 
-void KrylovMobility::setTolerances(double relative, bool exactProducts, bool exactSolves) {
+void KrylovMobility::setTolerances(double relative, const ForDifferences& needed) {
     // The tolerance is in the norm of the friction. In this norm errors of products were up to a
     // hundred times as large.
     const double part = 0.01;
-    toleranceOfProducts = exactProducts ? 0 : relative;
-    const bool fast = !exactSolves && bodies.getModel().hasFastProducts(part * relative);
+    exactProducts = needed.exactProducts;
+    coarseProducts = needed.coarseProducts && !exactProducts;
+    const bool fast = !needed.exactSolves && bodies.getModel().hasFastProducts(part * relative);
     errorOfSolves = fast ? part * relative : 0;
     if (relative == tolerance) return;
     tolerance = relative;
@@ -55,13 +61,46 @@ void KrylovMobility::endSolving() {
         (here.getSecondsOfGrid() + elsewhere.getSecondsOfGrid() - gridSecondsBefore);
 }
 
-MultiblobSolver& KrylovMobility::solverAt(const BodiesAt& at) {
+MultiblobSolver& KrylovMobility::theSolver() {
     if (!solver)
         solver.reset(
             new MultiblobSolver(bodies.getMotion(), bodies.getNullTwists(), bodies.getModel()));
-    solver->wantedTolerance = wantedTolerance;
+    return *solver;
+}
+
+MultiblobSolver& KrylovMobility::solverAt(const BodiesAt& at) {
+    theSolver().wantedTolerance = wantedTolerance;
     solver->setTurns(at.getTurns());
     return *solver;
+}
+
+/** The error of fast products in solves, if there are any; else 0. */
+double KrylovMobility::coarseErrorInSolves(double toleranceOfSolves) {
+    const double error = min(coarsestError, theSolver().errorFor(toleranceOfSolves));
+    return error > MobilityAt::roughError && bodies.getModel().hasFastProducts(error) ? error : 0;
+}
+
+/** The error of products in solves; 0: none. */
+double KrylovMobility::errorInSolves() {
+    if (exactProducts) return 0;
+    const double coarse = coarseProducts ? coarseErrorInSolves(tolerance) : 0;
+    return max(coarse, MobilityAt::roughError);
+}
+
+string KrylovMobility::describeProducts(bool coarse) {
+    const MobilityModel& model = bodies.getModel();
+    const double amplification = spheres ? 1 : theSolver().getAmplification();
+    vector<double> inRoots;
+    if (coarse) inRoots = coarseErrors(model, toleranceOfStep, amplification);
+    const double fine =
+        toleranceOfStep >= MobilityAt::leastRoughTolerance ? MobilityAt::roughError : 0;
+    inRoots.push_back(fine);
+    const double inSolves = coarse && !spheres ? coarseErrorInSolves(toleranceOfStep) : 0;
+    const string roots = model.describeFastProducts(inRoots[0]),
+                 solves = model.describeFastProducts(max(inSolves, fine));
+    if (spheres || roots == solves) return roots;
+    const auto text = [](const string& way) { return way.empty() ? "over all pairs" : way; };
+    return "of roots " + text(roots) + ", of solves " + text(solves);
 }
 
 void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists,
@@ -78,9 +117,8 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         at.particles().applyWithin(errorOfProducts, *forces, twists);
         costs.products += wrenches.cols();
     } else {
-        const bool exactProducts = toleranceOfProducts == 0;
         const int iterations = solverAt(at).solve(at.particles(), *forces, MatrixXd(), tolerance,
-                                                  exactProducts, twists);
+                                                  errorInSolves(), twists);
         costs.iterations += iterations;
         costs.products += solver->getNumProducts();
     }
@@ -89,9 +127,8 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
 
 void KrylovMobility::iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
                              bool fromGuess) {
-    const bool exactProducts = toleranceOfProducts == 0;
     costs.iterations += solverAt(here).solve(here.particles(), wrenches, slips, tolerance,
-                                             exactProducts, twists, fromGuess);
+                                             errorInSolves(), twists, fromGuess);
     costs.products += solver->getNumProducts();
 }
 
@@ -156,20 +193,21 @@ void KrylovMobility::applyRoot(const SpectralFunction& f, const MatrixXd& W, Mat
     const vector<SpectralFunction> functions(W.cols(), f);
     MobilityAt& blobs = here.particles();
     MultiblobSolver* scaledSolver = spheres ? nullptr : &solverAt(here);
-    const auto product = [&](double productTolerance) {
-        return [&, productTolerance](const MatrixXd& x, MatrixXd& y) {
+    const auto product = [&](double error) {
+        return [&, error](const MatrixXd& x, MatrixXd& y) {
             if (scaledSolver) {
-                scaledSolver->multiplyScaled(blobs, productTolerance, x, y);
+                scaledSolver->multiplyScaled(blobs, error, x, y);
                 return;
             }
             scaled = ownScale.asDiagonal() * x;
-            blobs.applyFor(productTolerance, scaled, y);
+            blobs.applyWithin(error, scaled, y);
             y = ownScale.asDiagonal() * y;
         };
     };
-    const Lanczos::Product rough = toleranceOfProducts > 0 && bodies.getModel().hasRoughProducts()
-                                       ? Lanczos::Product(product(MobilityAt::leastRoughTolerance))
-                                       : Lanczos::Product();
+    vector<Lanczos::Rough> rough;
+    if (!exactProducts)
+        rough = roughProducts(bodies.getModel(), tolerance, coarseProducts,
+                              scaledSolver ? scaledSolver->getAmplification() : 1, product);
     const bool follows =
         course && here.isNearby() && static_cast<int>(course->products.size()) == W.cols();
     lanczos->apply(product(0), W, functions, result, Lanczos::OwnNorm, rough,

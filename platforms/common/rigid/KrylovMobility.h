@@ -29,6 +29,7 @@ public:
     }
     using BodyMobility::setTolerance;
     void setTolerance(double relative, const ForDifferences& needed) override;
+    std::string describeProducts(bool coarse) override;
     void endDifferences() override;
     bool productsIterate() const override { return getSlipSpace().areOfBodies() && !spheres; }
     bool solvesIterate() const override { return !spheres; }
@@ -61,7 +62,9 @@ protected:
     void endSolving() override;
 
 private:
-    void setTolerances(double relative, bool exactProducts, bool exactSolves);
+    void setTolerances(double relative, const ForDifferences& needed);
+    double coarseErrorInSolves(double toleranceOfSolves);
+    double errorInSolves();
     void iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
                  bool fromGuess = false);
     void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists,
@@ -73,11 +76,13 @@ private:
     void applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result,
                    Lanczos::Course* course = nullptr);
     void forcesFromScaled(const MatrixXd& x, MatrixXd& forces);
+    MultiblobSolver& theSolver();
     MultiblobSolver& solverAt(const BodiesAt& at);
 
     const bool spheres;  // K = 1, with or without own tensors
     const double wantedTolerance;
-    double toleranceOfStep, tolerance, toleranceOfProducts, errorOfSolves = 0;
+    double toleranceOfStep, tolerance, errorOfSolves = 0;
+    bool exactProducts = false, coarseProducts = false;
     BodiesAt here, elsewhere;
     std::unique_ptr<MultiblobSolver> solver;       // made when first needed
     std::unique_ptr<Lanczos> lanczos;              // likewise; one for each tolerance

@@ -17,6 +17,19 @@ namespace {
 
 /** Far more than a mobility matrix needs: its preconditioned condition number is tens. */
 const int maxIterations = 1000;
+/**
+ * For the particles of one body: the mean square of a product with random forces is that of the
+ * elements of M, and with M = L L^T the mean square of L^-T x for random x is a part of the trace
+ * of M^-1. L^-1 magnifies errors of products as much again. Forces are scaled by the roots of
+ * particles' own mobilities.
+ */
+double amplificationOf(const MatrixXd& M) {
+    const VectorXd scale = M.diagonal().cwiseSqrt().cwiseInverse();
+    const MatrixXd scaled = scale.asDiagonal() * M * scale.asDiagonal();
+    const int n = M.rows();
+    return scaled.norm() / sqrt(n) * scaled.llt().solve(MatrixXd::Identity(n, n)).trace() / n;
+}
+
 /** The limit with rough products. After it the solve is tried with exact ones. */
 const int maxRoughIterations = 100;
 
@@ -55,7 +68,8 @@ MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nu
                     " blobs of body " + to_string(element.body) +
                     " is not positive definite; look for blobs at the same place");
             // In the energy norm, errors of products grow by the root of the condition number.
-            roughReduction = max(roughReduction, MobilityAt::roughError / sqrt(shape->M.rcond()));
+            growth = max(growth, 1 / sqrt(shape->M.rcond()));
+            amplification = max(amplification, amplificationOf(M));
             shape->K = motion.ofElement_body(e);
             shape->MinvK = shape->M.solve(shape->K);
             MatrixXd friction = shape->K.transpose() * shape->MinvK;
@@ -142,27 +156,27 @@ void MultiblobSolver::project() {
     twists_body += ofBodies;
 }
 
-void MultiblobSolver::multiply(MobilityAt& blobs, double tolerance, const MatrixXd& from,
+void MultiblobSolver::multiply(MobilityAt& blobs, double error, const MatrixXd& from,
                                MatrixXd& to) {
     turn(OfBlobs, false, from, lab);
-    blobs.applyFor(tolerance, lab, labProduct);
+    blobs.applyWithin(error, lab, labProduct);
     turn(OfBlobs, true, labProduct, to);
 }
 
-void MultiblobSolver::multiplyForSolve(MobilityAt& blobs, bool rough, const MatrixXd& from,
+void MultiblobSolver::multiplyForSolve(MobilityAt& blobs, double error, const MatrixXd& from,
                                        MatrixXd& to) {
-    multiply(blobs, rough ? MobilityAt::leastRoughTolerance : 0, from, to);
+    multiply(blobs, error, from, to);
     numProducts += from.cols();
-    if (!rough) numExactProducts += from.cols();
+    if (error == 0) numExactProducts += from.cols();
 }
 
 int MultiblobSolver::apply(MobilityAt& blobs, const MatrixXd& wrenches, double tolerance,
                            MatrixXd& twists) {
-    return solve(blobs, wrenches, MatrixXd(), tolerance, false, twists);
+    return solve(blobs, wrenches, MatrixXd(), tolerance, MobilityAt::roughError, twists);
 }
 
 int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const MatrixXd& slips,
-                           double tolerance, bool exactProducts, MatrixXd& twists, bool fromGuess) {
+                           double tolerance, double error, MatrixXd& twists, bool fromGuess) {
     numProducts = numExactProducts = 0;
     turn(OfBodies, true, wrenches, wrenches_body);
     if (slips.size() > 0)
@@ -171,14 +185,19 @@ int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const Ma
         slips_body.resize(0, 0);
     // Rough products that reduce a residual by less than this are not worth the exact ones.
     const double leastReduction = 0.1;
-    const bool rough = !exactProducts && hasRoughProducts && roughReduction < leastReduction;
+    vector<double> errors;
+    if (hasRoughProducts && error > 0) errors.push_back(error);
+    if (hasRoughProducts && error > MobilityAt::roughError)
+        errors.push_back(MobilityAt::roughError);
     int iterations = 0;
     bool done = false;
-    if (rough) {
-        iterations = iterate(blobs, tolerance, true, fromGuess);
-        done = iterations <= maxRoughIterations;
+    for (double rough : errors) {
+        if (done || growth * rough >= leastReduction) continue;
+        const int made = iterate(blobs, tolerance, rough, fromGuess);
+        iterations += made;
+        done = made <= maxRoughIterations;
     }
-    if (!done) iterations += iterate(blobs, tolerance, false, fromGuess);
+    if (!done) iterations += iterate(blobs, tolerance, 0, fromGuess);
     turn(OfBodies, false, twists_body, twists);
     return iterations;
 }
@@ -225,8 +244,15 @@ void MultiblobSolver::beginFromGuess(const MatrixXd& wrenches, const MatrixXd& s
     lambda += lambdaOfGuess;
 }
 
+/** By how much products of this error can reduce a residual before it is computed anew. */
+double MultiblobSolver::reductionOf(double error) const {
+    return error * max(growth, MobilityAt::leastRoughTolerance / MobilityAt::roughError);
+}
+
+double MultiblobSolver::errorFor(double tolerance) const { return tolerance / reductionOf(1); }
+
 /** @return iterations; with rough products, more than their limit if they do not converge */
-int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bool fromGuess) {
+int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, double error, bool fromGuess) {
     const int columns = wrenches_body.cols();
     const bool withSlips = slips_body.size() > 0;
     VectorXd slipEnergy = VectorXd::Zero(columns);
@@ -238,18 +264,19 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bo
         beginFromGuess(wrenches_body, slips_body);
     else
         begin(wrenches_body, slips_body, lambda);
-    const auto findResidual = [&](bool roughly) {
-        multiplyForSolve(blobs, roughly, lambda, residual);
+    const auto findResidual = [&](double errorOfProduct) {
+        multiplyForSolve(blobs, errorOfProduct, lambda, residual);
         if (withSlips) residual += slips_body;
         twists_body.setZero(numRows, columns);
         project();
     };
     // Rough products reduce the residual by these factors, one after the other, with an exact
     // residual after each.
-    const double reduction = max(roughReduction, MobilityAt::leastRoughTolerance);
-    const int stages = rough && tolerance < reduction ? ceil(log(tolerance) / log(reduction)) : 1;
+    const double reduction = reductionOf(error);
+    const int stages =
+        error > 0 && tolerance < reduction ? ceil(log(tolerance) / log(reduction)) : 1;
     int stage = 1;
-    findResidual(rough);
+    findResidual(error);
     direction = -preconditioned;
     VectorXd gradient(columns), energy(columns);
     const auto lookAt = [&](double wanted, double& worst) {
@@ -275,11 +302,11 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bo
         bool reached = lookAt(target(), worst);
         while (reached && stage < stages) {
             stage++;
-            findResidual(false);
+            findResidual(0);
             reached = lookAt(target(), worst);
         }
         if (reached) break;
-        if (rough && (iteration == maxRoughIterations || !gradient.allFinite()))
+        if (error > 0 && (iteration == maxRoughIterations || !gradient.allFinite()))
             return maxRoughIterations + 1;
         if (iteration++ == maxIterations || !gradient.allFinite()) {
             ostringstream text;
@@ -297,7 +324,7 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, bool rough, bo
             }
         else
             direction = -preconditioned;
-        multiplyForSolve(blobs, rough, direction, product);
+        multiplyForSolve(blobs, error, direction, product);
         for (int c = 0; c < columns; c++) {
             const double curvature = direction.col(c).dot(product.col(c));
             const double step = curvature > 0 ? gradient[c] / curvature : 0;
@@ -314,10 +341,10 @@ void MultiblobSolver::getBlobForces(MatrixXd& lambda_lab) const {
     turn(OfBlobs, false, lambda, lambda_lab);
 }
 
-void MultiblobSolver::multiplyScaled(MobilityAt& blobs, double tolerance, const MatrixXd& x,
+void MultiblobSolver::multiplyScaled(MobilityAt& blobs, double error, const MatrixXd& x,
                                      MatrixXd& y) {
     scaledToForces(x, scaled);
-    multiply(blobs, tolerance, scaled, y);
+    multiply(blobs, error, scaled, y);
     slipsToScaled(y, y);
 }
 

@@ -29,12 +29,13 @@ class RigidMotion;
  *            friction to the tolerance. Otherwise there is an error. With slips the tolerance is
  *            relative to both together: the square root of lambda^T M lambda + s^T M~^-1 s, M~ the
  *            bodies' own matrices.
- * Precision: products are rough ones (MobilityAt::applyRoughly()). With them, the recursive
- *            residual is no longer the true one once it has shrunk by about their error. Each time
- *            before that, the residual is computed anew from lambda by an exact product, and the
- *            iteration goes on (van der Vorst, Ye, SIAM J. Sci. Comput. 22, 835 (2000)). At a
- *            tolerance of 1e-6 one product is exact, at 5e-5 and more none. If rough products do
- *            not converge, the solve is repeated with exact ones.
+ * Precision: products have the error that the caller allows (MobilityAt::applyWithin()). With
+ *            them, the recursive residual is no longer the true one once it has shrunk by about
+ *            their error. Each time before that, the residual is computed anew from lambda by an
+ *            exact product, and the iteration goes on (van der Vorst, Ye, SIAM J. Sci. Comput. 22,
+ *            835 (2000)). With MobilityAt::roughError one product is exact at a tolerance of 1e-6,
+ *            and none at 5e-5 and more. If rough products do not converge, the solve is repeated
+ *            with finer ones, and in the end with exact ones.
  * Cost:      an iteration has one product with M and one solve with each body's own matrix.
  */
 class MultiblobSolver {
@@ -60,13 +61,20 @@ public:
      * twists = N (wrenches + K^T M^-1 slips), with slips of the blobs (lab frame; as many columns;
      * empty: none).
      *
-     * @param exactProducts  use exact products only
+     * @param error          of products in iterations, as in MobilityAt::applyWithin(); 0: exact
+     *     ones only
      * @param fromGuess      begin at the solution that keepGuess() has kept, corrected by the
      *     bodies' own response to the changes; for one column and similar wrenches and slips only
      */
     int solve(MobilityAt& blobs, const Eigen::MatrixXd& wrenches, const Eigen::MatrixXd& slips,
-              double tolerance, bool exactProducts, Eigen::MatrixXd& twists,
-              bool fromGuess = false);
+              double tolerance, double error, Eigen::MatrixXd& twists, bool fromGuess = false);
+    /** The largest error of products with which a solve to this tolerance needs no exact ones. */
+    double errorFor(double tolerance) const;
+    /**
+     * How much larger an error of products with random forces, relative to such a product, is as an
+     * error of multiplyScaled() with random vectors.
+     */
+    double getAmplification() const { return amplification; }
     /** Keep a column of the last solve. It turns with the bodies. */
     void keepGuess(int column);
     /** Products with one vector of the last solve, exact and rough. */
@@ -79,8 +87,8 @@ public:
     // With M~ = L L^T in the body frame and T the turn to the lab frame, the well-conditioned S =
     // L^-1 T^T M T L^-T stands for M. Then s = T L S^(1/2) W has the covariance M, and K^T T L^-T
     // S^(-1/2) W that of the friction K^T M^-1 K.
-    /** y = S x; `tolerance` as of MobilityAt::applyFor(). */
-    void multiplyScaled(MobilityAt& blobs, double tolerance, const Eigen::MatrixXd& x,
+    /** y = S x; `error` as in MobilityAt::applyWithin(). */
+    void multiplyScaled(MobilityAt& blobs, double error, const Eigen::MatrixXd& x,
                         Eigen::MatrixXd& y);
     /** slips = T L x */
     void slipsFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& slips_lab);
@@ -121,14 +129,15 @@ private:
     void project();
     void scaledToForces(const Eigen::MatrixXd& x, Eigen::MatrixXd& forces_body);
     void slipsToScaled(const Eigen::MatrixXd& slips_body, Eigen::MatrixXd& x);
-    void multiply(MobilityAt& blobs, double tolerance, const Eigen::MatrixXd& lambda_body,
+    void multiply(MobilityAt& blobs, double error, const Eigen::MatrixXd& lambda_body,
                   Eigen::MatrixXd& result_body);
-    void multiplyForSolve(MobilityAt& blobs, bool rough, const Eigen::MatrixXd& lambda_body,
+    void multiplyForSolve(MobilityAt& blobs, double error, const Eigen::MatrixXd& lambda_body,
                           Eigen::MatrixXd& result_body);
     void begin(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body,
                Eigen::MatrixXd& lambda_body);
     void beginFromGuess(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body);
-    int iterate(MobilityAt& blobs, double tolerance, bool rough, bool fromGuess);
+    double reductionOf(double error) const;
+    int iterate(MobilityAt& blobs, double tolerance, double error, bool fromGuess);
 
     const bool hasRoughProducts;
     std::vector<int> rows, blobRow, numBlobRows;  // of elements
@@ -136,7 +145,8 @@ private:
     std::vector<std::shared_ptr<const Shape> > shapes;
     std::vector<Family> families;
     std::vector<Eigen::Matrix3d> turns;  // body to lab
-    double roughReduction = 0;           // of a residual that rough products may be trusted with
+    double growth = 1;                   // of errors of products in the energy norm, at most
+    double amplification = 1;            // see getAmplification()
     int numProducts = 0, numExactProducts = 0;
     Eigen::MatrixXd lambdaOfGuess, slipsOfGuess,
         wrenchesOfGuess;  // one column, in the frames of the bodies
