@@ -204,6 +204,47 @@ TEST(Lanczos, RoughProductsTakeOverWhereTheyDoNoHarm) {
     EXPECT_GT(roughOnes, products / 3);
 }
 
+/** Roots that are differenced allow rounding much less than the tolerance. */
+TEST(Lanczos, RoughProductsKeepTheirShare) {
+    mt19937 random(6);
+    const int n = 90;
+    for (double tolerance : {1e-5, 1e-6, 1e-8})
+        for (double share : {1e-3 * tolerance, 1e-1 * tolerance}) {
+            int products = 0, roughOnes = 0;
+            double worst = 0;
+            for (int repeat = 0; repeat < 40; repeat++) {
+                const KnownMatrix A = {spectrum(random, Uniform, n, 20), rotation(random, n)};
+                const double norm = A.values.cwiseAbs().maxCoeff();
+                const MatrixXd x = normal(random, n, 1);
+                const auto exactly = [&](const MatrixXd& in, MatrixXd& out) {
+                    out = A.times(in, A.values);
+                };
+                const auto roughly = [&](const MatrixXd& in, MatrixXd& out) {
+                    exactly(in, out);
+                    out += MobilityAt::roughError * norm * in.norm() *
+                           normal(random, n, 1).normalized();
+                };
+                const auto f = repeat % 2 ? SpectralFunction::squareRoot()
+                                          : SpectralFunction::inverseSquareRoot();
+                Lanczos lanczos(tolerance);
+                MatrixXd result, exact;
+                lanczos.apply(exactly, x, {f}, result, Lanczos::OwnNorm,
+                              {{roughly, MobilityAt::roughError, 0, false, share}});
+                const Lanczos::Course course = lanczos.getCourse();
+                products += course.isRough.size();
+                roughOnes += count(course.isRough.begin(), course.isRough.end(), 1);
+                // As many products, all exact.
+                lanczos.apply(exactly, x, {f}, exact, Lanczos::OwnNorm, {}, &course);
+                ASSERT_EQ(lanczos.getNumProducts(), course.products[0]);
+                worst = max(worst, (result - exact).norm() / exact.norm() / share);
+            }
+            cout << "tolerance " << tolerance << ", share " << share << ": rounding makes at most "
+                 << worst << " of it; " << roughOnes << " of " << products << " products rough\n";
+            EXPECT_LT(worst, 1);
+            EXPECT_GT(roughOnes, products / 10);
+        }
+}
+
 TEST(Lanczos, CoarseProductsAreTriedFirst) {
     // Errors of a tenth and of a hundredth of the tolerance, relative to the first product, as
     // those of multipoles. They have random directions, or they are those of another matrix.

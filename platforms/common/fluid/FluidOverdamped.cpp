@@ -82,9 +82,13 @@ void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme,
                          scheme.differenced != Differenced::Nothing;
     const double tolerance = force.getSolverTolerance();
     if (iterate) needed.partOfTolerance = toleranceOfDifferences;
-    if (iterate && follow(mobility, scheme))
+    if (iterate && follow(mobility, scheme)) {
         needed.partOfTolerance =
             max(toleranceOfDifferences, min(1.0, enoughForDrifts / (errorOfFollowing * tolerance)));
+        // Rounding may do as much to the difference as the tolerance does.
+        needed.shareOfRough =
+            errorOfFollowing * needed.partOfTolerance * tolerance * step.difference;
+    }
     mobility.setTolerance(tolerance, needed);
 }
 

@@ -148,9 +148,10 @@ double Lanczos::errorOfRough(const Column& column) const {
  * last one.
  */
 bool Lanczos::allowsRoughProducts(const Column& column) const {
-    const double shareOfRough = 0.25;  // of the rounding that isConverged() allows
+    const double ofLast = 0.25;  // the part of the last product
+    const double share = ofLast * (rough->share > 0 ? rough->share : tolerance);
     const Iterate& iterate = column.iterate[column.form];
-    return errorOfRough(column) * iterate.lastFactor <= shareOfRough * tolerance * iterate.norm;
+    return errorOfRough(column) * iterate.lastFactor <= share * iterate.norm;
 }
 
 void Lanczos::start(Column& column, const VectorXd& x) {

@@ -73,6 +73,11 @@ public:
         double ofVector = 0;
         /** Whether the first products may be rough. Otherwise the iterates decide. */
         bool atOnce = true;
+        /**
+         * Then their errors together make at most about this part of the result. 0: what the
+         * tolerance leaves.
+         */
+        double share = 0;
     };
     /** How the columns of apply() have iterated. */
     struct Course {

@@ -66,6 +66,11 @@ public:
          */
         bool exactProducts = false;
         /**
+         * With exact products, errors of the last products of a root may still make this part of
+         * it. 0: all are exact.
+         */
+        double shareOfRough = 0;
+        /**
          * Products within iterations may be as coarse as the tolerance allows. Results of
          * iterations that are differenced must not have such products, because their errors jump
          * from place to place.

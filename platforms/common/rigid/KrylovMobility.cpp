@@ -40,6 +40,7 @@ void KrylovMobility::setTolerances(double relative, const ForDifferences& needed
     // hundred times as large.
     const double part = 0.01;
     exactProducts = needed.exactProducts;
+    shareOfRough = needed.shareOfRough;
     coarseProducts = needed.coarseProducts && !exactProducts;
     const bool fast = !needed.exactSolves && bodies.getModel().hasFastProducts(part * relative);
     errorOfSolves = fast ? part * relative : 0;
@@ -208,6 +209,9 @@ void KrylovMobility::applyRoot(const SpectralFunction& f, const MatrixXd& W, Mat
     if (!exactProducts)
         rough = roughProducts(bodies.getModel(), tolerance, coarseProducts,
                               scaledSolver ? scaledSolver->getAmplification() : 1, product);
+    else if (shareOfRough > 0 && bodies.getModel().hasRoughProducts())
+        rough.push_back(
+            {product(MobilityAt::roughError), MobilityAt::roughError, 0, false, shareOfRough});
     const bool follows =
         course && here.isNearby() && static_cast<int>(course->products.size()) == W.cols();
     lanczos->apply(product(0), W, functions, result, Lanczos::OwnNorm, rough,

@@ -83,6 +83,7 @@ private:
     const double wantedTolerance;
     double toleranceOfStep, tolerance, errorOfSolves = 0;
     bool exactProducts = false, coarseProducts = false;
+    double shareOfRough = 0;
     BodiesAt here, elsewhere;
     std::unique_ptr<MultiblobSolver> solver;       // made when first needed
     std::unique_ptr<Lanczos> lanczos;              // likewise; one for each tolerance
