@@ -182,7 +182,12 @@ TEST(SolidHarmonics, Derivatives) {
 TEST(ClusterTree, EveryPairIsInOnePairOfCubes) {
     for (bool hasWall : {false, true})
         for (double bottom : {0.0, 50.0}) {
-            const Scene scene = cloud(400, Mixed, false, hasWall, 20, bottom);
+            Scene scene = cloud(400, Mixed, false, hasWall, 20, bottom);
+            // A patch beside the cloud: if it lies on the wall, so do the cubes that hold it.
+            mt19937 random(1);
+            for (int i = 0; i < 9; i++)
+                scene.add(random, Vec3(0.7 * (i % 3) - 5, 0.7 * (i / 3) - 5, bottom + 0.35), 0.3,
+                          Mixed);
             ClusterTree tree;
             tree.build(scene.positions, scene.particles.radii, scene.particles.hasTorque, hasWall,
                        {6, 0.7});

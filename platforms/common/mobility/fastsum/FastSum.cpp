@@ -441,6 +441,19 @@ const Row rows[] = {
 
 }  // namespace
 
+/**
+ * Pairs take longer with torques and with images, while pairs of cubes take hardly longer. So it is
+ * worth while to divide smaller cubes. The factors are measured ones, of clouds at errors of 1e-2
+ * to 1e-4.
+ */
+static int leafSizeFor(const HydrodynamicParticles& particles, bool hasWall, int leafSize) {
+    const double ofImages = 0.7, ofTorques = 0.65;
+    double number = 0;
+    for (char torque : particles.hasTorque) number += torque;
+    const double share = particles.size() > 0 ? number / particles.size() : 0;
+    return lround(leafSize * (hasWall ? ofImages : 1) * (1 + share * (ofTorques - 1)));
+}
+
 const FastSum::Accuracy* FastSum::choose(double error, int numParticles, bool hasWall) {
     // The loosest that is enough; a tolerance of 1e-6 may come as a product of others.
     const double rounding = 1e-12;
@@ -460,7 +473,8 @@ struct FastSum::Far {
 
 FastSum::FastSum(const HydrodynamicParticles& particles, bool hasWall, const Accuracy& accuracy,
                  const ForRanges& forRanges)
-    : particles(particles), hasWall(hasWall), accuracy(accuracy), forRanges(forRanges),
+    : particles(particles), hasWall(hasWall), accuracy(accuracy),
+      leafSize(leafSizeFor(particles, hasWall, accuracy.leafSize)), forRanges(forRanges),
       harmonics(accuracy.order) {}
 
 FastSum::~FastSum() {}
@@ -501,7 +515,7 @@ void FastSum::inParts(const vector<double>& costs, const function<void(int, int)
 
 void FastSum::moveTo(const vector<OpenMM::Vec3>& positions, const vector<double>& weights) {
     tree.build(positions, particles.radii, particles.hasTorque, hasWall,
-               {accuracy.leafSize, accuracy.opening});
+               {leafSize, accuracy.opening});
     const int count = positions.size();
     for (auto* v : {&x, &y, &z, &radius, &weight}) v->resize(count);
     row.resize(count);

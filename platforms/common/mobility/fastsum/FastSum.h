@@ -53,7 +53,7 @@ public:
     struct Accuracy {
         int order;       // P
         double opening;  // of ClusterTree
-        int leafSize;    // likewise
+        int leafSize;    // likewise, for blobs without a wall
         int floats;      // computed in floats: 0 nothing, 1 near pairs, 2 far pairs too
     };
     /**
@@ -98,6 +98,7 @@ private:
     const HydrodynamicParticles& particles;
     const bool hasWall;
     const Accuracy accuracy;
+    const int leafSize;
     const ForRanges forRanges;
     const SolidHarmonics harmonics;
     ClusterTree tree;
