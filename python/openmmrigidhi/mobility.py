@@ -438,9 +438,9 @@ class MobilityForce(_copies.Copies, _Base):
             True: products for which a tolerance is good enough take a time that grows little faster
             than the number of particles. These products are the answers of
             :meth:`applyMobilityInContext` for spheres, to the solver tolerance from 1e-6 on, and
-            the products of iterations, to a part of their tolerance from 1e-6 on. Results that a
-            scheme differences have no such products. The number of particles from which on
-            multipoles are used follows from the tolerance alone;
+            the products of iterations, to a part of their tolerance from 1e-6 on, unless a scheme
+            differences the results, and products that a scheme differences. The number of particles
+            from which on multipoles are used follows from the tolerance alone;
             ``CustomRigidHIIntegrator.getEffects`` says it. False: all products are sums over all
             pairs.
         """

@@ -114,8 +114,10 @@ SCHEMES = CustomRigidHIIntegrator
                          [(SCHEMES.EulerMaruyama, 1, MobilityForce.Unbounded, 0.1),
                           (SCHEMES.EulerMaruyama, 1, MobilityForce.NoSlipWall, 0.1),
                           (SCHEMES.LangevinHI, 1, MobilityForce.Unbounded, 1e-2),
+                          (SCHEMES.RandomFiniteDifference, 1, MobilityForce.NoSlipWall, 0.1),
                           (SCHEMES.TrapezoidalSlip, 4, MobilityForce.Unbounded, 0.1),
-                          (SCHEMES.TrapezoidalSlip, 4, MobilityForce.NoSlipWall, 0.1)])
+                          (SCHEMES.TrapezoidalSlip, 4, MobilityForce.NoSlipWall, 0.1),
+                          (SCHEMES.TractionEulerMaruyama, 4, MobilityForce.NoSlipWall, 0.1)])
 def test_iterations_to_the_tolerance(scheme, blobs, boundary, tolerance):
     """Products by multipoles are as coarse as the tolerance allows, and the same noise moves bodies
     by the same amounts, to the tolerance."""
@@ -129,7 +131,7 @@ def test_iterations_to_the_tolerance(scheme, blobs, boundary, tolerance):
     assert 'by multipoles' in effects[True] and 'multipoles' not in effects[False]
 
 
-def test_results_that_are_differenced_have_no_multipoles():
+def test_iterated_results_that_are_differenced_have_no_multipoles():
     moved = [
         noisyStep(SCHEMES.RandomFiniteDifference, 4, MobilityForce.NoSlipWall, 0.1, fast, 6400)
         for fast in (True, False)

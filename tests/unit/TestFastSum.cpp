@@ -228,6 +228,65 @@ TEST(ClusterTree, EveryPairIsInOnePairOfCubes) {
         }
 }
 
+/**
+ * Differences of products at two placements with the same cubes have about the relative error of
+ * products, however small the displacements. Rigid bodies are the hard case: their own pairs, which
+ * are summed directly, do not change.
+ */
+TEST(FastSum, DifferencesWithTheSameCubes) {
+    mt19937 random(3);
+    uniform_real_distribution<double> u(0, 1);
+    normal_distribution<double> g;
+    const auto vector3 = [&](auto&& draw) {
+        const double x = draw(), y = draw(), z = draw();
+        return Vec3(x, y, z);
+    };
+    for (double error : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6})
+        for (bool hasWall : {false, true}) {
+            double worst = 0;
+            for (Kind kind : {Blobs, Spheres})
+                for (int blobs : {1, 9})
+                    for (double step : {1e-6, 1e-2}) {
+                        Scene scene;
+                        scene.hasWall = hasWall;
+                        vector<Vec3> displaced[2];
+                        for (int body = 0; body < 1800 / blobs; body++) {
+                            const Vec3 place = 40 * vector3([&] { return u(random); }),
+                                       by = step * vector3([&] { return g(random); });
+                            for (int i = 0; i < blobs; i++) {
+                                const Vec3 r = place + Vec3(1.7 * (i % 3), 1.7 * (i / 3), 1.1);
+                                scene.add(random, r, 1, kind);
+                                displaced[0].push_back(r - 0.5 * by);
+                                displaced[1].push_back(r + 0.5 * by);
+                            }
+                        }
+                        const MatrixXd forces = forcesFor(scene).leftCols(1);
+                        FastSum::Accuracy accuracy =
+                            *FastSum::choose(error, numeric_limits<int>::max(), hasWall);
+                        accuracy.floats = 0;
+                        FastSum sum(scene.particles, hasWall, accuracy, {});
+                        const vector<double> weights(scene.particles.size(), 1.0);
+                        sum.moveTo(scene.positions, weights);
+                        MatrixXd found[2], exact[2];
+                        for (int end : {0, 1}) {
+                            sum.displaceTo(displaced[end], weights);
+                            sum.apply(forces, 1 / (8 * M_PI * 0.7), found[end]);
+                            scene.positions = displaced[end];
+                            exact[end] = exactly(scene, forces);
+                        }
+                        const VectorXd scale = scene.scale(),
+                                       difference = scale.asDiagonal() * (exact[1] - exact[0]);
+                        const VectorXd wrong =
+                            scale.asDiagonal() * (found[1] - found[0]) - difference;
+                        const double relative = wrong.norm() / difference.norm();
+                        worst = max(worst, relative / error);
+                        EXPECT_LT(relative, error) << hasWall << kind << blobs << " " << step;
+                    }
+            cout << "error " << error << (hasWall ? ", wall" : "") << ": differences have at most "
+                 << worst << " of it" << endl;
+        }
+}
+
 // Errors go to zero with increasing order for all kinds of particles, so the formulas are right.
 TEST(FastSum, ConvergesToTheSumOverPairs) {
     for (bool hasWall : {false, true})
@@ -407,6 +466,55 @@ TEST(FastSum, OfAModelAtAPlace) {
             model.at({broken})->applyWithin(1e-3, forces, found);
             EXPECT_FALSE(found.allFinite());
         }
+    }
+}
+
+// Products for differences keep the cubes of the accepted placement; others do not.
+TEST(FastSum, DifferencesOfAModel) {
+    for (bool hasWall : {false, true}) {
+        const Scene scene = cloud(6500, Blobs, true, hasWall, 80);
+        const MatrixXd forces = forcesFor(scene).leftCols(1);
+        const CpuRotnePragerYamakawa model = scene.model();
+        EXPECT_TRUE(model.isAnchored());
+        EXPECT_FALSE(cloud(100, Blobs, true, hasWall, 10).model().isAnchored());
+        mt19937 random(4);
+        normal_distribution<double> g;
+        vector<Vec3> ends[2] = {scene.positions, scene.positions};
+        for (size_t i = 0; i < scene.positions.size(); i++)
+            for (int k = 0; k < 3; k++) {
+                const double by = 1e-6 * g(random);
+                ends[0][i][k] -= by;
+                ends[1][i][k] += by;
+            }
+        MatrixXd exact[2], smooth[2], other[2], forDifference;
+        auto at = model.at({scene.positions});
+        const double error = 1e-2;
+        at->applyForDifference(error, forces, forDifference);
+        for (int end : {0, 1}) {
+            model.placeNear(at, {ends[end]});
+            at->apply(forces, exact[end]);
+            at->applyForDifference(error, forces, smooth[end]);
+            at->applyWithin(error, forces, other[end]);
+        }
+        const MatrixXd difference = exact[1] - exact[0];
+        EXPECT_LT((smooth[1] - smooth[0] - difference).norm(), error * difference.norm());
+        EXPECT_GT((smooth[1] - smooth[0] - difference).norm(), 1e-6 * error * difference.norm());
+        EXPECT_GT((other[1] - other[0] - difference).norm(), error * difference.norm());
+        // The placement in between is on the same smooth function.
+        const MatrixXd half = smooth[1] - forDifference - 0.5 * difference;
+        EXPECT_LT(half.norm(), error * difference.norm());
+        // An object that is taken to the placement first gives the same products.
+        unique_ptr<MobilityAt> another = model.at({ends[0]});
+        model.place(another, {scene.positions});
+        model.placeNear(another, {ends[1]});
+        MatrixXd again;
+        another->applyForDifference(error, forces, again);
+        EXPECT_TRUE((again.array() == smooth[1].array()).all());
+        // Without multipoles products are exact.
+        const CpuRotnePragerYamakawa without = scene.model(false);
+        EXPECT_FALSE(without.isAnchored());
+        without.at({ends[1]})->applyForDifference(error, forces, again);
+        EXPECT_TRUE((again.array() == exact[1].array()).all());
     }
 }
 

@@ -266,11 +266,13 @@ public:
      * Set whether products with the mobility of many particles may be done by multipoles (default
      * true). Multipoles serve RotnePragerYamakawa, Unbounded or NoSlipWall, with MatrixFree, on all
      * platforms but Reference. The time of such a product grows little faster than the number of
-     * particles. Two kinds of products are done so, because a tolerance is good enough for them:
+     * particles. Three kinds of products are done so, because a tolerance is good enough for them:
      *   - answers of applyMobilityInContext() for spheres, to the solver tolerance, if that is 1e-6
      *     or more,
      *   - products of iterations, to a part of their tolerance, if that is 1e-6 or more. The result
-     *     keeps the tolerance. Results that a scheme differences have no such products.
+     *     keeps the tolerance. Iterations whose results a scheme differences have no such products,
+     *   - products that a scheme differences, so that the difference has a tenth of the tolerance
+     * as its relative error, at most 1e-4.
      *
      * The numbers of particles from which multipoles are used follow from the tolerance alone, and
      * CustomRigidHIIntegrator::getEffects() says them. Other products are sums over all pairs, to

@@ -80,6 +80,7 @@ void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme,
     needed.coarseProducts = !iterate;
     needed.exactSolves = step.kT > 0 && !group.overdamped.move->driftIsKnown() &&
                          scheme.differenced != Differenced::Nothing;
+    needed.differencedSolves = needed.exactSolves && scheme.differenced == Differenced::Solves;
     const double tolerance = force.getSolverTolerance();
     if (iterate) needed.partOfTolerance = toleranceOfDifferences;
     if (iterate && follow(mobility, scheme)) {

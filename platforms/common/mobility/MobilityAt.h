@@ -68,6 +68,16 @@ public:
         else
             apply(forces, velocities);
     }
+    /**
+     * As apply(), for differences of products at placements near to one that the model has
+     * accepted: their difference has a relative error of about `error`, if that takes less time.
+     * All of these placements must have been reached by this object from the same accepted one, or
+     * by objects that were there (MobilityModel::isAnchored()). Default: apply().
+     */
+    virtual void applyForDifference(double error, const Eigen::MatrixXd& forces,
+                                    Eigen::MatrixXd& velocities) {
+        apply(forces, velocities);
+    }
     /** The matrix itself. Default: apply() to the identity. */
     virtual void dense(Eigen::MatrixXd& mobility);
     /**

@@ -81,6 +81,8 @@ public:
          * part of the tolerance.
          */
         bool exactSolves = true;
+        /** Then, whether these products are differenced. */
+        bool differencedSolves = false;
     };
     /** Set the relative tolerance of iterations, from the start of a step on. */
     virtual void setTolerance(double relative, const ForDifferences& needed) {}

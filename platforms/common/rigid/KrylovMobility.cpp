@@ -35,6 +35,12 @@ void KrylovMobility::endDifferences() {
     setTolerances(toleranceOfStep, none);
 }
 
+/** The relative error of differences of products, which make drifts. */
+double KrylovMobility::errorOfDifferences() const {
+    const double part = 0.1, most = 1e-4;
+    return min(most, part * toleranceOfStep);
+}
+
 void KrylovMobility::setTolerances(double relative, const ForDifferences& needed) {
     // The tolerance is in the norm of the friction. In this norm errors of products were up to a
     // hundred times as large.
@@ -44,6 +50,7 @@ void KrylovMobility::setTolerances(double relative, const ForDifferences& needed
     coarseProducts = needed.coarseProducts && !exactProducts;
     const bool fast = !needed.exactSolves && bodies.getModel().hasFastProducts(part * relative);
     errorOfSolves = fast ? part * relative : 0;
+    differencedSolves = needed.differencedSolves;
     if (relative == tolerance) return;
     tolerance = relative;
     lanczos.reset();
@@ -139,7 +146,11 @@ void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matr
         iterate(wrenches, slips, twists);
         return;
     }
-    multiply(wrenches, twists, errorOfSolves);
+    if (differencedSolves && !bodies.getOwnTensors().any()) {
+        here.particles().applyForDifference(errorOfDifferences(), wrenches, twists);
+        costs.products += wrenches.cols();
+    } else
+        multiply(wrenches, twists, errorOfSolves);
     wrenchesOfSolve = wrenches;
     if (slips.size() > 0) twists += slips;
 }
@@ -178,7 +189,7 @@ void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& f
         multiplyAt(elsewhere, forces, slips, 0);
         return;
     }
-    elsewhere.particles().apply(forces, slips);
+    elsewhere.particles().applyForDifference(errorOfDifferences(), forces, slips);
     costs.products += forces.cols();
 }
 

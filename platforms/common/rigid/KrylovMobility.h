@@ -63,6 +63,7 @@ protected:
 
 private:
     void setTolerances(double relative, const ForDifferences& needed);
+    double errorOfDifferences() const;
     double coarseErrorInSolves(double toleranceOfSolves);
     double errorInSolves();
     void iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
@@ -82,7 +83,7 @@ private:
     const bool spheres;  // K = 1, with or without own tensors
     const double wantedTolerance;
     double toleranceOfStep, tolerance, errorOfSolves = 0;
-    bool exactProducts = false, coarseProducts = false;
+    bool exactProducts = false, coarseProducts = false, differencedSolves = false;
     double shareOfRough = 0;
     BodiesAt here, elsewhere;
     std::unique_ptr<MultiblobSolver> solver;       // made when first needed

@@ -516,16 +516,13 @@ void FastSum::inParts(const vector<double>& costs, const function<void(int, int)
 void FastSum::moveTo(const vector<OpenMM::Vec3>& positions, const vector<double>& weights) {
     tree.build(positions, particles.radii, particles.hasTorque, hasWall,
                {leafSize, accuracy.opening});
+    displaceTo(positions, weights);
     const int count = positions.size();
-    for (auto* v : {&x, &y, &z, &radius, &weight}) v->resize(count);
+    radius.resize(count);
     row.resize(count);
     for (int i = 0; i < count; i++) {
         const int p = tree.order[i];
-        x[i] = positions[p][0];
-        y[i] = positions[p][1];
-        z[i] = positions[p][2];
         radius[i] = particles.radii[p];
-        weight[i] = weights[p];
         row[i] = particles.firstRow[p];
     }
     numSpheres.assign(tree.cells.size(), 0);
@@ -549,6 +546,18 @@ void FastSum::moveTo(const vector<OpenMM::Vec3>& positions, const vector<double>
         prepareFar<float>();
     else
         prepareFar<double>();
+}
+
+void FastSum::displaceTo(const vector<OpenMM::Vec3>& positions, const vector<double>& weights) {
+    const int count = positions.size();
+    for (auto* v : {&x, &y, &z, &weight}) v->resize(count);
+    for (int i = 0; i < count; i++) {
+        const int p = tree.order[i];
+        x[i] = positions[p][0];
+        y[i] = positions[p][1];
+        z[i] = positions[p][2];
+        weight[i] = weights[p];
+    }
 }
 
 /** The matrix of R at a place counted from the parent, in R at the place counted from the child,

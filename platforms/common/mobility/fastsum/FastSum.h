@@ -72,6 +72,12 @@ public:
      * @param weights  the factors by which forces and velocities are multiplied
      */
     void moveTo(const std::vector<OpenMM::Vec3>& positions, const std::vector<double>& weights);
+    /**
+     * Move particles a little and keep the cubes of the last moveTo(). For `floats` of 0, products
+     * are then a smooth function of the positions, so that differences of products have a relative
+     * error like that of products.
+     */
+    void displaceTo(const std::vector<OpenMM::Vec3>& positions, const std::vector<double>& weights);
     /** velocities = M forces; @param scale 1/(8 pi eta) */
     void apply(const Eigen::MatrixXd& forces, double scale, Eigen::MatrixXd& velocities);
     const ClusterTree& getTree() const { return tree; }

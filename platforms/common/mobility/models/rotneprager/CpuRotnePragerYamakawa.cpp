@@ -231,6 +231,11 @@ const FastSum::Accuracy* CpuRotnePragerYamakawa::fastAccuracy(double error) cons
     return fastSums ? FastSum::choose(error, particles.size(), wall.has_value()) : nullptr;
 }
 
+bool CpuRotnePragerYamakawa::isAnchored() const {
+    const double coarsest = 1e-2;
+    return fastAccuracy(coarsest) != nullptr;
+}
+
 bool CpuRotnePragerYamakawa::hasFastProducts(double error) const {
     return fastAccuracy(error) != nullptr;
 }
@@ -269,7 +274,15 @@ void CpuRotnePragerYamakawaAt::moveTo(const Placement& placement, bool nearby) {
         y[slot] = r[1];
         z[slot] = r[2];
     }
-    for (auto& each : fast) each.second.isHere = false;
+    for (auto* sums : {&fast, &smooth})
+        for (auto& each : *sums) each.second.isHere = false;
+    if (nearby && !anchor.empty()) return;
+    for (auto& each : smooth) each.second.hasCubes = false;
+    if (!model.isAnchored()) return;
+    // Nearby particles are not lifted from a wall.
+    anchor = placement.positions;
+    if (wall)
+        for (OpenMM::Vec3& r : anchor) r[2] = std::max(0.0, r[2] - wall->getHeight());
 }
 
 RotnePragerYamakawaArrays CpuRotnePragerYamakawaAt::arrays(double* result) const {
@@ -392,13 +405,26 @@ void CpuRotnePragerYamakawaAt::sumPairs(const PairSumArrays& arrays) {
           });
 }
 
+bool CpuRotnePragerYamakawaAt::placesAreFinite() const {
+    return Eigen::Map<const Eigen::VectorXd>(sources.data(), sources.size()).allFinite();
+}
+
+/** Of particles in their own order. */
+void CpuRotnePragerYamakawaAt::placesInFormulas(std::vector<OpenMM::Vec3>& positions,
+                                                std::vector<double>& weights) const {
+    positions.resize(particles.size());
+    weights.resize(particles.size());
+    for (int j = 0; j < particles.size(); j++) {
+        const int p = model.particleOfSource[j];
+        positions[p] = OpenMM::Vec3(sources[4 * j], sources[4 * j + 1], sources[4 * j + 2]);
+        weights[p] = weight[model.slotOfSource[j]];
+    }
+}
+
 void CpuRotnePragerYamakawaAt::applyWithin(double error, const Eigen::MatrixXd& forces,
                                            Eigen::MatrixXd& velocities) {
     const FastSum::Accuracy* accuracy = model.fastAccuracy(error);
-    const auto isFinite = [](const std::vector<double>& v) {
-        return Eigen::Map<const Eigen::VectorXd>(v.data(), v.size()).allFinite();
-    };
-    if (!accuracy || !isFinite(sources)) {
+    if (!accuracy || !placesAreFinite()) {
         MobilityAt::applyWithin(error, forces, velocities);
         return;
     }
@@ -406,15 +432,35 @@ void CpuRotnePragerYamakawaAt::applyWithin(double error, const Eigen::MatrixXd& 
     if (!own.sum)
         own.sum.reset(new FastSum(particles, model.wall.has_value(), *accuracy, model.forRanges));
     if (!own.isHere) {
-        std::vector<OpenMM::Vec3> positions(particles.size());
-        std::vector<double> weights(particles.size());
-        for (int j = 0; j < particles.size(); j++) {
-            const int p = model.particleOfSource[j];
-            positions[p] = OpenMM::Vec3(sources[4 * j], sources[4 * j + 1], sources[4 * j + 2]);
-            weights[p] = weight[model.slotOfSource[j]];
-        }
+        std::vector<OpenMM::Vec3> positions;
+        std::vector<double> weights;
+        placesInFormulas(positions, weights);
         own.sum->moveTo(positions, weights);
         own.isHere = true;
+    }
+    own.sum->apply(forces, 1 / (8 * M_PI * viscosity), velocities);
+}
+
+void CpuRotnePragerYamakawaAt::applyForDifference(double error, const Eigen::MatrixXd& forces,
+                                                  Eigen::MatrixXd& velocities) {
+    const FastSum::Accuracy* accuracy = model.fastAccuracy(error);
+    if (!accuracy || !placesAreFinite()) {
+        apply(forces, velocities);
+        return;
+    }
+    Fast& own = smooth[accuracy->order];
+    if (!own.sum) {
+        FastSum::Accuracy inDoubles = *accuracy;
+        inDoubles.floats = 0;
+        own.sum.reset(new FastSum(particles, model.wall.has_value(), inDoubles, model.forRanges));
+    }
+    if (!own.isHere) {
+        std::vector<OpenMM::Vec3> positions;
+        std::vector<double> weights;
+        placesInFormulas(positions, weights);
+        if (!own.hasCubes) own.sum->moveTo(anchor, weights);
+        own.sum->displaceTo(positions, weights);
+        own.hasCubes = own.isHere = true;
     }
     own.sum->apply(forces, 1 / (8 * M_PI * viscosity), velocities);
 }

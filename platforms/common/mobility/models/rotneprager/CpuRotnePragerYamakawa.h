@@ -58,6 +58,8 @@ public:
     }
     bool isHomogeneous() const override { return !wall; }
     bool hasRoughProducts() const override { return fitsSingle; }
+    /** Products for differences keep the cubes of the placement before. */
+    bool isAnchored() const override;
     bool isIsotropic() const override { return !wall; }
     bool isDivergenceFree() const override { return !wall; }
     double rowsWorthIterations() const override { return 425; }
@@ -114,6 +116,9 @@ public:
      */
     void applyWithin(double error, const Eigen::MatrixXd& forces,
                      Eigen::MatrixXd& velocities) override;
+    /** By a FastSum in double precision with the cubes of the accepted placement. */
+    void applyForDifference(double error, const Eigen::MatrixXd& forces,
+                            Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
                    double factor, Velocities& velocities) override;
@@ -144,9 +149,13 @@ private:
     PairTournament tournament;
     struct Fast {
         std::unique_ptr<FastSum> sum;
-        bool isHere = false;  // whether it has been moved to this placement
+        bool isHere = false;    // whether it has been moved to this placement
+        bool hasCubes = false;  // whether it has those of the anchor
     };
-    std::map<int, Fast> fast;  // by orders, made when first needed
+    std::map<int, Fast> fast, smooth;  // by orders, made when first needed; smooth: for differences
+    std::vector<OpenMM::Vec3> anchor;  // the last accepted placement, z from the wall
+    bool placesAreFinite() const;
+    void placesInFormulas(std::vector<OpenMM::Vec3>& positions, std::vector<double>& weights) const;
 };
 
 }  // namespace RigidHIPlugin
