@@ -6,6 +6,7 @@
 
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <iostream>
 
 using namespace OpenMM;
@@ -17,8 +18,11 @@ const double boltzmann = BOLTZ;
 
 Platform& platform(const string& name) {
     static bool loaded = [] {
-        Platform::loadPluginsFromDirectory(
-            Platform::getDefaultPluginsDirectory());  // OpenMM's own CPU platform
+        // OpenMM's own CPU platform. An OpenMM below a prefix has its plugins beside its library,
+        // and does not know the prefix.
+        const string beside = OPENMM_PLUGINS_BESIDE;
+        const bool known = getenv("OPENMM_PLUGIN_DIR") || !filesystem::is_directory(beside);
+        Platform::loadPluginsFromDirectory(known ? Platform::getDefaultPluginsDirectory() : beside);
         for (const char* p : {"Reference", "CPU", "Any"})
             Platform::loadPluginLibrary(string(RIGIDHI_PLUGIN_DIR) + "/libOpenMMRigidHI" + p +
                                         ".so");
