@@ -812,11 +812,11 @@ def test_kernels_in_the_plugin_directory_of_openmm_serve(tmp_path):
     shutil.move(package/'lib', tmp_path/'openmm')
     code = ('import openmmrigidhi; openmmrigidhi.checkPlatform("CPU"); '
             'print(openmmrigidhi.describe())')
-    environment = {
-        'OPENMM_PLUGIN_DIR': os.pathsep.join(
-            [str(tmp_path/'openmm'/'plugins'),
-             openmm.Platform.getDefaultPluginsDirectory()])
-    }
+    # OpenMM's own plugins; below a prefix they are beside its library.
+    own = os.path.join(openmm.version.openmm_library_path, 'plugins')
+    if not os.path.isdir(own):
+        own = openmm.Platform.getDefaultPluginsDirectory()
+    environment = {'OPENMM_PLUGIN_DIR': os.pathsep.join([str(tmp_path/'openmm'/'plugins'), own])}
     result = run(code, str(package.parent), **environment)
     assert result.returncode == 0, result.stderr
     assert str(tmp_path/'openmm'/'libOpenMMRigidHI.so') in result.stdout

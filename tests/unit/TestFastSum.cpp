@@ -250,8 +250,8 @@ TEST(FastSum, DifferencesWithTheSameCubes) {
                         Scene scene;
                         scene.hasWall = hasWall;
                         vector<Vec3> displaced[2];
-                        for (int body = 0; body < 1800 / blobs; body++) {
-                            const Vec3 place = 40 * vector3([&] { return u(random); }),
+                        for (int body = 0; body < 1200 / blobs; body++) {
+                            const Vec3 place = 35 * vector3([&] { return u(random); }),
                                        by = step * vector3([&] { return g(random); });
                             for (int i = 0; i < blobs; i++) {
                                 const Vec3 r = place + Vec3(1.7 * (i % 3), 1.7 * (i / 3), 1.1);
