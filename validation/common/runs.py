@@ -24,7 +24,7 @@ from recording import provenance, save
 from walls import Replicas
 
 #: The wanted relative standard error of each mean, and the wanted chi^2 per bin of each histogram.
-#: A run that does not reach them ends after this many minutes for each scheme.
+#: A run that does not reach them ends after this many minutes of processor time for each scheme.
 WANTED_ERROR, WANTED_CHI2, MINUTES = 0.005, 1.5, 60.0
 #: Bins are merged until each holds this much, or neither their errors nor their law are good enough
 #: for chi^2.
@@ -260,7 +260,8 @@ def step(replicas, tally, steps, random):
 def run(plan, job, minutes=MINUTES):
     """Run until the wanted errors and chi^2 are reached, or for so many minutes; return the Tally.
 
-    Minutes before an interruption count, too. At least one chunk is made.
+    Minutes are of processor time, so that a busy machine makes no run shorter. Minutes before an
+    interruption count, too. At least one chunk is made.
     """
     tally, state = Tally(plan), campaign.State(job, plan.settings())
     fresh = not tally.load(state)
@@ -276,12 +277,12 @@ def run(plan, job, minutes=MINUTES):
         replicas.place(*plan.equilibrium.draw(random, plan.replicas))
     else:
         replicas.place(tally.arrays['positions'], tally.arrays['orientations'])
-    began = time.time()
+    began = time.process_time()
     settle = round(plan.settle/plan.step) if fresh else 0
 
     def advance():
         nonlocal began
-        now = time.time()
+        now = time.process_time()
         numbers[4] += now - began
         began = now
         job.report(tally.seconds)
@@ -390,7 +391,8 @@ def arguments(description, results, add=None):
     parser.add_argument('--quick', action='store_true', help='one chunk of few replicas: seconds')
     parser.add_argument(
         '--minutes', type=float, default=MINUTES,
-        help='end a run after so long, those before an interruption included (%(default)s)')
+        help='end a run after so much processor time, that before an interruption included '
+        '(%(default)s)')
     parser.add_argument('--keep', action='store_true',
                         help='runs of the JSON in --output that are not made again stay in it')
     parser.add_argument('--schemes', nargs='+', help='run only these')
