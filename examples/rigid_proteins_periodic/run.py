@@ -377,24 +377,6 @@ def drawScene(scene, path):
     figure.savefig(path, dpi=90)
 
 
-def drawPrices(results, path):
-    """Bars of milliseconds a step."""
-    plt = pyplot()
-    figure, axes = plt.subplots(figsize=(8, 1 + 0.4*sum(len(price['kinds']) for price in results)),
-                                constrained_layout=True)
-    labels, rows = zip(*((f'{price["proteins"]} proteins, {name}', row) for price in results
-                         for name, row in price['kinds'].items()))
-    forces, fluid = (np.array([row[key] for row in rows]) for key in ('ms_forces', 'ms_fluid'))
-    y = np.arange(len(rows))
-    axes.barh(y, forces, label='forces (PME, Lennard-Jones)')
-    axes.barh(y, fluid, left=forces, label='fluid')
-    axes.set_yticks(y, labels)
-    axes.invert_yaxis()
-    axes.set(xlabel='ms a step, one thread', title='Price of a step')
-    axes.legend()
-    figure.savefig(path, dpi=90)
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -446,7 +428,6 @@ def main():
         ]
         print('\n'.join(priceTable(costs)))
         save(args.output, 'prices.json', {'prices': costs, 'provenance': provenance(args)})
-        drawPrices(costs, args.output/'prices.png')
 
 
 if __name__ == '__main__':

@@ -9,11 +9,16 @@ Errors are listed by tolerance and by spacing, for a random suspension in a peri
 """
 import argparse
 import pathlib
+import sys
 
 from openmmrigidhi import accuracy
 from tqdm import tqdm
 
-RESULTS = pathlib.Path(__file__).parent/'results'
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parents[1]/'common'))
+import campaign  # noqa: E402
+
+RESULTS = HERE/'results'
 #: Wishes that are drawn as lines and answered.
 WANTED = ['forces:1e-4', 'forces:1e-8', 'wrenches:1e-4', 'forces:1e-3,wrenches:1e-3']
 
@@ -37,6 +42,7 @@ def main():
         result = study.run(arguments.rounds, show)
     report = result.report(WANTED)
     report.write(str(arguments.output))
+    campaign.keepPictures(arguments.output, 'grid_forces.png')
     print(report.textTable())
     for text in report.paragraphs():
         print('\n' + text)
