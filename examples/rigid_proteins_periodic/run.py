@@ -31,7 +31,7 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.append(str(HERE.parents[1]/'validation'/'common'))
-from recording import brackets, provenance, pyplot, save  # noqa: E402
+from recording import provenance, pyplot, save  # noqa: E402
 
 STRUCTURE = pathlib.Path(
     app.__file__).parent/'data'/'test.pdb'  # villin in water; the water is left out

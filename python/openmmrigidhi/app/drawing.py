@@ -122,7 +122,6 @@ def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True
         frames per second of the film
     width : float
         width of the picture, inches of 100 points each
-        of the picture, inches of 100 points each
     quiet : bool
         draw no progress bar
 
