@@ -76,8 +76,8 @@ class StudyReport(Report):
         'On the left each point is a setting, with its speed and its error. The label is the '
         'setting. Settings below the dashed line have the wanted error, and the best one is '
         'farthest to the right. An open symbol is an error that the statistics do not distinguish '
-        'from 0. On the right is the mean of the observable for each setting. The black line is '
-        'the exact value or the limit of small steps, which errors are differences from.')
+        'from 0. On the right is the mean of the observable for each setting. Errors are '
+        'differences from the black line, which is the exact value or the limit of small steps.')
     SURE = {
         RECOMMENDED: 'The recommended setting has the wanted error with the stated confidence: the '
         'upper confidence bound of its error, systematic and statistical, is below the wanted '
