@@ -240,7 +240,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setViscosity(_units.viscosity(eta, _where('setViscosity'), 'eta'))
 
     def getModel(self):
-        """Get the model: FreeDraining, RotnePragerYamakawa, StokesianDynamics or ForceCoupling."""
+        """Get the model (FreeDraining, RotnePragerYamakawa, StokesianDynamics or ForceCoupling)."""
         return Model(super().getModel())
 
     def setModel(self, model):
@@ -251,7 +251,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setModel(_units.constant(model, Model, _where('setModel'), 'model'))
 
     def getBoundary(self):
-        """Get what bounds the fluid: Unbounded, NoSlipWall, Periodic or SlipChannel."""
+        """Get what bounds the fluid (Unbounded, NoSlipWall, Periodic or SlipChannel)."""
         return Boundary(super().getBoundary())
 
     def setBoundary(self, boundary):
@@ -305,7 +305,7 @@ class MobilityForce(_copies.Copies, _Base):
                                 self._number(yHigh, _units.LENGTH, 'setChannelWalls', 'yHigh'))
 
     def getSphereWallMobility(self):
-        """Get how a single sphere above a NoSlipWall moves: FromModel or BestKnown."""
+        """Get how a single sphere above a NoSlipWall moves (FromModel or BestKnown)."""
         return SphereWallMobility(super().getSphereWallMobility())
 
     def setSphereWallMobility(self, mobility):
@@ -357,7 +357,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setMinimumGap(self._number(gap, _units.NONE, 'setMinimumGap', 'gap'))
 
     def getSolver(self):
-        """Get how the linear algebra is done: Auto, Dense or MatrixFree."""
+        """Get how the linear algebra is done (Auto, Dense or MatrixFree)."""
         return Solver(super().getSolver())
 
     def setSolver(self, solver):
@@ -368,8 +368,8 @@ class MobilityForce(_copies.Copies, _Base):
         solver : constant
             Auto (default): Dense or MatrixFree, by the numbers of rows of the matrices. Dense:
             matrices are formed and decomposed; memory is quadratic and time cubic in bodies.
-            MatrixFree: Krylov methods to the solver tolerance; memory is linear and time quadratic
-            in particles.
+            MatrixFree: Krylov methods to the solver tolerance; memory is linear in particles, and
+            time quadratic, or less by multipoles or on a grid.
 
         Notes
         -----
@@ -436,11 +436,11 @@ class MobilityForce(_copies.Copies, _Base):
         ----------
         enabled : bool
             True: products for which a tolerance is good enough take a time that grows little faster
-            than the number of particles. These products are the answers of
-            :meth:`applyMobilityInContext` for spheres, to the solver tolerance from 1e-6 on, and
-            the products of iterations, to a part of their tolerance from 1e-6 on, unless a scheme
-            differences the results, and products that a scheme differences. The number of particles
-            from which on multipoles are used follows from the tolerance alone;
+            than the number of particles. There are three kinds of them, at tolerances of 1e-6 and
+            more: the answers of :meth:`applyMobilityInContext` for spheres, to the solver
+            tolerance; products of iterations, to a part of their tolerance, unless a scheme takes
+            differences of the results; and products of which a scheme takes differences. The number
+            of particles from which on multipoles are used follows from the tolerance alone;
             ``CustomRigidHIIntegrator.getEffects`` says it. False: all products are sums over all
             pairs.
         """
