@@ -573,7 +573,7 @@ STUDIES = (('water', 'the cost of accuracy for TIP4P-Ew water'),
                                                                 'the density under a barostat'))
 TOP = '''# Validation: the papers\u2019 numbers and ours
 
-*`verdict.py` writes this page from the JSONs of the papers\u2019 folders; edit `verdict.py`.*
+Each published number of four papers stands here beside the one that this plugin computes.
 A folder for each paper has the scripts, their results, and a page that says how the runs were made
 and what they show. Errors in brackets are one standard error. A difference is our number
 minus the paper\u2019s, divided by the standard error of this difference. If its magnitude is below
@@ -594,7 +594,8 @@ accuracy). Workers on a cluster must find the scripts: `PYTHONPATH` has `validat
 paper\u2019s folder. Code that the scripts of several papers share is in `common/`.
 
 Git has tables (JSON, CSV) and a picture or two for each experiment. State, raw series, pages with
-pictures inside and animations are made again by the same commands.
+pictures inside and animations are made again by the same commands. `verdict.py` writes this page
+from the JSONs of the papers\u2019 folders: edit `verdict.py`, not the page.
 
 ## Studies of our own
 These studies have results that [the documentation](../docs) quotes, and belong to no paper:
