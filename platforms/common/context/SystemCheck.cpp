@@ -62,7 +62,7 @@ void checkTies(const System& system, const vector<int>& bodyOf) {
             refuse("virtual site " + particleText(i) + owner(i) + " depends on " +
                    particleText(parent) +
                    (bodyOf[parent] >= 0 ? " of " + bodyText(bodyOf[parent]) : " outside the body") +
-                   "; a virtual site and the particles that define it belong into one body: add "
+                   "; a virtual site and the particles that define it belong in one body: add "
                    "them to it");
         }
     }
