@@ -485,7 +485,8 @@ def marks(row):
     if row['noise'] is None:
         return []
     found = []
-    if row['sample_interval'] > row['own_tau']/2:
+    # Where oscillations cancel, samples know more than independent ones, and closer ones no more.
+    if 0.5*row['sample_interval'] <= row['own_tau'] < 2*row['sample_interval']:
         found.append(
             'samples are further apart than half a correlation time; closer samples may cost less')
     if row['noise_degrees'] < FEWEST_NOISE_DEGREES:
