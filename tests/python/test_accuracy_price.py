@@ -461,14 +461,48 @@ def test_slow_fluctuations_are_marked():
                for each in result.report().paragraphs())
 
 
+def test_measurements_of_no_length_are_refused():
+    study = accuracy.StepSizeStudy(accuracy.scenes.trap(2), ['LangevinC'], platform='Reference')
+    for name, values in (('budget', (0, -1, math.inf, math.nan,
+                                     'much')), ('length', (0, -1, math.inf, math.nan)),
+                         ('equilibration', (-1, math.inf)), ('rounds', (0, -2, 1.5))):
+        for value in values:
+            with pytest.raises(ValueError, match=f'StepSizeStudy.run: {name}: got '):
+                study.run(**{'length': None if name == 'budget' else 1.0, name: value})
+
+
+def test_samples_that_are_no_numbers_are_named():
+    """They are the reason why there is no price, and a time or smaller steps would not help."""
+    rng = np.random.default_rng(15)
+    bad = REFERENCE + rng.normal(size=(400, 3))
+    bad[200:, 1] = math.nan
+    good = REFERENCE + rng.normal(size=400)
+    result = resultOf([('LangevinC', 4, record({OBSERVABLE: bad}, 0.1, 0.001)),
+                       ('LangevinC', 8, record({OBSERVABLE: np.full(400, math.nan)}, 0.1, 0.001))])
+    for answer in (result.price('potential_energy:1%'), result.spend(OBSERVABLE, 10)):
+        assert (
+            'LangevinC at 4 fs, LangevinC at 8 fs some samples are not numbers and no sample is '
+            'a number, so there is no mean: look at the observable') in answer.text
+        assert answer.setting is None
+    # Beside a setting whose samples are numbers, the reason is with the setting.
+    result = resultOf([('LangevinC', 4, record({OBSERVABLE: bad}, 0.1, 0.001)),
+                       ('LangevinC', 8, record({OBSERVABLE: good}, 0.1, 0.001))])
+    answer = result.price('potential_energy:1%')
+    assert answer.setting['value'] == 0.008
+    assert next(each['marks'] for each in answer.candidates
+                if each['value'] == 0.004) == ['some samples are not numbers']
+
+
 def test_wrong_questions_are_refused():
     result = knownResult([('LangevinC', 4, 0.1, 20, 1)])
-    for seconds in (0, -1, math.inf, math.nan):
+    for seconds in (0, -1, math.inf, math.nan, '2h', None):
         with pytest.raises(ValueError, match='the time to spend must be above 0 and finite'):
             result.spend(OBSERVABLE, seconds)
     with pytest.raises(ValueError,
                        match='of which nothing is known here: ask for one of potential_energy'):
         result.spend('pressure', 10)
+    with pytest.raises(ValueError, match='wanted error: got none; there must be at least one'):
+        result.price([])
     with pytest.raises(ValueError, match='intervals need at least 100'):
         result.price('potential_energy:1%', resamplings=10)
     with pytest.raises(ValueError, match='the error must be a positive number'):
@@ -729,6 +763,10 @@ def test_a_short_run_with_prices(tmp_path, capsys):
      (['--spend', 'dipole:2h'], 'which is not an observable and its time'),
      (['--spend', 'potential_energy'], 'which is not an observable and its time'),
      (['--sample-interval', '0'], 'the time between samples must be positive, in ps'),
+     (['--budget', '-600'], 'budget: got -600.0; the time for the measurement must be above 0'),
+     (['--length', 'nan'], 'length: got nan; the time of each run must be above 0'),
+     (['--overdamped', '--equilibration', '-1'], 'equilibration: got -1.0; the time left out'),
+     (['--ladder', '--rounds', '0'], 'rounds: got 0; the number of turns must be a whole number'),
      (['--overdamped', '--scene', 'boomerang', '--sample-interval', '0.1'
        ], 'where samples are 1 tau_D apart: leave it out'),
      (['--ladder', '--price', 'mobility:1%'], 'which measure no averages and so no noise')])
