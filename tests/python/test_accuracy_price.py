@@ -754,6 +754,30 @@ def test_a_short_run_with_prices(tmp_path, capsys):
         assert row['effective_per_second'] == row['effective_per_wall_second']
 
 
+def test_pictures_of_many_methods_can_be_read(monkeypatch):
+    """No two methods look the same, and the legend covers no curve."""
+    names = ['LangevinC', 'LangevinMiddle'] + [f'LangevinC-I8-g{k}' for k in range(20)]
+    result = knownResult([(name, 8, 0.1, 20 + k, 1) for k, name in enumerate(names)])
+    figures = []
+    monkeypatch.setattr('openmmrigidhi.accuracy.pricereport.png',
+                        lambda figure, title: figures.append(figure) or b'')
+    report = result.report(price=['potential_energy:1%'])
+    assert len(set(report.priced.style.values())) == len(names)
+    assert report.priced.style['LangevinC'] == ('#0072B2', 'o')
+    report.priced.pictures()
+    figure, = figures
+    figure.canvas.draw()
+    legend, = figure.legends
+    assert {text.get_text() for text in legend.get_texts()} >= set(names)
+    for axes in figure.axes:
+        assert axes.get_legend() is None
+        assert not axes.get_tightbbox().overlaps(legend.get_window_extent())
+    # Few methods have their legend beside the curves.
+    few = knownResult([('LangevinC', 8, 0.1, 20, 1), ('LangevinMiddle', 8, 0.1, 20, 1)])
+    few.report(price=['potential_energy:1%']).priced.pictures()
+    assert not figures[1].legends and all(axes.get_legend() for axes in figures[1].axes)
+
+
 @pytest.mark.parametrize(
     'arguments, message',
     [(['--price', 'potential_energy:much'], 'the error must be a positive number'),
