@@ -19,6 +19,8 @@ exchanges the spheres, and <a(t)b(0)> = <b(t)a(0)>.
                                              # overdamped one
     python3 trapped_spheres.py --sets overdamped --keep     # one set, keeping runs of the other
     python3 trapped_spheres.py --model RPY   # other hydrodynamics, other curves
+    python3 trapped_spheres.py --sets overdamped --shares 0.1 --distances 3 --seed 2018 --step 0.01
+                                             # a second seed, at the paper's step: 10 minutes
     python3 trapped_spheres.py --quick       # seconds
 """
 import argparse
@@ -407,8 +409,9 @@ def main():
     campaign.addOptions(parser)
     args = campaign.settle(parser.parse_args())
 
+    isFirst = args.seed == parser.get_default('seed')
     name = 'trapped_spheres' + ('' if args.model == 'FTS+lubrication' else '_' +
-                                args.model) + '.json'
+                                args.model) + ('' if isFirst else f'_seed{args.seed}') + '.json'
     saveBiases(args)
     todo = []
     for setName, parameters in SETS.items():
@@ -443,7 +446,7 @@ def main():
     names = [f'{task[0].split()[0]} R {task[1]:g} kT {task[2]:g} {args.model}' for task in todo]
     campaign.run(run, todo, names, args, [round(task[4]/SETS[task[0]]['every']) for task in todo],
                  'sample', 'trapped spheres', finish)
-    if runs:
+    if runs and isFirst:
         draw(runs, args.output)
 
 
