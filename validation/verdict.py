@@ -173,16 +173,21 @@ def tableS2():
 
 
 def trapped():
-    for r in read('davidchack2017/results/trapped_spheres.json')['runs']:
+    others = sorted((HERE/'davidchack2017/results').glob('trapped_spheres_seed*.json'))
+    runs = [(r, '') for r in read('davidchack2017/results/trapped_spheres.json')['runs']
+            ] + [(r, f', seed {path.stem.rpartition("seed")[2]}') for path in others
+                 for r in read(path)['runs']]
+    for r, which in runs:
         if r['R'] != 3:
             continue
+        of = 'the scheme\'s' if r.get('theory_of', '').startswith('the scheme') else 'exact'
         figures = 'Figures 2, 3' if r['set'].startswith('inertial') else 'Figures 4, 5'
         asPrinted = r['kT'] in (0.1, 0.005)
         z = max(r['rms_z'].values())
         yield (
             figures, f'ten correlation functions, R = 3, kT = {r["kT"]:g}' +
-            ('' if asPrinted else ', a tenth of the paper\'s value, where linear theory holds'),
-            'curves; ours are compared with exact linear theory',
+            ('' if asPrinted else ', a tenth of the paper\'s value, where linear theory holds') +
+            which, f'curves; ours are compared with {of} linear theory',
             f'largest difference from theory {max(r["largest_difference"].values()):.4f}, standard '
             f'errors up to '
             f'{r["largest_standard_error"]:.4f}', f'rms of a curve: {z:.1f} at most',
