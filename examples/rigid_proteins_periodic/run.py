@@ -116,7 +116,7 @@ class Scene:
     scheme : str
         'LangevinHI', 'DriftCorrectorFD', or 'LangevinC', which is without the fluid
     solver : int
-        of the MobilityForce; Auto takes a grid from 100 blobs on
+        of the MobilityForce; Auto takes matrices or a grid, whichever is estimated to be faster
     """
     def __init__(self, cells, scheme, platformName='CPU', seed=1, structure=STRUCTURE,
                  solver=MobilityForce.Auto):

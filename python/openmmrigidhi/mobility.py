@@ -53,8 +53,8 @@ class Model(_enums.Documented):
         381, 2003; grids: Yeo and Maxey, J. Comput. Phys. 229, 2401, 2010). Boundaries: Periodic,
         SlipChannel.
 
-        On a grid the cost grows as the box does. A grid is used from 300 rows on, or with
-        MatrixFree; smaller scenes are dense. docs/models/ForceCoupling.md has the rest."""
+        On a grid the cost grows as the box does. Few particles, and dilute suspensions, are dense.
+        docs/models/ForceCoupling.md has the rest."""
 
 
 class Boundary(_enums.Documented):
@@ -85,8 +85,8 @@ class Solver(_enums.Documented):
     """How the linear algebra is done; also class attributes of MobilityForce."""
 
     Auto = _Base.Auto, (
-        'Dense or matrix-free, by the numbers of rows of the matrices, never by measured times '
-        '(default).')
+        'Dense or matrix-free (default), by the numbers of rows of the matrices. Periodic fluids '
+        'of more than 150 rows are done in the way whose step is estimated to take less time.')
     Dense = _Base.Dense, 'Matrices are formed and decomposed.'
     MatrixFree = _Base.MatrixFree, (
         'Krylov methods, or a grid, compute products and solutions to the solver tolerance.')
@@ -366,7 +366,8 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         solver : constant
-            Auto (default): Dense or MatrixFree, by the numbers of rows of the matrices. Dense:
+            Auto (default): Dense or MatrixFree, by the numbers of rows of the matrices, and in
+            periodic fluids by an estimate of the time of a step, never by measured times. Dense:
             matrices are formed and decomposed; memory is quadratic and time cubic in bodies.
             MatrixFree: Krylov methods to the solver tolerance; memory is linear in particles, and
             time quadratic, or less by multipoles or on a grid.
@@ -376,8 +377,8 @@ class MobilityForce(_copies.Copies, _Base):
         With LangevinHI the same seed gives the same step with Dense and with MatrixFree, to the
         tolerance. In schemes without momenta Dense and MatrixFree take different square roots of
         the mobility, and different random numbers. The law of the noise is the same, but the same
-        seed gives other trajectories. Auto goes by the number of rows, so a larger scene may have
-        other noise.
+        seed gives other trajectories. Auto may choose another way for another scene, scheme or
+        tolerance, which then has other noise.
 
         :meth:`applyMobilityInContext` goes the same way, whatever masses there are.
         ``CustomRigidHIIntegrator.getEffects`` says which way this is.

@@ -57,9 +57,9 @@ public:
          * Maxey, J. Comput. Phys. 184, 381, 2003). It is like RotnePragerYamakawa, with forces and
          * torques spread by Gaussians in place of surfaces. Periodic and SlipChannel only. Unequal
          * radii and overlap are allowed. Always positive semidefinite. Its accuracy is that of
-         * RotnePragerYamakawa. From 300 rows on, or with MatrixFree, it is computed on a grid (Yeo
-         * and Maxey, J. Comput. Phys. 229, 2401, 2010), to the solver tolerance and at a cost that
-         * grows as the box. Otherwise matrices are dense.
+         * RotnePragerYamakawa. On a grid (Yeo and Maxey, J. Comput. Phys. 229, 2401, 2010) it is
+         * computed to the solver tolerance, at a cost that grows as the box. Otherwise matrices are
+         * dense. Auto takes what is faster.
          */
         ForceCoupling = 3
     };
@@ -122,8 +122,8 @@ public:
     /** How the linear algebra is done. */
     enum Solver : int {
         /**
-         * Dense or matrix-free, by the numbers of rows of the matrices, never by measured times
-         * (default).
+         * Dense or matrix-free (default), by the numbers of rows of the matrices. Periodic fluids
+         * of more than 150 rows are done in the way whose step is estimated to take less time.
          */
         Auto = 0,
         /** Matrices are formed and decomposed. Memory quadratic, time cubic in bodies. */
@@ -224,8 +224,8 @@ public:
      * Set how the linear algebra is done (default Auto). With LangevinHI, Dense and MatrixFree take
      * the same step for the same seed, to the tolerance. In schemes without momenta, Dense and
      * MatrixFree take different square roots of the mobility and use different random numbers.
-     * Their noise has the same law, but the same seed gives different trajectories. Auto goes by
-     * the number of rows, so that the noise is different for a larger scene.
+     * Their noise has the same law, but the same seed gives different trajectories. Auto may
+     * choose another one for another scene, scheme or tolerance, and then the noise is different.
      * applyMobilityInContext() uses the same solver, whatever masses there are.
      * CustomRigidHIIntegrator::getEffects() says which solver is used.
      */

@@ -28,20 +28,19 @@ const double torqueTolerance = 1e-9;
 
 }  // namespace
 
-void Fluid::check(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
+void Fluid::check(const MobilityForce& force, const FluidSettings& settings,
                   const OpenMM::System& system, const vector<vector<int>>& particlesOfBodies,
                   const FreeParticles& freeParticles, PlatformLoops& loops) {
-    GroupBuilder(force, wallRejection, system, particlesOfBodies, freeParticles, loops)
-        .checkModels();
+    GroupBuilder(force, settings, system, particlesOfBodies, freeParticles, loops).checkModels();
 }
 
-Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejection wallRejection,
+Fluid::Fluid(const MobilityForce& forceToUse, const FluidSettings& settings,
              const OpenMM::System& system, const vector<vector<int>>& particlesOfBodiesToUse,
              const vector<BodyGeometry>& geometries, const BodySet& bodies,
              const FreeParticles& freeParticles, PlatformLoops& loops)
-    : force(forceToUse), userFlow(force), wallRejection(wallRejection), loops(loops),
+    : force(forceToUse), userFlow(force), settings(settings), loops(loops),
       particlesOfBodies(particlesOfBodiesToUse),
-      groups(GroupBuilder(force, wallRejection, system, particlesOfBodies, freeParticles, loops)
+      groups(GroupBuilder(force, settings, system, particlesOfBodies, freeParticles, loops)
                  .build(geometries, bodies)),
       groupOfBody(particlesOfBodies.size(), -1), groupOfFree(freeParticles.getNumParticles(), -1) {
     for (size_t g = 0; g < groups.size(); g++) {
@@ -61,6 +60,13 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
                 ? operationsOfConstantTensor
                 : 20 * rows * rows * rows + particleRows * particleRows * particleRows / 3;
     }
+}
+
+bool Fluid::isMadeFor(const FluidSettings& wanted) const {
+    if (hasWalls() && settings.wallRejection != wanted.wallRejection) return false;
+    if (settings.scheme == wanted.scheme) return true;
+    return none_of(groups.begin(), groups.end(),
+                   [](const unique_ptr<FluidGroup>& group) { return group->dependsOnScheme; });
 }
 
 void Fluid::checkInertia(const BodySet& bodies) const {
