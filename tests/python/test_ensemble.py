@@ -151,6 +151,19 @@ def test_a_task_that_kills_every_worker_is_given_up(where):
     assert outcomes[1].attempts == (2 if where == 'processes' else 3)
 
 
+def test_workers_that_die_before_they_begin_count_less(monkeypatch):
+    """Starting takes longer than anything else on a busy machine, and the task has no part in it.
+    A task that never begins is given up, too."""
+    monkeypatch.setattr(_tasks, 'UNBORN', 2)
+    for times, dead in ((2, 0), (100, 3)):
+        outcome, = tasks.run(ensemble_tasks.returnIt, [ensemble_tasks.Stillborn(times)], 2,
+                             'processes', retries=0, quiet=True)
+        if dead:
+            assert f'{dead} workers died with it' in outcome.failure.message
+        else:
+            assert outcome.get() == times and outcome.attempts == 1
+
+
 @pytest.mark.parametrize('where', CLUSTERS, indirect=True)
 def test_a_task_goes_on_from_what_is_in_its_directory(where, tmp_path):
     outcomes = tasks.run(ensemble_tasks.countInDirectory, range(2), 2, where,
