@@ -866,8 +866,8 @@ def test_every_change_of_study_json_is_noticed(tmp_path):
             refused += 1
             assert 'study.json: it is damaged' in str(error)
         else:
-            found.pop('checksum', None)
-            assert found == {key: good[key] for key in found} and len(found) >= len(good) - 1
+            # One bit may make another name of the checksum itself.
+            assert all(found[key] == good[key] for key in good if key != 'checksum')
     # Blanks at the beginnings of lines have no meaning.
     assert refused > 75
     path.write_bytes(changed[0])
