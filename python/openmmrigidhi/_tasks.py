@@ -35,8 +35,11 @@ BETWEEN_REPORTS, BETWEEN_LOOKS = 0.5, 0.5
 BETWEEN_REPAIRS = 5.0
 #: How many workers in a row may die after the first one with a task that makes no progress.
 RETRIES = 10
-#: Least number of seconds to wait for a scheduler or worker that is connected.
-LEAST_PATIENCE = 10.0
+#: How many times as many workers may die before they have begun with a task, while they start.
+UNBORN = 5
+#: Least numbers of seconds to wait for a scheduler that is connected, and for a worker that imports
+#: this package.
+LEAST_PATIENCE, IMPORT_PATIENCE = 10.0, 30.0
 #: Seconds that a worker has to end by itself, after an interruption.
 PATIENCE = 5.0
 STARTED, PROGRESS, DONE, DIED = 'started', 'progress', 'done', 'died'
@@ -253,6 +256,7 @@ def _serve(connection):
                         'imported, not in a notebook or a program from stdin: put them into a file '
                         'of their own, or use jobs=1'))
             else:
+                connection.send((STARTED, index, None))
                 job._tell = connection.send
                 outcome = _perform(function, argument, job)
             connection.send((DONE, index, _packed(outcome, ForkingPickler.dumps)))
@@ -269,7 +273,6 @@ class _Processes:
         self.context = multiprocessing.get_context('spawn')
         self.jobs = jobs
         self.workers = []
-        self.events = []
 
     def free(self):
         return self.jobs - sum(worker.index is not None for worker in self.workers)
@@ -281,14 +284,11 @@ class _Processes:
             worker = _Worker(self.context)
             self.workers.append(worker)
         worker.index = job.index
-        self.events.append((STARTED, job.index, None))
         with contextlib.suppress(
                 BrokenPipeError):  # a worker that is dead already is noticed by look()
             worker.connection.send((packed, job.index, job.name))
 
     def look(self):
-        events, self.events = self.events, []
-        yield from events
         busy = {worker.connection: worker for worker in self.workers if worker.index is not None}
         for connection in multiprocessing.connection.wait(list(busy), BETWEEN_LOOKS):
             worker = busy[connection]
@@ -448,7 +448,7 @@ class _Cluster:
         # Neither eval nor the text needs anything of this package on the worker.
         text = "__import__('openmmrigidhi').__version__"
         try:
-            found = _within(self.timeout,
+            found = _within(max(self.timeout, IMPORT_PATIENCE),
                             lambda: self.client.run(eval, text, workers=workers, on_error='return'))
         except TimeoutError as error:
             self.isSilent = True
@@ -700,7 +700,7 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
         begins further than they began and does not die where the one before died (Job.report()).
     timeout : float
         seconds to wait for a cluster's answer, and for a worker where there is none; what is
-        connected already has 10 s at least
+        connected already has 10 s at least, and a worker that imports this package 30 s
     finished : callable, optional
         called in this process with each Outcome, as they come
     quiet : bool
@@ -747,8 +747,9 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
         return []
     outcomes, waiting = {}, collections.deque(range(len(arguments)))
     attempts = [_Attempts() for _ in arguments]
-    # Whether no attempt has begun since then.
-    fresh = [True]*len(arguments)
+    # Whether no attempt has begun since a task was submitted last, and how many workers in a row
+    # have died so early.
+    fresh, unborn = [True]*len(arguments), [0]*len(arguments)
     backend = _backend(function, jobs, cluster, retries, timeout)
     bar = _Bar(amounts, len(arguments), unit, title, quiet)
     backend.tell, backend.say = lambda event: bar.show(event[1], event[2]), bar.say
@@ -766,10 +767,17 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
             Outcome(
                 index, names[index], failure=Failure(
                     'WorkerDied',
-                    f'{attempts[index].starts} workers died with it, one after the other'
-                    f'{"" if how is None else f" ({how})"}; more retries than {retries} without '
-                    f'progress are not made: look '
+                    f'{attempts[index].starts + unborn[index]} workers died with it, one after the '
+                    f'other{"" if how is None else f" ({how})"}; more retries than {retries} '
+                    f'without progress are not made: look '
                     'for what ends the process (memory?), then run it again')))
+
+    def isEarly(index, how):
+        """Whether a worker died before it began with the task; counts them."""
+        # A scheduler does not tell how its workers died, and counts by itself.
+        early = how is not None and fresh[index]
+        unborn[index] += early
+        return early
 
     with contextlib.closing(backend), contextlib.closing(bar):
         while len(outcomes) < len(arguments):
@@ -787,7 +795,7 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
                     # A scheduler has tried it again by itself.
                     if not fresh[index]:
                         mine.end()
-                    fresh[index] = False
+                    fresh[index], unborn[index] = False, 0
                     mine.start()
                     if mine.starts > 1:
                         bar.say(f'{names[index]}: its worker died; attempt {mine.starts}')
@@ -800,6 +808,9 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
                     bar.show(index, what)
                 elif event == DONE:
                     end(what)
+                elif isEarly(index, what) and unborn[index] <= UNBORN*(retries + 1):
+                    # The task has nothing to do with it, unless it never begins.
+                    waiting.appendleft(index)
                 else:
                     attempts[index].end()
                     # A scheduler that gives up ignores progress, and has a number of retries of its

@@ -151,6 +151,19 @@ def test_a_task_that_kills_every_worker_is_given_up(where):
     assert outcomes[1].attempts == (2 if where == 'processes' else 3)
 
 
+def test_workers_that_die_before_they_begin_count_less(monkeypatch):
+    """Starting takes longer than anything else on a busy machine, and the task has no part in it.
+    A task that never begins is given up, too."""
+    monkeypatch.setattr(_tasks, 'UNBORN', 2)
+    for times, dead in ((2, 0), (100, 3)):
+        outcome, = tasks.run(ensemble_tasks.returnIt, [ensemble_tasks.Stillborn(times)], 2,
+                             'processes', retries=0, quiet=True)
+        if dead:
+            assert f'{dead} workers died with it' in outcome.failure.message
+        else:
+            assert outcome.get() == times and outcome.attempts == 1
+
+
 @pytest.mark.parametrize('where', CLUSTERS, indirect=True)
 def test_a_task_goes_on_from_what_is_in_its_directory(where, tmp_path):
     outcomes = tasks.run(ensemble_tasks.countInDirectory, range(2), 2, where,
@@ -853,8 +866,8 @@ def test_every_change_of_study_json_is_noticed(tmp_path):
             refused += 1
             assert 'study.json: it is damaged' in str(error)
         else:
-            found.pop('checksum', None)
-            assert found == {key: good[key] for key in found} and len(found) >= len(good) - 1
+            # One bit may make another name of the checksum itself.
+            assert all(found[key] == good[key] for key in good if key != 'checksum')
     # Blanks at the beginnings of lines have no meaning.
     assert refused > 75
     path.write_bytes(changed[0])

@@ -544,8 +544,8 @@ def _checkThatItIsEmpty(directory):
         set(os.listdir(directory)) - {TASKS, LOCK, STUDY + taskfiles.PART, SCENE_DIRECTORY})
     if others:
         raise ValueError(
-            f'{directory}: it has {others[0]} but no {STUDY}; a study begins in an empty directory, '
-            f'so that it replaces no other files: take another directory')
+            f'{directory}: it has {others[0]} but no {STUDY}; a study begins in an empty '
+            f'directory, so that it replaces no other files: take another directory')
 
 
 def _checksum(about):
