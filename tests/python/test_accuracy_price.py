@@ -225,8 +225,8 @@ def test_oscillating_series(damping, angle, n):
     print(f'held {held}, noise {relative.mean():.2f}, known {known} of {cases}; by '
           f'autocorrelations {np.mean(old):.1f}')
     assert np.mean(old) > 7
-    # Blocks as long as a few decays still have a part of the oscillation. So errors are a little too
-    # large, and few of the noise's intervals miss because it is too small.
+    # Blocks as long as a few decays still have a part of the oscillation. So errors are a little
+    # too large, and few of the noise's intervals miss because it is too small.
     assert held > 0.95*cases - 4.5*math.sqrt(0.95*0.05*cases)
     assert 0.9 < relative.mean() < 2 and known > cases/2
 
@@ -850,8 +850,8 @@ def exactEnergy(gamma, h, interval, power=2):
     """Mean of x^2 (1 as the step vanishes) and integrated autocorrelation time of x^2 in ps,
     sampled at an interval of whole steps.
 
-    For a Gaussian process the autocorrelation of x^2 is the square of the autocorrelation of x. With
-    the power 1 the time is that of x itself.
+    For a Gaussian process the autocorrelation of x^2 is the square of the autocorrelation of x.
+    With the power 1 the time is that of x itself.
     """
     step, covariance = oscillator(gamma, h)
     sampled = np.linalg.matrix_power(step, round(interval/h))

@@ -22,8 +22,8 @@ FEWEST_TRUSTED_BLOCKS = 10
 GROWTH_IN_ERRORS = 2
 #: The same of an error that is smaller than that of shorter blocks or of autocorrelations.
 FALL_IN_ERRORS = 3
-#: With fewer blocks an autocorrelation time of 1 block may be chance: that of 100 independent blocks
-#: has the standard error sqrt(2 (2 W + 1)/100)/2 = 0.17 at W = 2.5.
+#: With fewer blocks an autocorrelation time of 1 block may be chance. That of 100 independent
+#: blocks has the standard error sqrt(2 (2 W + 1)/100)/2 = 0.17 at W = 2.5.
 FEWEST_BLOCKS_TO_SEE = 100
 #: What may make the error of a mean another one than its autocorrelations say.
 SLOW, OSCILLATING = 'slow', 'oscillating'
