@@ -20,6 +20,7 @@
 #include "TestSupport.h"
 #include "openmmrigidhi/CustomBodyForce.h"
 #include "openmmrigidhi/MobilityForce.h"
+#include "openmmrigidhi/SchemeTraits.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;
