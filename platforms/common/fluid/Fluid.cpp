@@ -2,13 +2,12 @@
 
 #include "fluid/Fluid.h"
 
-#include <openmm/OpenMMException.h>
-
 #include <cmath>
 #include <sstream>
 
 #include "fluid/GroupBuilder.h"
 #include "mobility/models/periodic/Lattice.h"
+#include "openmmrigidhi/internal/Errors.h"
 #include "rigidbody/BodyPoses.h"
 #include "rigidbody/EigenVec3.h"
 
@@ -19,9 +18,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) {
-    throw OpenMM::OpenMMException("MobilityForce: " + message);
-}
+constexpr ErrorsOf fail{"MobilityForce"};
 
 /** Forces on sites of a line give a torque about it of about 1e-16 of force times size. */
 const double torqueTolerance = 1e-9;

@@ -9,15 +9,15 @@
 #include <string>
 #include <vector>
 
-#include "context/SavedState.h"
 #include "fluid/FluidGroup.h"
 #include "fluid/FluidSettings.h"
 #include "fluid/UserFlow.h"
+#include "host/FreeParticles.h"
 #include "host/PlatformLoops.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "rigidbody/BodySet.h"
-#include "schemes/Thermostat.h"
-#include "stepping/FreeParticles.h"
+#include "rigidbody/Thermostat.h"
+#include "schemes/SchemeMemory.h"
 
 namespace RigidHIPlugin {
 

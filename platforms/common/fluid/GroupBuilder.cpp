@@ -1,12 +1,11 @@
 #include "fluid/GroupBuilder.h"
 
-#include <openmm/OpenMMException.h>
-
 #include <cmath>
 
 #include "linearalgebra/OneBlasThread.h"
 #include "mobility/GridChoice.h"
 #include "mobility/Models.h"
+#include "openmmrigidhi/internal/Errors.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;
@@ -16,9 +15,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) {
-    throw OpenMM::OpenMMException("MobilityForce: " + message);
-}
+constexpr ErrorsOf fail{"MobilityForce"};
 
 /**
  * Up to this many rows Auto decomposes matrices, beyond it uses Lanczos. The number is that of 30

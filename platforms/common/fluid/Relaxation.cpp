@@ -125,8 +125,9 @@ unique_ptr<Relaxation> makeRelaxation(BodyMobility& mobility, const MomentumScal
             return unique_ptr<Relaxation>(new ConstantRelaxation(mobility, scaling));
         case BodyMobility::Dense:
             return unique_ptr<Relaxation>(new DenseRelaxation(mobility, scaling));
-        default: return unique_ptr<Relaxation>(new KrylovRelaxation(mobility, scaling, tolerance));
+        case BodyMobility::Krylov: break;
     }
+    return unique_ptr<Relaxation>(new KrylovRelaxation(mobility, scaling, tolerance));
 }
 
 void Relaxation::relax(const vector<Pose>& poses, const RelaxationStep& step) {

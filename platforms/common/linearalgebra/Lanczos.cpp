@@ -8,7 +8,7 @@
 #include <cmath>
 #include <sstream>
 
-#include "mobility/MobilityModel.h"
+#include "linearalgebra/ToleranceText.h"
 
 using namespace OpenMM;
 using Eigen::MatrixXd;

@@ -47,14 +47,6 @@ struct HydrodynamicParticles {
 [[noreturn]] void refuseIndefiniteMobility(int numParticles);
 /** Likewise for the friction matrix of so many bodies. */
 [[noreturn]] void refuseIndefiniteFriction(int numBodies);
-/**
- * The text of a tolerance in a message: the tolerance that the user has set, and the part of it
- * that is left for an iteration.
- *
- * @param tolerance  the iteration's own
- * @param wanted  that of the user; 0: the iteration's own tolerance is the user's
- */
-std::string toleranceText(double tolerance, double wanted);
 
 /**
  * How the fluid couples particles: all that does not depend on where they are. A model is

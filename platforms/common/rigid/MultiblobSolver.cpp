@@ -5,6 +5,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "linearalgebra/ToleranceText.h"
 #include "rigid/NullTwists.h"
 #include "rigid/RigidMotion.h"
 

@@ -226,6 +226,24 @@ class Result:
     #: The name of the format in the JSON; the columns of the CSV; the class of the report.
     FORMAT, COLUMNS, REPORT = '', (), None
 
+    def parseWanted(self, wanted):
+        """Wanted relative errors from text.
+
+        Parameters
+        ----------
+        wanted : str, or sequence of str
+            text such as "observable:0.5%" or "observable:5e-3"; several are separated by commas
+
+        Returns
+        -------
+        list of Wanted
+        """
+        return [
+            Wanted(name, value/100 if amount.endswith('%') else value,
+                   f'{amount} of {self.observables[name]["label"]}')
+            for name, amount, value in splitWanted(wanted, self.observables, self.REPORT.EXAMPLE)
+        ]
+
     def report(self, wanted=()):
         """The report: the files of :meth:`write`, textTable() and paragraphs().
 

@@ -1,7 +1,7 @@
 // The Rotne-Prager-Yamakawa mobility with SIMD and threads. The code that fills the matrix is
 // compiled once for each instruction set.
 
-#include "host/SimdTargets.h"  // must precede foreach_target.h
+#include "simd/SimdTargets.h"  // must precede foreach_target.h
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "mobility/models/rotneprager/CpuRotnePragerYamakawa.cpp"
@@ -41,8 +41,8 @@ struct RotnePragerYamakawaArrays {
 #endif
 
 HWY_BEFORE_NAMESPACE();
-#include "host/SimdReal-inl.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall-inl.h"
+#include "simd/SimdReal-inl.h"
 
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {

@@ -1,4 +1,4 @@
-#include "context/RigidBodyKernel.h"
+#include "kernel/RigidBodyKernel.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "stepping/CurrentSettings.h"
+#include "context/CurrentSettings.h"
 
 #include <openmm/reference/SimTKOpenMMRealType.h>
 
