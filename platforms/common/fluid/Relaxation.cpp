@@ -103,7 +103,7 @@ protected:
         // enough.
         vector<Lanczos::Rough> rough;
         if (mobility.getBodies().multipliesWithoutIterations())
-            rough = roughProducts(mobility.getBodies().getModel(), tolerance, true, 1, product);
+            rough = roughProducts(mobility.getBodies().getModel(), tolerance, true, 1, 0, product);
         lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum, rough);
         if (!lanczos.isIncrement(0)) Z.setZero();
         for (int c = 0; c < results.cols(); c++) Z += results.col(c);

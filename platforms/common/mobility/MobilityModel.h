@@ -252,6 +252,18 @@ protected:
 
     const HydrodynamicParticles particles;
     const double viscosity;
+
+public:
+    /**
+     * A model of spheres without torque that stand for groups of particles, in the same fluid. It
+     * has a mobility wherever the particles have one, even if spheres reach through a wall. It may
+     * be coarse: it makes square roots of this model cheaper, and not different
+     * (CollectiveModes). Default, for models whose roots do not need it: null.
+     */
+    virtual std::unique_ptr<MobilityModel> forCollectiveModes(
+        const HydrodynamicParticles& spheres) const {
+        return nullptr;
+    }
 };
 
 }  // namespace RigidHIPlugin

@@ -236,6 +236,14 @@ bool CpuRotnePragerYamakawa::isAnchored() const {
     return fastAccuracy(coarsest) != nullptr;
 }
 
+std::unique_ptr<MobilityModel> CpuRotnePragerYamakawa::forCollectiveModes(
+    const HydrodynamicParticles& spheres) const {
+    std::optional<NoSlipPlane> plane;
+    if (wall) plane.emplace(wall->getHeight(), true);
+    return std::unique_ptr<MobilityModel>(
+        new CpuRotnePragerYamakawa(spheres, viscosity, forRanges, plane));
+}
+
 bool CpuRotnePragerYamakawa::hasFastProducts(double error) const {
     return fastAccuracy(error) != nullptr;
 }
