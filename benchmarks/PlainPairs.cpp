@@ -1,4 +1,4 @@
-#include "host/SimdTargets.h"  // must precede foreach_target.h
+#include "simd/SimdTargets.h"  // must precede foreach_target.h
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "PlainPairs.cpp"
@@ -12,8 +12,8 @@
 #define RIGIDHI_TARGET HWY_NAMESPACE
 
 HWY_BEFORE_NAMESPACE();
-#include "host/SimdReal-inl.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall-inl.h"
+#include "simd/SimdReal-inl.h"
 
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {

@@ -4,7 +4,7 @@
 Spheres: bodies of one sphere of radius 1 nm at a volume fraction of 0.1, above a wall in a layer
 as high as it is needed for squares of at most 100 spheres, under EulerMaruyama with noise: one
 product with the mobility and one square root a step. Blobs: boomerangs of 15 blobs of the same
-radius, under TrapezoidalSlip: two mobility problems and one square root. Matrix-free fluids have
+radius, under TrapezoidalSlip: three mobility problems and one square root. Matrix-free fluids have
 the tolerance 1e-3. One thread; times are those of seconds_mobility + seconds_scheme of
 getStepStatistics(), or the process's CPU time if that is less (a busy machine). A series ends
 where a step is refused, or would take more than --limit seconds by the growth so far.

@@ -5,6 +5,18 @@
 # which is where packages of pip and conda have their libraries.
 
 set(OPENMM_DIR "$ENV{OPENMM_DIR}" CACHE PATH "Prefix in which OpenMM is installed; empty: the system's directories, or those of the Python module openmm")
+# In a build directory that is there, too, another OPENMM_DIR is another OpenMM. (Without the environment variable the directory goes on as it is.)
+if(DEFINED OPENMM_DIR_OF_ENVIRONMENT AND NOT "$ENV{OPENMM_DIR}" STREQUAL "" AND NOT "$ENV{OPENMM_DIR}" STREQUAL "${OPENMM_DIR_OF_ENVIRONMENT}")
+    set_property(CACHE OPENMM_DIR PROPERTY VALUE "$ENV{OPENMM_DIR}")
+endif()
+if(NOT "$ENV{OPENMM_DIR}" STREQUAL "" OR NOT DEFINED OPENMM_DIR_OF_ENVIRONMENT)
+    set(OPENMM_DIR_OF_ENVIRONMENT "$ENV{OPENMM_DIR}" CACHE INTERNAL "")
+endif()
+if(DEFINED OPENMM_FOUND_IN AND NOT OPENMM_FOUND_IN STREQUAL "${OPENMM_DIR}")
+    unset(OPENMM_INCLUDE_DIR CACHE)
+    unset(OPENMM_LIBRARY CACHE)
+endif()
+set(OPENMM_FOUND_IN "${OPENMM_DIR}" CACHE INTERNAL "")
 if(OPENMM_DIR)
     # What the user names is taken, or nothing.
     set(PLACES PATHS "${OPENMM_DIR}" NO_DEFAULT_PATH)
@@ -27,6 +39,12 @@ endif()
 if(NOT OPENMM_INCLUDE_DIR OR NOT OPENMM_LIBRARY)
     message(FATAL_ERROR "OpenMM was not found (header OpenMM.h: ${OPENMM_INCLUDE_DIR}, library: ${OPENMM_LIBRARY}; OPENMM_DIR: '${OPENMM_DIR}'). "
                         "Install it with its headers (Debian: libopenmm-dev), or name the prefix in which it is: -DOPENMM_DIR=prefix.")
+endif()
+
+if(NOT EXISTS "${OPENMM_INCLUDE_DIR}/openmm/Platform.h")
+    # The compiler would take those of another OpenMM, in the system's directories.
+    message(FATAL_ERROR "OpenMM: ${OPENMM_INCLUDE_DIR} has OpenMM.h, but not the headers that it includes (openmm/Platform.h is missing). "
+                        "Install OpenMM there with all its headers, or name another prefix: -DOPENMM_DIR=prefix.")
 endif()
 
 add_library(OpenMM::OpenMM UNKNOWN IMPORTED)

@@ -14,11 +14,14 @@ endif()
 # The package goes below the prefix, where a Python of this version looks if the prefix is its own or a virtual environment's;
 # Debian's Python looks into dist-packages below /usr/local.
 if(RIGIDHI_BUILD_PYTHON)
-    set(PYTHON_DIRECTORY lib/python${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR})
+    set(PYTHON_DIRECTORY lib/python${RIGIDHI_PYTHON_VERSION})
     if(EXISTS /etc/debian_version AND CMAKE_INSTALL_PREFIX STREQUAL "/usr/local")
         set(PACKAGES_DIRECTORY ${PYTHON_DIRECTORY}/dist-packages)
     else()
         set(PACKAGES_DIRECTORY ${PYTHON_DIRECTORY}/site-packages)
+    endif()
+    if(RIGIDHI_PYTHON_INSTALL_DIR MATCHES "^lib/python\\./")
+        unset(RIGIDHI_PYTHON_INSTALL_DIR CACHE) # of a build directory from when the version was lost
     endif()
     set(RIGIDHI_PYTHON_INSTALL_DIR ${PACKAGES_DIRECTORY}
         CACHE STRING "Where 'make install' puts the package openmmrigidhi, relative to the prefix")

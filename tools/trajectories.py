@@ -334,7 +334,7 @@ def run(make, scheme, platformName, properties):
     """Arrays after the first step and at the end, with a resume in the middle."""
     scene = make()
     platform = openmm.Platform.getPlatformByName(platformName)
-    if scheme in (Integrator.GradientThermostat,) or scheme >= Integrator.LangevinHI:
+    if scheme.traits.needsFluid or not scheme.traits.hasMomenta:
         for i in reversed(range(scene.system.getNumForces())):
             if isinstance(scene.system.getForce(i), openmm.CMMotionRemover):
                 scene.system.removeForce(i)

@@ -173,16 +173,21 @@ def tableS2():
 
 
 def trapped():
-    for r in read('davidchack2017/results/trapped_spheres.json')['runs']:
+    others = sorted((HERE/'davidchack2017/results').glob('trapped_spheres_seed*.json'))
+    runs = [(r, '') for r in read('davidchack2017/results/trapped_spheres.json')['runs']
+            ] + [(r, f', seed {path.stem.rpartition("seed")[2]}') for path in others
+                 for r in read(path)['runs']]
+    for r, which in runs:
         if r['R'] != 3:
             continue
+        of = 'the scheme\'s' if r.get('theory_of', '').startswith('the scheme') else 'exact'
         figures = 'Figures 2, 3' if r['set'].startswith('inertial') else 'Figures 4, 5'
         asPrinted = r['kT'] in (0.1, 0.005)
         z = max(r['rms_z'].values())
         yield (
             figures, f'ten correlation functions, R = 3, kT = {r["kT"]:g}' +
-            ('' if asPrinted else ', a tenth of the paper\'s value, where linear theory holds'),
-            'curves; ours are compared with exact linear theory',
+            ('' if asPrinted else ', a tenth of the paper\'s value, where linear theory holds') +
+            which, f'curves; ours are compared with {of} linear theory',
             f'largest difference from theory {max(r["largest_difference"].values()):.4f}, standard '
             f'errors up to '
             f'{r["largest_standard_error"]:.4f}', f'rms of a curve: {z:.1f} at most',
@@ -573,7 +578,7 @@ STUDIES = (('water', 'the cost of accuracy for TIP4P-Ew water'),
                                                                 'the density under a barostat'))
 TOP = '''# Validation: the papers\u2019 numbers and ours
 
-*`verdict.py` writes this page from the JSONs of the papers\u2019 folders; edit `verdict.py`.*
+Each published number of four papers stands here beside the one that this plugin computes.
 A folder for each paper has the scripts, their results, and a page that says how the runs were made
 and what they show. Errors in brackets are one standard error. A difference is our number
 minus the paper\u2019s, divided by the standard error of this difference. If its magnitude is below
@@ -594,7 +599,8 @@ accuracy). Workers on a cluster must find the scripts: `PYTHONPATH` has `validat
 paper\u2019s folder. Code that the scripts of several papers share is in `common/`.
 
 Git has tables (JSON, CSV) and a picture or two for each experiment. State, raw series, pages with
-pictures inside and animations are made again by the same commands.
+pictures inside and animations are made again by the same commands. `verdict.py` writes this page
+from the JSONs of the papers\u2019 folders: edit `verdict.py`, not the page.
 
 ## Studies of our own
 These studies have results that [the documentation](../docs) quotes, and belong to no paper:

@@ -31,7 +31,7 @@ from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.append(str(HERE.parents[1]/'validation'/'common'))
-from recording import brackets, provenance, pyplot, save  # noqa: E402
+from recording import provenance, pyplot, save  # noqa: E402
 
 STRUCTURE = pathlib.Path(
     app.__file__).parent/'data'/'test.pdb'  # villin in water; the water is left out
@@ -116,7 +116,7 @@ class Scene:
     scheme : str
         'LangevinHI', 'DriftCorrectorFD', or 'LangevinC', which is without the fluid
     solver : int
-        of the MobilityForce; Auto takes a grid from 100 blobs on
+        of the MobilityForce; Auto takes matrices or a grid, whichever is estimated to be faster
     """
     def __init__(self, cells, scheme, platformName='CPU', seed=1, structure=STRUCTURE,
                  solver=MobilityForce.Auto):
@@ -377,24 +377,6 @@ def drawScene(scene, path):
     figure.savefig(path, dpi=90)
 
 
-def drawPrices(results, path):
-    """Bars of milliseconds a step."""
-    plt = pyplot()
-    figure, axes = plt.subplots(figsize=(8, 1 + 0.4*sum(len(price['kinds']) for price in results)),
-                                constrained_layout=True)
-    labels, rows = zip(*((f'{price["proteins"]} proteins, {name}', row) for price in results
-                         for name, row in price['kinds'].items()))
-    forces, fluid = (np.array([row[key] for row in rows]) for key in ('ms_forces', 'ms_fluid'))
-    y = np.arange(len(rows))
-    axes.barh(y, forces, label='forces (PME, Lennard-Jones)')
-    axes.barh(y, fluid, left=forces, label='fluid')
-    axes.set_yticks(y, labels)
-    axes.invert_yaxis()
-    axes.set(xlabel='ms a step, one thread', title='Price of a step')
-    axes.legend()
-    figure.savefig(path, dpi=90)
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -446,7 +428,6 @@ def main():
         ]
         print('\n'.join(priceTable(costs)))
         save(args.output, 'prices.json', {'prices': costs, 'provenance': provenance(args)})
-        drawPrices(costs, args.output/'prices.png')
 
 
 if __name__ == '__main__':

@@ -1,12 +1,10 @@
 #include "openmmrigidhi/CustomBodyForce.h"
 
-#include <openmm/OpenMMException.h>
-
 #include <algorithm>
 #include <cmath>
 
 #include "openmmrigidhi/internal/CustomBodyForceImpl.h"
-#include "openmmrigidhi/internal/Messages.h"
+#include "openmmrigidhi/internal/Errors.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -15,12 +13,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** All messages have this one form: object, its value, the bound it breaks, and the remedy. */
-[[noreturn]] void fail(const string& object, const string& problem, const string& bound,
-                       const string& remedy) {
-    throw OpenMMException("CustomBodyForce: " + object + ": " + problem + "; " + bound + ": " +
-                          remedy);
-}
+constexpr ErrorsOf fail{"CustomBodyForce"};
 
 void checkIndex(int index, size_t count, const char* method, const string& what) {
     if (index < 0 || index >= (int)count)

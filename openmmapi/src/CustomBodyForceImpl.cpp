@@ -1,13 +1,13 @@
 #include "openmmrigidhi/internal/CustomBodyForceImpl.h"
 
 #include <cxxabi.h>
-#include <openmm/OpenMMException.h>
 #include <openmm/internal/ContextImpl.h>
 
 #include <cstdlib>
 #include <typeinfo>
 
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
+#include "openmmrigidhi/internal/Errors.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -16,9 +16,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) {
-    throw OpenMMException("CustomBodyForce: " + message);
-}
+constexpr ErrorsOf fail{"CustomBodyForce"};
 
 /** The name of an object's class, as in C++ but without its namespace. */
 template <class T>

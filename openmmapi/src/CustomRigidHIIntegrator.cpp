@@ -11,7 +11,7 @@
 
 #include "openmmrigidhi/RigidHIKernels.h"
 #include "openmmrigidhi/SchemeTraits.h"
-#include "openmmrigidhi/internal/Messages.h"
+#include "openmmrigidhi/internal/Errors.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -29,12 +29,7 @@ constexpr double boltzmann = 8.31446261815324e-3;
  */
 constexpr double triangleTolerance = 1e-9;
 
-/** All messages have this one form: object, its value, the bound it breaks, and the remedy. */
-[[noreturn]] void fail(const string& object, const string& problem, const string& bound,
-                       const string& remedy) {
-    throw OpenMMException("CustomRigidHIIntegrator: " + object + ": " + problem + "; " + bound +
-                          ": " + remedy);
-}
+constexpr ErrorsOf fail{"CustomRigidHIIntegrator"};
 
 string bodyName(int index) { return "body " + text(index); }
 

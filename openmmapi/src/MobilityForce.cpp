@@ -1,14 +1,12 @@
 #include "openmmrigidhi/MobilityForce.h"
 
-#include <openmm/OpenMMException.h>
-
 #include <algorithm>
 #include <cmath>
 #include <string>
 
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "openmmrigidhi/RigidHIKernels.h"
-#include "openmmrigidhi/internal/Messages.h"
+#include "openmmrigidhi/internal/Errors.h"
 #include "openmmrigidhi/internal/MobilityForceImpl.h"
 #include "openmmrigidhi/internal/ModelNames.h"
 
@@ -19,12 +17,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** All messages have this one form: object, its value, the bound it breaks, and the remedy. */
-[[noreturn]] void fail(const string& object, const string& problem, const string& bound,
-                       const string& remedy) {
-    throw OpenMMException("MobilityForce: " + object + ": " + problem + "; " + bound + ": " +
-                          remedy);
-}
+constexpr ErrorsOf fail{"MobilityForce"};
 
 /** Water at 298.15 K: 0.89 mPa s, in dalton/(nm ps). */
 constexpr double viscosityOfWater = 0.89 * 602.214076;

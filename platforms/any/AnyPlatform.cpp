@@ -10,8 +10,8 @@
 #include <sstream>
 
 #include "context/KernelArrays.h"
-#include "context/KernelFactory.h"
 #include "host/ThreadedLoops.h"
+#include "kernel/KernelFactory.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;

@@ -4,10 +4,10 @@
 #include <openmm/Platform.h>
 #include <openmm/internal/ContextImpl.h>
 
-#include "context/KernelFactory.h"
 #include "context/Libraries.h"
 #include "context/ReferenceArrays.h"
 #include "host/ThreadedLoops.h"
+#include "kernel/KernelFactory.h"
 
 using namespace RigidHIPlugin;
 

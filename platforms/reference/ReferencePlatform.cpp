@@ -1,9 +1,9 @@
 // CustomRigidHIIntegrator on OpenMM's Reference platform, with the platform's own arrays, one body
 // after the other.
 
-#include "context/KernelFactory.h"
 #include "context/ReferenceArrays.h"
 #include "host/ScalarLoops.h"
+#include "kernel/KernelFactory.h"
 
 using namespace RigidHIPlugin;
 

@@ -5,6 +5,7 @@ worker, up to a fixed number of times. A task keeps what it has to remember in f
 """
 import asyncio
 import collections
+import concurrent.futures
 import contextlib
 import functools
 import importlib.util
@@ -32,6 +33,13 @@ from . import _loading
 BETWEEN_REPORTS, BETWEEN_LOOKS = 0.5, 0.5
 #: Seconds between two requests for missing workers of this process.
 BETWEEN_REPAIRS = 5.0
+#: How many workers in a row may die after the first one with a task that makes no progress.
+RETRIES = 10
+#: How many times as many workers may die before they have begun with a task, while they start.
+UNBORN = 5
+#: Least numbers of seconds to wait for a scheduler that is connected, and for a worker that imports
+#: this package.
+LEAST_PATIENCE, IMPORT_PATIENCE = 10.0, 30.0
 #: Seconds that a worker has to end by itself, after an interruption.
 PATIENCE = 5.0
 STARTED, PROGRESS, DONE, DIED = 'started', 'progress', 'done', 'died'
@@ -248,6 +256,7 @@ def _serve(connection):
                         'imported, not in a notebook or a program from stdin: put them into a file '
                         'of their own, or use jobs=1'))
             else:
+                connection.send((STARTED, index, None))
                 job._tell = connection.send
                 outcome = _perform(function, argument, job)
             connection.send((DONE, index, _packed(outcome, ForkingPickler.dumps)))
@@ -264,7 +273,6 @@ class _Processes:
         self.context = multiprocessing.get_context('spawn')
         self.jobs = jobs
         self.workers = []
-        self.events = []
 
     def free(self):
         return self.jobs - sum(worker.index is not None for worker in self.workers)
@@ -276,14 +284,11 @@ class _Processes:
             worker = _Worker(self.context)
             self.workers.append(worker)
         worker.index = job.index
-        self.events.append((STARTED, job.index, None))
         with contextlib.suppress(
                 BrokenPipeError):  # a worker that is dead already is noticed by look()
             worker.connection.send((packed, job.index, job.name))
 
     def look(self):
-        events, self.events = self.events, []
-        yield from events
         busy = {worker.connection: worker for worker in self.workers if worker.index is not None}
         for connection in multiprocessing.connection.wait(list(busy), BETWEEN_LOOKS):
             worker = busy[connection]
@@ -314,6 +319,23 @@ class _Processes:
                 worker.process.join(PATIENCE)
 
 
+def _within(seconds, call):
+    """The value of a call that may never return; TimeoutError if it does not within some time."""
+    value = concurrent.futures.Future()
+
+    def work():
+        try:
+            value.set_result(call())
+        except BaseException as error:
+            value.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    try:
+        return value.result(seconds)
+    except concurrent.futures.TimeoutError as error:
+        raise TimeoutError(f'no answer within {seconds:g} s') from error
+
+
 def _performPickled(payload, topic):
     """One task on a worker of dask, and its Outcome as bytes.
 
@@ -341,12 +363,17 @@ class _Cluster:
     def __init__(self, function, jobs, address, retries, timeout):
         import dask
         import distributed
-        self.function, self.timeout, self.retries = function, timeout, retries
+        self.function, self.timeout, self.patience = function, timeout, max(timeout, LEAST_PATIENCE)
         self.distributed = distributed
         self.topic = f'openmmrigidhi-{uuid.uuid4()}'
         self.told, self.news = collections.deque(), threading.Event()
         self.futures, self.submitted = {}, 0
         self.lonelySince = None
+        #: Workers that have been checked; those of them that cannot be used; the others.
+        self.known, self.unusable, self.usable = set(), set(), []
+        self.say = print
+        #: Whether something there does not answer, although the connection stands.
+        self.isSilent = False
         self.place = contextlib.ExitStack()
         self.jobs, self.local, self.mended = jobs, None, 0.0
         self.address = address if isinstance(address, str) else 'local'
@@ -410,28 +437,51 @@ class _Cluster:
                 f'cluster {self.address}: no worker came within {self.timeout:g} s; at least 1 is '
                 f'needed: start some there '
                 '(dask-worker)') from error
+        workers = list(self.client.nthreads())
+        self.known.update(workers)
+        for problem in self._problems(workers).values():
+            if problem is not None:
+                raise problem
+
+    def _problems(self, workers):
+        """Worker -> an exception that says why it cannot be used, or None."""
         # Neither eval nor the text needs anything of this package on the worker.
-        found = self.client.run(eval, "__import__('openmmrigidhi').__version__", on_error='return')
-        for worker, version in found.items():
-            if isinstance(version, BaseException):
-                raise ImportError(
-                    f'cluster {self.address}: the worker {worker} cannot import openmmrigidhi '
-                    f'({version}); every worker must: '
-                    'install it there, or put it on the PYTHONPATH of the worker')
-            if version != _loading.version:
-                raise ImportError(
-                    f'cluster {self.address}: the worker {worker} has openmmrigidhi {version}; it '
-                    f'must be {_loading.version}, as '
-                    'here: install the same version there')
+        text = "__import__('openmmrigidhi').__version__"
+        try:
+            found = _within(max(self.timeout, IMPORT_PATIENCE),
+                            lambda: self.client.run(eval, text, workers=workers, on_error='return'))
+        except TimeoutError as error:
+            self.isSilent = True
+            return dict.fromkeys(workers, self._silentWorker('one of ' + ', '.join(workers), error))
+        return {worker: self._problem(worker, version) for worker, version in found.items()}
+
+    def _problem(self, worker, version):
+        if isinstance(version, (OSError, asyncio.TimeoutError)):
+            return self._silentWorker(f'the worker {worker}', version)
+        if isinstance(version, BaseException):
+            return ImportError(
+                f'cluster {self.address}: the worker {worker} cannot import openmmrigidhi '
+                f'({version}); every worker must: '
+                'install it there, or put it on the PYTHONPATH of the worker')
+        if version != _loading.version:
+            return ImportError(
+                f'cluster {self.address}: the worker {worker} has openmmrigidhi {version}; it '
+                f'must be {_loading.version}, as '
+                'here: install the same version there')
+        return None
 
     def _hear(self, event):
         self.told.append(event[1])
 
     def free(self):
         try:
-            slots = sum(self.client.nthreads().values())
+            threads = _within(self.patience, self.client.nthreads)
         except (OSError, RuntimeError) as error:
-            raise self._lost() from error
+            self.isSilent = isinstance(error, TimeoutError)
+            raise self._lost(f' ({error})' if self.isSilent else '') from error
+        self._checkLateWorkers(threads)
+        self.usable = [worker for worker in threads if worker not in self.unusable]
+        slots = sum(threads[worker] for worker in self.usable)
         if self.local is not None and slots < self.jobs and time.monotonic(
         ) - self.mended > BETWEEN_REPAIRS:
             # Dask replaces a worker that dies, but not a worker that dies while it starts. This
@@ -451,11 +501,25 @@ class _Cluster:
         # other tasks.
         return slots - len(self.futures)
 
-    def _lost(self):
+    def _checkLateWorkers(self, workers):
+        """Workers of others may come while tasks are done; one that cannot be used gets none."""
+        late = [worker for worker in workers if worker not in self.known]
+        if self.local is None and late:
+            for worker, problem in self._problems(late).items():
+                if problem is not None:
+                    self.unusable.add(worker)
+                    self.say(f'{problem}; it gets no tasks')
+        self.known.update(late)
+
+    def _silentWorker(self, which, error):
         return ConnectionError(
-            f'cluster {self.address}: the connection to its scheduler was lost; what was finished '
-            f'is kept: start it anew, then '
-            'go on where this ended')
+            f'cluster {self.address}: {which} does not answer ({error}); every worker must: end '
+            f'it, or look what it waits for')
+
+    def _lost(self, how=''):
+        return ConnectionError(
+            f'cluster {self.address}: the connection to its scheduler was lost{how}; what was '
+            f'finished is kept: start it anew, then go on where this ended')
 
     def submit(self, argument, job):
         payload = self.distributed.protocol.pickle.dumps(
@@ -464,9 +528,12 @@ class _Cluster:
             warnings.filterwarnings('ignore', 'Large object', UserWarning)
             # To the scheduler, a task that is submitted again is another task.
             self.submitted += 1
-            self.futures[job.index] = self.client.submit(_performPickled, payload, self.topic,
-                                                         pure=False,
-                                                         key=f'{self.topic}-{self.submitted}')
+            # If all of them are gone when it begins, any other one may take it.
+            self.futures[job.index] = self.client.submit(
+                _performPickled, payload, self.topic, pure=False,
+                key=f'{self.topic}-{self.submitted}',
+                workers=self.usable if self.unusable else None,
+                allow_other_workers=bool(self.unusable))
         self.futures[job.index].add_done_callback(lambda future: self.news.set())
 
     def look(self):
@@ -495,13 +562,18 @@ class _Cluster:
         self.futures.pop(index).cancel()
 
     def close(self):
-        logger, before = logging.getLogger('distributed'), None
-        for future in self.futures.values():
-            with contextlib.suppress(Exception):  # the scheduler may be gone
-                future.cancel()
+        logger = logging.getLogger('distributed')
         before = logger.level
         logger.setLevel(logging.CRITICAL)
         try:
+            if self.isSilent:
+                # Saying goodbye may take for ever, too.
+                with contextlib.suppress(Exception):
+                    _within(PATIENCE, self.place.close)
+                return
+            for future in self.futures.values():
+                with contextlib.suppress(Exception):  # the scheduler may be gone
+                    future.cancel()
             self.place.close()
         finally:
             logger.setLevel(before)
@@ -570,8 +642,28 @@ class _Attempts:
 # ---- All tasks -----------------------------------------------------------------------------------
 
 
+def checkNumbers(jobs, retries):
+    """Check how many tasks are wanted at a time, and how many retries.
+
+    Parameters
+    ----------
+    jobs, retries : int
+
+    Raises
+    ------
+    ValueError
+    """
+    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
+        raise ValueError(
+            f'tasks.run: jobs: got {jobs!r}; it must be a whole number of 1 or more: correct it')
+    if retries < 0:
+        raise ValueError(
+            f'tasks.run: retries: got {retries!r}, where a number of retries from 0 on is needed: '
+            f'correct it')
+
+
 def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None, amounts=None,
-        unit='task', title='', retries=3, timeout=60.0, finished=None, quiet=False):
+        unit='task', title='', retries=RETRIES, timeout=60.0, finished=None, quiet=False):
     """Call a function for each of many arguments, several at a time.
 
     Outcomes do not depend on who computes what, in which order, unless the function does. Arguments
@@ -605,11 +697,10 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     retries : int
         how many times a task is given to another worker after a worker has died with it. The count
         begins anew when a worker makes progress: it comes further than all workers before, or it
-        begins further than they began and does not die where the one before died (Job.report()). An
-        external scheduler also has its own bound (distributed.scheduler.allowed-failures, 3 by
-        default).
+        begins further than they began and does not die where the one before died (Job.report()).
     timeout : float
-        seconds to wait for a cluster's answer, and for a worker where there is none
+        seconds to wait for a cluster's answer, and for a worker where there is none; what is
+        connected already has 10 s at least, and a worker that imports this package 30 s
     finished : callable, optional
         called in this process with each Outcome, as they come
     quiet : bool
@@ -644,13 +735,7 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     [1, 4, 9]
     """
     arguments = list(arguments)
-    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-        raise ValueError(
-            f'tasks.run: jobs: got {jobs!r}; it must be a whole number of 1 or more: correct it')
-    if retries < 0:
-        raise ValueError(
-            f'tasks.run: retries: got {retries!r}, where a number of retries from 0 on is needed: '
-            f'correct it')
+    checkNumbers(jobs, retries)
     names = [str(k)
              for k in range(len(arguments))] if names is None else [str(name) for name in names]
     if len(names) != len(arguments) or len(set(names)) < len(names):
@@ -662,17 +747,12 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
         return []
     outcomes, waiting = {}, collections.deque(range(len(arguments)))
     attempts = [_Attempts() for _ in arguments]
-    # Tasks with an attempt that made progress since they were submitted last.
-    fruitful = set()
-    # Whether no attempt has begun since then.
-    fresh = [True]*len(arguments)
+    # Whether no attempt has begun since a task was submitted last, and how many workers in a row
+    # have died so early.
+    fresh, unborn = [True]*len(arguments), [0]*len(arguments)
     backend = _backend(function, jobs, cluster, retries, timeout)
     bar = _Bar(amounts, len(arguments), unit, title, quiet)
-    backend.tell = lambda event: bar.show(event[1], event[2])
-
-    def died(index):
-        if attempts[index].end():
-            fruitful.add(index)
+    backend.tell, backend.say = lambda event: bar.show(event[1], event[2]), bar.say
 
     def end(outcome):
         outcome.name, outcome.attempts = names[outcome.index], max(1,
@@ -687,17 +767,23 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
             Outcome(
                 index, names[index], failure=Failure(
                     'WorkerDied',
-                    f'{attempts[index].starts} workers died with it, one after the other'
-                    f'{"" if how is None else f" ({how})"}; more retries than {retries} without '
-                    f'progress are not made: look '
+                    f'{attempts[index].starts + unborn[index]} workers died with it, one after the '
+                    f'other{"" if how is None else f" ({how})"}; more retries than {retries} '
+                    f'without progress are not made: look '
                     'for what ends the process (memory?), then run it again')))
+
+    def isEarly(index, how):
+        """Whether a worker died before it began with the task; counts them."""
+        # A scheduler does not tell how its workers died, and counts by itself.
+        early = how is not None and fresh[index]
+        unborn[index] += early
+        return early
 
     with contextlib.closing(backend), contextlib.closing(bar):
         while len(outcomes) < len(arguments):
             places = backend.free()
             while waiting and places > 0:
                 index, places = waiting.popleft(), places - 1
-                fruitful.discard(index)
                 fresh[index] = True
                 backend.submit(
                     arguments[index],
@@ -708,8 +794,8 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
                     mine = attempts[index]
                     # A scheduler has tried it again by itself.
                     if not fresh[index]:
-                        died(index)
-                    fresh[index] = False
+                        mine.end()
+                    fresh[index], unborn[index] = False, 0
                     mine.start()
                     if mine.starts > 1:
                         bar.say(f'{names[index]}: its worker died; attempt {mine.starts}')
@@ -722,12 +808,14 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
                     bar.show(index, what)
                 elif event == DONE:
                     end(what)
+                elif isEarly(index, what) and unborn[index] <= UNBORN*(retries + 1):
+                    # The task has nothing to do with it, unless it never begins.
+                    waiting.appendleft(index)
                 else:
-                    died(index)
-                    # A scheduler that gives up ignores progress, and may have had more attempts
-                    # than it could tell of.
-                    if attempts[index].fruitless <= retries and (what is not None
-                                                                 or index in fruitful):
+                    attempts[index].end()
+                    # A scheduler that gives up ignores progress, and has a number of retries of its
+                    # own.
+                    if attempts[index].fruitless <= retries:
                         waiting.appendleft(index)
                     else:
                         giveUp(index, what)
@@ -765,7 +853,7 @@ class _Bar:
 
     def say(self, text):
         if not self.bar.disable:
-            self.bar.write(text)
+            self.bar.write(text, file=sys.stderr)
 
     def close(self):
         self.bar.close()

@@ -328,7 +328,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setScheme(_units.constant(scheme, Scheme, _where('setScheme'), 'scheme'))
 
     def getNoiseLaw(self):
-        """Get the law of the random numbers: Gaussian, ThreePoint or TwoPoint."""
+        """Get the law of the random numbers (Gaussian, ThreePoint or TwoPoint)."""
         return NoiseLaw(super().getNoiseLaw())
 
     def setNoiseLaw(self, law):
@@ -531,7 +531,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setNumHostThreads(_units.integer(number, _where('setNumHostThreads'), 'number'))
 
     def getWallRejection(self):
-        """Get which steps through a wall are redone: Overlap or Crossing."""
+        """Get which steps through a wall are redone (Overlap or Crossing)."""
         return WallRejection(super().getWallRejection())
 
     def setWallRejection(self, rejection):
@@ -558,7 +558,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             _units.constant(rejection, WallRejection, _where('setWallRejection'), 'rejection'))
 
     def getDriftCorrectorScaling(self):
-        """Get what the drift factor of the drift-correctors multiplies: SlipOnly or Whole."""
+        """Get what the drift factor of the drift-correctors multiplies (SlipOnly or Whole)."""
         return DriftCorrectorScaling(super().getDriftCorrectorScaling())
 
     def setDriftCorrectorScaling(self, scaling):

@@ -53,8 +53,8 @@ class Model(_enums.Documented):
         381, 2003; grids: Yeo and Maxey, J. Comput. Phys. 229, 2401, 2010). Boundaries: Periodic,
         SlipChannel.
 
-        On a grid the cost grows as the box does. A grid is used from 300 rows on, or with
-        MatrixFree; smaller scenes are dense. docs/models/ForceCoupling.md has the rest."""
+        On a grid the cost grows as the box does. Few particles, and dilute suspensions, are dense.
+        docs/models/ForceCoupling.md has the rest."""
 
 
 class Boundary(_enums.Documented):
@@ -85,8 +85,8 @@ class Solver(_enums.Documented):
     """How the linear algebra is done; also class attributes of MobilityForce."""
 
     Auto = _Base.Auto, (
-        'Dense or matrix-free, by the numbers of rows of the matrices, never by measured times '
-        '(default).')
+        'Dense or matrix-free (default), by the numbers of rows of the matrices. Periodic fluids '
+        'of more than 150 rows are done in the way whose step is estimated to take less time.')
     Dense = _Base.Dense, 'Matrices are formed and decomposed.'
     MatrixFree = _Base.MatrixFree, (
         'Krylov methods, or a grid, compute products and solutions to the solver tolerance.')
@@ -240,7 +240,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setViscosity(_units.viscosity(eta, _where('setViscosity'), 'eta'))
 
     def getModel(self):
-        """Get the model: FreeDraining, RotnePragerYamakawa, StokesianDynamics or ForceCoupling."""
+        """Get the model (FreeDraining, RotnePragerYamakawa, StokesianDynamics or ForceCoupling)."""
         return Model(super().getModel())
 
     def setModel(self, model):
@@ -251,7 +251,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setModel(_units.constant(model, Model, _where('setModel'), 'model'))
 
     def getBoundary(self):
-        """Get what bounds the fluid: Unbounded, NoSlipWall, Periodic or SlipChannel."""
+        """Get what bounds the fluid (Unbounded, NoSlipWall, Periodic or SlipChannel)."""
         return Boundary(super().getBoundary())
 
     def setBoundary(self, boundary):
@@ -305,7 +305,7 @@ class MobilityForce(_copies.Copies, _Base):
                                 self._number(yHigh, _units.LENGTH, 'setChannelWalls', 'yHigh'))
 
     def getSphereWallMobility(self):
-        """Get how a single sphere above a NoSlipWall moves: FromModel or BestKnown."""
+        """Get how a single sphere above a NoSlipWall moves (FromModel or BestKnown)."""
         return SphereWallMobility(super().getSphereWallMobility())
 
     def setSphereWallMobility(self, mobility):
@@ -357,7 +357,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setMinimumGap(self._number(gap, _units.NONE, 'setMinimumGap', 'gap'))
 
     def getSolver(self):
-        """Get how the linear algebra is done: Auto, Dense or MatrixFree."""
+        """Get how the linear algebra is done (Auto, Dense or MatrixFree)."""
         return Solver(super().getSolver())
 
     def setSolver(self, solver):
@@ -366,18 +366,19 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         solver : constant
-            Auto (default): Dense or MatrixFree, by the numbers of rows of the matrices. Dense:
+            Auto (default): Dense or MatrixFree, by the numbers of rows of the matrices, and in
+            periodic fluids by an estimate of the time of a step, never by measured times. Dense:
             matrices are formed and decomposed; memory is quadratic and time cubic in bodies.
-            MatrixFree: Krylov methods to the solver tolerance; memory is linear and time quadratic
-            in particles.
+            MatrixFree: Krylov methods to the solver tolerance; memory is linear in particles, and
+            time quadratic, or less by multipoles or on a grid.
 
         Notes
         -----
         With LangevinHI the same seed gives the same step with Dense and with MatrixFree, to the
         tolerance. In schemes without momenta Dense and MatrixFree take different square roots of
         the mobility, and different random numbers. The law of the noise is the same, but the same
-        seed gives other trajectories. Auto goes by the number of rows, so a larger scene may have
-        other noise.
+        seed gives other trajectories. Auto may choose another way for another scene, scheme or
+        tolerance, which then has other noise.
 
         :meth:`applyMobilityInContext` goes the same way, whatever masses there are.
         ``CustomRigidHIIntegrator.getEffects`` says which way this is.
@@ -436,11 +437,11 @@ class MobilityForce(_copies.Copies, _Base):
         ----------
         enabled : bool
             True: products for which a tolerance is good enough take a time that grows little faster
-            than the number of particles. These products are the answers of
-            :meth:`applyMobilityInContext` for spheres, to the solver tolerance from 1e-6 on, and
-            the products of iterations, to a part of their tolerance from 1e-6 on, unless a scheme
-            differences the results, and products that a scheme differences. The number of particles
-            from which on multipoles are used follows from the tolerance alone;
+            than the number of particles. There are three kinds of them, at tolerances of 1e-6 and
+            more: the answers of :meth:`applyMobilityInContext` for spheres, to the solver
+            tolerance; products of iterations, to a part of their tolerance, unless a scheme takes
+            differences of the results; and products of which a scheme takes differences. The number
+            of particles from which on multipoles are used follows from the tolerance alone;
             ``CustomRigidHIIntegrator.getEffects`` says it. False: all products are sums over all
             pairs.
         """

@@ -1,5 +1,7 @@
-"""Imports among the modules of the Python package make no circle, and none is inside a function."""
+"""Imports among the modules of the Python package make no circle, and none is inside a function.
+Includes among the folders of platforms/common make no circle either."""
 import ast
+import re
 
 import pytest
 from conftest import git_files, read
@@ -95,6 +97,18 @@ def test_no_circles():
                for _, imported, _ in found for one in needs(name, imported)} - {name}
         for name, found in IMPORTS.items()
     }
+    assert not circles(graph), '\n'.join(' -> '.join(circle) for circle in circles(graph))
+
+
+def test_no_circles_of_rooms():
+    """Each folder of platforms/common is a room: it includes headers of the rooms further inside,
+    and no others (docs/ARCHITECTURE.md, Layout)."""
+    graph = {}
+    for path in git_files('platforms/common/*.h', 'platforms/common/*.cpp'):
+        included = re.findall(r'^#include "(\w+)/', read(path), flags=re.M)
+        graph.setdefault(path.split('/')[2], set()).update(included)
+    assert len(graph) > 10
+    graph = {room: rooms & set(graph) - {room} for room, rooms in graph.items()}
     assert not circles(graph), '\n'.join(' -> '.join(circle) for circle in circles(graph))
 
 

@@ -65,6 +65,14 @@ def test_installed_package_is_imported_and_steps(prefix, tmp_path, run_python):
     assert finished.stdout.strip() == str(package)
 
 
+def test_the_directory_of_the_package_names_the_python(prefix):
+    """Unless CMake was told another directory (as `make install` tells it)."""
+    (package,) = prefix.glob('**/openmmrigidhi/__init__.py')
+    parts = package.relative_to(prefix).parts
+    assert parts[0] == 'lib' and parts[1] in ('python3', 'python%d.%d' % sys.version_info[:2])
+    assert parts[2] in ('site-packages', 'dist-packages')
+
+
 def test_installed_files_do_not_look_into_the_build_tree(prefix):
     for library in prefix.glob('**/*.so'):
         assert str(ROOT).encode() not in library.read_bytes(

@@ -52,6 +52,32 @@ def test_every_imported_module_has_its_package():
             ), f'{name} imports {module}: add {MODULES[module]} to packages-debian.txt'
 
 
+#: What modules are called at PyPI and conda-forge, where the names differ.
+ELSEWHERE = {
+    'PIL': ['pillow'],
+    'dask': ['distributed'],
+    'matplotlib': ['matplotlib', 'matplotlib-base']
+}
+
+
+def test_what_the_package_imports_is_named_by_each_kind_of_package():
+    """By the Debian package of Python modules, pyproject.toml, and the recipe for conda."""
+    used = {module for name in git_files('python/*.py') for module in imported(name)}
+    used -= set(sys.stdlib_module_names) | {'openmmrigidhi'}
+    assert {'openmm', 'numpy', 'distributed', 'h5py'} <= used
+    control = read('debian/control').split('Package: python3-openmm-rigidhi')[1]
+    debian = set(re.findall(r'^[\w: ]* ((?:[\w.-]+ \| )?[\w.-]+),?$', control, flags=re.M))
+    debian = {name.replace(' ', '') for name in debian}
+    project = read('pyproject.toml').split('[project]')[1].split('[tool')[0]
+    conda = re.findall(r'^    - ([\w-]+)$',
+                       read('packaging/conda/meta.yaml').split('  run:')[1], flags=re.M)
+    for module in sorted(used):
+        assert MODULES[module] in debian, f'debian/control: {MODULES[module]} is not there'
+        names = ELSEWHERE.get(module, [module])
+        assert any(f'"{name}' in project for name in names), f'pyproject.toml: {names[0]}'
+        assert set(names) & set(conda), f'packaging/conda/meta.yaml: {names[0]}'
+
+
 def test_every_package_is_named_once():
     lines = [line.split('#')[0].strip() for line in read('packages-debian.txt').splitlines()]
     lines = [line for line in lines if line]

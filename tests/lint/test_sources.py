@@ -167,12 +167,17 @@ def test_pages_know_the_schemes():
 
 
 def test_no_scheme_is_known_by_its_number():
-    """Properties of some schemes are columns of the list (SchemeList.h), or cases of a switch
-    without default."""
-    for source in git_files('openmmapi/*.cpp', 'platforms/*.cpp', 'platforms/*.h',
-                            'serialization/*.cpp'):
-        assert not re.search(r'[sS]cheme(\(\))?[ ]*[<>]=?[ ]*(CustomRigidHIIntegrator::)?[A-Z]',
-                             read(source)), source
+    """Properties of some schemes are columns of the list (SchemeList.h), or cases of a switch."""
+    for source in git_files('*.cpp', '*.h', '*.i', '*.py'):
+        assert not re.search(
+            r'[sS]cheme(\(\))?[ ]*[<>]=?[ ]*((CustomRigidHI)?Integrator(::|\.))?[A-Z]',
+            read(source)), source
+
+
+def test_switches_have_no_default():
+    """The compiler then names every switch that a new scheme, model or boundary is missing from."""
+    for source in git_files('openmmapi/*', 'platforms/*', 'serialization/*', 'python/*.i'):
+        assert not re.search(r'^\s*default:', read(source), flags=re.M), source
 
 
 def test_statistics_that_sanitizers_leave_out_are_tests():

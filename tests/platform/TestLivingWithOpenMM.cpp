@@ -20,6 +20,7 @@
 #include "TestSupport.h"
 #include "openmmrigidhi/CustomBodyForce.h"
 #include "openmmrigidhi/MobilityForce.h"
+#include "openmmrigidhi/SchemeTraits.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;
@@ -694,8 +695,7 @@ struct ChangeableScene {
         system.setDefaultPeriodicBoxVectors(Vec3(4, 0, 0), Vec3(0, 4, 0), Vec3(0, 0, 4));
         for (Force* force : {(Force*)well, (Force*)bond, (Force*)nonbonded, (Force*)push})
             system.addForce(force);
-        if (scheme == CustomRigidHIIntegrator::LangevinHI ||
-            scheme >= CustomRigidHIIntegrator::EulerMaruyama)
+        if (RigidHIPlugin::traitsOf(scheme).needsFluid())
             system.addForce(fluid);
         else
             delete fluid;

@@ -37,6 +37,22 @@ INSTANTIATE_TEST_SUITE_P(Models, PeriodicGrid, testing::ValuesIn(models),
                              return info.param.name;
                          });
 
+/** Spheres at the nodes of a lattice of this spacing, in a cube. */
+void addLattice(GridScene& scene, int edge, double spacing) {
+    scene.side = edge * spacing;
+    for (int i = 0; i < edge * edge * edge; i++)
+        scene.add(sphereKind(1), spacing * Vec3(i % edge, i / edge % edge, i / (edge * edge)));
+}
+/** Boomerangs likewise. */
+void addBoomerangs(GridScene& scene, int edge, double spacing) {
+    scene.side = edge * spacing;
+    for (int i = 0; i < edge * edge * edge; i++)
+        scene.add(boomerangKind(), spacing * Vec3(i % edge, i / edge % edge, i / (edge * edge)));
+}
+bool isOnGrid(const GridScene& scene) {
+    return scene.effect("hydrodynamics").find(" on a grid of ") != string::npos;
+}
+
 }  // namespace
 
 TEST_P(PeriodicGrid, IsTheLatticeSumToTheTolerance) {
@@ -103,6 +119,75 @@ TEST_P(PeriodicGrid, AutoHasMatricesWhereTheBoxIsTriclinic) {
         EXPECT_EQ(scene->effect("hydrodynamics").find(" on a grid") == string::npos, shear != 0)
             << scene->effect("hydrodynamics");
     }
+}
+
+TEST_P(PeriodicGrid, AutoTakesTheFasterOfMatricesAndAGrid) {
+    const bool isForceCoupling = GetParam().model == MobilityForce::ForceCoupling;
+    const auto chooses = [&](RigidHI::Scheme scheme, double tolerance,
+                             const function<void(GridScene&)>& addAll) {
+        const auto scene = make(0, scheme, 0.002, MobilityForce::Auto, tolerance);
+        addAll(*scene);
+        scene->start(testPlatform());
+        const string text = scene->effect("hydrodynamics");
+        EXPECT_NE(text.find("chosen by Auto: a step is estimated to take "), string::npos) << text;
+        EXPECT_NE(text.find(" s with matrices and "), string::npos) << text;
+        return isOnGrid(*scene);
+    };
+    const auto crowded = [](GridScene& scene) { addLattice(scene, 4, 3); };
+    EXPECT_TRUE(chooses(RigidHI::EulerMaruyama, 1e-3, crowded));
+    // In a dilute suspension force coupling needs too many nodes. Pairs and waves need few.
+    EXPECT_EQ(
+        chooses(RigidHI::EulerMaruyama, 1e-3, [](GridScene& scene) { addLattice(scene, 4, 20); }),
+        !isForceCoupling);
+    // LangevinHI of multiblobs takes the iterations of a root times those of a solve.
+    const auto multiblobs = [](GridScene& scene) { addBoomerangs(scene, 3, 4); };
+    EXPECT_FALSE(chooses(RigidHI::LangevinHI, 1e-6, multiblobs));
+    EXPECT_TRUE(chooses(GetParam().driftCorrector, 1e-3, multiblobs));
+}
+
+TEST_P(PeriodicGrid, AutoDecidesByRowsWhereTheSystemHasNoBoxOrASpacingIsGiven) {
+    // Nobody sets OpenMM's default box, or a spacing of nodes asks for a grid.
+    for (double spacing : {0.0, 1.0}) {
+        const auto scene = make(0, RigidHI::EulerMaruyama, 0.002, MobilityForce::Auto, 1e-3);
+        addLattice(*scene, 4, 20);
+        if (spacing == 0)
+            scene->side = 2;
+        else
+            scene->fluid->setGridSpacing(spacing / 4);
+        scene->start(testPlatform());
+        scene->setBox(80, 80, 80);
+        EXPECT_TRUE(isOnGrid(*scene)) << scene->effect("hydrodynamics");
+        EXPECT_EQ(scene->effect("hydrodynamics").find("chosen by Auto"), string::npos);
+    }
+}
+
+TEST_P(PeriodicGrid, AutoChoosesAnewForAnotherSchemeAndResumesBitForBit) {
+    // Half of the steps are by a scheme that takes a grid, the rest by one that takes matrices. The
+    // box of the Context changes nothing.
+    const auto start = [&](RigidHI::Scheme scheme) {
+        // Pairs and waves are slower than matrices at a fine tolerance only.
+        const double tolerance = GetParam().model == MobilityForce::ForceCoupling ? 1e-3 : 1e-6;
+        auto scene = make(T1, scheme, 0.0005, MobilityForce::Auto, tolerance);
+        addBoomerangs(*scene, 3, 4);
+        scene->start(testPlatform());
+        return scene;
+    };
+    const auto once = start(GetParam().driftCorrector), other = start(RigidHI::LangevinHI);
+    EXPECT_TRUE(isOnGrid(*once));
+    once->integrator.step(1);
+    once->setBox(13, 12, 12.5);
+    once->integrator.step(1);
+    EXPECT_TRUE(isOnGrid(*once));
+    once->integrator.setScheme(RigidHI::LangevinHI);
+    once->integrator.step(1);
+    EXPECT_FALSE(isOnGrid(*once)) << once->effect("hydrodynamics");
+    stringstream checkpoint, xml;
+    saveState(*once->context, checkpoint, xml);
+    once->integrator.step(2);
+    other->context->loadCheckpoint(checkpoint);
+    other->integrator.step(2);
+    EXPECT_FALSE(isOnGrid(*other));
+    EXPECT_EQ(other->state(), once->state());
 }
 
 TEST_P(PeriodicGrid, ResumesBitForBit) {

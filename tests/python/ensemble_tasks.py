@@ -205,3 +205,22 @@ def _break():
 
 def fragileOne(x, job):
     return Fragile() if x == 1 else x
+
+
+class Stillborn:
+    """An argument whose unpickling kills the process a number of times."""
+    def __init__(self, times):
+        self.times = times
+
+    def __reduce__(self):
+        return _comeToLife, (self.times,)
+
+
+def _comeToLife(times):
+    if any(onlyOnce(f'birth{k}') for k in range(times)):
+        die()
+    return times
+
+
+def returnIt(x, job):
+    return x

@@ -54,7 +54,7 @@ def test_trapped_spheres(tmp_path):
     runs = run('trapped_spheres.py', tmp_path)['trapped_spheres.json']['runs']
     assert len(runs) == 2
     for r in runs:
-        assert r['bias_of_this_step'] < 0.002
+        assert r['bias_of_this_step'] < 0.002 and r['theory_of'] == 'the equations'
         # Each of the ten numbers is an average of squares over many correlated lags. For a chi^2
         # with a few degrees of freedom, 3 is very improbable.
         print(r['set'], r['rms_z'])
@@ -189,6 +189,22 @@ def test_trapped_spheres_go_on(tmp_path, scripts):
     assert all(
         np.array_equal(longer['measured'][name], whole['measured'][name])
         for name in whole['measured'])
+
+
+def test_trapped_spheres_at_a_step_of_their_own(scripts):
+    """A run at another step is compared with the scheme at this step, not with the equations."""
+    trapped = scripts('trapped_spheres')
+    name = 'overdamped (Figs 4, 5)'
+    found = trapped.run((name, 3.0, 0.0005, 'RPY', 700.0, 5, np.inf, 0.01))
+    assert found['h'] == 0.01 and found['theory_of'] == 'the scheme at this step'
+    probe = trapped.build(dict(trapped.SETS[name], kT=0.0005), 3.0, 'RPY', 0.001, 1)
+    linear = trapped.Linear(trapped.SETS[name], probe.fluid.getFrictionInContext(probe.context))
+    times, exact, biases = trapped.biases(linear, trapped.SETS[name])
+    # The scheme's own bias, 0.03, is in the curve that is compared with.
+    scheme = np.array(found['theory']['chiy1 chiy1'])
+    assert found['bias_of_this_step'] == biases[0.01] == pytest.approx(0.03, abs=0.002)
+    assert abs(scheme - exact['chiy1 chiy1']).max() == pytest.approx(biases[0.01], abs=1e-6)
+    assert max(found['rms_z'].values()) < 3
 
 
 def test_a_ring_that_has_settled_need_not_do_so_again(tmp_path, scripts):

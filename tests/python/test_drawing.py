@@ -88,6 +88,25 @@ def test_spheres_are_where_they_are_seen():
     ) == 't = 0 ps'
 
 
+@pytest.mark.parametrize('time, text', [(2.5, '2.5 ps'), (4e3, '4 ns'), (3.5e13, '35 s')])
+def test_the_time_is_in_a_unit_that_people_read(time, text):
+    context = Scene().context
+    context.setTime(time)
+    assert app.show(context).get_title() == f't = {text}'
+
+
+@pytest.mark.parametrize('view', [(20, -60), FRONT, (5, 10)])
+def test_a_wall_is_within_the_picture(view):
+    """Bodies far from each other have a wide wall, whose corners are seen."""
+    scene = Scene(MobilityForce.NoSlipWall)
+    scene.context.setPositions([(60, 70, 2), (60.5, 70, 2), (61, 70, 2), (-20, -30, 3), (3, 3, 1)])
+    ax = app.show(scene.context, view=view)
+    wall, = ax.patches
+    (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
+    x, y = wall.get_xy().T
+    assert left < x.min() and x.max() < right and low < y.min() and y.max() < high
+
+
 @pytest.mark.parametrize('view, first, last', [(FRONT, (3, 1), (2.5, 3)),
                                                ((0, 90), (-2.5, 3), (-3, 1)),
                                                ((90, -90), (3, 3), (2.5, 1))])

@@ -5,6 +5,7 @@ import importlib.util
 import json
 import math
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -150,6 +151,19 @@ def test_a_task_that_kills_every_worker_is_given_up(where):
     assert outcomes[1].attempts == (2 if where == 'processes' else 3)
 
 
+def test_workers_that_die_before_they_begin_count_less(monkeypatch):
+    """Starting takes longer than anything else on a busy machine, and the task has no part in it.
+    A task that never begins is given up, too."""
+    monkeypatch.setattr(_tasks, 'UNBORN', 2)
+    for times, dead in ((2, 0), (100, 3)):
+        outcome, = tasks.run(ensemble_tasks.returnIt, [ensemble_tasks.Stillborn(times)], 2,
+                             'processes', retries=0, quiet=True)
+        if dead:
+            assert f'{dead} workers died with it' in outcome.failure.message
+        else:
+            assert outcome.get() == times and outcome.attempts == 1
+
+
 @pytest.mark.parametrize('where', CLUSTERS, indirect=True)
 def test_a_task_goes_on_from_what_is_in_its_directory(where, tmp_path):
     outcomes = tasks.run(ensemble_tasks.countInDirectory, range(2), 2, where,
@@ -212,18 +226,18 @@ def fate(lifetimes, need=math.inf, place=math.inf, saves=True):
                 saved = position
                 times.saved(now, now)
         attempts.end()
-        if attempts.fruitless > 3:
+        if attempts.fruitless > _tasks.RETRIES:
             return False, attempts.starts
     return None, attempts.starts
 
 
 def test_workers_that_are_killed_at_random_are_no_end():
-    """Workers live for 1 to 10 min on average, with 60 s between checkpoints; the task takes half
-    an hour. An attempt without progress dies before its first checkpoint, about 3 s after its
-    start: with probability 0.05 at most, so four in a row are expected in less than 50*0.05^4 =
-    3e-4 of all tasks, and hardly among these 60."""
+    """Workers live for 10 s to 10 min on average, with 60 s between checkpoints; the task takes
+    half an hour. An attempt without progress dies before its first checkpoint, about 3 s after its
+    start: with probability 0.26 at most, so 11 in a row are expected in less than 2000*0.26^11 =
+    8e-4 of all tasks, and hardly among these 60."""
     rng = np.random.default_rng(11)
-    for mean in (60.0, 120.0, 600.0):
+    for mean in (10.0, 60.0, 600.0):
         for _ in range(20):
             assert fate(rng.exponential(mean, 10000), 1800.0)[0]
 
@@ -235,7 +249,7 @@ def test_tasks_that_kill_their_workers_are_given_up():
     count, of which there are few (ln n among n)."""
     for place in (0.0, 0.3, 5.0, 200.0, 1000.0):
         done, attempts = fate([math.inf]*100, place=place)
-        assert done is False and attempts <= 6
+        assert done is False and attempts <= _tasks.RETRIES + 3
     rng = np.random.default_rng(12)
     for _ in range(20):
         done, attempts = fate(rng.exponential(100.0, 1000), saves=False)
@@ -353,6 +367,46 @@ def test_workers_without_the_plugin_or_with_another_version(cluster, monkeypatch
         tasks.run(ensemble_tasks.square, [1], cluster=cluster.scheduler_address, quiet=True)
 
 
+@needsDask
+def test_workers_that_come_late_are_checked(tmp_path, capfd):
+    """A worker without the plugin that joins while a study runs gets no tasks. It would fail each
+    at once, and so take all that are left."""
+    directory = tmp_path/'study'
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1,
+                                  dashboard_address='127.0.0.1:0', silence_logs=50,
+                                  memory_limit=0) as cluster:
+
+        def join():
+            waitFor(lambda: (directory/'tasks'/'s0000_r0000.h5').exists())
+            preload = tmp_path/'preload.py'
+            preload.write_text("import sys; sys.modules['openmmrigidhi'] = None")
+            process.append(
+                subprocess.Popen([
+                    sys.executable, '-m', 'distributed.cli.dask_worker', cluster.scheduler_address,
+                    '--no-nanny', '--nthreads', '1', '--no-dashboard', '--preload',
+                    str(preload), '--local-directory',
+                    str(tmp_path)
+                ], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+            waitFor(lambda: len(cluster.scheduler.workers) == 2)
+
+        def wait(record):
+            thread.join()
+
+        process, thread = [], threading.Thread(target=join)
+        thread.start()
+        try:
+            result = small(['ensemble_tasks:energyOfTheSlow'],
+                           replicas=4).run(str(directory), cluster=cluster.scheduler_address,
+                                           finished=wait)
+        finally:
+            thread.join()
+            for each in process:
+                each.kill()
+                each.wait()
+    assert result.isComplete
+    assert 'cannot import openmmrigidhi' in capfd.readouterr().err
+
+
 #: A script that starts a scheduler with a worker. Both end with this process.
 CLUSTER_SCRIPT = """
 import distributed, sys, time
@@ -369,10 +423,12 @@ if __name__ == '__main__':
 
 @needsDask
 @pytest.mark.parametrize('what, text', [('workers', 'it has had no worker for 2 s'),
-                                        ('scheduler', 'connection to its scheduler was lost')])
-def test_a_cluster_that_goes_away_is_an_error(what, text, tmp_path):
-    """If the workers or the scheduler end, the call ends with an error, and saved results are kept.
-    """
+                                        ('scheduler', 'connection to its scheduler was lost'),
+                                        ('silent scheduler', r'was lost \(no answer within 2 s\)')])
+def test_a_cluster_that_goes_away_is_an_error(what, text, tmp_path, monkeypatch):
+    """If the workers or the scheduler end, or the scheduler hangs, the call ends with an error, and
+    saved results are kept."""
+    monkeypatch.setattr(_tasks, 'LEAST_PATIENCE', 2.0 if what == 'silent scheduler' else 10.0)
     script, directory = tmp_path/'cluster.py', tmp_path/'study'
     script.write_text(CLUSTER_SCRIPT)
     process = subprocess.Popen([sys.executable, str(script)], env=dict(
@@ -385,8 +441,10 @@ def test_a_cluster_that_goes_away_is_an_error(what, text, tmp_path):
         if what == 'workers':
             process.stdin.write('\n')
             process.stdin.flush()
-        else:
+        elif what == 'scheduler':
             process.kill()
+        else:
+            process.send_signal(signal.SIGSTOP)
 
     thread = threading.Thread(target=destroy)
     thread.start()
@@ -746,6 +804,146 @@ def test_a_writer_that_fails_leaves_the_old_file(undisturbed, tmp_path, monkeypa
     (tmp_path/'task.h5.host.1.part').write_text('')
     taskfiles.clean(str(tmp_path))
     assert not (tmp_path/'task.h5.host.1.part').exists()
+
+
+def test_files_of_other_tasks_are_named(undisturbed, tmp_path):
+    """A whole file at the wrong place: of another replica, setting, or study. It is not taken for
+    the one that belongs there, and put aside."""
+    directory, other = tmp_path/'study', tmp_path/'other'
+    study = small(settings=[{}, {'temperature': 280.0}], replicas=2, length=1.0)
+    whole = study.run(str(directory), quiet=True)
+    small(settings=[{}, {'temperature': 280.0}], replicas=2, length=1.0).run(str(other), quiet=True)
+    path = directory/'tasks'/'s0000_r0000.h5'
+    for source, text in ((directory/'tasks'/'s0000_r0001.h5', 'its replica is 1 instead of 0'),
+                         (directory/'tasks'/'s0001_r0000.h5', 'its setting is 1 instead of 0'),
+                         (other/'tasks'/'s0000_r0000.h5', 'its study is ')):
+        path.write_bytes(source.read_bytes())
+        found = ensemble.read(directory)
+        assert [task.status for task in found.tasks] == ['damaged', *['complete']*3]
+        assert text in found.tasks[0].message and found.row('energy')['replicas'] == 1
+        again = study.run(str(directory), quiet=True)
+        assert again.isComplete and same(samples(again), samples(whole))
+
+
+def test_files_of_earlier_versions_are_read(tmp_path):
+    """They do not say of which study they are, and study.json has no checksum."""
+    directory = tmp_path/'study'
+    study = small(replicas=1, length=0.5)
+    whole = study.run(str(directory), quiet=True)
+    content = taskfiles.load(whole.tasks[0].path)
+    del content.about['study']
+    taskfiles.save(whole.tasks[0].path, content)
+    about = json.loads((directory/'study.json').read_text())
+    del about['checksum']
+    (directory/'study.json').write_text(json.dumps(about))
+    longer = study.extended(length=1.0).run(str(directory), extend=True, quiet=True)
+    assert np.array_equal(longer.series('energy', 0, 0)[:10], whole.series('energy', 0, 0))
+    assert taskfiles.load(whole.tasks[0].path).about['study'] == about['identity']
+    content.about = {'samples': 10}
+    taskfiles.save(whole.tasks[0].path, content)
+    assert 'it does not say its setting' in ensemble.read(directory).tasks[0].message
+
+
+def test_every_change_of_study_json_is_noticed(tmp_path):
+    """A flipped bit, or a number or text that was changed, is refused: a wrong temperature there
+    would be the one that the results are said to be of."""
+    directory = tmp_path/'study'
+    small(settings=[{'temperature': 280.0}], replicas=2, length=0.1).run(str(directory), quiet=True)
+    path = directory/'study.json'
+    data, good = path.read_bytes(), studyModule._readAbout(directory)
+    changed = [data.replace(b'280.0', b'281.0'), data.replace(b'"length": 0.1', b'"length": 0.2')]
+    rng = np.random.default_rng(3)
+    for place in rng.choice(len(data), 150, replace=False):
+        flipped = bytearray(data)
+        flipped[place] ^= 1 << int(rng.integers(8))
+        changed.append(bytes(flipped))
+    refused = 0
+    for each in changed:
+        path.write_bytes(each)
+        try:
+            found = studyModule._readAbout(directory)
+        except ValueError as error:
+            refused += 1
+            assert 'study.json: it is damaged' in str(error)
+        else:
+            # One bit may make another name of the checksum itself.
+            assert all(found[key] == good[key] for key in good if key != 'checksum')
+    # Blanks at the beginnings of lines have no meaning.
+    assert refused > 75
+    path.write_bytes(changed[0])
+    with pytest.raises(ValueError, match='the one that its checksum is of'):
+        ensemble.Study.load(directory)
+
+
+def test_a_kept_scene_is_the_one_of_its_study(tmp_path):
+    """A System that was changed in the directory, or another Scene, would give the replicas of an
+    extension another System than the earlier ones have."""
+    directory = tmp_path/'study'
+
+    def study(scene):
+        return ensemble.Study(scene, replicas=1, length=0.2, equilibration=0.1,
+                              observables=['ensemble_tasks:energy'], platform='Reference')
+
+    study(scenes.trap(3)).run(str(directory), quiet=True)
+    for name, old, new in (('system.xml', 'mass="16"', 'mass="17"'),
+                           ('integrator.xml', 'temperature="300"', 'temperature="301"'),
+                           ('scene.json', '"sampleInterval": 0.05', '"sampleInterval": 0.06')):
+        path = directory/'scene'/name
+        whole = path.read_text()
+        assert old in whole
+        path.write_text(whole.replace(old, new, 1))
+        with pytest.raises(ValueError, match='its checksum is not the one that the study has'):
+            ensemble.Study.load(directory)
+        path.write_text(whole)
+    with pytest.raises(ValueError, match='its study has scene .*it must be the same'):
+        study(scenes.trap(4)).run(str(directory), quiet=True)
+    assert study(scenes.trap(3)).run(str(directory), quiet=True).isComplete
+    # A study of an earlier version does not know the checksum.
+    about = json.loads((directory/'study.json').read_text())
+    del about['checksum'], about['definition']['scene']['sha256']
+    (directory/'study.json').write_text(json.dumps(about))
+    assert study(scenes.trap(3)).run(str(directory), quiet=True).isComplete
+    assert ensemble.Study.load(directory).run(str(directory), quiet=True).isComplete
+
+
+def test_other_files_are_not_replaced(tmp_path):
+    (tmp_path/'results.csv').write_text('of another program')
+    with pytest.raises(ValueError, match='it has results.csv but no study.json; a study begins in'):
+        small(replicas=1, length=0.1).run(str(tmp_path), quiet=True)
+    assert os.listdir(tmp_path) == ['results.csv']
+    with pytest.raises(ValueError, match='jobs: got 0'):
+        small(replicas=1, length=0.1).run(str(tmp_path/'study'), jobs=0)
+    assert not (tmp_path/'study').exists()
+
+
+@pytest.mark.parametrize('name', ['task.h5', 'study.json'])
+def test_a_full_disk_is_named_and_loses_nothing(name, undisturbed, tmp_path, capfd):
+    """The limit on the size of files stands for the disk."""
+    path = str(tmp_path/name)
+    content = taskfiles.load(undisturbed.tasks[0].path)
+
+    def write():
+        if name == 'study.json':
+            taskfiles.write(path, b'x'*10000)
+        else:
+            taskfiles.save(path, content)
+
+    write()
+    before, limits = open(path, 'rb').read(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=f'{name}: it cannot be written .*before is kept'):
+            write()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert open(path, 'rb').read() == before and os.listdir(tmp_path) == [name]
+    assert capfd.readouterr() == ('', '')
+
+
+def test_a_platform_that_is_not_there_is_named(tmp_path):
+    study = ensemble.Study(SCENE, replicas=1, length=0.1, platform='Quantum')
+    result = study.run(str(tmp_path/'study'), quiet=True)
+    assert "platform 'Quantum': OpenMM has none of this name" in result.tasks[0].message
 
 
 def test_a_study_that_is_damaged_or_missing(tmp_path):
@@ -1129,13 +1327,19 @@ def test_the_command_line_begins_continues_and_extends(tmp_path, capsys):
     } and len(result.tasks) == 6 and result.isComplete
 
 
-@pytest.mark.parametrize(
-    'words, text',
-    [(('--scene', 'trap'), 'a new study needs both: give them'),
-     (('--resume',), 'in it, so no study'),
-     (('--resume', '--extend'), 'a study is begun, continued or extended'),
-     (('--scene', 'trap', '--length', '1', '--set', 'bodies'), 'a name and its value are needed'),
-     (('--scene', 'trap', '--length', '1', '--cluster', 'nonsense'), 'it gave no answer within')])
+@pytest.mark.parametrize('words, text', [
+    (('--scene', 'trap'), 'a new study needs both: give them'),
+    (('--resume',), 'in it, so no study'),
+    (('--resume', '--extend'), 'a study is begun, continued, extended or shown'),
+    (('--show', '--scene', 'trap'), 'a study is begun, continued, extended or shown'),
+    (('--resume', '--platform', 'CPU', '--seed', 2), '--resume: got --seed, --platform too; those'),
+    (('--extend', '--observables', 'pressure'), '--extend: got --observables too; those of the'),
+    (('--show', '--length', 2), r'leave out what was given, or begin a new study (or say --extend'),
+    (('--scene', 'trap', '--length', '1', '--set', 'gamma=1', '--sweep', 'gamma=1,2'),
+     'got gamma 2 times; a parameter must be given once'),
+    (('--scene', 'trap', '--length', '1', '--set', 'bodies'), 'a name and its value are needed'),
+    (('--scene', 'trap', '--length', '1', '--cluster', 'nonsense'), 'it gave no answer within')
+])
 def test_wrong_command_lines(words, text, tmp_path, capsys):
     if 'nonsense' in words and distributed is None:
         pytest.skip('dask.distributed is not installed')
@@ -1149,10 +1353,39 @@ def test_a_resumed_study_takes_no_other_length(tmp_path, capsys):
     assert 'those of the study go on as they are' in capsys.readouterr().err
 
 
+def test_parameters_may_be_given_in_several_options(tmp_path):
+    assert command(tmp_path/'study', '--scene', SCENE, '--set', 'bodies=2', '--set', 'broken=false',
+                   '--sweep', 'temperature=280,300', '--sweep', 'seed=1,2', '--length', 0.1,
+                   '--replicas', 1, '--platform', 'Reference', '--quiet') == 0
+    settings = ensemble.read(tmp_path/'study').definition['settings']
+    assert settings[3] == {'bodies': 2, 'broken': False, 'temperature': 300, 'seed': 2}
+    assert len(settings) == 4
+
+
 def test_failures_show_in_the_exit_status(tmp_path, capsys):
     assert command(tmp_path/'study', '--scene', SCENE, '--set', 'broken=true', '--replicas', 1,
                    '--length', 1, '--platform', 'Reference', '--quiet') == 1
     assert 'this scene is broken on purpose' in capsys.readouterr().out
+
+
+def test_sigterm_ends_the_command_as_ctrl_c_does(tmp_path):
+    """Batch systems send it when the time is over."""
+    directory = tmp_path/'study'
+    process = subprocess.Popen([
+        sys.executable, '-m', 'openmmrigidhi.ensemble',
+        str(directory), '--scene', SCENE, '--observables', 'ensemble_tasks:energyOfTheSlow',
+        '--length', '100', '--platform', 'Reference', '--replicas', '1', '--checkpoint', '0',
+        '--quiet'
+    ], env=dict(os.environ, PYTHONPATH=os.pathsep.join([os.path.dirname(__file__), *sys.path])),
+                               stdout=subprocess.PIPE, text=True)
+    try:
+        waitFor(lambda: (directory/'tasks'/'s0000_r0000.h5').exists())
+        process.terminate()
+        output = process.communicate(timeout=60)[0]
+    finally:
+        process.kill()
+    assert process.returncode == 1 and '1 unfinished' in output
+    assert ensemble.read(directory).about['sessions'][-1]['interrupted']
 
 
 def test_ctrl_c_keeps_what_was_saved(tmp_path, undisturbed):

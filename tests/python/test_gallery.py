@@ -110,14 +110,20 @@ def test_tilted_rods_glide_as_their_tensors_say():
         0] < -0.1  # the rod's upper end points to +x, and it glides to -x, downwards along its axis
 
 
-def test_ions_are_free_particles_and_see_oxygens_where_they_should():
+def test_ions_and_peptide_are_free_particles_and_see_oxygens_where_they_should():
     module = script('ions_in_water')
     topology, integrator, context = module.scene(1.9, seed=1)
     integrator.step(500)
-    sodium, ions, oxygens = module.separations(topology, context, 'Na')
-    chloride, _, _ = module.separations(topology, context, 'Cl')
-    assert integrator.getNumRigidBodies() == oxygens and ions > 0 and len(sodium) == ions*oxygens
-    assert 0.2 < sodium.min() < 0.26 < 0.27 < chloride.min() < 0.34
+    atoms = module.kinds(topology)
+    water = atoms.pop('water O')
+    ions = len(atoms['Na'] + atoms['Cl'])
+    # Of the 22 atoms of the peptide, 12 are hydrogens, whose bonds are constrained.
+    assert integrator.getNumRigidBodies() == len(water) and len(atoms['Na']) == len(
+        atoms['Cl']) > 0 and len(atoms['peptide O']) == 2
+    assert integrator.getDegreesOfFreedom()['free'] == 3*(ions + 22) - 12
+    sodium, chloride, peptide = (module.separations(context, atoms[name], water).min()
+                                 for name in ('Na', 'Cl', 'peptide O'))
+    assert 0.2 < sodium < 0.26 and 0.24 < peptide < 0.3 and 0.27 < chloride < 0.34
 
 
 def test_boomerangs_at_a_wall_have_the_energy_that_is_sampled():

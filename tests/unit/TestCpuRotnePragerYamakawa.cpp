@@ -1,7 +1,7 @@
 // The Rotne-Prager-Yamakawa mobility with SIMD and threads agrees with the scalar implementation.
 
 #include <openmm/internal/ThreadPool.h>
-#include "host/SimdTargets.h"  // must precede Highway
+#include "simd/SimdTargets.h"  // must precede Highway
 
 #include <atomic>
 

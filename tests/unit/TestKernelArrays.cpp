@@ -10,8 +10,8 @@
 
 #include "TestSupport.h"
 #include "context/KernelArrays.h"
-#include "context/RigidBodyKernel.h"
 #include "host/ScalarLoops.h"
+#include "kernel/RigidBodyKernel.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;

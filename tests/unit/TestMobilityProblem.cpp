@@ -7,6 +7,7 @@
 #include "TestSupport.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "mobility/models/wall/RotnePragerYamakawaWall.h"
 #include "mobility/models/wall/SlipChannel.h"
 #include "schemes/OverdampedMove.h"
 
@@ -87,6 +88,160 @@ TEST(MobilityProblem, UnitsChangeNothingButNumbers) {
     for (int r = 0; r < n; r++) b[r] *= pow(1e3, r % 6 < 3 ? 0.5 : 1.5);
     EXPECT_LT((a - b).norm(), 1e-10 * a.norm());
     EXPECT_EQ(iterationsSmall, iterationsLarge);
+}
+
+// ---- Many bodies
+
+namespace {
+
+/**
+ * Enough bodies for collective modes. Spheres and free particles of unequal radii, or multiblobs of
+ * three blobs, in unbounded fluid in two clouds far apart, or in layers above a wall.
+ */
+struct ManyBodies {
+    vector<FluidElement> elements;
+    vector<Pose> poses;
+    unique_ptr<TestedBodies> bodies;
+    ManyBodies(int count, bool multiblobs, bool wall, double tolerance) {
+        mt19937 random(5);
+        uniform_real_distribution<double> uniform(-1, 1);
+        normal_distribution<double> gauss;
+        const vector<Vector3d> sites = {{-1, 0, 0.1}, {1.2, 0.5, 0.3}, {0.2, -1.4, 1.1}};
+        const int side = ceil(cbrt(count));
+        for (int b = 0, particle = 0; b < count; b++) {
+            FluidElement e;
+            const bool isFree = !multiblobs && b % 5 == 4;
+            e.body = isFree ? -1 : b;
+            e.sites = multiblobs ? sites : vector<Vector3d>{Vector3d::Zero()};
+            for (size_t i = 0; i < e.sites.size(); i++) {
+                e.radii.push_back(multiblobs ? 0.9 : b % 3 == 0 ? 1 : b % 3 == 1 ? 0.4 : 1.4);
+                e.particles.push_back(particle++);
+            }
+            elements.push_back(e);
+            Pose pose;
+            const double spacing = multiblobs ? 4.4 : 2.6;
+            pose.R = spacing * Vector3d(b % side, b / side % side, b / side / side);
+            for (int k = 0; k < 3; k++) pose.R[k] += 0.2 * uniform(random);
+            if (wall) pose.R[2] += 2.9;
+            if (!wall && b % 2) pose.R[0] += 300;
+            double norm = 0;
+            for (double* q : {&pose.q.w, &pose.q.x, &pose.q.y, &pose.q.z}) {
+                *q = gauss(random);
+                norm += *q * *q;
+            }
+            for (double* q : {&pose.q.w, &pose.q.x, &pose.q.y, &pose.q.z}) *q /= sqrt(norm);
+            poses.push_back(pose);
+        }
+        const auto model = [wall](const HydrodynamicParticles& particles) {
+            unique_ptr<MobilityModel> made;
+            if (wall)
+                made.reset(new RotnePragerYamakawaWall(particles, 1, NoSlipPlane(0, false)));
+            else
+                made.reset(new RotnePragerYamakawa(particles, 1));
+            return made;
+        };
+        bodies.reset(new TestedBodies(elements, model, true, tolerance));
+        bodies->setPoses(poses);
+    }
+    MatrixXd blobMobility() {
+        Placement placement;
+        vector<Matrix3d> turns;
+        setTurns(poses, turns);
+        (*bodies)->getMotion().place(poses, turns, placement);
+        MatrixXd M;
+        (*bodies)->getModel().at(placement)->dense(M);
+        return M;
+    }
+};
+
+}  // namespace
+
+TEST(MobilityProblem, RootsOfManyBodiesHaveTheirCovariance) {
+    for (bool multiblobs : {false, true})
+        for (bool wall : {false, true}) {
+            const string name =
+                string(multiblobs ? "multiblobs" : "spheres") + (wall ? " above a wall" : "");
+            const double tolerance = 1e-3;
+            ManyBodies many(24, multiblobs, wall, tolerance), exact(24, multiblobs, wall, 1e-8);
+            const MatrixXd M = many.blobMobility();
+            const VectorXd scale = M.diagonal().cwiseSqrt().cwiseInverse();
+            const int n = M.rows();
+            BodyMobility &problem = many.bodies->byProducts(), &fine = exact.bodies->byProducts();
+            problem.setPoses(many.poses);
+            fine.setPoses(many.poses);
+            const MatrixXd unit = MatrixXd::Identity(n, n);
+            MatrixXd slips, forces, exactSlips, exactForces, wrenches;
+            problem.thermalSlip(unit, slips);
+            problem.forcesOfThermalSlip(unit, forces);
+            fine.thermalSlip(unit, exactSlips);
+            fine.forcesOfThermalSlip(unit, exactForces);
+            const auto error = [](const MatrixXd& a, const MatrixXd& b) {
+                return (a - b).norm() / b.norm();
+            };
+            // The square roots are those of M and of its inverse, and belong to each other.
+            EXPECT_LT(error(exactSlips * exactSlips.transpose(), M), 1e-7) << name;
+            EXPECT_LT(error(M * exactForces, exactSlips), 1e-6) << name;
+            fine.thermalWrench(unit, wrenches);
+            EXPECT_LT(error(wrenches * wrenches.transpose(), exact.bodies->friction()), 1e-7)
+                << name;
+            // The promise of the tolerance.
+            double worst = 0;
+            for (int c = 0; c < n; c++) {
+                const VectorXd found = scale.cwiseProduct(slips.col(c)),
+                               right = scale.cwiseProduct(exactSlips.col(c));
+                worst = max(worst, error(found, right) / tolerance);
+            }
+            cout << name << ": the largest error of a column is " << worst << " tolerances" << endl;
+            EXPECT_LT(worst, 5) << name;
+            EXPECT_LT(error(forces, exactForces), 5 * tolerance) << name;
+            MatrixXd again;
+            fine.forcesOfSlips(exactSlips, again);
+            EXPECT_LT(error(again, exactForces), 1e-6) << name;
+        }
+}
+
+TEST(MobilityProblem, RootsOfManyBodiesTakeHardlyMoreProductsThanThoseOfFew) {
+    // The largest eigenvalue is 13 times as large for 1500 spheres as for 30.
+    const auto products = [](int count, bool multiblobs, bool wall) {
+        ManyBodies many(count, multiblobs, wall, 1e-3);
+        BodyMobility& problem = many.bodies->byProducts();
+        const VectorXd W =
+            VectorXd::LinSpaced((*many.bodies)->getParticles().numRows, 0, 1e4).array().sin();
+        MatrixXd slips;
+        problem.thermalSlip(W, slips);
+        return problem.getCosts().products;
+    };
+    const int few = products(30, false, false), many = products(1500, false, false);
+    cout << few << " products for 30 spheres, " << many << " for 1500" << endl;
+    EXPECT_LE(many, few + 8);
+}
+
+TEST(MobilityProblem, CollectiveModesStayDuringAStep) {
+    // The roots at the poses of a step are one smooth function of the poses.
+    ManyBodies many(60, true, true, 1e-10);
+    BodyMobility& problem = many.bodies->byProducts();
+    problem.setTolerance(1e-10);
+    const int n = (*many.bodies)->getParticles().numRows;
+    const VectorXd W = VectorXd::LinSpaced(n, 0, 1e4).array().sin();
+    MatrixXd here, there, half, back;
+    const auto at = [&](double way) {
+        vector<Pose> poses = many.poses;
+        for (size_t b = 0; b < poses.size(); b++)
+            poses[b].R += way * Vector3d(cos(b), sin(2.0 * b), 0.3 * cos(3.0 * b));
+        return poses;
+    };
+    problem.setPoses(at(0));
+    problem.thermalSlip(W, here);
+    problem.setPoses(at(0.1));
+    problem.thermalSlip(W, there);
+    problem.setPoses(at(0.05));
+    problem.thermalSlip(W, half);
+    EXPECT_LT((here + there - 2 * half).norm(), 0.1 * (there - here).norm());
+    // The next step has modes of its own, and what was before does not matter.
+    problem.setTolerance(1e-10);
+    problem.setPoses(at(0));
+    problem.thermalSlip(W, back);
+    EXPECT_EQ(back, here);
 }
 
 // ---- A random field of the model's own

@@ -342,6 +342,75 @@ TEST(BodySet, UserFrameIsKeptWhateverTheOrderOfMoments) {
     } while (next_permutation(order, order + 3));
 }
 
+TEST(BodySet, AStateThatIsSetAsItWasReadKeepsTheLastBits) {
+    mt19937 generator(10);
+    const double moments[3] = {1, 2, 2.5};
+    int order[3] = {0, 1, 2};
+    do {
+        const Vec3 I(moments[order[0]], moments[order[1]], moments[order[2]]);
+        BodySet bodies({{5, I, {Vec3()}}}, {{0}}, {{}}, {{true}});
+        for (int trial = 0; trial < 20; trial++) {
+            BodyState state;
+            state.q = randomQuaternion(generator);
+            state.l = Vec3(7, 8, 9);
+            bodies.setState(0, state);
+            const auto stored = bodies.getStoredState(0);
+            bodies.setState(0, bodies.getState(0));
+            EXPECT_EQ(bodies.getStoredState(0), stored) << trial;
+        }
+    } while (next_permutation(order, order + 3));
+}
+
+TEST(BodySet, ASnapshotOfOneOrAllBodiesIsRestored) {
+    // 256 bodies are as many as need room between the columns.
+    for (int n : {1, 9, 256}) {
+        const vector<BodyGeometry> geometries(n, {5, Vec3(1, 2, 2.5), {Vec3()}});
+        BodySet bodies(geometries, vector<vector<int>>(n, {0}), vector<vector<double>>(n),
+                       vector<vector<bool>>(n, {true}));
+        const auto setAll = [&](double shift) {
+            for (int b = 0; b < n; b++) {
+                array<double, 13> numbers;
+                for (int k = 0; k < 13; k++) numbers[k] = shift + 13 * b + k;
+                bodies.setStoredState(b, numbers);
+                bodies.addForceAndTorque_lab(b, Vec3(shift, b, 1), Vec3(b, 2, shift));
+            }
+        };
+        const auto all = [&] {
+            vector<vector<double>> found;
+            for (int b = 0; b < n; b++) {
+                const auto stored = bodies.getStoredState(b);
+                found.emplace_back(stored.begin(), stored.end());
+                const int s = bodies.slot(b);
+                for (int k = 0; k < 3; k++) {
+                    found[b].push_back(bodies.force_lab[k][s]);
+                    found[b].push_back(bodies.torque_body[k][s]);
+                }
+            }
+            return found;
+        };
+        setAll(1);
+        const auto first = all();
+        BodySet::Snapshot snapshot;
+        bodies.save(snapshot);
+        setAll(1e6);
+        const auto second = all();
+        bodies.restore(snapshot, n / 2);
+        auto mixed = second;
+        mixed[n / 2] = first[n / 2];
+        EXPECT_EQ(all(), mixed) << n;
+        bodies.restore(snapshot);
+        EXPECT_EQ(all(), first) << n;
+        bodies.saveForces(snapshot);
+        setAll(1e6);
+        auto withForces = all();
+        for (int b = 0; b < n; b++)
+            copy(first[b].begin() + 13, first[b].end(), withForces[b].begin() + 13);
+        bodies.restoreForces(snapshot);
+        EXPECT_EQ(all(), withForces) << n;
+        for (int b = 0; b < n; b++) EXPECT_EQ(bodies.inverseMass[bodies.slot(b)], 0.2);
+    }
+}
+
 TEST(GradientThermostat, TwoQuaternionProductsAreTheMatrixExponentialOfThePaper) {
     // Davidchack 2015, eqs. 28-30: Q <- exp(Y) Q with Y = a (F Q^T - Q F^T) + b sum_l eta_l S_l, F
     // = 2 S(Q)(0, tau).

@@ -129,6 +129,13 @@ def _perform(task, job):
     return json.loads(text)['result']
 
 
+def keepPictures(folder, *names):
+    """Remove all pictures of a report but those that pages show; the report's HTML page has all."""
+    for path in pathlib.Path(folder).glob('*.png'):
+        if path.name not in names:
+            path.unlink()
+
+
 def asJson(value):
     """Arrays as lists, with all digits."""
     if isinstance(value, dict):

@@ -56,6 +56,8 @@ def sedimenting(data):
 
 
 def trapped(data):
+    if 'runs' not in data:  # biases of steps
+        return
     yield ('| set | R | kT | h | bias of h | time | largest standard error | largest difference '
            '(function) | rms z: least, median, greatest of ten | '
            '⟨x²⟩kt/kT | ⟨χ²⟩kr/kT |')
@@ -136,5 +138,5 @@ def noise(data):
 if __name__ == '__main__':
     printTables(__doc__, RESULTS,
                 (('lennard_jones*.json', lennardJones), ('sedimenting_spheres.json', sedimenting),
-                 ('trapped_spheres.json', trapped), ('ring_states_*.json', ring),
+                 ('trapped_spheres*.json', trapped), ('ring_states_*.json', ring),
                  ('ring_noise_*.json', noise), ('ring_diagram_*.json', diagram)))

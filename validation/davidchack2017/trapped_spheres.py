@@ -19,6 +19,8 @@ exchanges the spheres, and <a(t)b(0)> = <b(t)a(0)>.
                                              # overdamped one
     python3 trapped_spheres.py --sets overdamped --keep     # one set, keeping runs of the other
     python3 trapped_spheres.py --model RPY   # other hydrodynamics, other curves
+    python3 trapped_spheres.py --sets overdamped --shares 0.1 --distances 3 --seed 2018 --step 0.01
+                                             # a second seed, at the paper's step: 10 minutes
     python3 trapped_spheres.py --quick       # seconds
 """
 import argparse
@@ -266,17 +268,24 @@ def seedOf(first, setName, R, share):
 def run(argument, job=None):
     """One set at one distance and temperature, for so many minutes of wall time.
 
-    Minutes before an interruption count, too.
+    Minutes before an interruption count, too. Without a step the run takes the one of chooseStep(),
+    and curves are compared with exact linear theory. With a step of its own they are compared with
+    the linear theory of the scheme at this step.
     """
-    setName, R, kT, model, duration, seed, minutes = argument
+    setName, R, kT, model, duration, seed, minutes, *step = argument
     began = time.time()
     parameters = dict(SETS[setName], kT=kT)
     probe = build(parameters, R, model, 0.001, 1)
     friction = probe.fluid.getFrictionInContext(probe.context)
-    h, bias, times, exact = chooseStep(Linear(parameters, friction), parameters)
+    theory = Linear(parameters, friction)
+    h, bias, times, exact = chooseStep(theory, parameters)
+    if step:
+        h, = step
+        expected = curves(theory.scheme(h, round(parameters['every']/h), len(times)))
+        bias, exact = largest({n: expected[n] - exact[n] for n in exact}), expected
     every = round(parameters['every']/h)
     scene = build(parameters, R, model, h, seed)
-    state = campaign.State(job, (setName, R, kT, model, seed))
+    state = campaign.State(job, (setName, R, kT, model, seed, *step))
     kept = state.load()
     if kept:
         scene.context.loadCheckpoint(kept['checkpoint'].tobytes())
@@ -310,6 +319,7 @@ def run(argument, job=None):
         'model': model,
         'h': h,
         'bias_of_this_step': bias,
+        'theory_of': 'the scheme at this step' if step else 'the equations',
         'time': len(data)*parameters['every'],
         'seed': seed,
         'seconds': time.time() - began,
@@ -391,12 +401,17 @@ def main():
     parser.add_argument('--shares', nargs='+', type=float, default=(0.1, 1.0),
                         help="temperatures, in units of the paper's")
     parser.add_argument('--seed', type=int, default=2017)
+    parser.add_argument(
+        '--step', type=float, help='a step size that divides the spacing of '
+        'samples; curves are compared with the linear theory of the scheme at this '
+        'step, whose bias may then be large')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
     campaign.addOptions(parser)
     args = campaign.settle(parser.parse_args())
 
+    isFirst = args.seed == parser.get_default('seed')
     name = 'trapped_spheres' + ('' if args.model == 'FTS+lubrication' else '_' +
-                                args.model) + '.json'
+                                args.model) + ('' if isFirst else f'_seed{args.seed}') + '.json'
     saveBiases(args)
     todo = []
     for setName, parameters in SETS.items():
@@ -408,7 +423,8 @@ def main():
             for R in args.distances if not args.quick else DISTANCES[:1]:
                 todo.append((setName, R, share*parameters['kT'], args.model, duration,
                              seedOf(args.seed, setName, R,
-                                    share), args.minutes*(1 if share < 1 else 0.25)))
+                                    share), args.minutes*(1 if share < 1 else 0.25),
+                             *([args.step] if args.step else [])))
     runs = []
     if args.keep and (args.output/name).exists():
         runs = json.loads((args.output/name).read_text())['runs']
@@ -430,7 +446,7 @@ def main():
     names = [f'{task[0].split()[0]} R {task[1]:g} kT {task[2]:g} {args.model}' for task in todo]
     campaign.run(run, todo, names, args, [round(task[4]/SETS[task[0]]['every']) for task in todo],
                  'sample', 'trapped spheres', finish)
-    if runs:
+    if runs and isFirst:
         draw(runs, args.output)
 
 

@@ -9,10 +9,19 @@ COLOURS = {'repel-attract': 'tab:blue', 'repel-attract-repel': 'tab:red'}
 MARKS = {'repel-attract': 'o', 'repel-attract-repel': 's'}
 
 
-def potentials(path):
-    """Figure 10, right: the two pair potentials, with the soft repulsion that both have."""
+def draw(data, bodies, path):
+    """The pair potentials (Figure 10, right), and the results (Figure 11)."""
     plt = pyplot()
-    figure, ax = plt.subplots(figsize=(5.2, 3.8), layout='constrained')
+    figure, axes = plt.subplots(2, 2, figsize=(11, 8.4), layout='constrained')
+    potentials(axes[0, 0])
+    viscosities(axes[0, 1], data, bodies)
+    distributions(axes[1], data, bodies)
+    figure.savefig(path, dpi=90)
+    plt.close(figure)
+
+
+def potentials(ax):
+    """Figure 10, right: the two pair potentials, with the soft repulsion that both have."""
     r = np.linspace(1.5, 6, 600)
     for name in model.GAUSSIANS:
         ax.plot(r, model.pairEnergy(r, name), color=COLOURS[name], label=name)
@@ -20,16 +29,14 @@ def potentials(path):
             label='soft repulsion alone (eq. 60)')
     ax.axhline(0, color='0.8', lw=0.7)
     ax.axvline(model.CONTACT, color='0.8', lw=0.7)
-    ax.set(xlabel='distance of two beads, r/a', ylabel='energy/kT', xlim=(1.8, 6), ylim=(-4, 12))
+    ax.set(title='pair potentials', xlabel='distance of two beads, r/a', ylabel='energy/kT',
+           xlim=(1.8, 6), ylim=(-4, 12))
     ax.legend()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
-def viscosities(data, bodies, path):
+def viscosities(ax, data, bodies):
     """Figure 11, top: effective viscosity against shear rate."""
-    plt = pyplot()
-    figure, ax = plt.subplots(figsize=(6.4, 4.4), layout='constrained')
+    ticker = pyplot()
     for name in model.GAUSSIANS:
         for size, fill in sorted({(row['bodies'], row['bodies'] == bodies)
                                   for row in data['runs']}, key=lambda pair: not pair[1]):
@@ -46,21 +53,16 @@ def viscosities(data, bodies, path):
     for name, ratio in data['without_forces_and_noise'].items():
         ax.axhline(ratio, color=COLOURS[name], lw=0.8, ls=':')
     ax.set(xscale='log', yscale='log', xlabel='shear rate × τ', ylabel='η_eff/η', ylim=(5, 100),
-           title='dotted: rigid bodies without forces and noise at the relaxed poses')
-    ax.title.set_fontsize(9)
-    ax.yaxis.set_major_locator(plt.FixedLocator((5, 10, 20, 50, 100)))
+           title='viscosity (dotted: without forces and noise)')
+    ax.yaxis.set_major_locator(ticker.FixedLocator((5, 10, 20, 50, 100)))
     ax.yaxis.set_major_formatter('{x:g}')
-    ax.yaxis.set_minor_formatter(plt.NullFormatter())
+    ax.yaxis.set_minor_formatter(ticker.NullFormatter())
     ax.legend(fontsize=8)
     ax.grid(which='both', color='0.92', lw=0.6)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
-def distributions(data, bodies, path):
+def distributions(axes, data, bodies):
     """Figure 11, bottom: radial distribution functions of centres."""
-    plt = pyplot()
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4), layout='constrained', sharey=True)
     for ax, name in zip(axes, model.GAUSSIANS):
         rows = [row for row in data['runs'] if row['potential'] == name and row['bodies'] == bodies]
         for k, row in enumerate(rows):
@@ -71,11 +73,8 @@ def distributions(data, bodies, path):
         ax.axhline(1, color='0.8', lw=0.7)
         ax.axvspan(8, 10, color='tab:orange', alpha=0.12, lw=0)
         ax.set(title=f'{name}, {bodies} hedgehogs', xlabel='distance of centres, r/a',
-               xlim=(0, None), ylim=(0, None))
+               ylabel='g(r)', xlim=(0, None), ylim=(0, 1.35))
         ax.legend(title='f0/(kη) τ', fontsize=8)
-    axes[0].set_ylabel('g(r)')
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def animation(track, side, path, size=330):

@@ -346,9 +346,7 @@ def report(output, args, bodies):
         'provenance': provenance(args)
     }
     save(output, 'hedgehogs.json', data)
-    pictures.potentials(output/'hedgehogs_potentials.png')
-    pictures.viscosities(data, bodies, output/'hedgehogs_viscosity.png')
-    pictures.distributions(data, bodies, output/'hedgehogs_g.png')
+    pictures.draw(data, bodies, output/'hedgehogs.png')
     print('\n'.join(table(data)))
     return data
 

@@ -31,12 +31,21 @@ def _density(found, parts=1):
     return (edges[1:] + edges[:-1])/2, np.array(found['P'])/width, np.array(found['error'])/width
 
 
-def heights(data, path):
-    """Figure 8: densities of the centres' y, each half the mirror image of the other."""
+def draw(data, path):
+    """Figures 8 and 9: heights above, angles below."""
     plt = pyplot()
+    figure = plt.figure(figsize=(12, 8), layout='constrained')
+    above, below = figure.subfigures(2, 1)
+    heights(above, data)
+    angles(below, data)
+    figure.savefig(path, dpi=90)
+    plt.close(figure)
+
+
+def heights(figure, data):
+    """Figure 8: densities of the centres' y, each half the mirror image of the other."""
     fractions = [f for f in (8, 4, 2) if any(f == fraction for _, fraction, _ in _scenes(data))]
-    figure, axes = plt.subplots(1, len(fractions), figsize=(4.6*len(fractions), 3.8),
-                                layout='constrained', squeeze=False)
+    axes = figure.subplots(1, len(fractions), squeeze=False)
     for scene, fraction, line in _scenes(data):
         ax, half = axes[0, fractions.index(fraction)], scene['width']/2
 
@@ -64,14 +73,11 @@ def heights(data, path):
     for ax in axes.flat:
         ax.set_ylim(0, 1.25*ax.get_ylim()[1])
         ax.legend(fontsize=7, loc='upper center', ncols=2)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
-def angles(data, path):
+def angles(figure, data):
     """Figure 9: densities of the angle between rods and walls, linear and logarithmic."""
-    plt = pyplot()
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4.2), layout='constrained')
+    axes = figure.subplots(1, 2)
     for scene, fraction, line in _scenes(data):
         theta, p, error = _density(scene['monte_carlo']['theta'])
         for ax in axes:
@@ -91,8 +97,6 @@ def angles(data, path):
     axes[0].set(ylim=(0, None))
     axes[1].set(yscale='log', ylim=(1e-3, 20))
     axes[0].legend(fontsize=7)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def animation(scene, track, path, size=440, every=1):

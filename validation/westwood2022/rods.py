@@ -554,8 +554,7 @@ def report(folder, args, plans):
     }
     data['provenance'] = provenance(args)
     save(folder, 'rods.json', data)
-    pictures.heights(data, folder/'rods_heights.png')
-    pictures.angles(data, folder/'rods_angles.png')
+    pictures.draw(data, folder/'rods.png')
     if (4, 6.0) in tracks:
         pictures.animation(model.Scene(4, 6.0, args.part), tracks[4, 6.0], folder/'rods.gif')
     print('\n'.join(tables(data)))

@@ -53,8 +53,8 @@ typedef std::array<double, 4> QuaternionArray;
  *
  * The Brownian schemes differ in how they make the stochastic drift kT div N (EulerMaruyama omits
  * it), in their cost and in their error at finite steps. Bodies need no mass, and their origin may
- * be any point. Spheres about their centres and free particles in unbounded fluid (FreeDraining,
- * RotnePragerYamakawa) have div N = 0. The computation of the drift is left out there.
+ * be any point. Spheres about their centres and free particles have div N = 0 where the fluid is
+ * unbounded or periodic, but not under StokesianDynamics; no drift is computed there.
  *
  * The rotational friction of the Langevin schemes relaxes body axis l at the rate Gamma / (I_l
  * sum_k 1/I_k), where the sum is over axes with a non-zero moment. The thick axes of an elongated

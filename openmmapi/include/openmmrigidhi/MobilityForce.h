@@ -40,9 +40,9 @@ public:
         /**
          * Rotne-Prager-Yamakawa with rotation, unequal radii, overlap allowed: translation,
          * rotation and their coupling. Always positive definite. Pairwise: the error is O((a/r)^4)
-         * of the mobility (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Cost: quadratic in
-         * particles for each product. With Periodic, the cost grows as the box on a grid; else
-         * matrices are dense.
+         * of the mobility (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Cost of a product:
+         * quadratic in particles, by multipoles nearly linear (setFastSummation()), on a grid
+         * (Periodic) as the box. Periodic without a grid has dense matrices.
          */
         RotnePragerYamakawa = 1,
         /**
@@ -56,10 +56,10 @@ public:
          * Force coupling (Maxey and Patel, Int. J. Multiphase Flow 27, 1603, 2001; Lomholt and
          * Maxey, J. Comput. Phys. 184, 381, 2003). It is like RotnePragerYamakawa, with forces and
          * torques spread by Gaussians in place of surfaces. Periodic and SlipChannel only. Unequal
-         * radii and overlap are allowed. Always positive definite. Its accuracy is that of
-         * RotnePragerYamakawa. From 300 rows on, or with MatrixFree, it is computed on a grid (Yeo
-         * and Maxey, J. Comput. Phys. 229, 2401, 2010), to the solver tolerance and at a cost that
-         * grows as the box. Otherwise matrices are dense.
+         * radii and overlap are allowed. Always positive semidefinite. Its accuracy is that of
+         * RotnePragerYamakawa. On a grid (Yeo and Maxey, J. Comput. Phys. 229, 2401, 2010) it is
+         * computed to the solver tolerance, at a cost that grows as the box. Otherwise matrices are
+         * dense. Auto takes what is faster.
          */
         ForceCoupling = 3
     };
@@ -92,8 +92,8 @@ public:
          * periodic in the x and z edges of the Context's box. The box must have its edges along the
          * axes, and a y edge longer than the channel is wide.
          *
-         * ForceCoupling only, by mirror images of period twice the width. Matrices are dense up to
-         * 2000 spheres, or half as many blobs as with Periodic; or the fluid is on a grid. The
+         * ForceCoupling only, by mirror images of period twice the width. Dense matrices take half
+         * as many particles as with Periodic (1000 spheres, 2000 blobs); a grid has no limit. The
          * mobility is positive definite wherever centres are between the walls.
          * CustomRigidHIIntegrator::setWallRejection() says how near to a wall surfaces may come.
          * Cost: on a grid, that of Periodic in a box of the channel's width; dense, that of twice
@@ -122,14 +122,14 @@ public:
     /** How the linear algebra is done. */
     enum Solver : int {
         /**
-         * Dense or matrix-free, by the numbers of rows of the matrices, never by measured times
-         * (default).
+         * Dense or matrix-free (default), by the numbers of rows of the matrices. Periodic fluids
+         * of more than 150 rows are done in the way whose step is estimated to take less time.
          */
         Auto = 0,
         /** Matrices are formed and decomposed. Memory quadratic, time cubic in bodies. */
         Dense = 1,
-        /** Krylov methods (Lanczos) to the solver tolerance. Memory linear, time quadratic in
-           particles. */
+        /** Krylov methods (Lanczos) to the solver tolerance. Memory linear in particles, time
+           quadratic, or less by multipoles or on a grid. */
         MatrixFree = 2
     };
 
@@ -224,8 +224,8 @@ public:
      * Set how the linear algebra is done (default Auto). With LangevinHI, Dense and MatrixFree take
      * the same step for the same seed, to the tolerance. In schemes without momenta, Dense and
      * MatrixFree take different square roots of the mobility and use different random numbers.
-     * Their noise has the same law, but the same seed gives different trajectories. Auto goes by
-     * the number of rows, so that the noise is different for a larger scene.
+     * Their noise has the same law, but the same seed gives different trajectories. Auto may
+     * choose another one for another scene, scheme or tolerance, and then the noise is different.
      * applyMobilityInContext() uses the same solver, whatever masses there are.
      * CustomRigidHIIntegrator::getEffects() says which solver is used.
      */

@@ -166,7 +166,7 @@ vector<double> asNumbers(const Eigen::VectorXd& v) {
 Fluid& BodyAccess::prepareFluid(const char* method) {
     prepare(method);
     if (!scene.fluid) fail(string(method) + " needs a MobilityForce in the System");
-    scene.fluid.adoptWallRejection();
+    scene.fluid.adoptSettings();
     scene.fluid.adoptBox();
     return *scene.fluid.get();
 }

@@ -16,7 +16,7 @@ ContextFluid::ContextFluid(Scene& scene, const MobilityForce* inSystem) : scene(
 
 void ContextFluid::check(const MobilityForce& force) const {
     checkBoundary(force, scene.integrator);
-    Fluid::check(force, scene.integrator.getWallRejection(), scene.system,
+    Fluid::check(force, FluidSettings(scene.integrator), scene.system,
                  scene.definitions.particlesOfBodies(), *scene.freeParticles, *scene.loops);
 }
 
@@ -27,10 +27,9 @@ void ContextFluid::check() const {
 unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries,
                                      const BodySet& bodies) const {
     if (!parameters) return nullptr;
-    // The wall rejection is the integrator's, and may have been changed since the Context was
-    // created.
+    // Settings of the integrator may have been changed since the Context was created.
     checkBoundary(*parameters, scene.integrator);
-    unique_ptr<Fluid> made(new Fluid(*parameters, scene.integrator.getWallRejection(), scene.system,
+    unique_ptr<Fluid> made(new Fluid(*parameters, FluidSettings(scene.integrator), scene.system,
                                      scene.definitions.particlesOfBodies(), geometries, bodies,
                                      *scene.freeParticles, *scene.loops));
     made->setBox(scene.getBox());
@@ -72,11 +71,8 @@ void ContextFluid::rebuild() {
     scene.settings.forget();
 }
 
-void ContextFluid::adoptWallRejection() {
-    if (!fluid || !fluid->hasWalls() ||
-        fluid->getWallRejection() == scene.integrator.getWallRejection())
-        return;
-    rebuild();
+void ContextFluid::adoptSettings() {
+    if (fluid && !fluid->isMadeFor(FluidSettings(scene.integrator))) rebuild();
 }
 
 void ContextFluid::update(const MobilityForce& force) {

@@ -46,10 +46,10 @@ public:
      */
     void adoptBox();
     /**
-     * Take over the integrator's wall rejection. It may change between steps, but a Fluid is made
-     * for one value.
+     * Take over the integrator's wall rejection and scheme. They may change between steps, but a
+     * Fluid is made for one value of each.
      */
-    void adoptWallRejection();
+    void adoptSettings();
 
 private:
     void check(const MobilityForce& force) const;

@@ -1,18 +1,12 @@
 #ifndef RIGIDHI_INTEGRATOR_MESSAGES_H_
 #define RIGIDHI_INTEGRATOR_MESSAGES_H_
 
-#include <openmm/OpenMMException.h>
-
-#include <string>
-
-#include "openmmrigidhi/internal/Messages.h"
+#include "openmmrigidhi/internal/Errors.h"
 
 namespace RigidHIPlugin {
 
-/** Throw an error of the integrator. */
-[[noreturn]] inline void fail(const std::string& message) {
-    throw OpenMM::OpenMMException("CustomRigidHIIntegrator: " + message);
-}
+/** Errors of the integrator. */
+inline constexpr ErrorsOf fail{"CustomRigidHIIntegrator"};
 
 }  // namespace RigidHIPlugin
 

@@ -4,7 +4,6 @@
 #include <openmm/Vec3.h>
 #include <openmm/serialization/SerializationNode.h>
 
-#include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <iosfwd>
@@ -13,6 +12,7 @@
 
 #include "context/Rounding.h"
 #include "rigidbody/BodyGeometry.h"
+#include "schemes/SchemeMemory.h"
 
 namespace RigidHIPlugin {
 
@@ -27,15 +27,6 @@ struct SavedBody {
     std::array<double, 4> q = {{1, 0, 0, 0}};  // (w, x, y, z), body to lab
     /** BodySet::getStoredState(). With the same definition a run resumes from it bit for bit. */
     std::array<double, 13> stored = {};
-};
-
-/**
- * Data that a scheme without momenta keeps between steps, for each group of bodies
- * (OverdampedScheme::memory()).
- */
-struct SchemeMemory {
-    std::string scheme;  // the name of the scheme
-    std::vector<std::vector<Eigen::MatrixXd> > groups;
 };
 
 /** A particle in no body, in the doubles of the host. */

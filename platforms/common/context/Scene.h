@@ -10,14 +10,14 @@
 #include "context/BodyDefinitions.h"
 #include "context/ContextArrays.h"
 #include "context/ContextFluid.h"
+#include "context/CurrentSettings.h"
+#include "context/StepCounters.h"
 #include "context/SystemCheck.h"
 #include "forces/BodyForces.h"
+#include "host/FreeParticles.h"
 #include "host/PlatformLoops.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "rigidbody/BodySet.h"
-#include "stepping/CurrentSettings.h"
-#include "stepping/FreeParticles.h"
-#include "stepping/StepCounters.h"
 
 namespace RigidHIPlugin {
 

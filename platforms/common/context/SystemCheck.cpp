@@ -5,17 +5,17 @@
 #include <openmm/MonteCarloAnisotropicBarostat.h>
 #include <openmm/MonteCarloBarostat.h>
 #include <openmm/MonteCarloMembraneBarostat.h>
-#include <openmm/OpenMMException.h>
 #include <openmm/System.h>
 #include <openmm/VirtualSite.h>
 
 #include <set>
 #include <typeinfo>
 
+#include "context/Messages.h"
+#include "host/StepSettings.h"
 #include "mobility/Models.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "rigidbody/VirtualSitePosition.h"
-#include "stepping/StepSettings.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -23,10 +23,6 @@ using namespace std;
 namespace RigidHIPlugin {
 
 namespace {
-
-[[noreturn]] void refuse(const string& message) {
-    throw OpenMMException("CustomRigidHIIntegrator: " + message);
-}
 
 string particleText(int p) { return "particle " + to_string(p); }
 string bodyText(int b) { return "body " + to_string(b); }
@@ -38,10 +34,10 @@ void checkTies(const System& system, const vector<int>& bodyOf) {
         system.getConstraintParameters(i, a, b, distance);
         if (bodyOf[a] != bodyOf[b]) {
             const int inside = bodyOf[a] >= 0 ? a : b, outside = inside == a ? b : a;
-            refuse("constraint " + to_string(i) + " ties " + particleText(inside) + " of " +
-                   bodyText(bodyOf[inside]) + " to " + particleText(outside) +
-                   " outside it; a body moves as a whole: add both particles to one body or remove "
-                   "the constraint");
+            fail("constraint " + to_string(i) + " ties " + particleText(inside) + " of " +
+                 bodyText(bodyOf[inside]) + " to " + particleText(outside) +
+                 " outside it; a body moves as a whole: add both particles to one body or remove "
+                 "the constraint");
         }
     }
     for (int i = 0; i < system.getNumParticles(); i++) {
@@ -53,17 +49,17 @@ void checkTies(const System& system, const vector<int>& bodyOf) {
                 return bodyOf[p] >= 0 ? " of " + bodyText(bodyOf[p]) : string();
             };
             if ((bodyOf[i] >= 0 || bodyOf[parent] >= 0) && !turnsWithItsParents(site))
-                refuse("virtual site " + particleText(i) + owner(i) + " is a " + kindOf(site) +
-                       " defined by " + particleText(parent) + owner(parent) +
-                       ", a kind that need not turn with a body; use a TwoParticleAverageSite, "
-                       "ThreeParticleAverageSite, OutOfPlaneSite or LocalCoordinatesSite, or make "
-                       "it a massless member of the body that is no virtual site");
+                fail("virtual site " + particleText(i) + owner(i) + " is a " + kindOf(site) +
+                     " defined by " + particleText(parent) + owner(parent) +
+                     ", a kind that need not turn with a body; use a TwoParticleAverageSite, "
+                     "ThreeParticleAverageSite, OutOfPlaneSite or LocalCoordinatesSite, or make "
+                     "it a massless member of the body that is no virtual site");
             if (bodyOf[parent] == bodyOf[i]) continue;
-            refuse("virtual site " + particleText(i) + owner(i) + " depends on " +
-                   particleText(parent) +
-                   (bodyOf[parent] >= 0 ? " of " + bodyText(bodyOf[parent]) : " outside the body") +
-                   "; a virtual site and the particles that define it belong into one body: add "
-                   "them to it");
+            fail("virtual site " + particleText(i) + owner(i) + " depends on " +
+                 particleText(parent) +
+                 (bodyOf[parent] >= 0 ? " of " + bodyText(bodyOf[parent]) : " outside the body") +
+                 "; a virtual site and the particles that define it belong in one body: add "
+                 "them to it");
         }
     }
 }
@@ -79,10 +75,10 @@ void checkMolecules(const ContextImpl& context, const CustomRigidHIIntegrator& i
         const vector<int>& particles = integrator.getRigidBodyParticles(b);
         for (int p : particles)
             if (moleculeOf[p] != moleculeOf[particles[0]])
-                refuse(bodyText(b) + ": " + particleText(particles[0]) + " and " + particleText(p) +
-                       " are in different molecules, so OpenMM would tear the body apart at the "
-                       "periodic boundary; tie them with bonds or constraints, or call "
-                       "openmmrigidhi.app.bindBodies(system, integrator)");
+                fail(bodyText(b) + ": " + particleText(particles[0]) + " and " + particleText(p) +
+                     " are in different molecules, so OpenMM would tear the body apart at the "
+                     "periodic boundary; tie them with bonds or constraints, or call "
+                     "openmmrigidhi.app.bindBodies(system, integrator)");
     }
 }
 
@@ -106,10 +102,10 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
     for (int b = 0; b < integrator.getNumRigidBodies(); b++)
         for (int p : integrator.getRigidBodyParticles(b)) {
             if (p >= numParticles)
-                refuse(bodyText(b) + ": particle index " + to_string(p) +
-                       " is out of range; the System has " + to_string(numParticles) +
-                       " particles, 0 to " + to_string(numParticles - 1) +
-                       ": build the body from particles of this System");
+                fail(bodyText(b) + ": particle index " + to_string(p) +
+                     " is out of range; the System has " + to_string(numParticles) +
+                     " particles, 0 to " + to_string(numParticles - 1) +
+                     ": build the body from particles of this System");
             stock.bodyOfParticle[p] = b;
         }
     for (int p = 0; p < numParticles; p++) {
@@ -133,13 +129,13 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
         // DrudeForce is in a plugin of OpenMM that this library does not need otherwise. It is
         // therefore recognised by the name of its type.
         if (string(typeid(force).name()).find("DrudeForce") != string::npos)
-            refuse("force " + to_string(i) +
-                   ", a DrudeForce, needs an integrator for Drude particles; remove it, or use "
-                   "OpenMM's DrudeLangevinIntegrator");
+            fail("force " + to_string(i) +
+                 ", a DrudeForce, needs an integrator for Drude particles; remove it, or use "
+                 "OpenMM's DrudeLangevinIntegrator");
         if (dynamic_cast<const AndersenThermostat*>(&force))
-            refuse("force " + to_string(i) +
-                   ", an AndersenThermostat, changes velocities of single particles and so breaks "
-                   "rigid bodies; remove it: this integrator is a thermostat itself");
+            fail("force " + to_string(i) +
+                 ", an AndersenThermostat, changes velocities of single particles and so breaks "
+                 "rigid bodies; remove it: this integrator is a thermostat itself");
         if (auto* remover = dynamic_cast<const CMMotionRemover*>(&force)) {
             stock.hasCMMotionRemover = true;
             stock.removalFrequencies.push_back(remover->getFrequency());
@@ -150,19 +146,16 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
         if (dynamic_cast<const MonteCarloMembraneBarostat*>(&force))
             stock.barostat = "MonteCarloMembraneBarostat";
         if (string(typeid(force).name()).find("MonteCarloFlexibleBarostat") != string::npos)
-            refuse(
-                "force " + to_string(i) +
-                ", a MonteCarloFlexibleBarostat, may deform rigid bodies; use a "
-                "MonteCarloBarostat, MonteCarloAnisotropicBarostat or MonteCarloMembraneBarostat");
+            fail("force " + to_string(i) +
+                 ", a MonteCarloFlexibleBarostat, may deform rigid bodies; use a "
+                 "MonteCarloBarostat, MonteCarloAnisotropicBarostat or MonteCarloMembraneBarostat");
     }
     checkMolecules(context, integrator, stock.barostat);
     return stock;
 }
 
 void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& integrator) {
-    const auto fail = [](const string& message) {
-        throw OpenMMException("MobilityForce: " + message);
-    };
+    constexpr ErrorsOf fail{"MobilityForce"};
     if (!hasBoundary(force.getModel(), force.getBoundary())) {
         string models, boundaries;
         for (int m = 0; *modelName(MobilityForce::Model(m)); m++)
@@ -214,49 +207,49 @@ static void checkMasses(const System& system, const CustomRigidHIIntegrator& int
         } else
             for (int p : integrator.getRigidBodyParticles(b)) mass += system.getParticleMass(p);
         if (mass == 0)
-            refuse(bodyText(b) + " has mass 0, but scheme " + name +
-                   " needs a positive mass; give its particles masses in the System, or add it "
-                   "with explicit mass, moments and site positions. A body without mass needs a "
-                   "scheme without momenta such as FixmanMidpoint, with a MobilityForce (for Monte "
-                   "Carlo too)");
+            fail(bodyText(b) + " has mass 0, but scheme " + name +
+                 " needs a positive mass; give its particles masses in the System, or add it "
+                 "with explicit mass, moments and site positions. A body without mass needs a "
+                 "scheme without momenta such as FixmanMidpoint, with a MobilityForce (for Monte "
+                 "Carlo too)");
     }
     for (int p : stock.freeParticles)
         if (system.getParticleMass(p) == 0)
-            refuse(particleText(p) + " has hydrodynamic radius " +
-                   to_string(stock.mobilityForce->getParticleRadius(p)) +
-                   " nm but is in no body and has no mass, which scheme " + name +
-                   " needs; give it a mass, make it part of a body, or give it radius 0");
+            fail(particleText(p) + " has hydrodynamic radius " +
+                 to_string(stock.mobilityForce->getParticleRadius(p)) +
+                 " nm but is in no body and has no mass, which scheme " + name +
+                 " needs; give it a mass, make it part of a body, or give it radius 0");
 }
 
 /** Check that all particles that move are held by the fluid alone. */
 static void checkOverdamped(const SystemInventory& stock, const string& name) {
     for (int p : stock.freeParticles)
         if (!seenByFluid(stock, p))
-            refuse(particleText(p) + " is in no body and has hydrodynamic radius 0, so scheme " +
-                   name +
-                   " has no mobility for it; give it a radius with MobilityForce.addParticle(), "
-                   "make it part of a body, or give it mass 0 to hold it where it is");
+            fail(particleText(p) + " is in no body and has hydrodynamic radius 0, so scheme " +
+                 name +
+                 " has no mobility for it; give it a radius with MobilityForce.addParticle(), "
+                 "make it part of a body, or give it mass 0 to hold it where it is");
 }
 
 /** Refuse what a scheme without velocities cannot do. */
 static void checkNoMomenta(const SystemInventory& stock, const string& name,
                            const string& instead) {
     if (!stock.velocityDependentForce.empty())
-        refuse(stock.velocityDependentForce + ", depends on vx, vy or vz, but scheme " + name +
-               " has no velocities; use a Langevin scheme, or expressions without velocities");
+        fail(stock.velocityDependentForce + ", depends on vx, vy or vz, but scheme " + name +
+             " has no velocities; use a Langevin scheme, or expressions without velocities");
     if (stock.numFreeConstraints > 0)
-        refuse("the System has " + to_string(stock.numFreeConstraints) +
-               " constraints between particles that are in no body; scheme " + name +
-               " allows none: make rigid groups bodies, or use " + instead);
+        fail("the System has " + to_string(stock.numFreeConstraints) +
+             " constraints between particles that are in no body; scheme " + name +
+             " allows none: make rigid groups bodies, or use " + instead);
     if (stock.hasCMMotionRemover)
-        refuse("the System has a CMMotionRemover, but scheme " + name +
-               " has no momenta to remove; create the System with removeCMMotion=False, or remove "
-               "the force");
+        fail("the System has a CMMotionRemover, but scheme " + name +
+             " has no momenta to remove; create the System with removeCMMotion=False, or remove "
+             "the force");
     if (!stock.barostat.empty())
-        refuse("the System has a " + stock.barostat +
-               ", which is supported with the schemes LangevinA, LangevinB and LangevinC only, not "
-               "with " +
-               name + "; change the scheme or remove the barostat");
+        fail("the System has a " + stock.barostat +
+             ", which is supported with the schemes LangevinA, LangevinB and LangevinC only, not "
+             "with " +
+             name + "; change the scheme or remove the barostat");
 }
 
 void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator,
@@ -266,13 +259,13 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
     const string name = traits.name;
     const bool hydrodynamic = traits.needsFluid();
     if (hydrodynamic && stock.numMobilityForces != 1)
-        refuse("the System has " + to_string(stock.numMobilityForces) +
-               " MobilityForces, but scheme " + name +
-               " needs exactly one; add a MobilityForce to the System, or keep only one");
+        fail("the System has " + to_string(stock.numMobilityForces) +
+             " MobilityForces, but scheme " + name +
+             " needs exactly one; add a MobilityForce to the System, or keep only one");
     if (!hydrodynamic && stock.numMobilityForces > 0)
-        refuse("the System has a MobilityForce, which scheme " + name +
-               " would ignore; use LangevinHI or a scheme without momenta, or remove the "
-               "MobilityForce");
+        fail("the System has a MobilityForce, which scheme " + name +
+             " would ignore; use LangevinHI or a scheme without momenta, or remove the "
+             "MobilityForce");
     if (traits.isOverdamped())
         checkOverdamped(stock, name);
     else
@@ -280,13 +273,13 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
     if (!traits.hasMomenta) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
     if (traits.kind == SchemeKind::FluidThermostat) {
         if (stock.hasCMMotionRemover)
-            refuse("the System has a CMMotionRemover, but with scheme " + name +
-                   " the fluid exchanges momentum with the bodies; create the System with "
-                   "removeCMMotion=False, or remove the force");
+            fail("the System has a CMMotionRemover, but with scheme " + name +
+                 " the fluid exchanges momentum with the bodies; create the System with "
+                 "removeCMMotion=False, or remove the force");
         if (!stock.barostat.empty())
-            refuse("the System has a " + stock.barostat + ", which scheme " + name +
-                   " does not support: the fluid has no pressure that could balance it; remove the "
-                   "barostat, or use LangevinC");
+            fail("the System has a " + stock.barostat + ", which scheme " + name +
+                 " does not support: the fluid has no pressure that could balance it; remove the "
+                 "barostat, or use LangevinC");
         for (int i = 0; i < system.getNumConstraints(); i++) {
             int a, b;
             double distance;
@@ -294,11 +287,11 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
             for (int p : {a, b})
                 if (stock.bodyOfParticle[p] < 0 && p < stock.mobilityForce->getNumParticles() &&
                     stock.mobilityForce->getParticleRadius(p) > 0)
-                    refuse("constraint " + to_string(i) + " holds " + particleText(p) +
-                           ", which is in no body and has a hydrodynamic radius; scheme " + name +
-                           " allows constraints only between free particles without such a radius: "
-                           "make the molecule of this particle a rigid body, or set the radius of "
-                           "the particle to 0");
+                    fail("constraint " + to_string(i) + " holds " + particleText(p) +
+                         ", which is in no body and has a hydrodynamic radius; scheme " + name +
+                         " allows constraints only between free particles without such a radius: "
+                         "make the molecule of this particle a rigid body, or set the radius of "
+                         "the particle to 0");
         }
     }
 }

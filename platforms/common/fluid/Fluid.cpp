@@ -2,13 +2,12 @@
 
 #include "fluid/Fluid.h"
 
-#include <openmm/OpenMMException.h>
-
 #include <cmath>
 #include <sstream>
 
 #include "fluid/GroupBuilder.h"
 #include "mobility/models/periodic/Lattice.h"
+#include "openmmrigidhi/internal/Errors.h"
 #include "rigidbody/BodyPoses.h"
 #include "rigidbody/EigenVec3.h"
 
@@ -19,29 +18,26 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) {
-    throw OpenMM::OpenMMException("MobilityForce: " + message);
-}
+constexpr ErrorsOf fail{"MobilityForce"};
 
 /** Forces on sites of a line give a torque about it of about 1e-16 of force times size. */
 const double torqueTolerance = 1e-9;
 
 }  // namespace
 
-void Fluid::check(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
+void Fluid::check(const MobilityForce& force, const FluidSettings& settings,
                   const OpenMM::System& system, const vector<vector<int>>& particlesOfBodies,
                   const FreeParticles& freeParticles, PlatformLoops& loops) {
-    GroupBuilder(force, wallRejection, system, particlesOfBodies, freeParticles, loops)
-        .checkModels();
+    GroupBuilder(force, settings, system, particlesOfBodies, freeParticles, loops).checkModels();
 }
 
-Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejection wallRejection,
+Fluid::Fluid(const MobilityForce& forceToUse, const FluidSettings& settings,
              const OpenMM::System& system, const vector<vector<int>>& particlesOfBodiesToUse,
              const vector<BodyGeometry>& geometries, const BodySet& bodies,
              const FreeParticles& freeParticles, PlatformLoops& loops)
-    : force(forceToUse), userFlow(force), wallRejection(wallRejection), loops(loops),
+    : force(forceToUse), userFlow(force), settings(settings), loops(loops),
       particlesOfBodies(particlesOfBodiesToUse),
-      groups(GroupBuilder(force, wallRejection, system, particlesOfBodies, freeParticles, loops)
+      groups(GroupBuilder(force, settings, system, particlesOfBodies, freeParticles, loops)
                  .build(geometries, bodies)),
       groupOfBody(particlesOfBodies.size(), -1), groupOfFree(freeParticles.getNumParticles(), -1) {
     for (size_t g = 0; g < groups.size(); g++) {
@@ -61,6 +57,13 @@ Fluid::Fluid(const MobilityForce& forceToUse, CustomRigidHIIntegrator::WallRejec
                 ? operationsOfConstantTensor
                 : 20 * rows * rows * rows + particleRows * particleRows * particleRows / 3;
     }
+}
+
+bool Fluid::isMadeFor(const FluidSettings& wanted) const {
+    if (hasWalls() && settings.wallRejection != wanted.wallRejection) return false;
+    if (settings.scheme == wanted.scheme) return true;
+    return none_of(groups.begin(), groups.end(),
+                   [](const unique_ptr<FluidGroup>& group) { return group->dependsOnScheme; });
 }
 
 void Fluid::checkInertia(const BodySet& bodies) const {

@@ -9,14 +9,15 @@
 #include <string>
 #include <vector>
 
-#include "context/SavedState.h"
 #include "fluid/FluidGroup.h"
+#include "fluid/FluidSettings.h"
 #include "fluid/UserFlow.h"
+#include "host/FreeParticles.h"
 #include "host/PlatformLoops.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "rigidbody/BodySet.h"
-#include "schemes/Thermostat.h"
-#include "stepping/FreeParticles.h"
+#include "rigidbody/Thermostat.h"
+#include "schemes/SchemeMemory.h"
 
 namespace RigidHIPlugin {
 
@@ -32,8 +33,8 @@ namespace RigidHIPlugin {
 class Fluid {
 public:
     /** The groups come from GroupBuilder. @throws OpenMMException as GroupBuilder does */
-    Fluid(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
-          const OpenMM::System& system, const std::vector<std::vector<int>>& particlesOfBodies,
+    Fluid(const MobilityForce& force, const FluidSettings& settings, const OpenMM::System& system,
+          const std::vector<std::vector<int>>& particlesOfBodies,
           const std::vector<BodyGeometry>& geometries, const BodySet& bodies,
           const FreeParticles& freeParticles, PlatformLoops& loops);
 
@@ -41,14 +42,14 @@ public:
      * Check what the constructor refuses, as far as it does not depend on the shapes of bodies.
      * @throws OpenMMException as the constructor
      */
-    static void check(const MobilityForce& force,
-                      CustomRigidHIIntegrator::WallRejection wallRejection,
+    static void check(const MobilityForce& force, const FluidSettings& settings,
                       const OpenMM::System& system,
                       const std::vector<std::vector<int>>& particlesOfBodies,
                       const FreeParticles& freeParticles, PlatformLoops& loops);
 
     const MobilityForce& getForce() const { return force; }
-    CustomRigidHIIntegrator::WallRejection getWallRejection() const { return wallRejection; }
+    /** Whether the fluid is made for these settings, or for others that make no difference. */
+    bool isMadeFor(const FluidSettings& wanted) const;
     /** Whether a matrix couples anything, so that relax() has something to do. */
     bool couplesBodies() const { return !coupledGroups.empty(); }
     /**
@@ -302,7 +303,7 @@ private:
 
     const MobilityForce force;
     const UserFlow userFlow;
-    const CustomRigidHIIntegrator::WallRejection wallRejection;
+    const FluidSettings settings;
     PlatformLoops& loops;
     const std::vector<std::vector<int>> particlesOfBodies;
     const std::vector<std::unique_ptr<FluidGroup>> groups;

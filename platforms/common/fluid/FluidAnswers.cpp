@@ -203,7 +203,7 @@ string Fluid::describe(const SchemeTraits& scheme) const {
     if (force.getBoundary() == MobilityForce::NoSlipWall)
         text << " above a no-slip wall at z = " << force.getWallHeight()
              << " nm (a step is redone if after it a particle "
-             << (wallRejection == CustomRigidHIIntegrator::Crossing
+             << (settings.wallRejection == CustomRigidHIIntegrator::Crossing
                      ? "has its centre behind the wall)"
                      : "overlaps the wall)");
     if (force.getBoundary() == MobilityForce::SlipChannel) {
@@ -211,7 +211,7 @@ string Fluid::describe(const SchemeTraits& scheme) const {
         force.getChannelWalls(low, high);
         text << " between slip walls at y = " << low << " and " << high
              << " nm (a step is redone if after it a particle "
-             << (wallRejection == CustomRigidHIIntegrator::Crossing
+             << (settings.wallRejection == CustomRigidHIIntegrator::Crossing
                      ? "has its centre behind a wall)"
                      : "overlaps a wall)");
     }
@@ -227,6 +227,9 @@ string Fluid::describe(const SchemeTraits& scheme) const {
     if (largest && largest->bodies.hasModel()) {
         const string grid = largest->bodies.getModel().describe(box);
         if (!grid.empty()) text << " on " << grid;
+        if (!largest->gridChoice.empty())
+            text << (grid.empty() ? " by matrices of lattice sums (" : " (") << largest->gridChoice
+                 << ")";
     }
     text << ", " << bodies << " bodies and " << free << " free particles; ";
     if (!overdamped) text << thermostats << " alone with constant isotropic drag (no matrices), ";

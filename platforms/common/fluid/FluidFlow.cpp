@@ -8,7 +8,7 @@
 #include "fluid/Fluid.h"
 #include "linearalgebra/OneBlasThread.h"
 #include "mobility/Models.h"
-#include "openmmrigidhi/internal/Messages.h"
+#include "openmmrigidhi/internal/Errors.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;
@@ -18,9 +18,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const char* method, const string& message) {
-    throw OpenMM::OpenMMException("MobilityForce: " + string(method) + ": " + message);
-}
+constexpr ErrorsOf fail{"MobilityForce"};
 
 bool samePoses(const vector<Pose>& a, const vector<Pose>& b) {
     bool same = a.size() == b.size();

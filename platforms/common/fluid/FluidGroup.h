@@ -62,6 +62,8 @@ struct FluidGroup {
     OverdampedProgress overdamped;             // for schemes without momenta
     BodyMobility* answering = nullptr;         // for requests of users
     std::vector<Pose> poses;
+    std::string gridChoice;        // how Auto chose between matrices and a grid; empty: it did not
+    bool dependsOnScheme = false;  // whether it would choose anew for another scheme
 
     /** Read the poses of the elements. */
     void readPoses(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions,

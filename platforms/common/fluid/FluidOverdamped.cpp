@@ -32,10 +32,10 @@ const double denseDifference = 1e-5;
 const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
 
 /**
- * Differences of roots that follow one course (KrylovMobility::applyRoot()) have an error that does
- * not depend on the step. In tolerances of the iteration it grows about as the square of the number
- * of products; up to 120 was measured (TestLanczos). Such a difference is for drifts and is right
- * enough at this relative error.
+ * Differences of roots that follow one course (KrylovMobility::applyFunction()) have an error that
+ * does not depend on the step. In tolerances of the iteration it grows about as the square of the
+ * number of products; up to 120 was measured (TestLanczos). Such a difference is for drifts and is
+ * right enough at this relative error.
  */
 const double errorOfFollowing = 100, enoughForDrifts = 1e-4;
 

@@ -1,11 +1,11 @@
 #include "fluid/GroupBuilder.h"
 
-#include <openmm/OpenMMException.h>
-
 #include <cmath>
 
 #include "linearalgebra/OneBlasThread.h"
+#include "mobility/GridChoice.h"
 #include "mobility/Models.h"
+#include "openmmrigidhi/internal/Errors.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;
@@ -15,9 +15,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) {
-    throw OpenMM::OpenMMException("MobilityForce: " + message);
-}
+constexpr ErrorsOf fail{"MobilityForce"};
 
 /**
  * Up to this many rows Auto decomposes matrices, beyond it uses Lanczos. The number is that of 30
@@ -60,12 +58,11 @@ bool isThermostatTensor(const MatrixXd& friction) {
  * Form the groups, in the order of their labels. Without interaction every body is a group of its
  * own. The elements still lack what needs the shapes of bodies: sites and own tensors.
  */
-GroupBuilder::GroupBuilder(const MobilityForce& force,
-                           CustomRigidHIIntegrator::WallRejection wallRejection,
+GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& settings,
                            const OpenMM::System& system,
                            const vector<vector<int>>& particlesOfBodies,
                            const FreeParticles& freeParticles, PlatformLoops& loops)
-    : force(force), wallRejection(wallRejection), particlesOfBodies(particlesOfBodies),
+    : force(force), settings(settings), particlesOfBodies(particlesOfBodies),
       freeParticles(freeParticles), loops(loops), flow(force),
       indexOfFree(system.getNumParticles(), -1) {
     system.getDefaultPeriodicBoxVectors(defaultBox[0], defaultBox[1], defaultBox[2]);
@@ -153,12 +150,17 @@ void GroupBuilder::addShape(FluidElement& element, const vector<BodyGeometry>& g
         turn * Map<const Matrix<double, 6, 6, RowMajor>>(user.data()) * turn.transpose();
 }
 
+MobilityScene GroupBuilder::sceneOfModels() const {
+    MobilityScene scene;
+    scene.crossingAllowed = settings.wallRejection == CustomRigidHIIntegrator::Crossing;
+    scene.box = defaultBox;
+    scene.scheme = settings.scheme;
+    return scene;
+}
+
 unique_ptr<MobilityModel> GroupBuilder::makeModel(const HydrodynamicParticles& particles,
                                                   bool mayUseThreads) const {
-    MobilityScene scene;
-    scene.crossingAllowed = wallRejection == CustomRigidHIIntegrator::Crossing;
-    scene.isTriclinic = defaultBox[1][0] != 0 || defaultBox[2][0] != 0 || defaultBox[2][1] != 0;
-    return loops.createMobility(force, scene, particles, mayUseThreads);
+    return loops.createMobility(force, sceneOfModels(), particles, mayUseThreads);
 }
 
 void GroupBuilder::checkModels() const {
@@ -194,6 +196,11 @@ unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& eleme
         elements,
         [&](const HydrodynamicParticles& particles) { return makeModel(particles, mayUseThreads); },
         force.getSolverTolerance()));
+    if (hasGrid(force)) {
+        const GridChoice choice = chooseGrid(force, sceneOfModels(), group->bodies.getParticles());
+        group->gridChoice = choice.text();
+        group->dependsOnScheme = choice.isEstimated();
+    }
     for (size_t e = 0; e < elements.size(); e++) {
         group->freeIndex.push_back(elements[e].isFree() ? indexOfFree[elements[e].particles[0]]
                                                         : -1);

@@ -8,25 +8,27 @@
 #include <vector>
 
 #include "fluid/FluidGroup.h"
+#include "fluid/FluidSettings.h"
 #include "fluid/UserFlow.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 namespace RigidHIPlugin {
 
+struct MobilityScene;
+
 /**
  * Makes groups from a MobilityForce, bodies and free particles, and refuses what is wrong. It also
  * chooses each group's strategies: constant where the tensor is constant, else dense or
- * matrix-free. The choice depends on the number of rows only, so that a resumed run chooses the
- * same.
+ * matrix-free. The choice depends on the number of rows only, and with a grid on what GridChoice
+ * says, so that a resumed run chooses the same.
  */
 class GroupBuilder {
 public:
     /**
-     * @param wallRejection  whether surfaces of particles may reach through a wall
      * @throws OpenMMException for radii that are not one per particle, for a body without
      *     hydrodynamic particles, and for tensors and groups that do not match the number of bodies
      */
-    GroupBuilder(const MobilityForce& force, CustomRigidHIIntegrator::WallRejection wallRejection,
+    GroupBuilder(const MobilityForce& force, const FluidSettings& settings,
                  const OpenMM::System& system,
                  const std::vector<std::vector<int>>& particlesOfBodies,
                  const FreeParticles& freeParticles, PlatformLoops& loops);
@@ -47,11 +49,12 @@ private:
     std::unique_ptr<FluidGroup> makeGroup(const std::vector<FluidElement>& elements,
                                           const BodySet& bodies) const;
     void chooseStrategies(FluidGroup& group, const BodySet& bodies) const;
+    MobilityScene sceneOfModels() const;
     std::unique_ptr<MobilityModel> makeModel(const HydrodynamicParticles& particles,
                                              bool mayUseThreads) const;
 
     const MobilityForce& force;
-    const CustomRigidHIIntegrator::WallRejection wallRejection;
+    const FluidSettings settings;
     const std::vector<std::vector<int>>& particlesOfBodies;
     const FreeParticles& freeParticles;
     PlatformLoops& loops;

@@ -4,9 +4,9 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "host/FreeParticles.h"
 #include "rigid/BodyMobility.h"
 #include "rigidbody/BodySet.h"
-#include "stepping/FreeParticles.h"
 
 namespace RigidHIPlugin {
 

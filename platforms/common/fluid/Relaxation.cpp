@@ -103,7 +103,7 @@ protected:
         // enough.
         vector<Lanczos::Rough> rough;
         if (mobility.getBodies().multipliesWithoutIterations())
-            rough = roughProducts(mobility.getBodies().getModel(), tolerance, true, 1, product);
+            rough = roughProducts(mobility.getBodies().getModel(), tolerance, true, 1, 0, product);
         lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum, rough);
         if (!lanczos.isIncrement(0)) Z.setZero();
         for (int c = 0; c < results.cols(); c++) Z += results.col(c);
@@ -125,8 +125,9 @@ unique_ptr<Relaxation> makeRelaxation(BodyMobility& mobility, const MomentumScal
             return unique_ptr<Relaxation>(new ConstantRelaxation(mobility, scaling));
         case BodyMobility::Dense:
             return unique_ptr<Relaxation>(new DenseRelaxation(mobility, scaling));
-        default: return unique_ptr<Relaxation>(new KrylovRelaxation(mobility, scaling, tolerance));
+        case BodyMobility::Krylov: break;
     }
+    return unique_ptr<Relaxation>(new KrylovRelaxation(mobility, scaling, tolerance));
 }
 
 void Relaxation::relax(const vector<Pose>& poses, const RelaxationStep& step) {

@@ -1,12 +1,10 @@
 #include "fluid/UserFlow.h"
 
-#include <openmm/OpenMMException.h>
-
 #include <cmath>
 #include <string>
 
 #include "mobility/Models.h"
-#include "openmmrigidhi/internal/Messages.h"
+#include "openmmrigidhi/internal/Errors.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace std;
@@ -15,9 +13,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-[[noreturn]] void fail(const string& message) {
-    throw OpenMM::OpenMMException("MobilityForce: " + message);
-}
+constexpr ErrorsOf fail{"MobilityForce"};
 
 }  // namespace
 

@@ -129,10 +129,7 @@ void BodyForces::addOnce(ContextImpl& context, BodySet& bodies, int groups, doub
 bool BodyForces::add(ContextImpl& context, BodySet& bodies, int groups, double t,
                      double lookAhead) {
     if (velocities) {
-        for (int k = 0; k < 3; k++) {
-            force_lab[k] = bodies.force_lab[k];
-            torque_body[k] = bodies.torque_body[k];
-        }
+        bodies.saveForces(before);
         setVelocities(bodies, 0);
     }
     addOnce(context, bodies, groups, t);
@@ -150,12 +147,7 @@ bool BodyForces::add(ContextImpl& context, BodySet& bodies, int groups, double t
     return finite;
 }
 
-void BodyForces::removeLast(BodySet& bodies) const {
-    for (int k = 0; k < 3; k++) {
-        bodies.force_lab[k] = force_lab[k];
-        bodies.torque_body[k] = torque_body[k];
-    }
-}
+void BodyForces::removeLast(BodySet& bodies) const { bodies.restoreForces(before); }
 
 string BodyForces::describe(int groups) const {
     if (forces.empty()) return "the System has no CustomBodyForce";

@@ -53,8 +53,8 @@ private:
     void addOnce(OpenMM::ContextImpl& context, BodySet& bodies, int groups, double t);
     std::vector<std::unique_ptr<Force> > forces;
     bool time = false, velocities = false;
-    std::vector<double> force_lab[3], torque_body[3];  // of slots, before add()
-    std::vector<OpenMM::Vec3> velocity;                // of bodies, that expressions see
+    BodySet::Snapshot before;            // of the forces, before add()
+    std::vector<OpenMM::Vec3> velocity;  // of bodies, that expressions see
 };
 
 }  // namespace RigidHIPlugin

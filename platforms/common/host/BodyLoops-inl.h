@@ -10,11 +10,11 @@
 #define RIGIDHI_BODY_LOOPS_INL_H_
 #endif
 
+#include "host/StepSettings.h"
 #include "rigidbody/BodySet.h"
 #include "rigidbody/FreeRotor-inl.h"
 #include "rigidbody/Quaternion-inl.h"
 #include "schemes/Thermostats-inl.h"
-#include "stepping/StepSettings.h"
 
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
@@ -32,7 +32,7 @@ inline void noisePairs(const NoiseStream& noise, uint32_t purpose, const int* in
 }
 
 template <class Real>
-inline Vector3<Real> loadVector(const std::vector<double>* v, int slot) {
+inline Vector3<Real> loadVector(const BodySet::Column* v, int slot) {
     Vector3<Real> r;
     load(&v[0][slot], r.x);
     load(&v[1][slot], r.y);
@@ -40,13 +40,13 @@ inline Vector3<Real> loadVector(const std::vector<double>* v, int slot) {
     return r;
 }
 template <class Real>
-inline void storeVector(const Vector3<Real>& r, std::vector<double>* v, int slot) {
+inline void storeVector(const Vector3<Real>& r, BodySet::Column* v, int slot) {
     store(r.x, &v[0][slot]);
     store(r.y, &v[1][slot]);
     store(r.z, &v[2][slot]);
 }
 template <class Real>
-inline Real loadScalar(const std::vector<double>& v, int slot) {
+inline Real loadScalar(const BodySet::Column& v, int slot) {
     Real r;
     load(&v[slot], r);
     return r;

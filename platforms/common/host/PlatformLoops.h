@@ -4,10 +4,10 @@
 #include <functional>
 #include <memory>
 
+#include "host/StepSettings.h"
 #include "mobility/MobilityModel.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "rigidbody/BodySet.h"
-#include "stepping/StepSettings.h"
 
 namespace RigidHIPlugin {
 

@@ -1,7 +1,7 @@
 // The loops over bodies, compiled once for each instruction set. Highway chooses the best one at
 // run time.
 
-#include "host/SimdTargets.h"  // must precede foreach_target.h
+#include "simd/SimdTargets.h"  // must precede foreach_target.h
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "host/SimdBodyLoops.cpp"
@@ -17,7 +17,7 @@
 
 HWY_BEFORE_NAMESPACE();
 #include "host/BodyLoops-inl.h"
-#include "host/SimdReal-inl.h"
+#include "simd/SimdReal-inl.h"
 
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {

@@ -1,8 +1,8 @@
 #ifndef RIGIDHI_CPU_BODY_LOOPS_H_
 #define RIGIDHI_CPU_BODY_LOOPS_H_
 
+#include "host/StepSettings.h"
 #include "rigidbody/BodySet.h"
-#include "stepping/StepSettings.h"
 
 namespace RigidHIPlugin {
 

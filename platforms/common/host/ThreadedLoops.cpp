@@ -45,7 +45,7 @@ void ThreadedLoops::split(int count, int minimum, Task task) {
 
 LoopResult ThreadedLoops::run(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
                               const ParticleArrays& arrays) {
-    std::vector<LoopResult> results(pool.getNumThreads());
+    std::fill(results.begin(), results.end(), LoopResult());
     split(bodies.getNumBlocks(), minimumBlocksPerThread, [&](int first, int end, int thread) {
         results[thread] = runSimdBodyLoop(loop, bodies, settings, arrays, first, end);
     });

@@ -3,6 +3,8 @@
 
 #include <openmm/internal/ThreadPool.h>
 
+#include <vector>
+
 #include "host/PlatformLoops.h"
 
 namespace RigidHIPlugin {
@@ -12,7 +14,7 @@ class GridFluid;
 /** Loops over SIMD packs of bodies, spread over threads of their own. */
 class ThreadedLoops : public PlatformLoops {
 public:
-    explicit ThreadedLoops(int threads) : pool(threads) {}
+    explicit ThreadedLoops(int threads) : pool(threads), results(pool.getNumThreads()) {}
     LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
                    const ParticleArrays& arrays) override;
     void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count,
@@ -31,6 +33,7 @@ private:
     // shared by models while there are any: with threads; for groups that are spread over threads
     std::weak_ptr<GridFluid> gridFluid, gridFluidOfOne;
     OpenMM::ThreadPool pool;
+    std::vector<LoopResult> results;  // of a loop's threads
 };
 
 }  // namespace RigidHIPlugin

@@ -8,7 +8,7 @@
 #include <cmath>
 #include <sstream>
 
-#include "mobility/MobilityModel.h"
+#include "linearalgebra/ToleranceText.h"
 
 using namespace OpenMM;
 using Eigen::MatrixXd;
@@ -170,6 +170,7 @@ void Lanczos::start(Column& column, const VectorXd& x) {
     column.lastLook = 0;
     column.form = Value;
     column.error = 0;
+    column.before.resize(0);
     for (Iterate& iterate : column.iterate) iterate.coefficients.resize(0);
     const int atFirst = 32;
     if (column.basis.rows() != x.size())
@@ -300,6 +301,36 @@ double Lanczos::largestFactor(const std::function<double(double)>& f,
     return largest;
 }
 
+/**
+ * The outer matrix makes errors grow relative to the result. Those of products have no preferred
+ * directions, like a basis vector. That of the iteration has the directions of the changes of
+ * iterates.
+ */
+void Lanczos::magnify(Column& column) {
+    Iterate& iterate = column.iterate[column.form];
+    const VectorXd& y = iterate.coefficients;
+    const int k = y.size();
+    const auto growth = [&](const VectorXd& coefficients) {
+        const double norm = coefficients.norm();
+        if (!(norm > 0)) return 1.0;
+        input.noalias() = column.basis.leftCols(coefficients.size()) * coefficients;
+        outer(input);
+        return input.norm() / norm;
+    };
+    const double ofResult = growth(y);
+    double ofProducts = ofResult;
+    if (!column.exact) ofProducts = std::max(ofProducts, growth(VectorXd::Unit(k + 1, k)));
+    double ofIteration = ofProducts;
+    if (column.before.size() > 0) {
+        VectorXd change = y;
+        change.head(column.before.size()) -= column.before;
+        ofIteration = std::max(ofIteration, growth(change));
+    }
+    column.before = y;
+    iterate.bound *= ofIteration / ofResult;
+    iterate.roundoff *= ofProducts / ofResult;
+}
+
 bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure measure,
                           MatrixXd& result) {
     // The error must be below five tolerances. This many of them are for the error of the iteration
@@ -310,6 +341,7 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
     const double shareOfIteration = follows ? 6 : 3, shareOfRounding = 1;
     // A result this much smaller than its vector counts as zero: squares of its elements underflow.
     const double nothing = 1e-140;
+    if (outer) magnify(column);
     const Iterate& iterate = column.iterate[column.form];
     // No bound can be smaller than the rounding error in computing it.
     const auto iterationConverged = [&](double norm) {

@@ -93,6 +93,13 @@ public:
      *     a part of it; else 0
      */
     explicit Lanczos(double tolerance, int maxIterations = defaultIterations, double wanted = 0);
+    /**
+     * The caller multiplies results by a matrix, x <- B x, and the tolerance is that of the
+     * products. How much larger their errors are, relative to them, is measured with the last basis
+     * vector, and with the change of iterates from one check to the next, which has the directions
+     * of the error. Empty: there is no matrix.
+     */
+    void setOuter(const std::function<void(Eigen::MatrixXd& x)>& multiply) { outer = multiply; }
 
     /**
      * result.col(c) = f_c(A) x.col(c). If f_c has `minusOne` and the increment (f_c - 1)(A)
@@ -156,6 +163,7 @@ private:
         double smallest, largest;  // Ritz values
         Iterate iterate[2];
         bool active, exact;
+        Eigen::VectorXd before;  // coefficients at the last check
         int lastLook, nextLook;  // iterations after which the result is checked
         double excess;           // at the last check: the error over what is allowed
         Form form;
@@ -172,12 +180,14 @@ private:
                          const Eigen::VectorXd& lastRow, double beta) const;
     bool isConverged(Column& column, const SpectralFunction& f, Measure measure,
                      Eigen::MatrixXd& result);
+    void magnify(Column& column);
     void planNextLook(Column& column, double excess) const;
     void put(const Column& column, Eigen::MatrixXd& result, int c) const;
 
     const double tolerance;
     const int maxIterations;
     const double wanted;
+    std::function<void(Eigen::MatrixXd& x)> outer;
     std::vector<Column> columns;  // kept from call to call, for their memory
     Eigen::VectorXd ritzValues, overlap, weights;
     Eigen::MatrixXd input, output, slopes;

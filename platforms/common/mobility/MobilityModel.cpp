@@ -3,7 +3,6 @@
 #include <openmm/OpenMMException.h>
 
 #include <Eigen/Cholesky>
-#include <sstream>
 
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "rigidbody/EigenVec3.h"
@@ -20,14 +19,6 @@ void refuseIndefiniteFriction(int numBodies) {
     throw OpenMM::OpenMMException(
         "MobilityForce: the friction matrix of " + std::to_string(numBodies) +
         " bodies is not positive definite; look for a body whose blobs are all at one place");
-}
-
-std::string toleranceText(double tolerance, double wanted) {
-    std::ostringstream text;
-    text << "the tolerance of " << (wanted > 0 ? wanted : tolerance);
-    if (wanted > 0 && wanted != tolerance)
-        text << ", of which an iteration may take " << tolerance << ",";
-    return text.str();
 }
 
 void MobilityModel::follow(const DrivenFlow& flow, const Placement& placement,

@@ -47,14 +47,6 @@ struct HydrodynamicParticles {
 [[noreturn]] void refuseIndefiniteMobility(int numParticles);
 /** Likewise for the friction matrix of so many bodies. */
 [[noreturn]] void refuseIndefiniteFriction(int numBodies);
-/**
- * The text of a tolerance in a message: the tolerance that the user has set, and the part of it
- * that is left for an iteration.
- *
- * @param tolerance  the iteration's own
- * @param wanted  that of the user; 0: the iteration's own tolerance is the user's
- */
-std::string toleranceText(double tolerance, double wanted);
 
 /**
  * How the fluid couples particles: all that does not depend on where they are. A model is
@@ -260,6 +252,18 @@ protected:
 
     const HydrodynamicParticles particles;
     const double viscosity;
+
+public:
+    /**
+     * A model of spheres without torque that stand for groups of particles, in the same fluid. It
+     * has a mobility wherever the particles have one, even if spheres reach through a wall. It may
+     * be coarse: it makes square roots of this model cheaper, and not different
+     * (CollectiveModes). Default, for models whose roots do not need it: null.
+     */
+    virtual std::unique_ptr<MobilityModel> forCollectiveModes(
+        const HydrodynamicParticles& spheres) const {
+        return nullptr;
+    }
 };
 
 }  // namespace RigidHIPlugin

@@ -4,6 +4,7 @@
 
 #include <string>
 
+#include "mobility/GridChoice.h"
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
@@ -53,28 +54,11 @@ shared_ptr<GridFluid> gridFluid(const PlatformModels& own) {
     return own.gridFluid ? own.gridFluid() : shared_ptr<GridFluid>(new PlainGridFluid());
 }
 
-/**
- * Up to this many rows Auto takes lattice sums and matrices. Measurements (benchmarks/README.md)
- * found that a step takes as long either way for fewer than 10 spheres or blobs, and for about 10
- * where roots of the whole matrix are wanted to 1e-6. The number here is larger, because matrices
- * are exact and take triclinic boxes.
- */
-const int largestDenseSurfaceRows = 150;
-
 unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force,
                                                       const MobilityScene& scene,
                                                       const HydrodynamicParticles& particles,
                                                       const PlatformModels& own) {
-    bool onGrid = false;
-    switch (force.getSolver()) {
-        case MobilityForce::Dense: break;
-        case MobilityForce::MatrixFree: onGrid = true; break;
-        case MobilityForce::Auto:
-            onGrid = particles.numRows > largestDenseSurfaceRows && !scene.isTriclinic &&
-                     (int)kindsOf(particles).size() <= RotnePragerYamakawaGrid::mostRadii;
-            break;
-    }
-    if (!onGrid)
+    if (!chooseGrid(force, scene, particles).onGrid)
         return unique_ptr<MobilityModel>(
             new PeriodicRotnePragerYamakawa(particles, force.getViscosity()));
     return unique_ptr<MobilityModel>(
@@ -106,30 +90,11 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
     refuse(force.getModel(), force.getBoundary());
 }
 
-/**
- * Up to this many rows Auto takes lattice sums and matrices, and beyond it a grid. Measurements at
- * the default tolerance (benchmarks/README.md) found that a product takes as long either way for
- * fewer than 8, about 40 and about 1000 blobs at volume fractions of 0.1, 0.01 and 0.001. A step of
- * DriftCorrectorFD takes as long for fewer blobs. A step of EulerMaruyama, with a root or a field,
- * takes as long for about 75 blobs at 0.1, 220 at 0.01, and more in dilute suspensions. The model
- * does not know the box, so the number here is an intermediate one.
- */
-const int largestDenseLatticeRows = 300;
-
 unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force,
                                                 const MobilityScene& scene,
                                                 const HydrodynamicParticles& particles,
                                                 bool inChannel, const PlatformModels& own) {
-    bool onGrid = false;
-    const int rows = (inChannel ? 2 : 1) * particles.numRows;
-    switch (force.getSolver()) {
-        case MobilityForce::Dense: break;
-        case MobilityForce::MatrixFree: onGrid = true; break;
-        case MobilityForce::Auto:
-            onGrid = rows > largestDenseLatticeRows && !scene.isTriclinic;
-            break;
-    }
-    if (!onGrid)
+    if (!chooseGrid(force, scene, particles).onGrid)
         return unique_ptr<MobilityModel>(new PeriodicForceCoupling(
             inChannel ? SlipChannel::withImages(particles) : particles, force.getViscosity()));
     return unique_ptr<MobilityModel>(

@@ -7,6 +7,7 @@
 
 #include "mobility/models/forcecoupling/GridFluid.h"
 #include "mobility/models/wall/NoSlipPlane.h"
+#include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 namespace RigidHIPlugin {
@@ -27,7 +28,8 @@ struct PlatformModels {
 /** What a model must know of the scene besides its MobilityForce. */
 struct MobilityScene {
     bool crossingAllowed = false;  // whether surfaces of particles may reach through a wall
-    bool isTriclinic = false;      // the System's box, which a grid cannot have: Auto takes none
+    BoxVectors box = {};           // the System's default box
+    CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::EulerMaruyama;
 };
 /**
  * The model of a MobilityForce, with its boundary, on every platform. A new model is entered here.

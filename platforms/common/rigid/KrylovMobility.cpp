@@ -2,6 +2,7 @@
 
 #include "linearalgebra/Symmetrise.h"
 #include "rigid/RoughProducts.h"
+#include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;
 using namespace std;
@@ -26,6 +27,7 @@ KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
 void KrylovMobility::setTolerance(double relative, const ForDifferences& needed) {
     toleranceOfStep = relative;
     courseOfWrench = courseOfSlip = Lanczos::Course();
+    modesAreKnown = false;
     setTolerances(relative * needed.partOfTolerance, needed);
 }
 
@@ -194,39 +196,100 @@ void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& f
 }
 
 /**
- * result = f(S) W for the matrix S that stands for M: that of MultiblobSolver, or ownScale M
- * ownScale for spheres.
+ * The modes in which many bodies move together, at these poses. Roots keep them until the next step
+ * begins, so that all roots of a step are one smooth function of the poses.
  */
-void KrylovMobility::applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result,
-                               Lanczos::Course* course) {
+void KrylovMobility::findCollectiveModes() {
+    if (modesAreKnown) return;
+    modesAreKnown = true;
+    modes.clear();
+    const auto& elements = bodies.getElements();
+    const int count = CollectiveModes::numGroups(elements.size(), bodies.getParticles().size());
+    if (count == 0) return;
+    const Placement& placement = here.getPlacement();
+    const RigidMotion& motion = bodies.getMotion();
+    vector<CollectiveModes::Member> members(elements.size());
+    for (size_t e = 0; e < elements.size(); e++) {
+        CollectiveModes::Member& member = members[e];
+        member.firstRow = motion.firstParticleRow(e);
+        if (spheres)
+            member.translations =
+                Matrix3d::Identity() * (sqrt(6 * M_PI * bodies.getModel().getViscosity()) *
+                                        ownScale[motion.firstParticleRow(e)]);
+        else
+            member.translations = solverAt(here).scaledTranslations(e);
+        member.centre.setZero();
+        const int numSites = elements[e].sites.size();
+        for (int i = 0; i < numSites; i++)
+            member.centre += toEigen(placement.positions[motion.firstParticle(e) + i]) / numSites;
+    }
+    modes.compute(bodies.getModel(), members, count);
+}
+
+/**
+ * result = f(S) W for a matrix that stands for M, S of MultiblobSolver, or ownScale M ownScale for
+ * spheres. Roots are those of B S'^(1/2) or B^-T S'^(-1/2) with S = B S' B^T (CollectiveModes).
+ */
+void KrylovMobility::applyFunction(Function kind, const MatrixXd& W, MatrixXd& result,
+                                   Lanczos::Course* course) {
     const Solving timed(*this);
     if (!lanczos)
         lanczos.reset(new Lanczos(tolerance, Lanczos::defaultIterations, wantedTolerance));
+    findCollectiveModes();
+    const SpectralFunction f = kind == SquareRoot          ? SpectralFunction::squareRoot()
+                               : kind == InverseSquareRoot ? SpectralFunction::inverseSquareRoot()
+                                                           : SpectralFunction::inverse();
     const vector<SpectralFunction> functions(W.cols(), f);
     MobilityAt& blobs = here.particles();
     MultiblobSolver* scaledSolver = spheres ? nullptr : &solverAt(here);
     const auto product = [&](double error) {
         return [&, error](const MatrixXd& x, MatrixXd& y) {
-            if (scaledSolver) {
-                scaledSolver->multiplyScaled(blobs, error, x, y);
-                return;
+            const MatrixXd* from = &x;
+            if (modes.any()) {
+                inner = x;
+                modes.solveTransposed(inner);
+                from = &inner;
             }
-            scaled = ownScale.asDiagonal() * x;
-            blobs.applyWithin(error, scaled, y);
-            y = ownScale.asDiagonal() * y;
+            if (scaledSolver) {
+                scaledSolver->multiplyScaled(blobs, error, *from, y);
+            } else {
+                scaled = ownScale.asDiagonal() * *from;
+                blobs.applyWithin(error, scaled, y);
+                y = ownScale.asDiagonal() * y;
+            }
+            modes.solve(y);
         };
     };
+    // Errors of products of single precision are those of S, and not relative to the norm of S'.
+    // Terms of a sum have independent errors, which are relative to products with any vector
+    // without a preferred direction.
+    const double termsOfSums = 3;
+    const double ofModes = modes.any() ? termsOfSums * MobilityAt::roughError : 0;
     vector<Lanczos::Rough> rough;
     if (!exactProducts)
-        rough = roughProducts(bodies.getModel(), tolerance, coarseProducts,
-                              scaledSolver ? scaledSolver->getAmplification() : 1, product);
+        rough =
+            roughProducts(bodies.getModel(), tolerance, coarseProducts,
+                          scaledSolver ? scaledSolver->getAmplification() : 1, ofModes, product);
     else if (shareOfRough > 0 && bodies.getModel().hasRoughProducts())
-        rough.push_back(
-            {product(MobilityAt::roughError), MobilityAt::roughError, 0, false, shareOfRough});
+        rough.push_back({product(MobilityAt::roughError), MobilityAt::roughError, ofModes, false,
+                         shareOfRough});
     const bool follows =
         course && here.isNearby() && static_cast<int>(course->products.size()) == W.cols();
-    lanczos->apply(product(0), W, functions, result, Lanczos::OwnNorm, rough,
-                   follows ? course : nullptr);
+    const auto outer = [&](MatrixXd& x) {
+        if (kind == SquareRoot)
+            modes.multiply(x);
+        else
+            modes.solveTransposed(x);
+    };
+    lanczos->setOuter(modes.any() ? outer : function<void(MatrixXd&)>());
+    MatrixXd transformed;
+    if (kind == Inverse && modes.any()) {
+        transformed = W;
+        modes.solve(transformed);
+    }
+    lanczos->apply(product(0), transformed.size() > 0 ? transformed : W, functions, result,
+                   Lanczos::OwnNorm, rough, follows ? course : nullptr);
+    outer(result);
     if (course && !follows) *course = lanczos->getCourse();
     costs.products += lanczos->getNumProducts();
     costs.iterations += lanczos->getNumIterations();
@@ -234,7 +297,7 @@ void KrylovMobility::applyRoot(const SpectralFunction& f, const MatrixXd& W, Mat
 
 void KrylovMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
     costs.roots++;
-    applyRoot(SpectralFunction::inverseSquareRoot(), W, scratch, &courseOfWrench);
+    applyFunction(InverseSquareRoot, W, scratch, &courseOfWrench);
     if (spheres)
         wrench = ownScale.asDiagonal() * scratch;
     else
@@ -250,7 +313,7 @@ void KrylovMobility::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
         return;
     }
     costs.roots++;
-    applyRoot(SpectralFunction::squareRoot(), W, scratch, &courseOfSlip);
+    applyFunction(SquareRoot, W, scratch, &courseOfSlip);
     if (spheres)
         slips = ownScale.cwiseInverse().asDiagonal() * scratch;
     else
@@ -263,7 +326,7 @@ void KrylovMobility::forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) {
         return;
     }
     costs.roots++;
-    applyRoot(SpectralFunction::inverseSquareRoot(), W, scratch);
+    applyFunction(InverseSquareRoot, W, scratch);
     forcesFromScaled(scratch, forces);
 }
 
@@ -280,7 +343,7 @@ void KrylovMobility::forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) {
         scaledSlips = ownScale.asDiagonal() * slips;
     else
         solverAt(here).scaledFromSlips(slips, scaledSlips);
-    applyRoot(SpectralFunction::inverse(), scaledSlips, scratch);
+    applyFunction(Inverse, scaledSlips, scratch);
     forcesFromScaled(scratch, forces);
 }
 

@@ -6,6 +6,7 @@
 
 #include "linearalgebra/Lanczos.h"
 #include "rigid/BodyMobility.h"
+#include "rigid/CollectiveModes.h"
 #include "rigid/MultiblobSolver.h"
 
 namespace RigidHIPlugin {
@@ -62,6 +63,7 @@ protected:
     void endSolving() override;
 
 private:
+    enum Function { SquareRoot, InverseSquareRoot, Inverse };
     void setTolerances(double relative, const ForDifferences& needed);
     double errorOfDifferences() const;
     double coarseErrorInSolves(double toleranceOfSolves);
@@ -74,9 +76,10 @@ private:
      * @param course  of the root at the last poses that were not nearby ones; at nearby poses the
      *     iterations follow it, so that differences are accurate. null: differences are not taken
      */
-    void applyRoot(const SpectralFunction& f, const MatrixXd& W, MatrixXd& result,
-                   Lanczos::Course* course = nullptr);
+    void applyFunction(Function kind, const MatrixXd& W, MatrixXd& result,
+                       Lanczos::Course* course = nullptr);
     void forcesFromScaled(const MatrixXd& x, MatrixXd& forces);
+    void findCollectiveModes();
     MultiblobSolver& theSolver();
     MultiblobSolver& solverAt(const BodiesAt& at);
 
@@ -86,15 +89,17 @@ private:
     bool exactProducts = false, coarseProducts = false, differencedSolves = false;
     double shareOfRough = 0;
     BodiesAt here, elsewhere;
-    std::unique_ptr<MultiblobSolver> solver;       // made when first needed
-    std::unique_ptr<Lanczos> lanczos;              // likewise; one for each tolerance
+    std::unique_ptr<MultiblobSolver> solver;  // made when first needed
+    std::unique_ptr<Lanczos> lanczos;         // likewise; one for each tolerance
+    CollectiveModes modes;                    // likewise; those of the first root of a step
+    bool modesAreKnown = false;
     Lanczos::Course courseOfWrench, courseOfSlip;  // of the thermal vectors, for one W each
     Eigen::VectorXd ownScale;  // of rows of spheres: about the root of a particle's own friction
                                // over 6 pi viscosity
     int solving = 0;           // depth of nested calls
     std::chrono::steady_clock::time_point beginOfSolving;
     double gridSecondsBefore = 0;
-    MatrixXd scratch, scaled, thermal, wrenchesOfSolve, N, columns, twistsOfColumns;
+    MatrixXd scratch, scaled, inner, thermal, wrenchesOfSolve, N, columns, twistsOfColumns;
 };
 
 }  // namespace RigidHIPlugin

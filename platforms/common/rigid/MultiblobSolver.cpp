@@ -5,6 +5,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "linearalgebra/ToleranceText.h"
 #include "rigid/NullTwists.h"
 #include "rigid/RigidMotion.h"
 
@@ -72,6 +73,7 @@ MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nu
             amplification = max(amplification, amplificationOf(M));
             shape->K = motion.ofElement_body(e);
             shape->MinvK = shape->M.solve(shape->K);
+            shape->translations = shape->M.matrixL().solve(shape->K.leftCols(3));
             MatrixXd friction = shape->K.transpose() * shape->MinvK;
             shape->N = generalisedInverse(friction, nullTwists.inBody(e));
             known.push_back(shape);

@@ -95,6 +95,10 @@ public:
     /** The inverse, x = L^-1 T^T slips; and forces = T L^-T x. */
     void scaledFromSlips(const Eigen::MatrixXd& slips_lab, Eigen::MatrixXd& x);
     void forcesFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& forces_lab);
+    /** L^-1 T^T of the element's slips for translations along the axes of the lab frame. */
+    Eigen::MatrixXd scaledTranslations(int element) const {
+        return shapes[element]->translations * turns[element].transpose();
+    }
     /** wrenches = K^T T L^-T x */
     void wrenchesFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& wrenches_lab);
 
@@ -106,6 +110,7 @@ private:
         bool isFree, isSphere;
         Eigen::LLT<Eigen::MatrixXd> M;
         Eigen::MatrixXd K, MinvK, N;
+        Eigen::MatrixXd translations;  // L^-1 K, the columns of translations
     };
     /**
      * The elements of one shape. All of them are treated at once, as columns of one matrix: a solve

@@ -39,17 +39,19 @@ inline std::vector<double> coarseErrors(const MobilityModel& model, double toler
  * tolerance allows, then those of single precision.
  *
  * @param coarse   whether there may be fast ones, see BodyMobility::ForDifferences
+ * @param ofVector  Lanczos::Rough::ofVector of products of single precision
  * @param product  product(error) is a Lanczos::Product with MobilityAt::applyWithin(error)
  */
 template <class MakeProduct>
 std::vector<Lanczos::Rough> roughProducts(const MobilityModel& model, double tolerance, bool coarse,
-                                          double amplification, const MakeProduct& product) {
+                                          double amplification, double ofVector,
+                                          const MakeProduct& product) {
     std::vector<Lanczos::Rough> rough;
     if (coarse)
         for (double error : coarseErrors(model, tolerance, amplification))
             rough.push_back({product(error), 0, amplification * error, true});
     if (model.hasRoughProducts())
-        rough.push_back({product(MobilityAt::roughError), MobilityAt::roughError, 0,
+        rough.push_back({product(MobilityAt::roughError), MobilityAt::roughError, ofVector,
                          tolerance >= MobilityAt::leastRoughTolerance});
     return rough;
 }

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "schemes/Thermostat.h"
+#include "rigidbody/Thermostat.h"
 
 namespace RigidHIPlugin {
 

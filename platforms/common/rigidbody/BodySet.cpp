@@ -67,18 +67,7 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
 
     const int numSlots = bodyOfSlot.size();
     drawsNoise.assign(numSlots, false);
-    // An entry a line would be hard to read.
-    // clang-format off
-    for (auto* v : {&R[0], &R[1], &R[2], &q[1], &q[2], &q[3], &p[0], &p[1], &p[2], &l[0], &l[1],
-                    &l[2], &force_lab[0], &force_lab[1], &force_lab[2], &torque_body[0],
-                    &torque_body[1], &torque_body[2], &inverseMass, &inverseMoments[0],
-                    &inverseMoments[1], &inverseMoments[2], &noise_p, &noise_l[0], &noise_l[1],
-                    &noise_l[2], &move_R, &noise_R, &move_q[0], &move_q[1], &move_q[2],
-                    &noise_q[0], &noise_q[1], &noise_q[2]})
-        v->assign(numSlots, 0.0);
-    // clang-format on
-    for (auto* v : {&q[0], &decay_p, &decay_l[0], &decay_l[1], &decay_l[2]})
-        v->assign(numSlots, 1.0);
+    makeColumns();
 
     for (int b = 0; b < getNumBlocks(); b++) {
         Block& block = blocks[b];
@@ -113,6 +102,28 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
     setInverseMoments();
 }
 
+void BodySet::makeColumns() {
+    vector<Column*> columns;
+    const auto add = [&](Column* first, int count) {
+        for (int k = 0; k < count; k++) columns.push_back(first + k);
+    };
+    for (Column* three : {R, p, l, force_lab, torque_body}) add(three, 3);
+    add(q, 4);
+    const size_t numOfState = columns.size();
+    for (Column* three : {inverseMoments, decay_l, noise_l, move_q, noise_q}) add(three, 3);
+    for (Column* one : {&inverseMass, &decay_p, &noise_p, &move_R, &noise_R}) add(one, 1);
+
+    const size_t n = bodyOfSlot.size();
+    // A distance that divides a page would put all numbers of a body into the same few lines of the
+    // cache.
+    stride = n % 256 == 0 ? n + blockSize : n;
+    stateSize = numOfState * stride;
+    numbers.assign(columns.size() * stride, 0.0);
+    for (size_t c = 0; c < columns.size(); c++) columns[c]->first = &numbers[c * stride];
+    for (Column* one : {&q[0], &decay_p, &decay_l[0], &decay_l[1], &decay_l[2]})
+        fill_n(one->first, n, 1.0);
+}
+
 void BodySet::setInverseMoments() {
     for (int b = 0; b < getNumBodies(); b++)
         for (int k = 0; k < 3; k++)
@@ -144,12 +155,12 @@ Vec3 BodySet::toUser(int body, const Vec3& v) const {
 }
 
 namespace {
-scalar::Rotation<double> rotation(const vector<double>* q, int slot) {
+scalar::Rotation<double> rotation(const BodySet::Column* q, int slot) {
     return scalar::Rotation<double>({q[0][slot], q[1][slot], q[2][slot], q[3][slot]});
 }
 Vec3 toVec3(const scalar::Vector3<double>& v) { return Vec3(v.x, v.y, v.z); }
-Vec3 read(const vector<double>* v, int slot) { return Vec3(v[0][slot], v[1][slot], v[2][slot]); }
-void write(vector<double>* v, int slot, const Vec3& x) {
+Vec3 read(const BodySet::Column* v, int slot) { return Vec3(v[0][slot], v[1][slot], v[2][slot]); }
+void write(BodySet::Column* v, int slot, const Vec3& x) {
     for (int k = 0; k < 3; k++) v[k][slot] = x[k];
 }
 }  // namespace
@@ -184,6 +195,9 @@ void BodySet::setState(int body, const BodyState& state) {
     for (int k = 0; k < 3; k++)
         if (!inertias[body].isLive(k)) inner[k] = 0;
     write(l, slot, inner);
+    // The way to the user's frame and back may change last bits. A body that does not turn keeps
+    // them.
+    if (state.q == getState(body).q) return;
     const auto& turn = frameTurn[body];
     const scalar::Quaternion<double> user = {state.q[0], state.q[1], state.q[2], state.q[3]};
     const auto turned = user * scalar::Quaternion<double>{turn[0], turn[1], turn[2], turn[3]};
@@ -268,29 +282,25 @@ Vec3 BodySet::rotationalKineticEnergies() const {
 }
 
 void BodySet::save(Snapshot& snapshot) const {
-    const size_t n = bodyOfSlot.size();
-    snapshot.values.resize(19 * n);
-    double* to = snapshot.values.data();
-    for (auto* group : {R, p, l, force_lab, torque_body})
-        for (int k = 0; k < 3; k++, to += n) copy(group[k].begin(), group[k].end(), to);
-    for (int k = 0; k < 4; k++, to += n) copy(q[k].begin(), q[k].end(), to);
+    snapshot.values.assign(numbers.begin(), numbers.begin() + stateSize);
 }
 
 void BodySet::restore(const Snapshot& snapshot) {
-    const size_t n = bodyOfSlot.size();
-    const double* from = snapshot.values.data();
-    for (auto* group : {R, p, l, force_lab, torque_body})
-        for (int k = 0; k < 3; k++, from += n) copy(from, from + n, group[k].begin());
-    for (int k = 0; k < 4; k++, from += n) copy(from, from + n, q[k].begin());
+    copy(snapshot.values.begin(), snapshot.values.end(), numbers.begin());
 }
 
 void BodySet::restore(const Snapshot& snapshot, int body) {
-    const size_t n = bodyOfSlot.size();
-    const int s = slot(body);
-    const double* from = snapshot.values.data() + s;
-    for (auto* group : {R, p, l, force_lab, torque_body})
-        for (int k = 0; k < 3; k++, from += n) group[k][s] = *from;
-    for (int k = 0; k < 4; k++, from += n) q[k][s] = *from;
+    for (size_t i = slot(body); i < snapshot.values.size(); i += stride)
+        numbers[i] = snapshot.values[i];
+}
+
+void BodySet::saveForces(Snapshot& snapshot) const {
+    const double* forces = force_lab[0].first;  // the torques come next
+    snapshot.values.assign(forces, forces + 6 * stride);
+}
+
+void BodySet::restoreForces(const Snapshot& snapshot) {
+    copy(snapshot.values.begin(), snapshot.values.end(), force_lab[0].first);
 }
 
 }  // namespace RigidHIPlugin

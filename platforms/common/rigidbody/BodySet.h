@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "rigidbody/BodyGeometry.h"
-#include "schemes/Thermostat.h"
+#include "rigidbody/Thermostat.h"
 
 namespace RigidHIPlugin {
 
@@ -45,7 +45,24 @@ public:
         int firstSite = 0, numSites = 0;
     };
 
+    /** Numbers of one kind, one for each slot. */
+    class Column {
+    public:
+        double& operator[](size_t slot) { return first[slot]; }
+        const double& operator[](size_t slot) const { return first[slot]; }
+
+    private:
+        friend class BodySet;
+        Column() = default;
+        // A copy would be another name of the same numbers.
+        Column(const Column&) = default;
+        Column& operator=(const Column&) = default;
+        double* first = nullptr;
+    };
+
     BodySet() = default;
+    BodySet(BodySet&&) = default;
+    BodySet& operator=(BodySet&&) = default;
     /**
      * @param geometries    one per body
      * @param particles     the particles of each body
@@ -102,7 +119,7 @@ public:
     /** About the axes of the smallest, middle and largest moment. */
     OpenMM::Vec3 rotationalKineticEnergies() const;
 
-    /** The state that a step changes, to be kept and restored. */
+    /** Numbers that a step changes, to be kept and restored. */
     struct Snapshot {
         std::vector<double> values;
     };
@@ -110,12 +127,14 @@ public:
     void restore(const Snapshot& snapshot);
     /** Restore one body. */
     void restore(const Snapshot& snapshot, int body);
+    /** Likewise for the forces and torques gathered last, without the rest of the state. */
+    void saveForces(Snapshot& snapshot) const;
+    void restoreForces(const Snapshot& snapshot);
 
-    // Arrays over slots; [3] and [4] are components. l and torque_body are in the inner body frame.
-    std::vector<double> R[3], q[4], p[3], l[3], force_lab[3], torque_body[3];
-    std::vector<double> inverseMass, inverseMoments[3];
-    std::vector<double> decay_p, noise_p, decay_l[3], noise_l[3], move_R, noise_R, move_q[3],
-        noise_q[3];
+    // [3] and [4] are components. l and torque_body are in the inner body frame.
+    Column R[3], q[4], p[3], l[3], force_lab[3], torque_body[3];
+    Column inverseMass, inverseMoments[3];
+    Column decay_p, noise_p, decay_l[3], noise_l[3], move_R, noise_R, move_q[3], noise_q[3];
     std::vector<int> bodyOfSlot;   // -1 for padding
     std::vector<char> drawsNoise;  // whether the thermostat of the slot's body has noise
     std::vector<Block> blocks;
@@ -127,6 +146,10 @@ public:
     std::vector<int> forceParticle;  // likewise, -1 also for virtual sites
 
 private:
+    // All columns, one after the other. Those that a step changes come first, so that a snapshot is
+    // one copy.
+    std::vector<double> numbers;
+    size_t stride = 0, stateSize = 0;  // from one column to the next; of what a step changes
     std::vector<int> slotOfBody;
     double inertiaScale = 1;
     std::vector<BodyInertia> ownInertias;  // of the geometries, with moments ascending
@@ -134,6 +157,7 @@ private:
     std::vector<std::array<int, 3> > axisOrder;  // inner axis k is the user's axis axisOrder[k] ...
     std::vector<std::array<double, 3> > axisSign;   // ... times axisSign[k]
     std::vector<std::array<double, 4> > frameTurn;  // q_inner = q_user * frameTurn
+    void makeColumns();
     void setInverseMoments();
     OpenMM::Vec3 toUser(int body, const OpenMM::Vec3& v_inner) const;
     OpenMM::Vec3 toLab(int slot, const OpenMM::Vec3& v_inner) const;

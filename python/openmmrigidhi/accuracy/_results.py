@@ -79,6 +79,9 @@ def splitWanted(wanted, names, example):
     list of (str, str, float)
     """
     items = wanted.split(',') if isinstance(wanted, str) else list(wanted)
+    if not items:
+        raise ValueError(
+            f'wanted error: got none; there must be at least one: write e.g. {example}')
     result = []
     for item in items:
         name, _, amount = item.strip().rpartition(':')
@@ -97,6 +100,36 @@ def splitWanted(wanted, names, example):
                 f'write e.g. {example}')
         result.append((name, amount, value))
     return result
+
+
+def checkLengths(where, budget=None, length=None, equilibration=None, rounds=None):
+    """Refuse impossible lengths of a measurement; None is not checked.
+
+    Parameters
+    ----------
+    where : str
+        who asks
+    budget : float, optional
+        s
+    length, equilibration : float, optional
+        ps
+    rounds : int, optional
+    """
+    for name, value, what, isRight in (
+        ('budget', budget, 'the time for the measurement must be above 0 and finite, in seconds',
+         lambda x: 0 < x < math.inf), ('length', length,
+                                       'the time of each run must be above 0 and finite',
+                                       lambda x: 0 < x < math.inf),
+        ('equilibration', equilibration, 'the time left out must be 0 or more and finite',
+         lambda x: 0 <= x < math.inf), ('rounds', rounds,
+                                        'the number of turns must be a whole number of 1 or more',
+                                        lambda x: x >= 1 and x == int(x))):
+        try:
+            if value is None or isRight(value):
+                continue
+        except (TypeError, ValueError, OverflowError):
+            pass
+        raise ValueError(f'{where}: {name}: got {value!r}; {what}: correct it')
 
 
 def checkedConfidence(confidence, where):
@@ -192,6 +225,24 @@ class Result:
 
     #: The name of the format in the JSON; the columns of the CSV; the class of the report.
     FORMAT, COLUMNS, REPORT = '', (), None
+
+    def parseWanted(self, wanted):
+        """Wanted relative errors from text.
+
+        Parameters
+        ----------
+        wanted : str, or sequence of str
+            text such as "observable:0.5%" or "observable:5e-3"; several are separated by commas
+
+        Returns
+        -------
+        list of Wanted
+        """
+        return [
+            Wanted(name, value/100 if amount.endswith('%') else value,
+                   f'{amount} of {self.observables[name]["label"]}')
+            for name, amount, value in splitWanted(wanted, self.observables, self.REPORT.EXAMPLE)
+        ]
 
     def report(self, wanted=()):
         """The report: the files of :meth:`write`, textTable() and paragraphs().

@@ -5,7 +5,7 @@ import time
 
 from .. import _tasks
 from . import grid, methods, mobilities, observables, overdamped, rungs, scenes
-from ._results import splitWanted
+from ._results import checkLengths, splitWanted
 from .grid import GridStudy
 from .gridresult import GridResult
 from .ladder import LadderStudy
@@ -192,6 +192,9 @@ def main(arguments=None):
                 (kind for kind in (LadderResult, GridResult) if kind.isOne(options.source)),
                 StudyResult).fromJson(options.source)
         else:
+            # Before a scene is made, which may take minutes.
+            checkLengths('accuracy', options.budget, options.length, options.equilibration,
+                         options.rounds)
             result = (_ladder if options.ladder else _grid if options.grid else
                       _overdamped if options.overdamped else _stepSizes)(options)
         if isinstance(result, (LadderResult, GridResult)):

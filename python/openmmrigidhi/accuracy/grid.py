@@ -12,7 +12,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from . import scenes
-from ._results import provenance
+from ._results import checkLengths, provenance
 from .gridresult import GridResult
 from .measurement import NOT_APPLICABLE, STABLE
 from .rungs import Spheres
@@ -221,6 +221,7 @@ class GridStudy:
         -------
         GridResult
         """
+        checkLengths('GridStudy.run', rounds=rounds)
         began = time.perf_counter()
         settings = [(observable, *setting) for observable in self.observables
                     for setting in self._settings(observable)]

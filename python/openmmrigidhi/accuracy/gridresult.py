@@ -1,7 +1,7 @@
 """What a GridStudy found: errors, grids and times of products, and recommended tolerances."""
 import numpy as np
 
-from ._results import NONE, RECOMMENDED, Recommendation, Result, Wanted, decide, splitWanted
+from ._results import NONE, RECOMMENDED, Recommendation, Result, decide
 from .gridreport import GridReport, milliseconds
 
 
@@ -54,25 +54,6 @@ class GridResult(Result):
                 None, row['kind']) and row['error'] is not None
         ]
         return sorted(rows, key=lambda row: (row['fineness'], -row['described']))
-
-    def parseWanted(self, wanted):
-        """Wanted errors from text.
-
-        Parameters
-        ----------
-        wanted : str, or sequence of str
-            text such as "forces:0.1%" or "wrenches:1e-4", both relative; several are separated by
-            commas
-
-        Returns
-        -------
-        list of Wanted
-        """
-        return [
-            Wanted(name, value/100 if amount.endswith('%') else value,
-                   f'{amount} of {self.observables[name]["label"]}')
-            for name, amount, value in splitWanted(wanted, self.observables, 'forces:1e-4')
-        ]
 
     def recommend(self, wanted):
         """The tolerance with the cheapest products whose error is below the wanted one.

@@ -10,7 +10,7 @@ import openmm
 from .. import _tasks
 from . import mobilities
 from . import rungs as rungsModule
-from ._results import provenance
+from ._results import checkLengths, provenance
 from .ladderresult import EXACT, LadderResult
 from .measurement import NOT_APPLICABLE, STABLE
 from .rungs import BEST, Spheres
@@ -210,6 +210,7 @@ class LadderStudy:
         -------
         LadderResult
         """
+        checkLengths('LadderStudy.run', rounds=rounds)
         began = time.perf_counter()
         # Other estimates of the best rung are computed even if nobody asked for them as rungs.
         extra = self._secondOpinions()

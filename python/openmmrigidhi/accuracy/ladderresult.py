@@ -1,6 +1,5 @@
 """What the hydrodynamic ladder found: errors and times of the models, and recommended models."""
-from ._results import (NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted, decide,
-                       splitWanted, worst)
+from ._results import NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, decide, worst
 from .ladderreport import LadderReport, duration, percent
 from .measurement import STABLE
 from .rungs import BEST
@@ -71,25 +70,6 @@ class LadderResult(Result):
         rung : str
         """
         return next((row['seconds_step'] for row in self.rows if row['rung'] == rung), None)
-
-    def parseWanted(self, wanted):
-        """Wanted errors from text.
-
-        Parameters
-        ----------
-        wanted : str, or sequence of str
-            text such as "mobility:1%" or "mobility:0.01", both relative; several are separated by
-            commas
-
-        Returns
-        -------
-        list of Wanted
-        """
-        return [
-            Wanted(name, value/100 if amount.endswith('%') else value,
-                   f'{amount} of {self.observables[name]["label"]}')
-            for name, amount, value in splitWanted(wanted, self.observables, 'mobility:1%')
-        ]
 
     @staticmethod
     def judge(row, tolerance):

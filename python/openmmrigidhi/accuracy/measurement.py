@@ -308,11 +308,12 @@ def _row(knob, setting, record, observable, seed, clock, typicalTau):
     row.update(mean=summary.mean, standard_error=summary.standardError, degrees=summary.degrees,
                tau=summary.tau*record.samplesAt, samples=summary.samples,
                drift=_drift(series, summary))
-    if not summary.isTrusted:
+    isSlow = summary.isSlow or own.isSlow
+    if not summary.isTrusted and not isSlow:
         row['note'] = 'few independent samples'
     elif row['drift'] is not None and abs(row['drift']) > DRIFT_LIMIT:
         row['note'] = 'drifts'
-    elif summary.isSlow or own.isSlow:
+    elif isSlow:
         row['note'] = SLOW
     return row
 

@@ -5,6 +5,7 @@ accuracy/statistics.py. Here settings are compared, with the uncertainty of ever
 measured.
 """
 import math
+import numbers
 import re
 from dataclasses import dataclass
 
@@ -21,6 +22,12 @@ CHEAPEST, SAME, DEARER, OPEN = 'cheapest', 'not distinguishable', 'dearer', 'und
 BEST, WORSE = 'best', 'worse'
 #: Intervals need some resamplings in their tails.
 FEWEST_RESAMPLINGS = 100
+#: The notes of rows without a mean, as sentences.
+NO_MEAN = {
+    'too few samples': 'there are too few samples',
+    'n/a': 'no sample is a number',
+    'sometimes not a number': 'some samples are not numbers'
+}
 #: The largest number of settings that are named in a sentence.
 MOST_NAMES = 6
 #: With fewer degrees of freedom the relative standard error of a noise is above one half.
@@ -279,7 +286,8 @@ class Prices:
                      f'{self.result.advice(factor, wanted)}.')
         elif candidates and all(each['verdict'] == 'n/a' for each in candidates):
             verdict = UNDECIDED
-            text += (
+            why = self._whyNoMean(candidates)
+            text += f'cannot tell. {why}' if why else (
                 'cannot tell. There is nothing to compare with, or no correlation time. An exact '
                 'value, a reference or smaller steps are '
                 'needed, and runs with samples.')
@@ -340,18 +348,19 @@ class Prices:
         candidates.sort(key=lambda each: each['total_error'])
         text = f'With {duration(seconds)} for {label}: '
         if chosen is None:
+            why = self._whyNoMean(candidates)
             return Recommendation(
-                NONE, None, text +
-                f'{NONE}. It does not suffice for the equilibration of any setting, or there is '
-                f'nothing to '
-                'compare with; take more time.', candidates, None, [])
+                NONE, None, text + f'{NONE}. ' +
+                (why or f'It does not suffice for the equilibration of any setting, or there is '
+                 f'nothing to '
+                 'compare with; take more time.'), candidates, None, [])
         reference = self.result.references[observable].value
         part = f' ({100*chosen["total_error"]/abs(reference):.2g} %)' if reference else ''
-        text += (
-            f'{self._name(chosen)}, which gets it to {chosen["total_error"]:.2g} {unit}{part}, '
-            f'{chosen["total_error_low"]:.2g} to '
-            f'{chosen["total_error_high"]:.2g}: bias {chosen["bias"]:.2g}, standard error '
-            f'{chosen["standard_error"]:.2g}.')
+        text += (f'{self._name(chosen)}, which gets it to {chosen["total_error"]:.2g}'
+                 f'{" " + unit if unit else ""}{part}, '
+                 f'{chosen["total_error_low"]:.2g} to '
+                 f'{chosen["total_error_high"]:.2g}: bias {chosen["bias"]:.2g}, standard error '
+                 f'{chosen["standard_error"]:.2g}.')
         same = [each for each in candidates if each['verdict'] == SAME]
         if same:
             text += f' Not distinguishable from it: {self._names(same)}.'
@@ -392,9 +401,9 @@ class Prices:
             raise ValueError(
                 f'spend: observable: got {observable!r}, of which nothing is known here: ask for '
                 f'one of {", ".join(self.result.observables)}')
-        if not (seconds > 0 and math.isfinite(seconds)):
+        if not (isinstance(seconds, numbers.Real) and 0 < seconds < math.inf):
             raise ValueError(
-                f'spend: seconds: got {seconds}; the time to spend must be above 0 and finite: '
+                f'spend: seconds: got {seconds!r}; the time to spend must be above 0 and finite: '
                 f'give it in seconds')
 
     # ---- Both ------------------------------------------------------------------------------------
@@ -425,6 +434,16 @@ class Prices:
             low, high = np.quantile(ratios, [tail, 1 - tail], method='nearest')
             each.update(ratio=float(ratio) if np.isfinite(values[k]) else math.inf,
                         ratio_low=float(low), ratio_high=float(high))
+
+    def _whyNoMean(self, candidates):
+        """A sentence, if settings have samples of which there is no mean; otherwise nothing."""
+        mine = [each for each in candidates if set(each['marks']) & set(NO_MEAN.values())]
+        if not mine:
+            return ''
+        reasons = dict.fromkeys(mark for each in mine for mark in each['marks']
+                                if mark in NO_MEAN.values())
+        return (f'For {self._names(mine)} {" and ".join(reasons)}, so there is no mean: look at '
+                'the observable.')
 
     def _setting(self, row):
         return {key: row[key] for key in ('method', 'value', 'step_size', 'ns_per_day')}
@@ -483,9 +502,10 @@ def marks(row):
     row : dict
     """
     if row['noise'] is None:
-        return []
+        return [NO_MEAN[row['note']]] if row['note'] in NO_MEAN else []
     found = []
-    if row['sample_interval'] > row['own_tau']/2:
+    # Where oscillations cancel, samples know more than independent ones, and closer ones no more.
+    if row['noise'] and 0.5*row['sample_interval'] <= row['own_tau'] < 2*row['sample_interval']:
         found.append(
             'samples are further apart than half a correlation time; closer samples may cost less')
     if row['noise_degrees'] < FEWEST_NOISE_DEGREES:

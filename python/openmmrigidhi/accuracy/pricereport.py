@@ -31,6 +31,8 @@ class PriceReport:
         observables, and seconds to spend on them
     style : dict
         method -> (colour, marker)
+    areMany : bool
+        whether there are so many methods that their legend is below the panels
     """
 
     SURE = {
@@ -53,9 +55,10 @@ class PriceReport:
         'is nothing to compare with, give an exact value or measure smaller steps.'
     }
 
-    def __init__(self, result, price, spend, style):
+    def __init__(self, result, price, spend, style, areMany=False):
         self.result = result
         self.style = style
+        self.areMany = areMany
         self.prices = Prices(result)
         self.wanted = [price] if isinstance(price, str) else list(price)
         self.answers = [result.price(item) for item in self.wanted]
@@ -126,7 +129,27 @@ class PriceReport:
         for axes, item in zip(panels, answer.wanted):
             self._drawErrors(axes, item, answer)
         self._drawTimes(panels[-1], answer)
+        if self.areMany:
+            self._legendBelow(figure, panels)
         return png(figure, f'Price of {wanted}')
+
+    @staticmethod
+    def _legendBelow(figure, panels):
+        """One legend for all panels, below them, with as much room as it needs."""
+        entries = {}
+        for axes in panels:
+            axes.get_legend().remove()
+            for handle, label in zip(*axes.get_legend_handles_labels()):
+                entries[label] = handle
+        columns = 4
+        inches = 0.19*math.ceil(len(entries)/columns) + 0.35
+        width, height = figure.get_size_inches()
+        figure.set_size_inches(width, height + inches)
+        bottom = inches/(height + inches)
+        figure.get_layout_engine().set(rect=(0, bottom, 1, 1 - bottom))
+        figure.legend(entries.values(), entries.keys(), loc='lower center', ncol=columns,
+                      fontsize=8, title='thick: the best setting of a method, by time',
+                      title_fontsize=8)
 
     def _drawErrors(self, axes, item, answer):
         result, reference = self.result, self.result.references[item.observable].value
@@ -145,7 +168,7 @@ class PriceReport:
                 best.append((each['method'], each['value']))
         bottom = np.inf
         for method in result.methods():
-            colour, _ = self.style[method]
+            colour, marker = self.style[method]
             mine = [
                 k for k, key in enumerate(self.prices.keys)
                 if key[0] == method and np.isfinite(errors[:, k]).any()
@@ -156,8 +179,11 @@ class PriceReport:
                 axes.plot(seconds, errors[:, k], color=colour, lw=0.7, alpha=0.35, zorder=1)
             own = np.array(mine)[errors[:, mine].argmin(axis=1)]
             envelope = errors[np.arange(len(seconds)), own]
-            axes.plot(seconds, np.where(np.isfinite(envelope), envelope, np.nan), color=colour,
-                      lw=2.2, zorder=3, label=method)
+            # Where there are many methods a colour is not enough.
+            axes.plot(seconds, np.where(np.isfinite(envelope), envelope,
+                                        np.nan), color=colour, lw=1.5 if self.areMany else 2.2,
+                      zorder=3, label=method, marker=marker if self.areMany else None,
+                      markevery=(len(seconds) // 12, 25), ms=6)
             bottom = min(bottom, envelope.min())
             self._nameSettings(axes, seconds, envelope, own, colour)
             for key in [(name, value) for name, value in best[:MOST_BANDS] if name == method]:
@@ -165,8 +191,8 @@ class PriceReport:
                 there = np.isfinite(low[:, k])
                 axes.fill_between(
                     seconds[there], low[there, k], np.minimum(high[there, k], 1e6), color=colour,
-                    alpha=0.18, lw=0, zorder=0,
-                    label=f'{100*result.confidence:g} % interval, {result.knob.format(key[1])}')
+                    alpha=0.18, lw=0, zorder=0, label=f'{100*result.confidence:g} % interval, ' +
+                    (f'{method}, ' if self.areMany else '') + result.knob.format(key[1]))
         axes.axhline(item.tolerance*scale, color='black', ls='--', lw=1.2, zorder=2)
         axes.annotate('wanted: ' + item.text.split(' of ')[0], (0.99, item.tolerance*scale),
                       xycoords=('axes fraction', 'data'), xytext=(-2, 4), ha='right',

@@ -3,6 +3,7 @@
 It has texts, pictures, tables and one HTML page.
 """
 import html
+import itertools
 from functools import cached_property
 
 import numpy as np
@@ -31,7 +32,8 @@ COLOURS = {
     'LangevinHI(1)': '#D55E00',
     'LangevinHI(3)': '#000000'
 }
-SPARE_COLOURS = ('#56B4E9', '#000000', '#7F7F7F', '#8C564B')
+SPARE_COLOURS = ('#56B4E9', '#000000', '#7F7F7F', '#8C564B', '#009E73', '#CC79A7', '#B8A800',
+                 '#0072B2', '#E69F00', '#882255', '#D55E00')
 MARKERS = {
     'LangevinC': 'o',
     'LangevinMiddle': 's',
@@ -49,6 +51,8 @@ MARKERS = {
     'LangevinHI(1)': 'P',
     'LangevinHI(3)': '*'
 }
+#: Methods that have the same colour for want of more have other markers.
+SPARE_MARKERS = ('P', 'X', '*', 'd', 'p')
 #: More methods than this need a legend of several columns.
 MANY_METHODS = 6
 
@@ -76,8 +80,8 @@ class StudyReport(Report):
         'On the left each point is a setting, with its speed and its error. The label is the '
         'setting. Settings below the dashed line have the wanted error, and the best one is '
         'farthest to the right. An open symbol is an error that the statistics do not distinguish '
-        'from 0. On the right is the mean of the observable for each setting. The black line is '
-        'the exact value or the limit of small steps, which errors are differences from.')
+        'from 0. On the right is the mean of the observable for each setting. Errors are '
+        'differences from the black line, which is the exact value or the limit of small steps.')
     SURE = {
         RECOMMENDED: 'The recommended setting has the wanted error with the stated confidence: the '
         'upper confidence bound of its error, systematic and statistical, is below the wanted '
@@ -98,7 +102,8 @@ class StudyReport(Report):
     def __init__(self, result, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
         super().__init__(result, wanted)
         self.baseline = baseline
-        self.priced = PriceReport(result, price, spend, self._style())
+        self.priced = PriceReport(result, price, spend, self._style(),
+                                  len(result.methods()) > MANY_METHODS)
         #: Wanted error -> what StudyResult.compareAt() returned for it.
         self.comparisons = {item: result.compareAt(item, baseline) for item in self.single}
 
@@ -157,11 +162,19 @@ class StudyReport(Report):
         return self.priced.pictures()
 
     def _style(self):
-        spare = iter(SPARE_COLOURS*10)
-        return {
-            method: (COLOURS.get(method) or next(spare), MARKERS.get(method, 'P'))
-            for method in self.result.methods()
+        """Method -> (colour, marker), no two of them the same."""
+        methods = self.result.methods()
+        named = {
+            method: (COLOURS[method], MARKERS[method])
+            for method in methods if method in COLOURS
         }
+        taken = [colour for colour, _ in named.values()]
+        colours = [colour for colour in SPARE_COLOURS if colour not in taken]
+        spare = itertools.cycle(
+            (colours[k % len(colours)],
+             SPARE_MARKERS[(k % len(colours) + k // len(colours)) % len(SPARE_MARKERS)])
+            for k in range(len(colours)*len(SPARE_MARKERS)))
+        return {method: named[method] if method in named else next(spare) for method in methods}
 
     def _platform(self):
         threads = self.result.provenance.get('threads')

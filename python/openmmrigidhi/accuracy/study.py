@@ -17,7 +17,7 @@ from .._systems import refuseDrivenFlow
 from .. import _tasks
 from . import methods as methodsModule
 from . import observables as observablesModule
-from ._results import beginning, provenance
+from ._results import beginning, checkLengths, provenance
 from .measurement import FAILED, NOT_RUN, STABLE, Run, summarise
 from .methods import Method
 # Users look for Knob in the module of the study.
@@ -185,6 +185,8 @@ class Study:
         TaskError
             if all runs in other processes failed
         """
+        checkLengths(f'{type(self).__name__}.run', budget if length is None else None, length,
+                     equilibration, rounds)
         began = time.perf_counter()
         about = beginning()
         settings = self.settings()

@@ -17,7 +17,7 @@ _Y, _Z = 1, 2
 class GibbsBoltzmannSampler(Sampler):
     """Samples poses of a Context's rigid bodies and free particles from exp(-U/kT).
 
-    The samples are the reference that dynamics must reproduce. Metropolis moves have respect to the
+    The samples are the reference that dynamics must reproduce. Metropolis moves respect the
     measure dR times Haar's on SO(3) for each body (and dr for each free particle), at constant box.
     U is the potential energy of the Context's forces in the integrator's force groups, plus
     energyFunction. Momenta, fluid and scheme do not matter: the distribution is that of every right

@@ -20,6 +20,13 @@ FEWEST_TRUSTED_BLOCKS = 10
 #: An error from longer blocks counts as larger if it is above that of shorter blocks by this many
 #: of its own standard errors.
 GROWTH_IN_ERRORS = 2
+#: The same of an error that is smaller than that of shorter blocks or of autocorrelations.
+FALL_IN_ERRORS = 3
+#: With fewer blocks an autocorrelation time of 1 block may be chance. That of 100 independent
+#: blocks has the standard error sqrt(2 (2 W + 1)/100)/2 = 0.17 at W = 2.5.
+FEWEST_BLOCKS_TO_SEE = 100
+#: What may make the error of a mean another one than its autocorrelations say.
+SLOW, OSCILLATING = 'slow', 'oscillating'
 #: Above this R-hat chains should be run longer: Vehtari et al. 2021, section 4.
 LARGEST_RHAT = 1.01
 
@@ -34,11 +41,12 @@ class SeriesStatistics:
         the mean
     standardError : float
         its standard error (one sigma), from block averages
-    degrees : int
-        degrees of freedom of that standard error: number of blocks less 1
+    degrees : float
+        degrees of freedom of that standard error: number of blocks less 1, or fewer where slow
+        fluctuations were found
     tau : float
         integrated autocorrelation time 1/2 + sum_k rho(k), in samples; 0.5 for independent samples,
-        and never less: errors of anticorrelated series are too large
+        and less only where longer blocks show that an oscillation makes the error smaller
     samples : int
         number of samples
     blockLength : int
@@ -79,10 +87,10 @@ def autocorrelationTime(series):
     -------
     float
         tau = 1/2 + sum_{k=1}^{W} rho(k), in samples, with the smallest W >= 5 tau(W); at least 0.5,
-        and 0.5 for a constant series. The variance of the mean is 2 tau var/n. For anticorrelated
-        series, whose tau is less than 0.5, this is too large. A slow part of small variance under
-        a fast one is not seen, since the window closes on the fast part; seriesStatistics() and
-        noise() see it by longer blocks.
+        and 0.5 for a constant series. The variance of the mean is 2 tau var/n. For oscillating and
+        anticorrelated series this is too large, since the window closes before the oscillation has
+        cancelled. A slow part of small variance under a fast one is not seen, since the window
+        closes on the fast part. seriesStatistics() and noise() see both by longer blocks.
     """
     series = np.asarray(series, dtype=float)
     n = len(series)
@@ -134,39 +142,89 @@ def _blockLength(tau, n):
     return max(1, min(length, n // 5))
 
 
-def _slowestBlocks(replicas, length):
-    """The _Blocks of replicas (count, n) at a length, or at a longer one where the error is larger.
+def _meanError(replicas, length, known=0.0):
+    """What the error of a mean becomes where blocks of one length do not tell all of it.
 
     A slow part of small variance under a fast one hardly shows in autocorrelations, but it can make
-    most of the variance of the mean. It shows in blocks as long as itself. So the length is doubled
-    while blocks are left to trust. A larger error counts if it is larger by more than chance.
+    most of the variance of the mean. It shows in blocks as long as itself. An oscillation makes the
+    mean better known than its autocorrelations up to Sokal's window say. This shows in blocks of
+    several periods. So the length is doubled while blocks are left to trust, and changes of the
+    error count if they are larger than chance.
+
+    Parameters
+    ----------
+    replicas : ndarray of shape (count, n)
+    length : int
+        of the first blocks
+    known : float
+        an error that may be too large: smaller ones count beside it
 
     Returns
     -------
-    tuple of (_Blocks, bool)
-        and whether a longer block was taken
+    tuple of (_Blocks, str)
+        and the last change that counted: '', SLOW or OSCILLATING
     """
-    first = found = _blockStatistics(replicas, length)
+    blocks = [_blockStatistics(replicas, length)]
     if _isConstant(replicas):
-        return found, False
+        return blocks[0], ''
     while replicas.shape[1] // (2*length) >= FEWEST_TRUSTED_BLOCKS:
         length *= 2
-        longer = _blockStatistics(replicas, length)
+        blocks.append(_blockStatistics(replicas, length))
+    found, change, last = blocks[0], '', 0
+    for k, each in enumerate(blocks):
         # The relative standard error of a standard error of d degrees of freedom is 1/sqrt(2 d).
-        if longer.standardError > found.standardError*(1 +
-                                                       GROWTH_IN_ERRORS/np.sqrt(2*longer.degrees)):
-            found = longer
-    return found, found is not first
+        own = 1/np.sqrt(2*each.degrees)
+        both = np.hypot(own, 1/np.sqrt(2*found.degrees) if change == SLOW else 0)
+        largest = found.standardError if change else max(found.standardError, known)
+        if each.standardError > found.standardError*(1 + GROWTH_IN_ERRORS*own):
+            found, change = _resolved(replicas, each), SLOW
+        elif each.standardError < largest*(1 - FALL_IN_ERRORS*both):
+            found, change, last = each, OSCILLATING, k
+    if change == OSCILLATING:
+        # What blocks still miss of an oscillation falls as 1/length. It was less than chance for
+        # blocks of twice the length, so it is far below chance for blocks that are longer.
+        found = blocks[min(last + 3, len(blocks) - 1)]
+    return found, change
+
+
+def _resolved(replicas, least):
+    """The _Blocks for the error of the mean where blocks may be shorter than what is slow.
+
+    Autocorrelations of averages over blocks have no fast part under which the slow one would be
+    lost. The longest blocks in which it still shows leave the least of the fast part. Their
+    autocorrelation time says how much larger the variance of the mean is than independent blocks
+    would make it.
+    """
+    count, n = replicas.shape
+    length, longest = least.length, None
+    while n // length >= FEWEST_TRUSTED_BLOCKS:
+        blocks = n // length
+        means = replicas[:, n - blocks*length:].reshape(count, blocks, length).mean(axis=2)
+        tau = float(np.mean([autocorrelationTime(one) for one in means]))
+        shows = longest is not None and longest[2] >= 1
+        if longest is None or tau >= 1 and (shows or blocks >= FEWEST_BLOCKS_TO_SEE):
+            longest = length, means, tau
+        elif shows:
+            break
+        length *= 2
+    length, means, tau = longest
+    blocks = means.shape[1]
+    each = noiseDegrees(tau, blocks)
+    error = np.sqrt(2*tau*means.var(axis=1).mean()*(1 + 1/each)/(blocks*count))
+    return _Blocks(float(means.mean()), max(float(error), least.standardError),
+                   max(1.0, count*each), length, blocks*length)
 
 
 def seriesStatistics(series, leastTau=0.0):
     """Mean of a correlated series, and its standard error from block averages.
 
     The block length is 20 autocorrelation times (:func:`autocorrelationTime`), but never so long
-    that fewer than 5 blocks are left. It is doubled as long as 10 blocks are left; the error of
-    longer blocks is taken where it is larger by more than twice its own standard error. This shows
-    slow fluctuations of small amplitude under fast ones. Samples that do not fill a block are left
-    out at the start, where they are least equilibrated.
+    that fewer than 5 blocks are left. It is doubled as long as 10 blocks are left. An error of
+    longer blocks that is larger by more than twice its own standard error shows slow fluctuations
+    of small amplitude under fast ones. The error is then that of the autocorrelations of averages
+    over blocks, which the fast part no longer hides. An error of longer blocks that is smaller by
+    more than three times its own standard error shows oscillations, and is taken. Samples that do
+    not fill a block are left out at the start, where they are least equilibrated.
 
     Parameters
     ----------
@@ -184,11 +242,12 @@ def seriesStatistics(series, leastTau=0.0):
     if n < 2:
         raise ValueError(f'seriesStatistics: got {n} samples; at least 2 are needed: run longer')
     tau = max(autocorrelationTime(series), leastTau)
-    found, isSlow = _slowestBlocks(series[None], _blockLength(tau, n))
-    if isSlow:
-        tau = max(tau, found.used*found.standardError**2/(2*float(series.var())))
+    found, change = _meanError(series[None], _blockLength(tau, n))
+    if change:
+        # One tau belongs to the error, also where that of similar runs is longer.
+        tau = found.used*found.standardError**2/(2*float(series.var()))
     return SeriesStatistics(found.mean, found.standardError, found.degrees, tau, n, found.length,
-                            isSlow)
+                            change == SLOW)
 
 
 def replicaStatistics(series, leastTau=0.0):
@@ -241,7 +300,7 @@ class Noise:
         standard error of tau
     isSlow : bool
         whether slow fluctuations of small amplitude made the noise larger, see seriesStatistics();
-        value, degrees and tau are then from blocks
+        value, degrees and tau are then from averages over blocks
     """
 
     value: float
@@ -278,7 +337,7 @@ def noise(series):
     chi^2 with n/(2 W + 1) degrees of freedom is the same (:func:`noiseDegrees`). Deviations from
     the mean of the samples make the sum too small by (2 W + 1)/n of itself (Wolff, Comput. Phys.
     Commun. 156, 143 (2004)). This bias is corrected. Where longer blocks show slow fluctuations of
-    small amplitude (:func:`seriesStatistics`), the noise is that of the blocks.
+    small amplitude, or oscillations, the noise is what they say (:func:`seriesStatistics`).
 
     Parameters
     ----------
@@ -300,14 +359,15 @@ def noise(series):
     each = noiseDegrees(tau, n)
     degrees = len(replicas)*each
     value = 2*float((taus*variances).mean())*(1 + 1/each)/len(replicas)
-    found, isSlow = _slowestBlocks(replicas, _blockLength(tau, n))
-    slowValue = found.used*found.standardError**2
-    isSlow = isSlow and slowValue > value
-    if isSlow:
-        value, degrees = slowValue, found.degrees
+    found, change = _meanError(replicas, _blockLength(tau, n), float(np.sqrt(value/n)))
+    other = found.used*found.standardError**2
+    if change == SLOW and other < value:
+        change = ''
+    if change:
+        value, degrees = other, found.degrees
         tau = value*len(replicas)/(2*float(variances.mean()))
     return Noise(value, degrees, float(variances.mean()), tau, tau*float(np.sqrt(2/degrees)),
-                 isSlow)
+                 change == SLOW)
 
 
 def splitRHat(chains):

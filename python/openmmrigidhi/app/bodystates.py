@@ -74,7 +74,7 @@ class RigidBodyReporter(Hdf5Reporter):
         number of steps between frames
     append : bool
         continue an existing file of the same bodies. Frames at or after the step of the first new
-        frame are dropped. A run that is resumed from a checkpoint so leaves the file of the
+        frame are dropped. So a run that is resumed from a checkpoint leaves the file of the
         uninterrupted run. A file that does not exist is created. Without append an existing file is
         replaced.
 

@@ -31,6 +31,8 @@ _DOT = 0.006
 _MARK_ANGLE, _MARK_WITHIN = 0.35, 0.94
 #: Up to this number bodies have a colour each; more bodies have one colour for each type.
 _EACH_ITS_OWN = 12
+#: Units of times, the longest first, in ps.
+_TIMES = (('s', 1e12), ('ms', 1e9), ('µs', 1e6), ('ns', 1e3), ('ps', 1))
 
 
 def show(context, radii=None, view=(20, -60), wrap=True, ax=None, title=None):
@@ -93,7 +95,7 @@ def show(context, radii=None, view=(20, -60), wrap=True, ax=None, title=None):
     ax = picture.axes(ax)
     picture.draw(ax, scene, frame, box)
     time = state.getTime().value_in_unit(unit.picosecond)
-    ax.set_title(f't = {time:g} ps' if title is None else title)
+    ax.set_title(_timeText(time, time) if title is None else title)
     return ax
 
 
@@ -122,7 +124,6 @@ def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True
         frames per second of the film
     width : float
         width of the picture, inches of 100 points each
-        of the picture, inches of 100 points each
     quiet : bool
         draw no progress bar
 
@@ -199,8 +200,14 @@ def _write(picture, scene, frames, boxes, times, output, framesPerSecond, width,
             ax.clear()
             picture.axes(ax)
             picture.draw(ax, scene, frame, box)
-            ax.text(0.02, 0.98, f't = {time:.6g} ps', transform=ax.transAxes, va='top')
+            ax.text(0.02, 0.98, _timeText(time, times[-1]), transform=ax.transAxes, va='top')
             writer.grab_frame()
+
+
+def _timeText(time, longest):
+    """A time in ps as text, in the unit that suits the longest time."""
+    name, size = next((each for each in _TIMES if abs(longest) >= each[1]), _TIMES[-1])
+    return f't = {time/size:.6g} {name}'
 
 
 def _read(name):
@@ -386,10 +393,13 @@ class _Picture:
 
     def _setLimits(self, scene):
         reach = max(scene.radii.max(initial=0), scene.freeRadii.max(initial=0)) + self.margin
-        corners = _corners(np.diag(self.upper - self.lower)) + self.lower
-        flat = np.concatenate(
-            [self.points, corners] if self.walls else [self.points]) @ self.view[:2].T
-        self.limits = flat.min(axis=0) - reach, flat.max(axis=0) + reach
+        corners = [self._wallCorners(*wall) for wall in self.walls]
+        flat = self.points @ self.view[:2].T
+        edges = np.concatenate([flat - reach, flat + reach] + [
+            corner @ self.view[:2].T + shift for corner in corners
+            for shift in (-0.1*self.margin, 0.1*self.margin)
+        ])
+        self.limits = edges.min(axis=0), edges.max(axis=0)
 
     @property
     def aspect(self):
@@ -420,15 +430,19 @@ class _Picture:
         self._drawSpheres(ax, scene, frame)
         self._drawAxes(ax)
 
+    def _wallCorners(self, axis, place):
+        """The corners of a wall, a little wider than what is in front of it."""
+        first, second = (k for k in range(3) if k != axis)
+        corners = np.zeros((4, 3))
+        corners[:, axis] = place
+        low, high = self.lower - self.margin, self.upper + self.margin
+        corners[:, first] = low[first], high[first], high[first], low[first]
+        corners[:, second] = low[second], low[second], high[second], high[second]
+        return corners
+
     def _drawWalls(self, ax):
-        for axis, place in self.walls:
-            others = [k for k in range(3) if k != axis]
-            corners = np.zeros((4, 3))
-            corners[:, axis] = place
-            for k, (low, high) in zip(others, (('lower', 'upper'),)*2):
-                a, b = getattr(self, low)[k] - self.margin, getattr(self, high)[k] + self.margin
-                corners[:, k] = (a, b, b, a) if k == others[0] else (a, a, b, b)
-            flat = corners @ self.view[:2].T
+        for wall in self.walls:
+            flat = self._wallCorners(*wall) @ self.view[:2].T
             ax.fill(flat[:, 0], flat[:, 1], facecolor='#d9d2c5', edgecolor='#8c8375', alpha=0.6,
                     linewidth=1, zorder=0)
 

@@ -46,8 +46,8 @@ class GsdReporter(BodyReporter):
         number of steps between frames
     append : bool
         continue an existing file of as many bodies and blobs of the same types. Frames at or after
-        the step of the first new frame are dropped, by copying the earlier frames. A run that is
-        resumed from a checkpoint so leaves the file of the uninterrupted run. A file that does not
+        the step of the first new frame are dropped, by copying the earlier frames. So a run that is
+        resumed from a checkpoint leaves the file of the uninterrupted run. A file that does not
         exist is created. Without append an existing file is replaced.
     velocities : bool
         also write velocities and angular momenta

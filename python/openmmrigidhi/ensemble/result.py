@@ -1,5 +1,6 @@
 """What a study found: means over replicas with their errors, and the outcome of each task."""
 import csv
+import io
 import json
 import math
 import os
@@ -243,9 +244,9 @@ class EnsembleResult:
         """
         json_, csv_ = (os.path.join(directory, 'results' + end) for end in ('.json', '.csv'))
         for path, fill in ((json_, self._fillJson), (csv_, self._fillCsv)):
-            with open(path + taskfiles.PART, 'w', newline='') as file:
-                fill(file)
-            taskfiles.replace(path + taskfiles.PART, path)
+            text = io.StringIO(newline='')
+            fill(text)
+            taskfiles.write(path, text.getvalue().encode())
         return [json_, csv_]
 
     def _fillJson(self, file):

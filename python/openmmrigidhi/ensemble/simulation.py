@@ -31,6 +31,7 @@ BUILT_IN = {
 }
 #: Settings that are set on the integrator, if the scene's function has no parameter of this name.
 OF_THE_INTEGRATOR = ('scheme', 'stepSize')
+SCENE_DIRECTORY = 'scene'
 SCENE_FILES = ('system.xml', 'integrator.xml', 'start.npz', 'scene.json')
 
 
@@ -45,7 +46,7 @@ class SceneSource:
     def __init__(self, scene):
         self.scene, self.function = (scene, None) if isinstance(scene, Scene) else (None, None)
         if self.scene is not None:
-            self.specification = {'files': 'scene'}
+            self.specification = {'files': SCENE_DIRECTORY, 'sha256': self._fingerprint()}
         elif callable(scene):
             self.function = scene
             self.specification = {'function': f'{scene.__module__}:{scene.__qualname__}'}
@@ -133,15 +134,28 @@ class SceneSource:
             arrays['velocities'] = self.scene.velocities
         np.savez(start, **arrays)
         with open(about, 'w') as file:
-            json.dump(
-                {
-                    'name': self.scene.name,
-                    'description': self.scene.description,
-                    'exact': self.scene.exact,
-                    'equilibration': self.scene.equilibration,
-                    'sampleInterval': self.scene.sampleInterval,
-                    'stepSizes': list(self.scene.stepSizes)
-                }, file, indent=1)
+            json.dump(self._properties(), file, indent=1)
+
+    def _properties(self):
+        """What is kept of a Scene beside System, integrator and start, as values of JSON."""
+        return json.loads(
+            json.dumps({
+                'name': self.scene.name,
+                'description': self.scene.description,
+                'exact': self.scene.exact,
+                'equilibration': self.scene.equilibration,
+                'sampleInterval': self.scene.sampleInterval,
+                'stepSizes': list(self.scene.stepSizes)
+            }))
+
+    def _fingerprint(self):
+        """The SHA-256 of everything that is kept of a Scene."""
+        found = hashlib.sha256(json.dumps(self._properties(), sort_keys=True).encode())
+        for thing in (self.scene.system, self.scene.makeIntegrator()):
+            found.update(openmm.XmlSerializer.serialize(thing).encode())
+        for array in (self.scene.positions, self.scene.boxVectors, self.scene.velocities):
+            found.update(b'' if array is None else np.asarray(array, dtype=float).tobytes())
+        return found.hexdigest()
 
     @classmethod
     def load(cls, specification, directory):
@@ -168,12 +182,17 @@ class SceneSource:
                 scene = Scene(things[0], arrays['positions'], things[1], **extra)
                 scene.boxVectors = arrays['box']
                 scene.velocities = arrays['velocities'] if 'velocities' in arrays else None
+            source = cls(scene)
+            known = specification.get('sha256')
+            if known is not None and known != source.specification['sha256']:
+                raise ValueError('its checksum is not the one that the study has')
         # Each library that reads a file has its own errors.
         except Exception as error:
             raise ValueError(f'{os.path.dirname(system)}: the scene of the study is damaged '
                              f'({type(error).__name__}: {error}); {", ".join(SCENE_FILES)} must '
                              'be as they were written: put copies back') from error
-        return cls(scene)
+        source.specification = specification
+        return source
 
 
 @dataclass
@@ -221,6 +240,33 @@ class Task:
     path: str
     study: str
 
+    def expected(self):
+        """What the task's file must say about it."""
+        return expectations(self.setting, self.replica, self.seed, self.settings, self.study)
+
+
+def expectations(setting, replica, seed, settings, study):
+    """What the file of a task must say about it.
+
+    Parameters
+    ----------
+    setting, replica, seed : int
+    settings : dict
+    study : str
+        identity of the study
+
+    Returns
+    -------
+    dict
+    """
+    return {
+        'setting': setting,
+        'replica': replica,
+        'seed': seed,
+        'settings': json.loads(json.dumps(settings)),
+        'study': study
+    }
+
 
 def simulate(task, job):
     """Do a task, from its last checkpoint if there is one.
@@ -236,7 +282,7 @@ def simulate(task, job):
         samples, and the seconds that this call spent in steps
     """
     _checkDirectory(task)
-    saved = taskfiles.load(task.path)
+    saved = taskfiles.load(task.path, task.expected())
     scene, integrator = task.source.make(task.settings, task.seed)
     digest = _digest(scene.system, integrator)
     if saved is not None and saved.about['digest'] != digest:
@@ -330,6 +376,7 @@ class _Run:
                  for each in (task.equilibration, scene.equilibration, task.defaultEquilibration)
                  if each is not None), self.interval)
         self.end = self.warm + intervals(task.length, self.interval)
+        _loading.checkPlatform(task.platform)
         platform, properties = openmm.Platform.getPlatformByName(task.platform), platformProperties(
             task.platform, task.threads)
         self.context = scene.makeContext(integrator, platform, properties, task.seed)
@@ -340,11 +387,7 @@ class _Run:
         if saved is None:
             self.position, self.series = 0, {observable.name: [] for observable in task.observables}
             self.about = {
-                'setting': task.setting,
-                'replica': task.replica,
-                'settings': task.settings,
-                'seed': task.seed,
-                'scene': scene.name,
+                **task.expected(), 'scene': scene.name,
                 'description': scene.description,
                 'digest': digest,
                 'step_size': stepSize,
@@ -361,6 +404,7 @@ class _Run:
             }
         else:
             self.about, self.position = saved.about, saved.about['position']
+            self.about.setdefault('study', task.study)
             self.series = {name: list(values) for name, values in saved.series.items()}
             self.context.setState(openmm.XmlSerializer.deserialize(saved.state))
             for name, values in saved.memory.items():

@@ -1,6 +1,7 @@
 """Studies: settings times replicas, in one directory that can be continued and extended."""
 import contextlib
 import fcntl
+import hashlib
 import itertools
 import json
 import math
@@ -17,10 +18,10 @@ from ..accuracy import overdamped
 from ..accuracy._results import beginning, provenance
 from . import taskfiles
 from .result import EnsembleResult, TaskRecord
-from .simulation import SceneSource, Task, simulate
+from .simulation import SCENE_DIRECTORY, SceneSource, Task, expectations, simulate
 
 FORMAT = 'openmmrigidhi ensemble study 1'
-STUDY, TASKS, LOCK = 'study.json', 'tasks', 'study.lock'
+STUDY, TASKS, LOCK, CHECKSUM = 'study.json', 'tasks', 'study.lock', 'checksum'
 #: What an extension may change, and in which direction; everything else must stay.
 GROWING = ('length', 'replicas', 'settings')
 
@@ -295,8 +296,8 @@ class Study:
 
     # ---- The run ---------------------------------------------------------------------------------
 
-    def run(self, directory, jobs=1, cluster=None, *, extend=False, retries=3, timeout=60.0,
-            quiet=False, finished=None):
+    def run(self, directory, jobs=1, cluster=None, *, extend=False, retries=_tasks.RETRIES,
+            timeout=60.0, quiet=False, finished=None):
         """Do what is not done yet, and return the result.
 
         In an empty directory the study begins; in its own directory it goes on. Ctrl-C ends the
@@ -329,7 +330,9 @@ class Study:
         ConnectionError, ImportError
             see tasks.run(): a cluster does not answer, or a worker has no plugin
         """
+        _tasks.checkNumbers(jobs, retries)
         directory = os.path.abspath(directory)
+        _checkThatItIsEmpty(directory)
         os.makedirs(os.path.join(directory, TASKS), exist_ok=True)
         with _locked(directory):
             about = self._begin(directory, extend)
@@ -391,11 +394,6 @@ class Study:
         """The study's JSON, for a new study or for one that goes on."""
         wanted = self.definition()
         if not os.path.exists(os.path.join(directory, STUDY)):
-            if os.listdir(os.path.join(directory, TASKS)):
-                raise ValueError(
-                    f'{directory}: it has tasks but no {STUDY}, which says what they are; a study '
-                    f'begins in an empty directory: put that file '
-                    'back, or take another directory')
             self.source.save(directory)
             about = {
                 'format': FORMAT,
@@ -419,6 +417,9 @@ class Study:
         before = about['definition']
         if self._defaultEquilibration is None:
             wanted['default_equilibration'] = before['default_equilibration']
+        if 'files' in before['scene'] and 'sha256' not in before['scene']:
+            # An earlier version did not note what the scene was.
+            wanted['scene'].pop('sha256', None)
         different = [key for key in wanted if wanted[key] != before.get(key)]
         if not different:
             return about
@@ -456,7 +457,10 @@ class Study:
             for replica, seed in enumerate(seeds):
                 path = taskPath(directory, setting, replica)
                 try:
-                    saved = taskfiles.load(path)
+                    saved = taskfiles.load(
+                        path,
+                        expectations(setting, replica, seed, self.settings[setting],
+                                     about['identity']))
                 except taskfiles.DamagedFile:
                     saved = None
                     aside.append(_putAside(path))
@@ -526,12 +530,33 @@ def _locked(directory):
         yield
 
 
+def _checkThatItIsEmpty(directory):
+    """Nothing but a study, or what is left of one that could not begin, may be in a directory."""
+    if os.path.exists(os.path.join(directory, STUDY)) or not os.path.isdir(directory):
+        return
+    tasks = os.path.join(directory, TASKS)
+    if os.path.isdir(tasks) and os.listdir(tasks):
+        raise ValueError(
+            f'{directory}: it has tasks but no {STUDY}, which says what they are; a study '
+            f'begins in an empty directory: put that file '
+            'back, or take another directory')
+    others = sorted(
+        set(os.listdir(directory)) - {TASKS, LOCK, STUDY + taskfiles.PART, SCENE_DIRECTORY})
+    if others:
+        raise ValueError(
+            f'{directory}: it has {others[0]} but no {STUDY}; a study begins in an empty '
+            f'directory, so that it replaces no other files: take another directory')
+
+
+def _checksum(about):
+    """The SHA-256 of a study's JSON without its checksum."""
+    content = json.loads(json.dumps({key: about[key] for key in about if key != CHECKSUM}))
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
 def _writeAbout(directory, about):
-    path = os.path.join(directory, STUDY)
-    with open(path + taskfiles.PART, 'w') as file:
-        json.dump(about, file, indent=1)
-        file.write('\n')
-    taskfiles.replace(path + taskfiles.PART, path)
+    text = json.dumps({**about, CHECKSUM: _checksum(about)}, indent=1) + '\n'
+    taskfiles.write(os.path.join(directory, STUDY), text.encode())
 
 
 def _readAbout(directory):
@@ -544,8 +569,11 @@ def _readAbout(directory):
             about = json.load(file)
         if about.get('format') != FORMAT:
             raise ValueError(f'its format is {about.get("format")!r} instead of {FORMAT!r}')
+        # An earlier version wrote none.
+        if about.get(CHECKSUM) not in (None, _checksum(about)):
+            raise ValueError('its content is not the one that its checksum is of')
         about['definition']['settings'], about['observables'], about['seeds'], about[
-            'failures'], about['sessions']
+            'failures'], about['sessions'], about['identity']
         return about
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(
@@ -590,9 +618,11 @@ def _record(directory, setting, replica, seed, settings, about, length):
     record = TaskRecord(setting, replica, settings, seed, path)
     content = None
     try:
-        content = taskfiles.load(path)
+        content = taskfiles.load(path,
+                                 expectations(setting, replica, seed, settings, about['identity']))
     except taskfiles.DamagedFile as error:
         record.status, record.message = 'damaged', str(error)
+        return record, None
     if content is not None:
         record.samples, record.length = content.about[
             'samples'], content.about['samples']*content.about['sample_interval']

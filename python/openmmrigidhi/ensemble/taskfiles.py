@@ -11,6 +11,7 @@ A file is always written as a whole. All datasets and headers have checksums, so
 """
 import contextlib
 import glob
+import io
 import json
 import os
 import socket
@@ -21,6 +22,9 @@ import numpy as np
 
 FORMAT = 'openmmrigidhi ensemble task 1'
 PART = '.part'
+#: What a file must say about its task.
+REQUIRED = ('setting', 'replica', 'settings', 'seed', 'digest', 'sample_interval', 'position',
+            'samples', 'exact', 'sessions')
 
 
 class DamagedFile(ValueError):
@@ -58,21 +62,18 @@ def save(path, content):
     path : str
     content : TaskFile
     """
+    # The library's own writing to a full disk leaves messages of its own, and no plain error.
+    buffer = io.BytesIO()
+    # The newest format has checksums of its own structures, too.
+    with h5py.File(buffer, 'w', libver='latest') as file:
+        file.attrs['format'] = FORMAT
+        _write(file, 'about', np.frombuffer(json.dumps(content.about).encode(), np.uint8))
+        _write(file, 'state', np.frombuffer(content.state.encode(), np.uint8))
+        for group, items in (('series', content.series), ('memory', content.memory)):
+            for name, values in items.items():
+                _write(file, f'{group}/{name}', np.asarray(values, dtype=float))
     # Two workers may write for the same task, if one of them was taken for dead.
-    part = f'{path}.{socket.gethostname()}.{os.getpid()}{PART}'
-    try:
-        # The newest format has checksums of its own structures, too.
-        with h5py.File(part, 'w', libver='latest') as file:
-            file.attrs['format'] = FORMAT
-            _write(file, 'about', np.frombuffer(json.dumps(content.about).encode(), np.uint8))
-            _write(file, 'state', np.frombuffer(content.state.encode(), np.uint8))
-            for group, items in (('series', content.series), ('memory', content.memory)):
-                for name, values in items.items():
-                    _write(file, f'{group}/{name}', np.asarray(values, dtype=float))
-        replace(part, path)
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            os.remove(part)
+    write(path, buffer.getbuffer(), f'{path}.{socket.gethostname()}.{os.getpid()}{PART}')
 
 
 def _write(file, name, values):
@@ -83,29 +84,51 @@ def _write(file, name, values):
         file.create_dataset(name, data=values)
 
 
-def replace(part, path):
-    """Replace a file by a finished one, and flush both to the disk.
+def write(path, data, part=None):
+    """Write bytes as a file, as a whole, and flush it to the disk.
 
     Parameters
     ----------
-    part, path : str
+    path : str
+    data : bytes or memoryview
+    part : str, optional
+        where the file is until it is whole; default: the path with PART
+
+    Raises
+    ------
+    OSError
+        if this is not possible; a file that was there is there as it was
     """
-    for name, change in ((part, None), (os.path.dirname(os.path.abspath(path)), (part, path))):
-        if change is not None:
-            os.replace(*change)
-        handle = os.open(name, os.O_RDONLY)
+    part = path + PART if part is None else part
+    try:
+        with open(part, 'wb') as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+        directory = os.open(os.path.dirname(os.path.abspath(path)), os.O_RDONLY)
         try:
-            os.fsync(handle)
+            os.fsync(directory)
         finally:
-            os.close(handle)
+            os.close(directory)
+    except OSError as error:
+        raise OSError(
+            error.errno,
+            f'{path}: it cannot be written ({error.strerror}); there must be space and permission '
+            f'for it: make room, then go on; what was saved before is kept') from error
+    finally:
+        with contextlib.suppress(OSError):
+            os.remove(part)
 
 
-def load(path):
+def load(path, expected=None):
     """Read a task's file.
 
     Parameters
     ----------
     path : str
+    expected : dict, optional
+        what the file must say about its task, where it says it
 
     Returns
     -------
@@ -131,6 +154,13 @@ def load(path):
                  for name, values in file['series'].items()},
                 {name: file['memory'][name][()]
                  for name in about.get('remember', [])})
+        missing = [key for key in REQUIRED if key not in about]
+        if missing:
+            raise ValueError(f'it does not say its {missing[0]}')
+        for key, value in (expected or {}).items():
+            if about.get(key, value) != value:
+                raise ValueError(f'it is of another task: its {key} is {about[key]!r} instead of '
+                                 f'{value!r}')
         samples = content.about['samples']
         wrong = [name for name, values in content.series.items() if len(values) != samples]
         if wrong:

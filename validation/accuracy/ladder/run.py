@@ -36,6 +36,13 @@ OBSERVABLES = {
     'arrays': None,
     'periodic': GENERAL
 }
+#: Pictures that pages show.
+PICTURES = {
+    'pairs': ('ladder_mobility.png', 'ladder_relative_mobility.png'),
+    'suspension': ('ladder_sedimentation.png',),
+    'arrays': ('ladder_drag.png',),
+    'periodic': ('ladder_sedimentation.png',)
+}
 #: Shells whose matrices would take hours to compute.
 TOO_LARGE = {'suspension': ('multiblob642',), 'periodic': ('multiblob642',)}
 
@@ -78,6 +85,7 @@ def main():
 
             result = study.run(arguments.rounds, 0.01, show, arguments.jobs, arguments.cluster)
         result.write(str(arguments.output/name), WANTED[name])
+        campaign.keepPictures(arguments.output/name, *PICTURES[name])
         print(accuracy.ladderreport.textTable(result))
         for item in WANTED[name]:
             print(result.recommend(item))

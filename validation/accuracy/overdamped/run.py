@@ -70,6 +70,7 @@ def main():
             result = study.run(arguments.budget, equilibration=10*scene.timeUnit,
                                jobs=arguments.jobs, progress=show, cluster=arguments.cluster)
         result.write(str(arguments.output/name), WANTED, BASELINE)
+        campaign.keepPictures(arguments.output/name, 'error_repulsion.png', 'error_msd.png')
         for item in WANTED:
             print(result.recommend(item))
 

@@ -4,10 +4,14 @@ LangevinC runs with the real moments and with 4, 8 and 16 times these (setInerti
 where the energy fails. The results are compared with the limit of small steps of
 results/results.json. Further options are passed on, e.g. ``--budget 600 --output mine``.
 """
-import os
+import pathlib
 import sys
 
 from openmmrigidhi.accuracy import cli
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.append(str(HERE.parents[1]/'common'))
+import campaign  # noqa: E402
 
 ARGUMENTS = [
     '--scene', 'water', '--bodies', '216', '--temperature', '298.15', '--gamma', '5', '--Gamma',
@@ -16,9 +20,12 @@ ARGUMENTS = [
     'potential_energy=-46.498+-0.042', '--wanted-error', 'potential_energy:0.5%', '--baseline',
     'LangevinC', '--threads', '1', '--clock', 'cpu', '--rounds', '10', '--budget', '1100',
     '--output',
-    os.path.join(os.path.dirname(os.path.abspath(__file__)), 'results_inertia')
+    str(HERE/'results_inertia')
 ]
 
 if __name__ == '__main__':
     # Of two equal options, the last counts.
-    sys.exit(cli.main(ARGUMENTS + sys.argv[1:]))
+    arguments = ARGUMENTS + sys.argv[1:]
+    status = cli.main(arguments)
+    campaign.keepPictures(cli.parser().parse_args(arguments).output, 'error_potential_energy.png')
+    sys.exit(status)

@@ -42,3 +42,4 @@ if __name__ == '__main__':
         seed=2027, clock='cpu')
     result = study.run(budget=660, rounds=10, jobs=options.jobs, cluster=options.cluster)
     result.write(str(options.output), ['potential_energy:0.5%'])
+    campaign.keepPictures(options.output)

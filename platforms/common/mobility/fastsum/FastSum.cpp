@@ -1,7 +1,7 @@
 // Products with the Rotne-Prager-Yamakawa mobility by multipoles; its loops are compiled once for
 // each instruction set.
 
-#include "host/SimdTargets.h"  // must precede foreach_target.h
+#include "simd/SimdTargets.h"  // must precede foreach_target.h
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "mobility/fastsum/FastSum.cpp"
@@ -66,9 +66,9 @@ struct NearTask {
 #endif
 
 HWY_BEFORE_NAMESPACE();
-#include "host/SimdReal-inl.h"
 #include "mobility/models/rotneprager/RoundedPairs-inl.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall-inl.h"
+#include "simd/SimdReal-inl.h"
 
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {

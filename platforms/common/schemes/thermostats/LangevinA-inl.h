@@ -18,7 +18,7 @@
 #define RIGIDHI_LANGEVIN_A_INL_H_
 #endif
 
-#include "schemes/Thermostat.h"
+#include "rigidbody/Thermostat.h"
 
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {

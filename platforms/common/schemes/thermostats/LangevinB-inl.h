@@ -15,7 +15,7 @@
 #define RIGIDHI_LANGEVIN_B_INL_H_
 #endif
 
-#include "schemes/Thermostat.h"
+#include "rigidbody/Thermostat.h"
 
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {

@@ -20,7 +20,7 @@
 #define RIGIDHI_LANGEVIN_HI_INL_H_
 #endif
 
-#include "schemes/Thermostat.h"
+#include "rigidbody/Thermostat.h"
 
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {

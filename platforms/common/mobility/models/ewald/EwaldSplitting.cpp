@@ -123,7 +123,7 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
         anyTorques = anyTorques || kind.torques > 0;
     }
     const double smallest = kinds.front().radius, largest = kinds.back().radius;
-    tolerance *= partOfFreeMobility(smallest, box);
+    tolerance *= partOfFreeMobility(largest, box);
     // Where particles are crowded, they have more neighbours than on average.
     const double crowd = 0.1 / (4 * M_PI / 3 * largest * largest * largest),
                  density = std::max(numParticles / volume, crowd);

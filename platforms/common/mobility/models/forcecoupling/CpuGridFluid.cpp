@@ -1,7 +1,7 @@
 // Spreading, transforming, solving and averaging on a grid, compiled once for each instruction set,
 // and the order in which slabs pass through these steps.
 
-#include "host/SimdTargets.h"  // must precede foreach_target.h
+#include "simd/SimdTargets.h"  // must precede foreach_target.h
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "mobility/models/forcecoupling/CpuGridFluid.cpp"
@@ -143,7 +143,7 @@ struct ChannelWork {
 #endif
 
 HWY_BEFORE_NAMESPACE();
-#include "host/SimdReal-inl.h"
+#include "simd/SimdReal-inl.h"
 
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {

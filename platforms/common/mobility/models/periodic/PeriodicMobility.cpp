@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "mobility/CoincidenceCheck.h"
+#include "mobility/models/periodic/MostLatticeRows.h"
 #include "mobility/models/wall/NoSlipPlane.h"
 #include "openmmrigidhi/internal/Messages.h"
 
@@ -104,19 +105,9 @@ void LatticeSumAt::dense(MatrixXd& mobility) { mobility = matrix(); }
 
 // -------------------------------------------------------------------------------------------------
 
-namespace {
-
-/**
- * A matrix of so many rows has 1.2 GB and is made in half a minute. A step needs four such
- * matrices.
- */
-const int largestRows = 12000;
-
-}  // namespace
-
 PeriodicRotnePragerYamakawa::PeriodicRotnePragerYamakawa(const HydrodynamicParticles& particles,
                                                          double viscosity)
-    : PeriodicMobility(particles, viscosity, largestRows) {}
+    : PeriodicMobility(particles, viscosity, mostLatticeRows) {}
 
 const Spreading& PeriodicRotnePragerYamakawa::spreading() const { return overSurfaces(); }
 
@@ -126,7 +117,7 @@ std::unique_ptr<MobilityAt> PeriodicRotnePragerYamakawa::makePlace() const {
 
 PeriodicForceCoupling::PeriodicForceCoupling(const HydrodynamicParticles& particles,
                                              double viscosity)
-    : PeriodicMobility(particles, viscosity, largestRows) {}
+    : PeriodicMobility(particles, viscosity, mostLatticeRows) {}
 
 const Spreading& PeriodicForceCoupling::spreading() const { return overGaussians(); }
 

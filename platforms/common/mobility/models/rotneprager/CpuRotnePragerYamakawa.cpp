@@ -1,7 +1,7 @@
 // The Rotne-Prager-Yamakawa mobility with SIMD and threads. The code that fills the matrix is
 // compiled once for each instruction set.
 
-#include "host/SimdTargets.h"  // must precede foreach_target.h
+#include "simd/SimdTargets.h"  // must precede foreach_target.h
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "mobility/models/rotneprager/CpuRotnePragerYamakawa.cpp"
@@ -41,8 +41,8 @@ struct RotnePragerYamakawaArrays {
 #endif
 
 HWY_BEFORE_NAMESPACE();
-#include "host/SimdReal-inl.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall-inl.h"
+#include "simd/SimdReal-inl.h"
 
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {
@@ -234,6 +234,14 @@ const FastSum::Accuracy* CpuRotnePragerYamakawa::fastAccuracy(double error) cons
 bool CpuRotnePragerYamakawa::isAnchored() const {
     const double coarsest = 1e-2;
     return fastAccuracy(coarsest) != nullptr;
+}
+
+std::unique_ptr<MobilityModel> CpuRotnePragerYamakawa::forCollectiveModes(
+    const HydrodynamicParticles& spheres) const {
+    std::optional<NoSlipPlane> plane;
+    if (wall) plane.emplace(wall->getHeight(), true);
+    return std::unique_ptr<MobilityModel>(
+        new CpuRotnePragerYamakawa(spheres, viscosity, forRanges, plane));
 }
 
 bool CpuRotnePragerYamakawa::hasFastProducts(double error) const {

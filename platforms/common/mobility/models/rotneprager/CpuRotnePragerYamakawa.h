@@ -66,6 +66,8 @@ public:
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override;
 
+    std::unique_ptr<MobilityModel> forCollectiveModes(
+        const HydrodynamicParticles& spheres) const override;
     bool hasFastProducts(double error) const override;
     std::string describeFastProducts(double error) const override;
 

@@ -1,7 +1,7 @@
 // Sums over pairs for the Rotne-Prager-Yamakawa mobility, each pair once, compiled once for each
 // instruction set.
 
-#include "host/SimdTargets.h"  // must precede foreach_target.h
+#include "simd/SimdTargets.h"  // must precede foreach_target.h
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "mobility/models/rotneprager/PairSums.cpp"
@@ -18,9 +18,9 @@
 #define RIGIDHI_TARGET HWY_NAMESPACE
 
 HWY_BEFORE_NAMESPACE();
-#include "host/SimdReal-inl.h"
 #include "mobility/models/rotneprager/PairsBothWays-inl.h"
 #include "mobility/models/rotneprager/RoundedPairs-inl.h"
+#include "simd/SimdReal-inl.h"
 
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {

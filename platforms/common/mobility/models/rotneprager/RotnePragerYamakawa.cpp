@@ -113,4 +113,9 @@ std::unique_ptr<MobilityAt> RotnePragerYamakawa::makePlace() const {
     return std::unique_ptr<MobilityAt>(new Place(*this));
 }
 
+std::unique_ptr<MobilityModel> RotnePragerYamakawa::forCollectiveModes(
+    const HydrodynamicParticles& spheres) const {
+    return std::unique_ptr<MobilityModel>(new RotnePragerYamakawa(spheres, viscosity));
+}
+
 }  // namespace RigidHIPlugin

@@ -22,6 +22,8 @@ public:
     bool isHomogeneous() const override { return true; }
     bool isIsotropic() const override { return true; }
     bool isDivergenceFree() const override { return true; }
+    std::unique_ptr<MobilityModel> forCollectiveModes(
+        const HydrodynamicParticles& spheres) const override;
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;

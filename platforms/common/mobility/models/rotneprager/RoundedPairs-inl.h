@@ -8,8 +8,8 @@
 #define RIGIDHI_ROUNDED_PAIRS_INL_H_
 #endif
 
-#include "host/SimdReal-inl.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa-inl.h"
+#include "simd/SimdReal-inl.h"
 
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {

@@ -184,6 +184,12 @@ void addWallFlowAt(const HydrodynamicParticles& particles, const std::vector<Vec
     }
 }
 
+std::unique_ptr<MobilityModel> RotnePragerYamakawaWall::forCollectiveModes(
+    const HydrodynamicParticles& spheres) const {
+    return std::unique_ptr<MobilityModel>(
+        new RotnePragerYamakawaWall(spheres, viscosity, NoSlipPlane(wall.getHeight(), true)));
+}
+
 std::unique_ptr<MobilityAt> RotnePragerYamakawaWall::makePlace() const {
     return std::unique_ptr<MobilityAt>(new Place(*this, wall));
 }

@@ -29,6 +29,8 @@ public:
         return wall.objection(particles, placement.positions);
     }
     bool mayObject() const override { return true; }
+    std::unique_ptr<MobilityModel> forCollectiveModes(
+        const HydrodynamicParticles& spheres) const override;
     OpenMM::Vec3 placeInFormulas(int i, const OpenMM::Vec3& position) const override {
         return wall.placeInFormulas(position, particles.radii[i]);
     }

@@ -57,6 +57,10 @@ public:
     bool hasProducts() const override { return model->hasProducts(); }
     bool hasRoughProducts() const override { return model->hasRoughProducts(); }
     bool hasFastProducts(double error) const override { return model->hasFastProducts(error); }
+    std::unique_ptr<MobilityModel> forCollectiveModes(
+        const HydrodynamicParticles& spheres) const override {
+        return model->forCollectiveModes(spheres);
+    }
     std::string describeFastProducts(double error) const override {
         return model->describeFastProducts(error);
     }

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "host/PlatformLoops.h"
-#include "schemes/Thermostat.h"
+#include "rigidbody/Thermostat.h"
 
 namespace OpenMM {
 class ReferenceConstraints;

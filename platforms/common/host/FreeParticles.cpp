@@ -1,4 +1,4 @@
-#include "stepping/FreeParticles.h"
+#include "host/FreeParticles.h"
 
 #include <openmm/HarmonicAngleForce.h>
 #include <openmm/reference/ReferenceConstraints.h>

@@ -1,4 +1,4 @@
-#include "context/RigidBodyKernel.h"
+#include "kernel/RigidBodyKernel.h"
 
 #include <algorithm>
 #include <cmath>
@@ -95,8 +95,10 @@ map<string, string> RigidBodyKernel::getEffects(ContextImpl&) {
 
 string RigidBodyKernel::describeEffects(ContextImpl& context) {
     string text;
-    for (const auto& effect : getEffects(context))
-        text += effect.first + " is " + effect.second + "\n";
+    for (const auto& effect : getEffects(context)) {
+        string value = effect.second;  // "on: why" or "off: why"
+        text += effect.first + ": " + value.replace(value.find(':'), 1, ",") + "\n";
+    }
     return text;
 }
 

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "context/RigidBodyKernel.h"
+#include "kernel/RigidBodyKernel.h"
 
 namespace RigidHIPlugin {
 

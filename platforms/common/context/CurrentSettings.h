@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "context/Warnings.h"
-#include "stepping/StepSettings.h"
+#include "host/StepSettings.h"
 
 namespace RigidHIPlugin {
 

@@ -1,4 +1,4 @@
-#include "context/KernelFactory.h"
+#include "kernel/KernelFactory.h"
 
 #include <openmm/KernelFactory.h>
 #include <openmm/OpenMMException.h>

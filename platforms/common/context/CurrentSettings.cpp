@@ -1,4 +1,4 @@
-#include "stepping/CurrentSettings.h"
+#include "context/CurrentSettings.h"
 
 #include <openmm/reference/SimTKOpenMMRealType.h>
 
@@ -27,7 +27,7 @@ void CurrentSettings::update(Scene& scene) {
     const pair<int, double> wanted(integrator.getSettingsVersion(), integrator.getStepSize());
     if (takenOver == wanted) return;
     checkScheme(scene.system, scene.definitions.underPresentScheme(), scene.stock);
-    scene.fluid.adoptWallRejection();
+    scene.fluid.adoptSettings();
     // Data that a scheme keeps for its next step are of no use after another scheme has moved the
     // bodies.
     if (scheme != integrator.getScheme() && scene.fluid) scene.fluid->forgetMemory();

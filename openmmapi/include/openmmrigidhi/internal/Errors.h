@@ -1,0 +1,39 @@
+#ifndef RIGIDHI_ERRORS_H_
+#define RIGIDHI_ERRORS_H_
+
+#include <openmm/OpenMMException.h>
+
+#include <string>
+
+#include "openmmrigidhi/internal/Messages.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Throws the errors of one class, whose name begins the message. A source that has such errors
+ * calls its object `fail`.
+ */
+class ErrorsOf {
+public:
+    explicit constexpr ErrorsOf(const char* className) : className(className) {}
+    [[noreturn]] void operator()(const std::string& message) const {
+        throw OpenMM::OpenMMException(className + (": " + message));
+    }
+    /** @param object  what the message is about, such as a method or a body */
+    [[noreturn]] void operator()(const std::string& object, const std::string& message) const {
+        (*this)(object + ": " + message);
+    }
+    /** The form of all messages about arguments: object, its value, the bound it breaks, and the
+     * remedy. */
+    [[noreturn]] void operator()(const std::string& object, const std::string& problem,
+                                 const std::string& bound, const std::string& remedy) const {
+        (*this)(object, problem + "; " + bound + ": " + remedy);
+    }
+
+private:
+    const char* className;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

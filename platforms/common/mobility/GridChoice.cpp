@@ -1,0 +1,183 @@
+#include "mobility/GridChoice.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "mobility/Models.h"
+#include "mobility/models/ewald/EwaldSplitting.h"
+#include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
+#include "mobility/models/forcecoupling/GridShape.h"
+#include "mobility/models/periodic/MostLatticeRows.h"
+#include "openmmrigidhi/SchemeTraits.h"
+#include "openmmrigidhi/internal/Messages.h"
+
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/**
+ * Up to this many rows Auto takes matrices without an estimate. A step then takes some hundredths
+ * of a second, and the results have no error of a grid.
+ */
+const int fewRows = 150;
+
+// Times in ns on one thread, measured (benchmarks/README.md).
+const double timeOfPair = 3200, timeOfEntry = 315;  // of lattice sums
+const double timeOfFactor = 0.04;  // for each row cubed: a factor of a symmetric matrix
+const double timeOfEigensystem = 0.4;
+const double timeOfTransform = 0.25;  // for each node, each doubling of the number of nodes, and
+                                      // each of six transforms
+const double timeOfMode = 1;          // for each node: the response of the fluid
+const double timeOfNode = 1.2;        // for each node of a stencil, spreading and averaging
+
+/** The times that EwaldSplitting compares were measured on a faster machine, with AVX-512. */
+const double timesOfSplitting = 1.5;
+
+/** What a step asks of the mobility of particles. */
+struct StepWork {
+    int solves;    // of mobility problems
+    int fields;    // random fields on a grid
+    int roots;     // of the whole mobility, which iterations find on a grid
+    int matrices;  // formed and factorised where there is no grid
+};
+
+/**
+ * The work of a step without momenta, or of a request where the scheme has no fluid.
+ *
+ * @param isLocal     whether the random field on a grid is one flow (MobilityModel::fieldIsLocal())
+ * @param numDrifting  bodies with a stochastic drift
+ */
+StepWork workOf(CustomRigidHIIntegrator::Scheme scheme, bool isLocal, int numDrifting) {
+    const bool drifts = numDrifting > 0;
+    switch (scheme) {
+        case CustomRigidHIIntegrator::FixmanMidpoint: return {2, 0, 2, 2};
+        case CustomRigidHIIntegrator::RandomFiniteDifference:
+            return {drifts ? 2 : 1, 1, 0, drifts ? 2 : 1};
+        case CustomRigidHIIntegrator::TractionEulerMaruyama:
+            return {drifts ? 2 : 1, 1, 0, drifts ? 3 : 1};
+        case CustomRigidHIIntegrator::TrapezoidalSlip: return {2, 1, 0, drifts ? 4 : 2};
+        case CustomRigidHIIntegrator::DriftCorrectorFD: {
+            const int differences = drifts ? 2 + 6 * numDrifting : 1;
+            return {1, isLocal ? 1 : differences, 0, differences};
+        }
+        case CustomRigidHIIntegrator::DriftCorrectorRFD:
+            return {1, isLocal || !drifts ? 1 : 3, 0, drifts ? 3 : 1};
+        default: return {1, 1, 0, 1};
+    }
+}
+
+/** The box of the fluid's grid, with edges along the axes: of a channel, twice its width. */
+BoxVectors boxOfGrid(const MobilityForce& force, BoxVectors box) {
+    if (force.getBoundary() != MobilityForce::SlipChannel) return box;
+    double low, high;
+    force.getChannelWalls(low, high);
+    box[1] = OpenMM::Vec3(0, 2 * (high - low), 0);
+    return box;
+}
+
+double forceCouplingProduct(const MobilityForce& force, const HydrodynamicParticles& particles,
+                            const BoxVectors& box) {
+    const GridResolution resolution(particles, force.getSolverTolerance(), force.getGridSpacing());
+    GridShape shape = resolution.shapeFor(box);
+    shape.mirrored = force.getBoundary() == MobilityForce::SlipChannel;
+    const double nodes = (double)shape.size[0] * shape.numRows() * shape.size[2],
+                 spacing = max({shape.spacing(0), shape.spacing(1), shape.spacing(2)});
+    double time = nodes * (6 * timeOfTransform * log2(nodes) + timeOfMode);
+    for (int i = 0; i < particles.size(); i++) {
+        const double P = 2 * resolution.cutoff(particles.radii[i]) / spacing;
+        time += (particles.hasTorque[i] ? 2 : 1) * timeOfNode * M_PI / 4 * P * P * (P + 4);
+    }
+    return 1e-9 * time;
+}
+
+void estimate(const MobilityForce& force, const MobilityScene& scene,
+              const HydrodynamicParticles& particles, const BoxVectors& box, GridChoice& choice) {
+    const bool bySurfaces = force.getModel() == MobilityForce::RotnePragerYamakawa,
+               inChannel = force.getBoundary() == MobilityForce::SlipChannel;
+    set<int> bodies, multiblobs;
+    int bodyRows = 0;
+    for (int i = 0; i < particles.size(); i++)
+        if (particles.body[i] < 0)
+            bodyRows += 3;
+        else {
+            bodies.insert(particles.body[i]);
+            if (!particles.hasTorque[i]) multiblobs.insert(particles.body[i]);
+        }
+    bodyRows += 6 * bodies.size();
+    const bool hasMomenta = traitsOf(scene.scheme).kind == SchemeKind::FluidThermostat;
+    // Only in a channel do spheres have a drift.
+    const StepWork work =
+        workOf(scene.scheme, !bySurfaces, (inChannel ? bodies : multiblobs).size());
+
+    // Matrices. A channel has an image of every particle.
+    const double rows = particles.numRows, n = (inChannel ? 2. : 1.) * particles.size(),
+                 entries = pow(rows / particles.size(), 2);
+    choice.matrixSeconds =
+        1e-9 * (work.matrices * (n * (n + 1) / 2 * (timeOfPair + timeOfEntry * entries) +
+                                 timeOfFactor * pow(rows, 3)) +
+                (hasMomenta ? timeOfEigensystem * pow(bodyRows, 3) : 0));
+
+    // A grid. A digit costs an iteration, or more if the particles are crowded. Overlapping
+    // particles fill less than the sum of their volumes.
+    double ofParticles = 0;
+    for (double a : particles.radii) ofParticles += 4 * M_PI / 3 * a * a * a;
+    const double volumeFraction =
+        min(0.2, ofParticles / (box[0][0] * box[1][1] * box[2][2] / (inChannel ? 2 : 1)));
+    const double iterations = -log10(force.getSolverTolerance()) * (1 + 7 * sqrt(volumeFraction)),
+                 ofSolve = multiblobs.empty() ? 1 : 1 + iterations;
+    const double product =
+        bySurfaces
+            ? timesOfSplitting * EwaldSplitting(kindsOf(particles), force.getSolverTolerance(),
+                                                force.getGridSpacing(), box)
+                                     .seconds
+            : forceCouplingProduct(force, particles, box);
+    // In units of a product. Pairs must be found and have noise of their own.
+    const double ofField = bySurfaces ? 3 : 1, ofPlace = bySurfaces ? 1.5 : 0;
+    choice.gridSeconds =
+        product *
+        (hasMomenta
+             ? ofPlace + (multiblobs.empty() ? 2 * iterations : iterations * iterations)
+             : ofPlace + work.solves * ofSolve + work.roots * iterations + work.fields * ofField);
+}
+
+}  // namespace
+
+string GridChoice::text() const {
+    if (!isEstimated()) return {};
+    return string("chosen by Auto: a step is estimated to take ") +
+           RigidHIPlugin::text(matrixSeconds, 2) + " s with matrices and " +
+           RigidHIPlugin::text(gridSeconds, 2) + " s on a grid, on one thread";
+}
+
+bool hasGrid(const MobilityForce& force) {
+    return force.getModel() == MobilityForce::ForceCoupling ||
+           (force.getModel() == MobilityForce::RotnePragerYamakawa &&
+            force.getBoundary() == MobilityForce::Periodic);
+}
+
+GridChoice chooseGrid(const MobilityForce& force, const MobilityScene& scene,
+                      const HydrodynamicParticles& particles) {
+    GridChoice choice;
+    choice.onGrid = force.getSolver() == MobilityForce::MatrixFree;
+    if (force.getSolver() != MobilityForce::Auto) return choice;
+    const bool isTriclinic = scene.box[1][0] != 0 || scene.box[2][0] != 0 || scene.box[2][1] != 0;
+    const int rows =
+        (force.getBoundary() == MobilityForce::SlipChannel ? 2 : 1) * particles.numRows;
+    if (rows <= fewRows || isTriclinic ||
+        (force.getModel() == MobilityForce::RotnePragerYamakawa &&
+         (int)kindsOf(particles).size() > RotnePragerYamakawaGrid::mostRadii))
+        return choice;
+    choice.onGrid = true;
+    if (rows > mostLatticeRows || force.getGridSpacing() > 0) return choice;
+    const BoxVectors none = {},
+                     unset = {OpenMM::Vec3(2, 0, 0), OpenMM::Vec3(0, 2, 0), OpenMM::Vec3(0, 0, 2)};
+    if (scene.box == none || scene.box == unset) return choice;
+    estimate(force, scene, particles, boxOfGrid(force, scene.box), choice);
+    choice.onGrid = choice.gridSeconds < choice.matrixSeconds;
+    return choice;
+}
+
+}  // namespace RigidHIPlugin
