@@ -51,22 +51,20 @@ struct StepWork {
  * @param numDrifting  bodies with a stochastic drift
  */
 StepWork workOf(CustomRigidHIIntegrator::Scheme scheme, bool isLocal, int numDrifting) {
-    const bool drifts = numDrifting > 0;
-    switch (scheme) {
-        case CustomRigidHIIntegrator::FixmanMidpoint: return {2, 0, 2, 2};
-        case CustomRigidHIIntegrator::RandomFiniteDifference:
-            return {drifts ? 2 : 1, 1, 0, drifts ? 2 : 1};
-        case CustomRigidHIIntegrator::TractionEulerMaruyama:
-            return {drifts ? 2 : 1, 1, 0, drifts ? 3 : 1};
-        case CustomRigidHIIntegrator::TrapezoidalSlip: return {2, 1, 0, drifts ? 4 : 2};
-        case CustomRigidHIIntegrator::DriftCorrectorFD: {
-            const int differences = drifts ? 2 + 6 * numDrifting : 1;
-            return {1, isLocal ? 1 : differences, 0, differences};
-        }
-        case CustomRigidHIIntegrator::DriftCorrectorRFD:
-            return {1, isLocal || !drifts ? 1 : 3, 0, drifts ? 3 : 1};
-        default: return {1, 1, 0, 1};
+    const SchemeTraits& traits = traitsOf(scheme);
+    const bool drifts = numDrifting > 0, hasTwoPlaces = traits.forces > 1;
+    if (traits.differenced == Differenced::Roots) {
+        // The mid-point, and differences along each axis of each body, or along one direction.
+        const bool alongEach = scheme == CustomRigidHIIntegrator::DriftCorrectorFD;
+        const int roots = !drifts ? 1 : alongEach ? 2 + 6 * numDrifting : 3;
+        return {1, isLocal ? 1 : roots, 0, roots};
     }
+    if (traits.differenced == Differenced::Products) {
+        if (hasTwoPlaces) return {2, 1, 0, drifts ? 4 : 2};
+        return {drifts ? 2 : 1, 1, 0, drifts ? 3 : 1};
+    }
+    if (traits.differenced == Differenced::Solves) return {drifts ? 2 : 1, 1, 0, drifts ? 2 : 1};
+    return hasTwoPlaces ? StepWork{2, 0, 2, 2} : StepWork{1, 1, 0, 1};
 }
 
 /** The box of the fluid's grid, with edges along the axes: of a channel, twice its width. */
