@@ -6,9 +6,9 @@
 Steps by matrices of lattice sums are compared with steps on a grid, by model, scheme, volume
 fraction, tolerance and number of particles. The particles are of radius 1 nm: free particles
 (blobs), spheres that form bodies, and cubes of eight touching blobs, on a cubic lattice. The
-smaller CPU time of two steps on one thread of the CPU platform counts, one way right after the other. The
-choice and its estimates are those of describeEffects() with setSolver(Auto). Results are written to
-auto_choice.json.
+smaller CPU time of two steps on one thread of the CPU platform counts, one way right after the
+other. The choice and its estimates are those of describeEffects() with setSolver(Auto). Results are
+written to auto_choice.json.
 """
 import argparse
 import itertools

@@ -814,7 +814,8 @@ def test_files_of_other_tasks_are_named(undisturbed, tmp_path):
     whole = study.run(str(directory), quiet=True)
     small(settings=[{}, {'temperature': 280.0}], replicas=2, length=1.0).run(str(other), quiet=True)
     path = directory/'tasks'/'s0000_r0000.h5'
-    for source, text in ((directory/'tasks'/'s0000_r0001.h5', 'its replica is 1 instead of 0'),
+    for source, text in ((directory/'tasks'/'s0000_r0001.h5',
+                          'it is of another task: its replica is 1 instead of 0'),
                          (directory/'tasks'/'s0001_r0000.h5', 'its setting is 1 instead of 0'),
                          (other/'tasks'/'s0000_r0000.h5', 'its study is ')):
         path.write_bytes(source.read_bytes())
@@ -908,7 +909,9 @@ def test_a_kept_scene_is_the_one_of_its_study(tmp_path):
 
 def test_other_files_are_not_replaced(tmp_path):
     (tmp_path/'results.csv').write_text('of another program')
-    with pytest.raises(ValueError, match='it has results.csv but no study.json; a study begins in'):
+    with pytest.raises(
+            ValueError, match='no study.json; a study begins in an empty '
+            'directory, so that it replaces no other files'):
         small(replicas=1, length=0.1).run(str(tmp_path), quiet=True)
     assert os.listdir(tmp_path) == ['results.csv']
     with pytest.raises(ValueError, match='jobs: got 0'):
