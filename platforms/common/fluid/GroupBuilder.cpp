@@ -150,24 +150,21 @@ void GroupBuilder::addShape(FluidElement& element, const vector<BodyGeometry>& g
         turn * Map<const Matrix<double, 6, 6, RowMajor>>(user.data()) * turn.transpose();
 }
 
-MobilityScene GroupBuilder::sceneOfModels() const {
+unique_ptr<MobilityModel> GroupBuilder::makeModel(const HydrodynamicParticles& particles,
+                                                  bool mayUseThreads, GridChoice& choice) const {
+    choice = chooseGrid(force, settings.scheme, defaultBox, particles);
     MobilityScene scene;
     scene.crossingAllowed = settings.wallRejection == CustomRigidHIIntegrator::Crossing;
-    scene.box = defaultBox;
-    scene.scheme = settings.scheme;
-    return scene;
-}
-
-unique_ptr<MobilityModel> GroupBuilder::makeModel(const HydrodynamicParticles& particles,
-                                                  bool mayUseThreads) const {
-    return loops.createMobility(force, sceneOfModels(), particles, mayUseThreads);
+    scene.onGrid = choice.onGrid;
+    return loops.createMobility(force, scene, particles, mayUseThreads);
 }
 
 void GroupBuilder::checkModels() const {
     for (const auto& entry : elementsOfGroups) {
         const HydrodynamicParticles particles = particlesOf(entry.second);
         if (particles.size() == 0) continue;
-        const auto model = makeModel(particles, false);
+        GridChoice choice;
+        const auto model = makeModel(particles, false, choice);
         if (flow.hasWave()) model->checkWave(defaultBox, flow.waveAxis, flow.waveVectorIndex);
         // The tensor of one element in a uniform fluid is constant, so that no solve is ever
         // needed.
@@ -192,15 +189,15 @@ vector<unique_ptr<FluidGroup>> GroupBuilder::build(const vector<BodyGeometry>& g
 unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& elements,
                                                const BodySet& bodies) const {
     const bool mayUseThreads = elementsOfGroups.size() == 1;  // several groups are spread over them
+    GridChoice choice;
     unique_ptr<FluidGroup> group(new FluidGroup(
         elements,
-        [&](const HydrodynamicParticles& particles) { return makeModel(particles, mayUseThreads); },
+        [&](const HydrodynamicParticles& particles) {
+            return makeModel(particles, mayUseThreads, choice);
+        },
         force.getSolverTolerance()));
-    if (hasGrid(force)) {
-        const GridChoice choice = chooseGrid(force, sceneOfModels(), group->bodies.getParticles());
-        group->gridChoice = choice.text();
-        group->dependsOnScheme = choice.isEstimated();
-    }
+    group->gridChoice = choice.text();
+    group->dependsOnScheme = choice.isEstimated();
     for (size_t e = 0; e < elements.size(); e++) {
         group->freeIndex.push_back(elements[e].isFree() ? indexOfFree[elements[e].particles[0]]
                                                         : -1);

@@ -14,7 +14,7 @@
 
 namespace RigidHIPlugin {
 
-struct MobilityScene;
+struct GridChoice;
 
 /**
  * Makes groups from a MobilityForce, bodies and free particles, and refuses what is wrong. It also
@@ -49,9 +49,9 @@ private:
     std::unique_ptr<FluidGroup> makeGroup(const std::vector<FluidElement>& elements,
                                           const BodySet& bodies) const;
     void chooseStrategies(FluidGroup& group, const BodySet& bodies) const;
-    MobilityScene sceneOfModels() const;
+    /** The model for these particles, and how Auto chose between matrices and a grid. */
     std::unique_ptr<MobilityModel> makeModel(const HydrodynamicParticles& particles,
-                                             bool mayUseThreads) const;
+                                             bool mayUseThreads, GridChoice& choice) const;
 
     const MobilityForce& force;
     const FluidSettings settings;

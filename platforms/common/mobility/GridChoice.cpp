@@ -4,7 +4,6 @@
 #include <cmath>
 #include <set>
 
-#include "mobility/Models.h"
 #include "mobility/models/ewald/EwaldSplitting.h"
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
 #include "mobility/models/forcecoupling/GridShape.h"
@@ -35,6 +34,15 @@ const double timeOfNode = 1.2;        // for each node of a stencil, spreading a
 
 /** The times that EwaldSplitting compares were measured on a faster machine, with AVX-512. */
 const double timesOfSplitting = 1.5;
+
+/** Whether the model has a grid with this boundary. */
+bool hasGrid(const MobilityForce& force) {
+    if (force.getModel() == MobilityForce::RotnePragerYamakawa)
+        return force.getBoundary() == MobilityForce::Periodic;
+    return force.getModel() == MobilityForce::ForceCoupling &&
+           (force.getBoundary() == MobilityForce::Periodic ||
+            force.getBoundary() == MobilityForce::SlipChannel);
+}
 
 /** What a step asks of the mobility of particles. */
 struct StepWork {
@@ -91,7 +99,7 @@ double forceCouplingProduct(const MobilityForce& force, const HydrodynamicPartic
     return 1e-9 * time;
 }
 
-void estimate(const MobilityForce& force, const MobilityScene& scene,
+void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
               const HydrodynamicParticles& particles, const BoxVectors& box, GridChoice& choice) {
     const bool bySurfaces = force.getModel() == MobilityForce::RotnePragerYamakawa,
                inChannel = force.getBoundary() == MobilityForce::SlipChannel;
@@ -105,10 +113,9 @@ void estimate(const MobilityForce& force, const MobilityScene& scene,
             if (!particles.hasTorque[i]) multiblobs.insert(particles.body[i]);
         }
     bodyRows += 6 * bodies.size();
-    const bool hasMomenta = traitsOf(scene.scheme).kind == SchemeKind::FluidThermostat;
+    const bool hasMomenta = traitsOf(scheme).kind == SchemeKind::FluidThermostat;
     // Only in a channel do spheres have a drift.
-    const StepWork work =
-        workOf(scene.scheme, !bySurfaces, (inChannel ? bodies : multiblobs).size());
+    const StepWork work = workOf(scheme, !bySurfaces, (inChannel ? bodies : multiblobs).size());
 
     // Matrices. A channel has an image of every particle.
     const double rows = particles.numRows, n = (inChannel ? 2. : 1.) * particles.size(),
@@ -150,18 +157,14 @@ string GridChoice::text() const {
            RigidHIPlugin::text(gridSeconds, 2) + " s on a grid, on one thread";
 }
 
-bool hasGrid(const MobilityForce& force) {
-    return force.getModel() == MobilityForce::ForceCoupling ||
-           (force.getModel() == MobilityForce::RotnePragerYamakawa &&
-            force.getBoundary() == MobilityForce::Periodic);
-}
-
-GridChoice chooseGrid(const MobilityForce& force, const MobilityScene& scene,
-                      const HydrodynamicParticles& particles) {
+GridChoice chooseGrid(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
+                      const BoxVectors& defaultBox, const HydrodynamicParticles& particles) {
     GridChoice choice;
+    if (!hasGrid(force)) return choice;
     choice.onGrid = force.getSolver() == MobilityForce::MatrixFree;
     if (force.getSolver() != MobilityForce::Auto) return choice;
-    const bool isTriclinic = scene.box[1][0] != 0 || scene.box[2][0] != 0 || scene.box[2][1] != 0;
+    const bool isTriclinic =
+        defaultBox[1][0] != 0 || defaultBox[2][0] != 0 || defaultBox[2][1] != 0;
     const int rows =
         (force.getBoundary() == MobilityForce::SlipChannel ? 2 : 1) * particles.numRows;
     if (rows <= fewRows || isTriclinic ||
@@ -172,8 +175,8 @@ GridChoice chooseGrid(const MobilityForce& force, const MobilityScene& scene,
     if (rows > mostLatticeRows || force.getGridSpacing() > 0) return choice;
     const BoxVectors none = {},
                      unset = {OpenMM::Vec3(2, 0, 0), OpenMM::Vec3(0, 2, 0), OpenMM::Vec3(0, 0, 2)};
-    if (scene.box == none || scene.box == unset) return choice;
-    estimate(force, scene, particles, boxOfGrid(force, scene.box), choice);
+    if (defaultBox == none || defaultBox == unset) return choice;
+    estimate(force, scheme, particles, boxOfGrid(force, defaultBox), choice);
     choice.onGrid = choice.gridSeconds < choice.matrixSeconds;
     return choice;
 }

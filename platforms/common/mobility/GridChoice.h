@@ -9,8 +9,6 @@
 
 namespace RigidHIPlugin {
 
-struct MobilityScene;
-
 /**
  * Whether the particles of a periodic fluid are done by matrices of lattice sums or on a grid.
  *
@@ -28,17 +26,15 @@ struct GridChoice {
     std::string text() const;
 };
 
-/** Whether the model has a grid with this boundary. */
-bool hasGrid(const MobilityForce& force);
 /**
  * The choice for RotnePragerYamakawa and ForceCoupling with the boundaries Periodic and
- * SlipChannel. Other models and boundaries have no grid.
+ * SlipChannel. Other models and boundaries have no grid, and get none.
  *
  * The numbers of rows alone decide where nobody has set the System's default box, so that it is
  * OpenMM's own, and where setGridSpacing() asks for a grid.
  */
-GridChoice chooseGrid(const MobilityForce& force, const MobilityScene& scene,
-                      const HydrodynamicParticles& particles);
+GridChoice chooseGrid(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
+                      const BoxVectors& defaultBox, const HydrodynamicParticles& particles);
 
 }  // namespace RigidHIPlugin
 

@@ -4,7 +4,6 @@
 
 #include <string>
 
-#include "mobility/GridChoice.h"
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
@@ -58,7 +57,7 @@ unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force
                                                       const MobilityScene& scene,
                                                       const HydrodynamicParticles& particles,
                                                       const PlatformModels& own) {
-    if (!chooseGrid(force, scene, particles).onGrid)
+    if (!scene.onGrid)
         return unique_ptr<MobilityModel>(
             new PeriodicRotnePragerYamakawa(particles, force.getViscosity()));
     return unique_ptr<MobilityModel>(
@@ -94,7 +93,7 @@ unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force,
                                                 const MobilityScene& scene,
                                                 const HydrodynamicParticles& particles,
                                                 bool inChannel, const PlatformModels& own) {
-    if (!chooseGrid(force, scene, particles).onGrid)
+    if (!scene.onGrid)
         return unique_ptr<MobilityModel>(new PeriodicForceCoupling(
             inChannel ? SlipChannel::withImages(particles) : particles, force.getViscosity()));
     return unique_ptr<MobilityModel>(

@@ -7,7 +7,6 @@
 
 #include "mobility/models/forcecoupling/GridFluid.h"
 #include "mobility/models/wall/NoSlipPlane.h"
-#include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 namespace RigidHIPlugin {
@@ -28,8 +27,7 @@ struct PlatformModels {
 /** What a model must know of the scene besides its MobilityForce. */
 struct MobilityScene {
     bool crossingAllowed = false;  // whether surfaces of particles may reach through a wall
-    BoxVectors box = {};           // the System's default box
-    CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::EulerMaruyama;
+    bool onGrid = false;           // where there is a choice: no matrices (GridChoice)
 };
 /**
  * The model of a MobilityForce, with its boundary, on every platform. A new model is entered here.
