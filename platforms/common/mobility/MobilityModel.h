@@ -241,6 +241,17 @@ public:
                              const std::vector<OpenMM::Vec3>& sites,
                              Eigen::MatrixXd& mobility) const;
 
+    /**
+     * A model of spheres without torque that stand for groups of particles, in the same fluid. It
+     * has a mobility wherever the particles have one, even if spheres reach through a wall. It may
+     * be coarse: it makes square roots of this model cheaper, and not different
+     * (CollectiveModes). Default, for models whose roots do not need it: null.
+     */
+    virtual std::unique_ptr<MobilityModel> forCollectiveModes(
+        const HydrodynamicParticles& spheres) const {
+        return nullptr;
+    }
+
 protected:
     /** A MobilityAt of this model that has no placement yet. */
     virtual std::unique_ptr<MobilityAt> makePlace() const = 0;
@@ -252,18 +263,6 @@ protected:
 
     const HydrodynamicParticles particles;
     const double viscosity;
-
-public:
-    /**
-     * A model of spheres without torque that stand for groups of particles, in the same fluid. It
-     * has a mobility wherever the particles have one, even if spheres reach through a wall. It may
-     * be coarse: it makes square roots of this model cheaper, and not different
-     * (CollectiveModes). Default, for models whose roots do not need it: null.
-     */
-    virtual std::unique_ptr<MobilityModel> forCollectiveModes(
-        const HydrodynamicParticles& spheres) const {
-        return nullptr;
-    }
 };
 
 }  // namespace RigidHIPlugin
