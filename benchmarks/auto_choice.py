@@ -14,13 +14,12 @@ import argparse
 import itertools
 import pathlib
 import re
-import time
 
 import numpy as np
 import openmm
 import openmmrigidhi
 
-from common import RESULTS, describeMachine, save
+from common import RESULTS, describeMachine, ownSeconds, save
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 SCHEMES = {
@@ -72,12 +71,7 @@ def start(model, scheme, what, count, fraction, tolerance, solver):
 def seconds(*scene):
     context, integrator = start(*scene)
     integrator.step(1)
-    taken = []
-    for _ in range(2):
-        before = time.process_time()
-        integrator.step(1)
-        taken.append(time.process_time() - before)
-    return min(taken)
+    return min(ownSeconds(integrator, 1) for _ in range(2))
 
 
 def main():

@@ -11,12 +11,11 @@ split_ewald_steps.json.
 """
 import argparse
 import pathlib
-import time
 
 import numpy as np
 import openmm
 
-from common import RESULTS, describeMachine, save
+from common import RESULTS, describeMachine, ownSeconds, save
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 
 NUMBERS = (10, 20, 40, 80, 160)
@@ -52,12 +51,7 @@ def seconds(count, spheres, fraction, solver, tolerance, scheme, seed):
                              {'Threads': '1'})
     context.setPositions(places(count, edge, seed))
     integrator.step(1)
-    taken = []
-    for _ in range(3):
-        start = time.process_time()
-        integrator.step(1)
-        taken.append(time.process_time() - start)
-    return min(taken)
+    return min(ownSeconds(integrator, 1) for _ in range(3))
 
 
 def main():
