@@ -1,6 +1,8 @@
 """openmmrigidhi.ensemble: no results are lost when workers die, and numbers do not depend on the
 processes that compute them."""
 import contextlib
+import errno
+import fcntl
 import importlib.util
 import json
 import math
@@ -748,6 +750,58 @@ def test_damaged_files_are_named_and_the_rest_is_used(undisturbed, tmp_path):
     assert again.about['sessions'][-1]['put_aside'] == [
         str(directory/'tasks'/'s0000_r0001.h5.damaged1')
     ]
+
+
+def test_files_that_cannot_be_read_are_named_and_stay_where_they_are(tmp_path, monkeypatch):
+    directory = tmp_path/'study'
+    study = small()
+    study.run(str(directory), quiet=True)
+    path = directory/'tasks'/'s0000_r0001.h5'
+    before = path.read_bytes()
+    # Root may read everything, so the system's refusal is made up.
+    plain = open
+
+    def refuse(name, *arguments, **keywords):
+        if str(name) == str(path):
+            raise PermissionError(errno.EACCES, 'Permission denied')
+        return plain(name, *arguments, **keywords)
+
+    monkeypatch.setattr('builtins.open', refuse)
+    found = ensemble.read(directory)
+    assert [task.status for task in found.tasks] == ['complete', 'damaged', 'complete']
+    assert r's0000_r0001.h5: it cannot be read (Permission denied)' in found.tasks[1].message
+    with pytest.raises(taskfiles.UnreadableFile, match='it cannot be read .Permission denied'):
+        study.run(str(directory), quiet=True)
+    monkeypatch.undo()
+    assert path.read_bytes() == before
+    assert not list(path.parent.glob('*.damaged*'))
+
+
+def test_files_that_others_have_locked_are_read(tmp_path):
+    directory = tmp_path/'study'
+    small(replicas=1, length=0.2).run(str(directory), quiet=True)
+    with open(directory/'tasks'/'s0000_r0000.h5', 'rb') as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert [task.status for task in ensemble.read(directory).tasks] == ['complete']
+
+
+def test_a_file_where_a_directory_should_be(tmp_path):
+    (tmp_path/'study').mkdir()
+    (tmp_path/'study'/'tasks').write_text('')
+    with pytest.raises(NotADirectoryError, match='tasks: it is, or is below, a file; it must be'):
+        small(replicas=1, length=0.2).run(str(tmp_path/'study'), quiet=True)
+    (tmp_path/'file').write_text('')
+    with pytest.raises(NotADirectoryError, match='it is, or is below, a file; it must be a direct'):
+        small(replicas=1, length=0.2).run(str(tmp_path/'file'), quiet=True)
+
+
+def test_a_file_system_without_locks(tmp_path, monkeypatch):
+    def refuse(*arguments):
+        raise OSError(errno.ENOLCK, 'No locks available')
+
+    monkeypatch.setattr(fcntl, 'flock', refuse)
+    with pytest.raises(OSError, match='it cannot be locked .No locks available.; its file system'):
+        small(replicas=1, length=0.2).run(str(tmp_path/'study'), quiet=True)
 
 
 def test_every_flipped_byte_that_matters_is_noticed(undisturbed, tmp_path):

@@ -325,15 +325,21 @@ class Study:
         ------
         ValueError
             if the directory has another study, or files but no study
+        NotADirectoryError
+            if a file has the name of the directory or of its tasks
+        taskfiles.UnreadableFile
+            if a task's file cannot be read
         RuntimeError
             if another process runs the study at the moment
+        OSError
+            if the directory's file system has no locks
         ConnectionError, ImportError
             see tasks.run(): a cluster does not answer, or a worker has no plugin
         """
         _tasks.checkNumbers(jobs, retries)
         directory = os.path.abspath(directory)
         _checkThatItIsEmpty(directory)
-        os.makedirs(os.path.join(directory, TASKS), exist_ok=True)
+        taskfiles.makeDirectory(os.path.join(directory, TASKS))
         with _locked(directory):
             about = self._begin(directory, extend)
             taskfiles.clean(os.path.join(directory, TASKS))
@@ -461,6 +467,8 @@ class Study:
                         path,
                         expectations(setting, replica, seed, self.settings[setting],
                                      about['identity']))
+                except taskfiles.UnreadableFile:
+                    raise  # it may be whole
                 except taskfiles.DamagedFile:
                     saved = None
                     aside.append(_putAside(path))
@@ -523,10 +531,16 @@ def _locked(directory):
     with open(os.path.join(directory, LOCK), 'a') as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        except BlockingIOError as error:
             raise RuntimeError(
                 f'{directory}: another process runs this study at the moment; one at a time may: '
                 f'wait for it, or end it') from error
+        except OSError as error:
+            raise OSError(
+                error.errno,
+                f'{directory}: it cannot be locked ({error.strerror}); its file system must have '
+                f'locks, so that one process at a time runs the study: take a directory on another '
+                f'one') from error
         yield
 
 

@@ -31,6 +31,31 @@ class DamagedFile(ValueError):
     """A file that is no whole file of a task; the message names the file."""
 
 
+class UnreadableFile(DamagedFile):
+    """A file that the system does not give; its content may be whole."""
+
+
+def makeDirectory(path):
+    """Make a directory if there is none.
+
+    Parameters
+    ----------
+    path : str
+
+    Raises
+    ------
+    NotADirectoryError
+        if something else has this name
+    """
+    try:
+        os.makedirs(path, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise NotADirectoryError(
+            error.errno,
+            f'{path}: it is, or is below, a file; it must be a directory, for the files of a '
+            f'study: move that file away, or take another directory') from error
+
+
 @dataclass
 class TaskFile:
     """What a task's file holds.
@@ -138,11 +163,21 @@ def load(path, expected=None):
     Raises
     ------
     DamagedFile
+    UnreadableFile
+        if the system does not give the file
     """
     if not os.path.exists(path):
         return None
+    # HDF5 would want to lock the file, which some file systems refuse.
     try:
-        with h5py.File(path, 'r') as file:
+        with open(path, 'rb') as file:
+            data = io.BytesIO(file.read())
+    except OSError as error:
+        raise UnreadableFile(
+            f'{path}: it cannot be read ({error.strerror}); this process must be allowed to read '
+            f'it: set its permissions, or wait until its disk is there again') from error
+    try:
+        with h5py.File(data, 'r') as file:
             found = file.attrs.get('format')
             if found != FORMAT:
                 raise ValueError(f'its format is {found!r} instead of {FORMAT!r}')
