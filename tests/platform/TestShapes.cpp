@@ -142,7 +142,7 @@ TEST(Shapes, SingularMomentsOfTenToTheSix) {
     coarse.addRigidBody({0}, 1.0, Vec3(1e-4, 0.01, 0.0101), {Vec3()});
     Context second(other, coarse, testPlatform());
     second.setPositions({Vec3()});
-    EXPECT_NE(coarse.getEffects().at("warnings").find("does not resolve the rotation of 1 bodies"),
+    EXPECT_NE(coarse.getEffects().at("warnings").find("does not resolve the rotation of 1 body"),
               string::npos);
 }
 

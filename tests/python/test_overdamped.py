@@ -198,8 +198,8 @@ def test_effects_of_the_drift(name):
         'off: no bodies or free particles interact through the fluid, but each of them interacts '
         'with the wall')
     assert effects['noise'] == 'on: temperature 300 K' and effects['momenta'].startswith('off')
-    assert '1 groups with dense matrices' in effects['hydrodynamics'] and effects[
-        'rotation'].startswith('on: 1 bodies')
+    assert '1 group with dense matrices' in effects['hydrodynamics'] and effects[
+        'rotation'].startswith('on: 1 body')
     integrator.step(2)
     assert integrator.getEffects() == effects
     integrator.setFiniteDifferenceStep(2e-4)
@@ -250,7 +250,7 @@ def test_effects_matrix_free():
     integrator, _ = scene('RandomFiniteDifference', bodies=2, solver=MobilityForce.MatrixFree)
     effects = integrator.getEffects()
     assert effects['finite differences'] == 'on: steps of 0.01 body lengths, and radians'
-    assert '1 groups matrix-free' in effects['hydrodynamics']
+    assert '1 group matrix-free' in effects['hydrodynamics']
 
 
 def test_effects_of_other_schemes():

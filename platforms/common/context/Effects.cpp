@@ -87,9 +87,10 @@ private:
                 : flow);
         const int interacting = fluid ? fluid->numInteracting() : 0;
         set("hydrodynamic interactions", interacting > 0,
-            !fluid ? missing
-            : interacting > 0
-                ? to_string(interacting) + " bodies and free particles interact through the fluid"
+            !fluid            ? missing
+            : interacting > 0 ? counted(interacting, "body or free particle interacts",
+                                        "bodies and free particles interact") +
+                                    " through the fluid"
             : !fluid->isUniform() ? string("no bodies or free particles interact through the "
                                            "fluid, but each of them interacts with ") +
                                         (fluid->isPeriodic() ? "its own images" : "the wall")
@@ -129,12 +130,14 @@ private:
     void findRotation() {
         if (scheme.isOverdamped()) {
             set("rotation", scene.definitions.getNumBodies() > 0,
-                to_string(scene.definitions.getNumBodies()) +
-                    " bodies, each rotated in the lab frame by its angular velocity times the "
+                counted(scene.definitions.getNumBodies(), "body", "bodies") +
+                    ", each rotated in the lab frame by its angular velocity times the "
                     "step" +
                     (fluid ? "; " + to_string(fluid->numCollinear()) +
-                                 " of them have their blobs on a line and do not rotate about this "
-                                 "line"
+                                 (fluid->numCollinear() == 1
+                                      ? " of them has its blobs on a line and does"
+                                      : " of them have their blobs on a line and do") +
+                                 " not rotate about this line"
                            : string("; positions are not set yet")));
             return;
         }
@@ -144,8 +147,8 @@ private:
              : scene.bodies.rotor(b) == RotorKind::Linear ? linear
                                                           : points)++;
         set("rotation", general + linear > 0,
-            to_string(general) + " bodies about three axes (symmetric splitting), " +
-                to_string(linear) + " linear bodies (exact), " + to_string(points) +
+            counted(general, "body", "bodies") + " about three axes (symmetric splitting), " +
+                counted(linear, "linear body", "linear bodies") + " (exact), " + to_string(points) +
                 " without rotation" + (scene.isBuilt() ? "" : " (positions are not set yet)"));
     }
 
@@ -154,11 +157,13 @@ private:
         const int numFree = scene.freeParticles->getNumParticles(),
                   constraints = scene.freeParticles->getNumConstraints();
         set("free particles", numFree > 0,
-            to_string(numFree) + (scheme.isOverdamped()
-                                      ? " particles that the fluid sees are in no body"
-                                      : " massive particles are in no body"));
+            (scheme.isOverdamped()
+                 ? counted(numFree, "particle that the fluid sees is",
+                           "particles that the fluid sees are")
+                 : counted(numFree, "massive particle is", "massive particles are")) +
+                " in no body");
         set("constraints of free particles", constraints > 0,
-            to_string(constraints) + " constraints");
+            counted(constraints, "constraint", "constraints"));
         set("centre-of-mass motion removal", scene.stock.hasCMMotionRemover,
             !scene.stock.hasCMMotionRemover ? "the System has no CMMotionRemover"
             : massesAreTheSystems(scene)

@@ -52,7 +52,7 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
     if (unresolved > 0 && traits.hasMomenta)
         result[WarningCause::UnresolvedRotation] =
             "the step of " + number(h) + " ps does not resolve the rotation of " +
-            to_string(unresolved) + " bodies, the first of them body " +
+            counted(unresolved, "body", "bodies") + ", the first of them body " +
             to_string(firstUnresolved) + " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " +
             number(worst) + ", above " + number(resolutionLimit) +
             "): their temperature will be wrong; take a step of " +

@@ -231,11 +231,12 @@ string Fluid::describe(const SchemeTraits& scheme) const {
             text << (grid.empty() ? " by matrices of lattice sums (" : " (") << largest->gridChoice
                  << ")";
     }
-    text << ", " << bodies << " bodies and " << free << " free particles; ";
+    text << ", " << counted(bodies, "body", "bodies") << " and "
+         << counted(free, "free particle", "free particles") << "; ";
     if (!overdamped) text << thermostats << " alone with constant isotropic drag (no matrices), ";
     text << ways[BodyMobility::Constant] << " alone with a constant tensor (computed once), "
-         << ways[BodyMobility::Dense] << " groups with dense matrices, "
-         << ways[BodyMobility::Krylov] << " groups matrix-free";
+         << counted(ways[BodyMobility::Dense], "group", "groups") << " with dense matrices, "
+         << counted(ways[BodyMobility::Krylov], "group", "groups") << " matrix-free";
     if (largest && largest->bodies.hasModel() && (overdamped || largest->relaxation))
         text << describeProducts(mobilityOf(*largest),
                                  overdamped && differencesIterate(*largest, scheme), scheme);
@@ -291,8 +292,8 @@ string Fluid::describeAnswers() const {
         string all;
         for (const auto& way : ways)
             if (way.first > 0)
-                all += (all.empty() ? "" : ", ") + to_string(way.first) +
-                       (way.first == 1 ? " group " : " groups ") + way.second;
+                all += (all.empty() ? "" : ", ") + counted(way.first, "group", "groups") + " " +
+                       way.second;
         return all.empty() ? string("no groups") : all;
     };
     ostringstream tolerance;

@@ -143,9 +143,7 @@ map<string, string> Fluid::describeDrift(const SchemeTraits& scheme, double kT,
                            (isPeriodic() ? "a periodic" : "an unbounded") +
                            " fluid has no divergence",
                  alone = ", and other bodies are alone in a uniform fluid";
-    const auto count = [](int n) {
-        return to_string(n) + (n == 1 ? " group of bodies" : " groups of bodies");
-    };
+    const auto count = [](int n) { return counted(n, "group of bodies", "groups of bodies"); };
     ostringstream drift, differences;
     if (kT == 0)
         drift << "off: the temperature is 0";

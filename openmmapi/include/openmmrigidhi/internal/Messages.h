@@ -29,6 +29,11 @@ inline std::string text(const OpenMM::Vec3& v) {
 /** A number in a sentence, where six digits are enough. */
 inline std::string number(double x) { return text(x, 6); }
 
+/** "1 body", "2 bodies". */
+inline std::string counted(long n, const char* one, const char* many) {
+    return std::to_string(n) + " " + (n == 1 ? one : many);
+}
+
 inline bool isFinite(const OpenMM::Vec3& v) {
     return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]);
 }
