@@ -7,6 +7,7 @@
 #include "context/Messages.h"
 #include "context/MomentumRemoval.h"
 #include "context/Scene.h"
+#include "openmmrigidhi/internal/Messages.h"
 
 using namespace std;
 

@@ -8,6 +8,7 @@
 
 #include "fluid/Fluid.h"
 #include "linearalgebra/OneBlasThread.h"
+#include "openmmrigidhi/internal/Messages.h"
 #include "rigidbody/BodyPoses.h"
 #include "rigidbody/EigenVec3.h"
 

@@ -257,10 +257,11 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
         }
         iterate.roundoff = roundingError * (column.scale * steepest + iterate.norm) +
                            errorOfRough(column) * std::min(ofRough, steepest);
-        iterate.bound = column.exact
-                            ? 0
-                            : column.beta[k - 1] * largestFactor(function, functionValues, firstRow,
-                                                                 lastRow, column.beta[k - 1]);
+        iterate.bound =
+            column.exact
+                ? 0
+                : column.beta[k - 1] * largestFactor(function, functionValues, firstRow, lastRow,
+                                                     column.beta[k - 1], column.basis.rows());
     }
     column.form = f.minusOne && column.iterate[Increment].norm < column.iterate[Value].norm
                       ? Increment
@@ -273,32 +274,46 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
  *     beta_k (u.v_k+1) sum_i S_ki S_1i f[theta_i, x]
  *
  * with Ritz values theta and eigenvectors S of the tridiagonal matrix (compare f(A) v_1 with the
- * polynomial that takes f's values at theta). The largest magnitude of this sum over an interval
- * that holds all eigenvalues therefore bounds the error. The interval comes from the extreme Ritz
- * values and their residuals.
+ * polynomial that takes f's values at theta). Between the extreme Ritz values, the largest
+ * magnitude of this sum bounds the part of the error there, since v_k+1 has length 1. Beyond them
+ * are few eigenvalues, and v_k+1 has only a small part along theirs. The squares of S's last row
+ * are the parts of v_k along Ritz vectors, and a random vector of n rows has a part of 1/n along an
+ * eigenvector. In v_k+1 either may be larger by a factor `growth`, where an eigenvalue has not been
+ * found yet. How far eigenvalues reach beyond Ritz values comes from the residuals.
  */
 double Lanczos::largestFactor(const std::function<double(double)>& f,
                               const VectorXd& functionValues, const VectorXd& firstRow,
-                              const VectorXd& lastRow, double beta) const {
+                              const VectorXd& lastRow, double beta, int n) const {
     // An eigenvalue lies within one residual of each Ritz value, but the extreme eigenvalue may be
     // farther out. At first residuals say nothing yet; then `least` limits how far the interval
     // reaches towards zero.
-    const double residuals = 3, least = 0.01;
+    const double residuals = 3, least = 0.01, growth = 16;
     const int k = ritzValues.size();
+    const double smallest = ritzValues[0], largest = ritzValues[k - 1];
     const double low =
-        std::max(ritzValues[0] - residuals * beta * std::abs(lastRow[0]), least * ritzValues[0]);
-    const double high = ritzValues[k - 1] + residuals * beta * std::abs(lastRow[k - 1]);
+        std::max(smallest - residuals * beta * std::abs(lastRow[0]), least * smallest);
+    const double high = largest + residuals * beta * std::abs(lastRow[k - 1]);
     // The sum is smooth, and for most functions largest at an end.
-    const int samples = 24;
-    double largest = 0;
-    for (int s = 0; s <= samples; s++) {
-        const double x = low * std::pow(high / low, static_cast<double>(s) / samples), f_x = f(x);
-        double sum = 0;
-        for (int i = 0; i < k; i++)
-            sum += lastRow[i] * firstRow[i] * slope(f, ritzValues[i], functionValues[i], x, f_x);
-        largest = std::max(largest, std::abs(sum));
-    }
-    return largest;
+    const auto largestBetween = [&](double from, double to, int samples) {
+        double most = 0;
+        for (int s = 0; s <= samples; s++) {
+            const double x = from * std::pow(to / from, static_cast<double>(s) / samples);
+            const double f_x = f(x);
+            double sum = 0;
+            for (int i = 0; i < k; i++)
+                sum +=
+                    lastRow[i] * firstRow[i] * slope(f, ritzValues[i], functionValues[i], x, f_x);
+            most = std::max(most, std::abs(sum));
+        }
+        return most;
+    };
+    const double within = largestBetween(smallest, largest, 24),
+                 below = largestBetween(low, smallest, 8), above = largestBetween(largest, high, 8);
+    const auto part = [&](double ofLast) {
+        return std::min(1.0, growth * (ofLast * ofLast + 1.0 / n));
+    };
+    return std::sqrt(within * within + part(lastRow[0]) * below * below +
+                     part(lastRow[k - 1]) * above * above);
 }
 
 /**
@@ -380,13 +395,14 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
 
 /**
  * Plan the next check, which costs k^3 operations. Checks are rare while the error is far too
- * large, but in the end no iteration is one too many.
+ * large, but in the end no iteration is one too many. In a large matrix a check takes far less time
+ * than a product, and every iteration has one.
  *
  * @param excess  error over what is allowed
  */
 void Lanczos::planNextLook(Column& column, double excess) const {
-    const int k = column.alpha.size();
-    int wait = std::max(1, k / 4);
+    const int k = column.alpha.size(), rowsOfLarge = 8 * k * k;
+    int wait = column.basis.rows() > rowsOfLarge ? 1 : std::max(1, k / 4);
     // Errors shrink by about the same factor each iteration, later by more.
     const double rate = std::log(column.excess / excess) / (k - column.lastLook), share = 0.6;
     if (column.lastLook > 0 && rate > 0)

@@ -37,8 +37,8 @@ struct SpectralFunction {
  *            of the result (or times 1e-140 of the column itself). If that cannot be reached, there
  *            is an error. The error is bounded and not estimated from the change of iterates, so
  *            that plateaus do no harm: see largestFactor(). How far eigenvalues reach beyond those
- *            of the Krylov space is an estimate. Of 36,000 cases with random vectors one, of 12
- *            rows, was wrong: by 6 tolerances. At the dimension of the matrix, or of an invariant
+ *            of the Krylov space is an estimate. Of 72,000 cases with random vectors none was
+ * wrong: the largest error was 3.4 tolerances. At the dimension of the matrix, or of an invariant
  *            subspace, the result is exact except for rounding. Rounding, which ill-conditioned
  *            matrices magnify, is estimated too. A vector with hardly any component along an
  *            eigenvector that f magnifies can hide it from the Krylov space: a multiple of its
@@ -177,7 +177,7 @@ private:
     bool allowsRoughProducts(const Column& column) const;
     double largestFactor(const std::function<double(double)>& f,
                          const Eigen::VectorXd& functionValues, const Eigen::VectorXd& firstRow,
-                         const Eigen::VectorXd& lastRow, double beta) const;
+                         const Eigen::VectorXd& lastRow, double beta, int n) const;
     bool isConverged(Column& column, const SpectralFunction& f, Measure measure,
                      Eigen::MatrixXd& result);
     void magnify(Column& column);
