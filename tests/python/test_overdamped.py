@@ -227,7 +227,7 @@ def test_effects_of_constant_mobility(name):
     rod = integrator.getEffects()
     assert rod['stochastic drift'] == ('off: every body is alone in a uniform fluid, '
                                        'and the drift is 0 about their origins')
-    assert '1 of them have their blobs on a line' in rod[
+    assert '; 1 has its blobs on a line and does not rotate' in rod[
         'rotation'] and '1 alone with a constant tensor' in rod['hydrodynamics']
     before = integrator.getStepStatistics()
     integrator.step(5)

@@ -134,10 +134,9 @@ private:
                 counted(scene.definitions.getNumBodies(), "body", "bodies") +
                     ", each rotated in the lab frame by its angular velocity times the "
                     "step" +
-                    (fluid ? "; " + to_string(fluid->numCollinear()) +
-                                 (fluid->numCollinear() == 1
-                                      ? " of them has its blobs on a line and does"
-                                      : " of them have their blobs on a line and do") +
+                    (fluid ? "; " +
+                                 counted(fluid->numCollinear(), "has its blobs on a line and does",
+                                         "have their blobs on a line and do") +
                                  " not rotate about this line"
                            : string("; positions are not set yet")));
             return;

@@ -10,7 +10,8 @@ the best that users have without this plugin.
 started again, it goes on where it was, and a longer run goes on from a shorter one. ``price.py
 motion`` measures how fast molecules move. ``price.py time`` lets all settings take turns for their
 speeds, alone on the machine. ``price.py report`` writes results_price/ from all runs that there
-are.
+are. If none of these runs is long, the ratio of the autocorrelation time of M^2 to the
+reorientation time is that of the published series.
 """
 import argparse
 import collections
@@ -475,7 +476,7 @@ def report(options):
     kept = [(each.setting, each.record) for each in runs
             if each.record.status != measurement.STABLE or each.record.length >= options.least]
     result = study._evaluate(kept, {}, study._provenance(began, max(map(len, speeds.values())), 1))
-    result.write(options.output, wanted=WANTED, baseline='LangevinMiddle', price=WANTED)
+    result.write(options.output, wanted=WANTED, baseline=options.baseline, price=WANTED)
     # The distribution of M is the same for all correct methods, so its moments are averages over
     # all of them.
     mean, second = np.average(squares, axis=0, weights=weights)
@@ -486,7 +487,13 @@ def report(options):
         rowOf(each, energies.get(each.key), followed.get(each.key), speeds.get(each.name))
         for each in runs
     ]
-    share = dipolesShare(rows)
+    if any(isLong(row) for row in rows):
+        share = dipolesShare(rows)
+    else:  # a later series of other methods
+        published = json.loads((HERE/'results_price'/'prices.json').read_text())
+        share = dict(published['dipole_tau_over_reorientation'], source='results_price/prices.json')
+        mean, relativeVariance = (published[name]
+                                  for name in ('dipole_squared', 'dipole_relative_variance'))
     for row in rows:
         if 'reorientation_ps' in row:
             length = 2*share['ratio']*row['reorientation_ps']*relativeVariance/WISH**2
@@ -558,6 +565,10 @@ def energyOf(pairs):
     }
 
 
+def isLong(row):
+    return row.get('dipole_length_ps', 0) >= LONG and 'reorientation_ps' in row
+
+
 def dipolesShare(rows):
     """The autocorrelation time of M^2 over the reorientation time of one dipole.
 
@@ -566,9 +577,7 @@ def dipolesShare(rows):
     from all methods together than the autocorrelation time from one of them. chi^2 says whether the
     methods agree.
     """
-    long = [
-        row for row in rows if row.get('dipole_length_ps', 0) >= LONG and 'reorientation_ps' in row
-    ]
+    long = [row for row in rows if isLong(row)]
     values = np.array([row['dipole_tau_ps']/row['reorientation_ps'] for row in long])
     errors = values*[
         math.hypot(row['dipole_tau_error_ps']/row['dipole_tau_ps'],
@@ -681,6 +690,8 @@ def main():
                         help='rounds in which speeds are measured (11)')
     parser.add_argument('--least', type=float, default=55,
                         help='shorter runs than this are left out of times and report, ps (55)')
+    parser.add_argument('--baseline', default='LangevinMiddle',
+                        help='method that speeds of the report are relative to')
     parser.add_argument('--seed', type=int, default=2031)
     parser.add_argument('--output', type=pathlib.Path, default=HERE/'results_price')
     campaign.addOptions(parser)
