@@ -188,7 +188,7 @@ def test_statistics_that_sanitizers_leave_out_are_tests():
     named = re.findall(r'(\w+)\.(\w+)(\*?)', re.sub(r'#.*', '', '\n'.join(lists)))
     tests = [
         found for source in git_files('tests/*.cpp')
-        for found in re.findall(r'^TEST\((\w+), (\w+)\)', read(source), flags=re.M)
+        for found in re.findall(r'^TEST(?:_P)?\((\w+), (\w+)\)', read(source), flags=re.M)
     ]
     assert len(lists) == 2
     for suite, name, star in named:
