@@ -114,6 +114,12 @@ bool CollectiveModes::compute(const MobilityModel& model, const vector<Member>& 
         scale.segment<3>(3 * g).setConstant(
             sqrt(6 * M_PI * model.getViscosity() * groups[g].friction));
     C = scale.asDiagonal() * C * scale.asDiagonal();
+    // A sphere stands badly for a group that is flat or near a wall: its mobility is far too small
+    // if its radius is larger than its height. Modes that seem slow then are not, and would become
+    // far too fast in S'. A single body has no such error.
+    const double ofGroups = 0.5;
+    for (size_t g = 0; g < groups.size() && C.size() > 0; g++)
+        if (groups[g].members.size() > 1) C.diagonal().segment<3>(3 * g).array() += ofGroups;
     if (C.size() == 0 || !C.allFinite() || !factor.compute(C)) {
         clear();
         return false;

@@ -25,6 +25,8 @@ namespace RigidHIPlugin {
  *
  *          have the covariances S and S^-1 for any L, and S' has eigenvalues that hardly depend on
  *          n. How good the picture is matters for the number of iterations only.
+ *          A group's mobility counts half of a single body's in addition, so that a group whose
+ *          sphere would reach into a wall is not taken for a slow one.
  * Roots:   B belongs to one placement. As long as it is kept, the roots are smooth functions of the
  *          poses, as schemes need that compare roots of one step.
  * Cost:    (3 groups)^3/3 operations for L, (3 groups)^2 for each product with it.
