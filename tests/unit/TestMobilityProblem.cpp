@@ -218,9 +218,9 @@ TEST(MobilityProblem, RootsOfManyBodiesTakeHardlyMoreProductsThanThoseOfFew) {
 }
 
 TEST(MobilityProblem, RootsOfALayerAboveAWallTakeAsManyProductsAsThoseOfFew) {
-    // Images screen the forces, so that no eigenvalue grows with the number of spheres. Spheres that
-    // stand for groups are larger than the layer is high. Where they were taken for what groups do,
-    // roots took 11 products instead of 6.
+    // Images screen the forces, so that no eigenvalue grows with the number of spheres. Spheres
+    // that stand for groups are larger than the layer is high. Where they were taken for what
+    // groups do, roots took 11 products instead of 6.
     const auto products = [](int side) {
         ManyBodies many(side * side, false, true, 1e-3);
         for (int b = 0; b < side * side; b++)
