@@ -15,21 +15,27 @@ The preconditioner of RigidMultiblobsWall consists of the bodies' own matrices w
 default it is made anew in each step, and so it is here; a solve is timed without it.
 RigidMultiblobsWall takes the last solution for a first guess, so each solve here is for other
 forces. Times are given by the clock and by the processors; other processes on a busy machine
-disturb the latter less. Without --code this plugin is measured alone.
+disturb the latter less. Without --code this plugin is measured alone. With --avx2 neither program
+uses AVX-512, so that ratios of a machine without it can be measured on one with it.
 
     PYTHONPATH=build/python /usr/bin/python3 benchmarks/multiblob_solve.py \
         --code path/to/RigidMultiblobsWall
 """
 import os
+import sys
 
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
-import argparse  # noqa: E402  (the number of BLAS threads must be set before numpy is imported)
+if '--avx2' in sys.argv:
+    # For this process and that of RigidMultiblobsWall.
+    os.environ.update(OPENBLAS_CORETYPE='Haswell', NUMBA_CPU_NAME='haswell',
+                      NUMBA_CPU_FEATURES='+sse4.2,+popcnt,+avx,+avx2,+fma,+f16c,+bmi,+bmi2,+lzcnt')
+import argparse  # noqa: E402  (what is set above must be set before numpy is imported)
+import ctypes  # noqa: E402
 import importlib.metadata  # noqa: E402
 import json  # noqa: E402
 import math  # noqa: E402
 import pathlib  # noqa: E402
 import subprocess  # noqa: E402
-import sys  # noqa: E402
 import tempfile  # noqa: E402
 import time  # noqa: E402
 
@@ -245,6 +251,13 @@ class Theirs:
         self.folder.cleanup()
 
 
+def withoutAvx512():
+    """Highway takes no instruction set beyond AVX2 in this process: better ones have lower bits."""
+    disable = ctypes.CDLL('libhwy.so.1')['_ZN3hwy14DisableTargetsEl']
+    disable.argtypes = [ctypes.c_int64]
+    disable((1 << 9) - 1)
+
+
 def timesOf(seconds, wanted):
     return int(min(20, max(1, wanted/max(seconds, 1e-6))))
 
@@ -277,10 +290,14 @@ def measure(code, blobs, name, what, tolerance, arguments):
         taken, row['their_iterations'] = theirs.ask(task, tolerance)
         if what == 'solve':
             row['their_preconditioner_ms'] = 1e3*theirs.ask('preconditioner')[0][0][0]
-        theirTimes = timesOf(taken[0][0], arguments.seconds)
-        for _ in range(arguments.rounds if taken[0][0] < arguments.long else 1):
-            pairs.append((np.median(theirs.ask(task, tolerance, theirTimes)[0],
-                                    axis=0), np.median(act(times), axis=0)))
+        if taken[0][0] >= arguments.long:
+            # A start of seconds does not matter here: the first time is the only round.
+            pairs.append((taken[0], np.median(act(times), axis=0)))
+        else:
+            theirTimes = timesOf(taken[0][0], arguments.seconds)
+            for _ in range(arguments.rounds):
+                pairs.append((np.median(theirs.ask(task, tolerance, theirTimes)[0],
+                                        axis=0), np.median(act(times), axis=0)))
         theirs.close()
         pairs = 1e3*np.array(pairs)
         (clock, processors), ratio = pairs.transpose(2, 1, 0), (pairs[:, 0]/pairs[:, 1]).T
@@ -308,13 +325,17 @@ def main():
     parser.add_argument('--seconds', type=float, default=0.5,
                         help='seconds of solves or steps in a round, which has at least one')
     parser.add_argument('--long', type=float, default=20,
-                        help='one round only, if one solve or step there takes this many seconds')
+                        help='one round, the first, if one solve or step there takes these seconds')
     parser.add_argument('--blobs', type=int, nargs='*', default=list(COUNTS))
     parser.add_argument('--layers', nargs='*', default=list(LAYERS))
     parser.add_argument('--what', nargs='*', default=['solve', *STEPS])
     parser.add_argument('--threads', type=int, default=2)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
+    parser.add_argument('--avx2', action='store_true',
+                        help='keep both programs from AVX-512, where the machine has it')
     arguments = parser.parse_args()
+    if arguments.avx2:
+        withoutAvx512()
     code, numba = None, None
     if arguments.code is not None and (arguments.code/'multi_bodies'/'multi_bodies.py').exists():
         try:
@@ -336,6 +357,7 @@ def main():
             arguments.output, 'multiblob_solve.json', machine, {
                 'rounds': arguments.rounds,
                 'threads': arguments.threads,
+                'kept_from_avx512': arguments.avx2,
                 'numba': numba,
                 'goals': GOALS,
                 'rows': rows
