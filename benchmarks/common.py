@@ -12,6 +12,8 @@ from openmm import app, unit
 
 import openmmrigidhi
 
+from instructions import keptToAvx2
+
 RESULTS = pathlib.Path(__file__).parent/'results'
 
 
@@ -26,6 +28,7 @@ def describeMachine():
         'processor': processors[0] if processors else platform.processor(),
         'cores': os.cpu_count(),
         'avx512': 'avx512f' in flags,
+        'kept_to_avx2': keptToAvx2(),
         'system': platform.system() + ' ' + platform.release().split('-')[0],
         'python': platform.python_version(),
         'openmm': openmm.version.short_version,

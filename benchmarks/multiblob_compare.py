@@ -16,7 +16,10 @@ step without OpenMM's forces.
 import os
 
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
-import argparse  # noqa: E402  (the number of BLAS threads must be set before numpy is imported)
+from instructions import HELP, keepToAvx2IfAsked  # noqa: E402
+
+keepToAvx2IfAsked()
+import argparse  # noqa: E402  (what is set above is set before numpy is imported)
 import importlib.metadata  # noqa: E402
 import math  # noqa: E402
 import pathlib  # noqa: E402
@@ -98,6 +101,7 @@ def main():
     parser.add_argument('--code', type=pathlib.Path, help='folder of RigidMultiblobsWall')
     parser.add_argument('--rounds', type=int, default=5)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
+    parser.add_argument('--avx2', action='store_true', help=HELP)
     arguments = parser.parse_args()
     if arguments.code is None or not (arguments.code/'multi_bodies'/'multi_bodies.py').exists():
         print(

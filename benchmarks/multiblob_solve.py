@@ -22,20 +22,18 @@ uses AVX-512, so that ratios of a machine without it can be measured on one with
         --code path/to/RigidMultiblobsWall
 """
 import os
-import sys
 
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
-if '--avx2' in sys.argv:
-    # For this process and that of RigidMultiblobsWall.
-    os.environ.update(OPENBLAS_CORETYPE='Haswell', NUMBA_CPU_NAME='haswell',
-                      NUMBA_CPU_FEATURES='+sse4.2,+popcnt,+avx,+avx2,+fma,+f16c,+bmi,+bmi2,+lzcnt')
-import argparse  # noqa: E402  (what is set above must be set before numpy is imported)
-import ctypes  # noqa: E402
+from instructions import HELP, keepToAvx2IfAsked  # noqa: E402
+
+keepToAvx2IfAsked()
+import argparse  # noqa: E402  (what is set above is set before numpy is imported)
 import importlib.metadata  # noqa: E402
 import json  # noqa: E402
 import math  # noqa: E402
 import pathlib  # noqa: E402
 import subprocess  # noqa: E402
+import sys  # noqa: E402
 import tempfile  # noqa: E402
 import time  # noqa: E402
 
@@ -251,13 +249,6 @@ class Theirs:
         self.folder.cleanup()
 
 
-def withoutAvx512():
-    """Highway takes no instruction set beyond AVX2 in this process: better ones have lower bits."""
-    disable = ctypes.CDLL('libhwy.so.1')['_ZN3hwy14DisableTargetsEl']
-    disable.argtypes = [ctypes.c_int64]
-    disable((1 << 9) - 1)
-
-
 def timesOf(seconds, wanted):
     return int(min(20, max(1, wanted/max(seconds, 1e-6))))
 
@@ -331,11 +322,8 @@ def main():
     parser.add_argument('--what', nargs='*', default=['solve', *STEPS])
     parser.add_argument('--threads', type=int, default=2)
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
-    parser.add_argument('--avx2', action='store_true',
-                        help='keep both programs from AVX-512, where the machine has it')
+    parser.add_argument('--avx2', action='store_true', help=HELP)
     arguments = parser.parse_args()
-    if arguments.avx2:
-        withoutAvx512()
     code, numba = None, None
     if arguments.code is not None and (arguments.code/'multi_bodies'/'multi_bodies.py').exists():
         try:
@@ -357,7 +345,6 @@ def main():
             arguments.output, 'multiblob_solve.json', machine, {
                 'rounds': arguments.rounds,
                 'threads': arguments.threads,
-                'kept_from_avx512': arguments.avx2,
                 'numba': numba,
                 'goals': GOALS,
                 'rows': rows

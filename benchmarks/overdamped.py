@@ -14,7 +14,10 @@ times.
 import os
 
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
-import argparse  # noqa: E402  (the number of BLAS threads must be set before numpy is imported)
+from instructions import HELP, keepToAvx2IfAsked  # noqa: E402
+
+keepToAvx2IfAsked()
+import argparse  # noqa: E402  (what is set above is set before numpy is imported)
 import math  # noqa: E402
 import pathlib  # noqa: E402
 
@@ -87,6 +90,7 @@ def main():
                         help='time of the steps in a round, which has at least one step')
     parser.add_argument('--threads', type=int, default=2, help='threads for the 64 boomerangs')
     parser.add_argument('--output', type=pathlib.Path, default=RESULTS)
+    parser.add_argument('--avx2', action='store_true', help=HELP)
     arguments = parser.parse_args()
     machine = describeMachine()
     result = {'rounds': arguments.rounds, 'one': {}, 'replicas': {}, 'interacting': {}}
