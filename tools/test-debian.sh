@@ -26,7 +26,7 @@ mirror=${MIRROR:-$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Pack
 mkdir -p "$where" tests/reports
 : > "$log"
 
-say() { echo "$*" | tee -a "$log" >> "$where/report"; echo "$*"; }
+say() { echo "$*" | tee -a "$log" >> "$where/$release.report"; echo "$*"; }
 
 release_mounts() { # directory
     for each in "$1/proc" "$1/sys" "$1/ccache"; do if mountpoint -q "$each"; then umount "$each"; fi; done
@@ -64,13 +64,13 @@ step() { # name, directory, command: a line of the summary, with the last lines 
 
 begin() { # name of the report: a new one
     report=$PWD/tests/reports/$1.txt
-    rm -f "$where/report"
+    rm -f "$where/$release.report"
     say "Debian $release ($suite), made by debootstrap; tools/test-debian.sh $release; $(date -u +%Y-%m-%d); $(nproc) processors"
     say "commit $(git rev-parse --short HEAD)"
 }
 
 finish() {
-    mv "$where/report" "$report"
+    mv "$where/$release.report" "$report"
     echo "Written: $report; everything that was printed: $log"
 }
 

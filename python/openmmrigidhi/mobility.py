@@ -392,9 +392,11 @@ class MobilityForce(_copies.Copies, _Base):
     def setSolverTolerance(self, tolerance):
         """Set the relative tolerance of MatrixFree (default 1e-6), from 1e-14 to 0.1.
 
-        With LangevinHI, one step differs from the Dense one by at most five times the tolerance, in
-        the norm of mass-weighted momenta. In schemes without momenta, the velocities from forces
-        have at most the tolerance as their error, in the norm of the friction. The random
+        With LangevinHI, friction and noise of a step differ from the Dense ones by at most five
+        times the tolerance, in the norm of mass-weighted momenta. Velocities from forces, also
+        those of applyMobilityInContext() with multiblobs, have at most the tolerance as their
+        error, in the norm of the friction. This error is estimated, and it may be larger if bodies
+        nearly coincide. In schemes without momenta, the random
         velocities have at most five times the tolerance as their error. Their norm is that of
         velocities divided by the square roots of the own mobilities of the particles (of
         multiblobs: of the bodies). If the tolerance is not reached, an exception says what was

@@ -246,7 +246,9 @@ TEST(ForceCouplingGrid, HedgehogsTakeFewIterations) {
     vector<Vec3> places;
     vector<QuaternionArray> turns;
     placeApart(kind, count, side, places, turns);
-    const map<double, int> most = {{1e-2, 9}, {1e-3, 14}, {1e-4, 18}};
+    // Solves are to be right relative to the bodies' velocities and not to the slips of all beads,
+    // which takes one or two more.
+    const map<double, int> most = {{1e-2, 10}, {1e-3, 16}, {1e-4, 20}};
     for (const auto& [tolerance, iterations] : most) {
         ForceCouplingScene scene(T1, RigidHI::DriftCorrectorFD, 1 / 600.0,
                                  MobilityForce::MatrixFree, tolerance);

@@ -72,6 +72,15 @@ def test_forces_in_a_step():
     assert 1e-7 < error < 1e-3
 
 
+def test_effects_say_after_a_step_of_langevin_hi_what_they_said_before():
+    context, _, integrator = manySpheres(10500, 90, MobilityForce.Unbounded, 0.1, True, free=True)
+    integrator.setScheme(CustomRigidHIIntegrator.LangevinHI)
+    before = str(integrator.getEffects()['hydrodynamics'])
+    integrator.step(1)
+    assert str(integrator.getEffects()['hydrodynamics']) == before
+    assert 'by multipoles' in before
+
+
 def test_reference_sums_over_pairs():
     context, fluid, integrator = manySpheres(100, 20, MobilityForce.Unbounded, 1e-2, True,
                                              platform='Reference')

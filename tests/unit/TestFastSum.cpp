@@ -540,3 +540,31 @@ TEST(FastSum, ThroughAWall) {
     EXPECT_LT((found - exact).col(0).norm(), 1e-2 * exact.col(0).norm());
     EXPECT_GT((found - exact).col(0).norm(), 1e-6 * exact.col(0).norm());
 }
+
+// Lengths in another unit: forces stay, torques and velocities scale. Fifth powers of these lengths
+// leave the range of floats.
+TEST(FastSum, TheUnitOfLengthDoesNotShow) {
+    for (bool hasWall : {false, true})
+        for (int floats : {0, 2}) {
+            const FastSum::Accuracy accuracy = {4, 0.8, 40, floats};
+            const Scene scene = cloud(2000, Mixed, false, hasWall, 60);
+            const MatrixXd forces = forcesFor(scene), velocities = fast(scene, forces, accuracy);
+            EXPECT_LT((velocities - exactly(scene, forces)).norm(), 1e-2 * velocities.norm());
+            for (int power : {-40, -27, 30, 50}) {
+                const double unit = ldexp(1.0, power);
+                Scene scaled = scene;
+                for (Vec3& r : scaled.positions) r *= unit;
+                for (double& a : scaled.particles.radii) a *= unit;
+                MatrixXd scaledForces = forces, expected = velocities / unit;
+                for (int i = 0; i < scene.particles.size(); i++)
+                    if (scene.particles.hasTorque[i]) {
+                        const int row = scene.particles.firstRow[i] + 3;
+                        scaledForces.middleRows<3>(row) *= unit;
+                        expected.middleRows<3>(row) /= unit;
+                    }
+                const MatrixXd found = fast(scaled, scaledForces, accuracy);
+                EXPECT_EQ((found - expected).cwiseAbs().maxCoeff(), 0)
+                    << (hasWall ? "wall, " : "") << "floats " << floats << ", 2^" << power;
+            }
+        }
+}

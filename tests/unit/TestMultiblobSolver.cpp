@@ -198,6 +198,91 @@ TEST(MultiblobSolver, CoarseProductsKeepTheTolerance) {
     }
 }
 
+// Many blobs have far more energy in random slips than what moves their body. The error is relative
+// to what moves it: to the bodies' random velocities, scaled by the roots of their own frictions.
+TEST(MultiblobSolver, RandomVelocitiesOfManyBlobsAreRightRelativeToThemselves) {
+    vector<Vector3d> cube;
+    const int side = 6;
+    const double radius = 0.1;
+    for (int i = 0; i < side * side * side; i++)
+        cube.push_back(
+            2 * radius *
+            (Vector3d(i % side, i / side % side, i / side / side).array() - (side - 1) / 2.0));
+    Layer layer(cube, radius, 1.45, 2);
+    mt19937 random(6);
+    BodyMobility& mobility = layer.byProducts();
+    mobility.setPoses(layer.poses);
+    const int samples = 4;
+    const MatrixXd W = normal(random, layer.bodies->getParticles().numRows, samples),
+                   noWrenches = MatrixXd::Zero(layer.bodies->getNumRows(), samples);
+    const auto velocities = [&](double tolerance, bool bySlips) {
+        MatrixXd thermal, twists;
+        mobility.setTolerance(tolerance);
+        if (bySlips) {
+            mobility.thermalSlip(W, thermal);
+            mobility.solve(noWrenches, thermal, twists);
+        } else {
+            mobility.thermalWrench(W, thermal);
+            mobility.solve(thermal, twists);
+        }
+        return twists;
+    };
+    // All bodies, but the free particle, have the same friction when they are alone.
+    Layer alone(cube, radius, 1.45, 1);
+    alone.poses[0].R += Vector3d(0, 0, 1e6);
+    alone.poses[1].R += Vector3d(1e6, 0, 2e6);
+    alone.dense().setPoses(alone.poses);
+    const MatrixXd ofShape = alone.dense().mobility().topLeftCorner<6, 6>().inverse();
+    vector<Matrix3d> turns, turnAlone;
+    setTurns(layer.poses, turns);
+    setTurns(alone.poses, turnAlone);
+    const auto energy = [&](const VectorXd& twists) {
+        double sum = 0;
+        for (int b = 0; b < 2; b++) {
+            VectorXd u = twists.segment<6>(6 * b);
+            for (int k : {0, 3})
+                u.segment<3>(k) = turnAlone[0] * turns[b].transpose() * u.segment<3>(k);
+            sum += u.dot(ofShape * u);
+        }
+        return sum;
+    };
+    for (bool bySlips : {true, false}) {
+        const MatrixXd exact = velocities(1e-9, bySlips);
+        for (double tolerance : {3e-2, 1e-2, 1e-3, 1e-4}) {
+            const MatrixXd found = velocities(tolerance, bySlips);
+            double worst = 0;
+            for (int c = 0; c < samples; c++)
+                worst =
+                    max(worst, sqrt(energy(found.col(c) - exact.col(c)) / energy(exact.col(c))));
+            EXPECT_LT(worst, 5 * tolerance) << (bySlips ? "slips" : "wrenches");
+            cout << (bySlips ? "slips" : "wrenches") << " to " << tolerance << ": "
+                 << worst / tolerance << " tolerances" << endl;
+        }
+    }
+}
+
+// Where blobs of two bodies nearly touch or mix, the smallest eigenvalue of the preconditioned
+// matrix is small, and the residual is smaller than the error.
+TEST(MultiblobSolver, CloseAndMixedBodiesKeepTheTolerance) {
+    mt19937 random(8);
+    for (double spacing : {2.06, 1.5, 0.5, 0.1}) {
+        Layer layer(shell(42, 0.8), 0.22, spacing, 2);
+        layer.setPoses();
+        const MatrixXd wrenches = normal(random, layer.bodies->getNumRows(), 6);
+        SolverOf at(layer);
+        for (double tolerance : {1e-2, 1e-3, 1e-5}) {
+            MatrixXd twists;
+            at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, MobilityAt::roughError,
+                            twists);
+            double worst = 0;
+            for (int c = 0; c < wrenches.cols(); c++)
+                worst = max(worst, layer.errorOf(twists, wrenches, c));
+            EXPECT_LT(worst, tolerance) << spacing;
+            cout << "spacing " << spacing << ", " << tolerance << ": " << worst / tolerance << endl;
+        }
+    }
+}
+
 TEST(MultiblobSolver, SlipsTooAndTheForcesOfBlobs) {
     mt19937 random(2);
     Layer layer(shell(20, 0.8), 0.25, 2.2, 5);

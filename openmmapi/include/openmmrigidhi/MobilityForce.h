@@ -235,10 +235,10 @@ public:
     /**
      * Set the relative tolerance of MatrixFree (default 1e-6). What it bounds depends on the
      * scheme:
-     *   - LangevinHI: one step differs from the Dense one by at most five times the tolerance, in
-     *     the norm of mass-weighted momenta.
-     *   - Schemes without momenta, velocities due to forces: their error is at most the tolerance,
-     *     in the norm of the friction.
+     *   - LangevinHI: friction and noise of a step differ from the Dense ones by at most five times
+     *     the tolerance, in the norm of mass-weighted momenta.
+     *   - Velocities due to forces, also applyMobilityInContext() of multiblobs: their error is at
+     *     most the tolerance, in the norm of the friction, unless bodies nearly coincide.
      *   - Schemes without momenta, random velocities: their error is at most five times the
      *     tolerance. The norm is that of the velocities divided by the roots of the particles' own
      *     mobilities (for multiblobs: of the bodies' own mobilities).

@@ -82,7 +82,14 @@ public:
         : Relaxation(mobility, scaling), tolerance(tolerance), lanczos(tolerance) {}
 
 protected:
-    void prepare() override { mobility.setTolerance(innerTolerance * tolerance); }
+    void prepare() override {
+        BodyMobility::ForDifferences needed;
+        // Products of multiblobs are solves, to a part of the tolerance; those of spheres are made
+        // as the tolerance itself allows, and are described so.
+        const bool iterate = !mobility.getBodies().multipliesWithoutIterations();
+        if (!iterate) needed.partOfTolerance = innerTolerance;
+        mobility.setTolerance(iterate ? innerTolerance * tolerance : tolerance, needed);
+    }
     void evolve(const RelaxationStep& step) override {
         const BodyMobility::Solving timed(mobility);
         const auto product = [&](double error) {

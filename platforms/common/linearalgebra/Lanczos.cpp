@@ -316,8 +316,23 @@ double Lanczos::largestFactor(const std::function<double(double)>& f,
                      part(lastRow[k - 1]) * above * above);
 }
 
+/** T^-1 c, T positive definite with this diagonal and these numbers beside it. */
+static VectorXd solveTridiagonal(const std::vector<double>& diagonal,
+                                 const std::vector<double>& beside, const VectorXd& c) {
+    const int n = c.size();
+    VectorXd pivot(n), x(n);
+    for (int i = 0; i < n; i++) {
+        const double factor = i > 0 ? beside[i - 1] / pivot[i - 1] : 0;
+        pivot[i] = diagonal[i] - (i > 0 ? factor * beside[i - 1] : 0);
+        x[i] = c[i] - (i > 0 ? factor * x[i - 1] : 0);
+    }
+    for (int i = n - 1; i >= 0; i--)
+        x[i] = (x[i] - (i + 1 < n ? beside[i] * x[i + 1] : 0)) / pivot[i];
+    return x;
+}
+
 /**
- * The outer matrix makes errors grow relative to the result. Those of products have no preferred
+ * Outer matrices make errors grow relative to the result. Those of products have no preferred
  * directions, like a basis vector. That of the iteration has the directions of the changes of
  * iterates.
  */
@@ -325,25 +340,38 @@ void Lanczos::magnify(Column& column) {
     Iterate& iterate = column.iterate[column.form];
     const VectorXd& y = iterate.coefficients;
     const int k = y.size();
-    const auto growth = [&](const VectorXd& coefficients) {
-        const double norm = coefficients.norm();
-        if (!(norm > 0)) return 1.0;
-        input.noalias() = column.basis.leftCols(coefficients.size()) * coefficients;
-        outer(input);
-        return input.norm() / norm;
-    };
-    const double ofResult = growth(y);
-    double ofProducts = ofResult;
-    if (!column.exact) ofProducts = std::max(ofProducts, growth(VectorXd::Unit(k + 1, k)));
-    double ofIteration = ofProducts;
+    VectorXd change;
     if (column.before.size() > 0) {
-        VectorXd change = y;
+        change = y;
         change.head(column.before.size()) -= column.before;
-        ofIteration = std::max(ofIteration, growth(change));
+    }
+    double ofErrors = 1, ofRounding = 1;
+    for (const Outer& o : outer) {
+        const auto growth = [&](const VectorXd& coefficients) {
+            const double norm = coefficients.norm();
+            if (!(norm > 0)) return 1.0;
+            if (o.ofInverse)
+                input.noalias() = column.basis.leftCols(k) *
+                                  solveTridiagonal(column.alpha, column.beta, coefficients);
+            else
+                input.noalias() = column.basis.leftCols(coefficients.size()) * coefficients;
+            o.multiply(input);
+            return input.norm() / norm;
+        };
+        const double ofResult = growth(y);
+        double ofProducts = ofResult;
+        // The inverse is known up to the basis vector before the last.
+        const int last = o.ofInverse ? k : k + 1;
+        if (!column.exact)
+            ofProducts = std::max(ofProducts, growth(VectorXd::Unit(last, last - 1)));
+        double ofIteration = ofProducts;
+        if (change.size() > 0) ofIteration = std::max(ofIteration, growth(change));
+        ofErrors = std::max(ofErrors, ofIteration / ofResult);
+        ofRounding = std::max(ofRounding, ofProducts / ofResult);
     }
     column.before = y;
-    iterate.bound *= ofIteration / ofResult;
-    iterate.roundoff *= ofProducts / ofResult;
+    iterate.bound *= ofErrors;
+    iterate.roundoff *= ofRounding;
 }
 
 bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure measure,
@@ -356,7 +384,7 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
     const double shareOfIteration = follows ? 6 : 3, shareOfRounding = 1;
     // A result this much smaller than its vector counts as zero: squares of its elements underflow.
     const double nothing = 1e-140;
-    if (outer) magnify(column);
+    if (!outer.empty()) magnify(column);
     const Iterate& iterate = column.iterate[column.form];
     // No bound can be smaller than the rounding error in computing it.
     const auto iterationConverged = [&](double norm) {

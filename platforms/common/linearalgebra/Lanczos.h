@@ -95,13 +95,20 @@ public:
      *     a part of it; else 0
      */
     explicit Lanczos(double tolerance, int maxIterations = defaultIterations, double wanted = 0);
+    /** What the caller does with results. */
+    struct Outer {
+        /** x <- B x, for one column; the number of rows may change. */
+        std::function<void(Eigen::MatrixXd& x)> multiply;
+        /** B A^-1 in place of B. The inverse is that of the tridiagonal matrix. */
+        bool ofInverse = false;
+    };
     /**
-     * The caller multiplies results by a matrix, x <- B x, and the tolerance is that of the
-     * products. How much larger their errors are, relative to them, is measured with the last basis
-     * vector, and with the change of iterates from one check to the next, which has the directions
-     * of the error. Empty: there is no matrix.
+     * The caller multiplies results by matrices B, and the tolerance is also that of each product B
+     * f(A) x. How much larger errors are, relative to them, is measured with the last basis vector,
+     * and with the change of iterates from one check to the next, which has the directions of the
+     * error. Empty: the tolerance is that of the results themselves.
      */
-    void setOuter(const std::function<void(Eigen::MatrixXd& x)>& multiply) { outer = multiply; }
+    void setOuter(const std::vector<Outer>& ofCaller) { outer = ofCaller; }
 
     /**
      * result.col(c) = f_c(A) x.col(c). If f_c has `minusOne` and the increment (f_c - 1)(A)
@@ -189,7 +196,7 @@ private:
     const double tolerance;
     const int maxIterations;
     const double wanted;
-    std::function<void(Eigen::MatrixXd& x)> outer;
+    std::vector<Outer> outer;
     std::vector<Column> columns;  // kept from call to call, for their memory
     Eigen::VectorXd ritzValues, overlap, weights;
     Eigen::MatrixXd input, output, slopes;

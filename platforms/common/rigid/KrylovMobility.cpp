@@ -281,7 +281,17 @@ void KrylovMobility::applyFunction(Function kind, const MatrixXd& W, MatrixXd& r
         else
             modes.solveTransposed(x);
     };
-    lanczos->setOuter(modes.any() ? outer : function<void(MatrixXd&)>());
+    // What moves bodies is to be right relative to itself: of many blobs it is a small part. Slips
+    // move them by K^T M^-1 s.
+    const auto rigid = [&](MatrixXd& x) {
+        modes.solveTransposed(x);
+        scaledSolver->rigidParts(x, inner);
+        x.swap(inner);
+    };
+    vector<Lanczos::Outer> outers;
+    if (modes.any()) outers.push_back({outer, false});
+    if (scaledSolver && kind != Inverse) outers.push_back({rigid, kind == SquareRoot});
+    lanczos->setOuter(outers);
     MatrixXd transformed;
     if (kind == Inverse && modes.any()) {
         transformed = W;

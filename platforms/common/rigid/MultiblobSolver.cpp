@@ -2,6 +2,9 @@
 
 #include <openmm/OpenMMException.h>
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
+
 #include <cmath>
 #include <sstream>
 
@@ -29,6 +32,33 @@ double amplificationOf(const MatrixXd& M) {
     const MatrixXd scaled = scale.asDiagonal() * M * scale.asDiagonal();
     const int n = M.rows();
     return scaled.norm() / sqrt(n) * scaled.llt().solve(MatrixXd::Identity(n, n)).trace() / n;
+}
+
+/** An orthonormal basis of the columns of A, with as many columns: zeros if there are fewer. */
+MatrixXd basisOf(const MatrixXd& A) {
+    const ColPivHouseholderQR<MatrixXd> decomposition(A);
+    MatrixXd basis =
+        decomposition.householderQ() * MatrixXd::Identity(A.rows(), decomposition.rank());
+    const int known = basis.cols();
+    basis.conservativeResize(NoChange, A.cols());
+    basis.rightCols(A.cols() - known).setZero();
+    return basis;
+}
+
+/**
+ * The smallest Ritz value of the preconditioned matrix, from the steps of conjugate gradients and
+ * the ratios of their gradients (Golub, Van Loan, Matrix Computations, section 11.3).
+ */
+double smallestRitzValue(const vector<double>& steps, const vector<double>& ratios) {
+    const int k = steps.size();
+    VectorXd diagonal(k), beside(max(0, k - 1));
+    for (int i = 0; i < k; i++) {
+        diagonal[i] = 1 / steps[i] + (i > 0 ? ratios[i] / steps[i - 1] : 0);
+        if (i > 0) beside[i - 1] = sqrt(ratios[i]) / steps[i - 1];
+    }
+    SelfAdjointEigenSolver<MatrixXd> solver;
+    solver.computeFromTridiagonal(diagonal, beside, EigenvaluesOnly);
+    return solver.info() == Success ? solver.eigenvalues()[0] : 0;
 }
 
 /** The limit with rough products. After it the solve is tried with exact ones. */
@@ -74,8 +104,9 @@ MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nu
             shape->K = motion.ofElement_body(e);
             shape->MinvK = shape->M.solve(shape->K);
             shape->translations = shape->M.matrixL().solve(shape->K.leftCols(3));
-            MatrixXd friction = shape->K.transpose() * shape->MinvK;
-            shape->N = generalisedInverse(friction, nullTwists.inBody(e));
+            shape->friction = shape->K.transpose() * shape->MinvK;
+            shape->N = generalisedInverse(shape->friction, nullTwists.inBody(e));
+            shape->rigid = basisOf(shape->M.matrixL().solve(shape->K));
             known.push_back(shape);
             families.push_back({shape, {}});
             found = shape;
@@ -253,6 +284,21 @@ double MultiblobSolver::reductionOf(double error) const {
 
 double MultiblobSolver::errorFor(double tolerance) const { return tolerance / reductionOf(1); }
 
+/** Of each column, twists in the norm of the bodies' own friction, squared. */
+void MultiblobSolver::findEnergyOfTwists(VectorXd& energy) {
+    const int columns = twists_body.cols();
+    energy.setZero(columns);
+    for (const Family& family : families) {
+        gather(OfBodies, family, twists_body, gatheredTwists);
+        gatheredForces.noalias() = family.shape->friction * gatheredTwists;
+        const int count = family.elements.size();
+        for (int i = 0; i < count; i++)
+            for (int c = 0; c < columns; c++)
+                energy[c] +=
+                    gatheredTwists.col(i * columns + c).dot(gatheredForces.col(i * columns + c));
+    }
+}
+
 /** @return iterations; with rough products, more than their limit if they do not converge */
 int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, double error, bool fromGuess) {
     const int columns = wrenches_body.cols();
@@ -280,16 +326,33 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, double error, 
     int stage = 1;
     findResidual(error);
     direction = -preconditioned;
-    VectorXd gradient(columns), energy(columns);
+    VectorXd gradient(columns), energy(columns), energyOfTwists;
+    // Of conjugate gradients, for each column.
+    vector<vector<double> > steps(columns), ratios(columns);
+    const auto smallestEigenvalue = [&](int column) {
+        return steps[column].empty() ? 1
+                                     : min(1.0, smallestRitzValue(steps[column], ratios[column]));
+    };
+    // Random velocities may have five tolerances, of which three are for the solve. Of the energy
+    // of random slips, bodies have as large a part as they have of the rows.
+    const double ofRandom = 3;
+    const double partOfBodies = ofRandom * ofRandom * numRows / numBlobRowsTotal;
     const auto lookAt = [&](double wanted, double& worst) {
         bool reached = true;
         worst = 0;
+        if (withSlips) findEnergyOfTwists(energyOfTwists);
         for (int c = 0; c < columns; c++) {
             gradient[c] = residual.col(c).dot(preconditioned.col(c));
             energy[c] = lambda.col(c).dot(residual.col(c)) +
                         wrenches_body.col(c).dot(twists_body.col(c)) + slipEnergy[c];
-            if (withSlips) energy[c] -= lambda.col(c).dot(slips_body.col(c));
-            if (!(gradient[c] <= wanted * wanted * energy[c])) reached = false;
+            if (withSlips) {
+                energy[c] -= lambda.col(c).dot(slips_body.col(c));
+                energy[c] = min(energy[c], max(energyOfTwists[c], partOfBodies * slipEnergy[c]));
+            }
+            // The smallest eigenvalue makes a difference only when the rest is small enough.
+            if (!(gradient[c] <= wanted * wanted * energy[c]) ||
+                !(gradient[c] <= wanted * wanted * energy[c] * smallestEigenvalue(c)))
+                reached = false;
             if (energy[c] > 0) worst = max(worst, sqrt(abs(gradient[c]) / energy[c]));
         }
         return reached;
@@ -319,10 +382,11 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, double error, 
                     "overlap deeply";
             throw OpenMM::OpenMMException(text.str());
         }
+        VectorXd ratio = VectorXd::Zero(columns);
         if (iteration > 1)
             for (int c = 0; c < columns; c++) {
-                const double ratio = before[c] > 0 ? gradient[c] / before[c] : 0;
-                direction.col(c) = ratio * direction.col(c) - preconditioned.col(c);
+                ratio[c] = before[c] > 0 ? gradient[c] / before[c] : 0;
+                direction.col(c) = ratio[c] * direction.col(c) - preconditioned.col(c);
             }
         else
             direction = -preconditioned;
@@ -330,6 +394,10 @@ int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, double error, 
         for (int c = 0; c < columns; c++) {
             const double curvature = direction.col(c).dot(product.col(c));
             const double step = curvature > 0 ? gradient[c] / curvature : 0;
+            if (step > 0) {
+                steps[c].push_back(step);
+                ratios[c].push_back(ratio[c]);
+            }
             lambda.col(c) += step * direction.col(c);
             residual.col(c) += step * product.col(c);
         }
@@ -378,6 +446,15 @@ void MultiblobSolver::scaledFromSlips(const MatrixXd& slips_lab, MatrixXd& x) {
 void MultiblobSolver::forcesFromScaled(const MatrixXd& x, MatrixXd& forces_lab) {
     scaledToForces(x, scaled);
     turn(OfBlobs, false, scaled, forces_lab);
+}
+
+void MultiblobSolver::rigidParts(const MatrixXd& x, MatrixXd& parts) {
+    parts.resize(numRows, x.cols());
+    for (const Family& family : families) {
+        gather(OfBlobs, family, x, gathered);
+        gatheredTwists.noalias() = family.shape->rigid.transpose() * gathered;
+        scatter(OfBodies, family, gatheredTwists, parts);
+    }
 }
 
 void MultiblobSolver::wrenchesFromScaled(const MatrixXd& x, MatrixXd& wrenches_lab) {

@@ -26,9 +26,14 @@ class RigidMotion;
  *            bodies that do not feel each other. U are the multipliers.
  * Accuracy:  the energy norm of the error of lambda is below the tolerance times that of lambda.
  *            Every U F is therefore right to the square of the tolerance, and U in the norm of the
- *            friction to the tolerance. Otherwise there is an error. With slips the tolerance is
- *            relative to both together: the square root of lambda^T M lambda + s^T M~^-1 s, M~ the
- *            bodies' own matrices.
+ *            friction to the tolerance. Otherwise there is an error. The energy of the error is
+ *            that of the residual with M~^-1, the bodies' own matrices, over the smallest
+ *            eigenvalue of M~^-1 M, for which the iteration has an estimate (the smallest Ritz
+ *            value). With slips the tolerance is relative to the energy of forces and slips
+ *            together, s^T M~^-1 s, but at most to the larger one of two parts of it: U in the norm
+ *            of the bodies' own friction, and three times what U is due to random slips (by the
+ *            number of rows). So random velocities are right to three tolerances. Many blobs have
+ *            far more energy in slips than what moves their body.
  * Precision: products have the error that the caller allows (MobilityAt::applyWithin()). With
  *            them, the recursive residual is no longer the true one once it has shrunk by about
  *            their error. Each time before that, the residual is computed anew from lambda by an
@@ -99,6 +104,12 @@ public:
     Eigen::MatrixXd scaledTranslations(int element) const {
         return shapes[element]->translations * turns[element].transpose();
     }
+    /**
+     * The parts of x that move bodies: x in an orthonormal basis of the columns of L^-1 K of each
+     * body. Their norm is that of the bodies' velocities due to slips T L x, or of the wrenches K^T
+     * T L^-T x, scaled by the bodies' own frictions.
+     */
+    void rigidParts(const Eigen::MatrixXd& x, Eigen::MatrixXd& parts);
     /** wrenches = K^T T L^-T x */
     void wrenchesFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& wrenches_lab);
 
@@ -109,7 +120,8 @@ private:
         std::vector<double> radii;
         bool isFree, isSphere;
         Eigen::LLT<Eigen::MatrixXd> M;
-        Eigen::MatrixXd K, MinvK, N;
+        Eigen::MatrixXd K, MinvK, friction, N;
+        Eigen::MatrixXd rigid;  // an orthonormal basis of the columns of L^-1 K; zeros fill it up
         Eigen::MatrixXd translations;  // L^-1 K, the columns of translations
     };
     /**
@@ -142,6 +154,7 @@ private:
                Eigen::MatrixXd& lambda_body);
     void beginFromGuess(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body);
     double reductionOf(double error) const;
+    void findEnergyOfTwists(Eigen::VectorXd& energy);
     int iterate(MobilityAt& blobs, double tolerance, double error, bool fromGuess);
 
     const bool hasRoughProducts;

@@ -471,11 +471,18 @@ struct FastSum::Far {
     vector<const Number*> matrixOfClass;
 };
 
+/** The power of two next to the radii. Divisions by it have no rounding errors. */
+static double lengthFor(const vector<double>& radii) {
+    if (radii.empty()) return 1;
+    const auto extremes = minmax_element(radii.begin(), radii.end());
+    return ldexp(1.0, lround((log2(*extremes.first) + log2(*extremes.second)) / 2));
+}
+
 FastSum::FastSum(const HydrodynamicParticles& particles, bool hasWall, const Accuracy& accuracy,
                  const ForRanges& forRanges)
-    : particles(particles), hasWall(hasWall), accuracy(accuracy),
-      leafSize(leafSizeFor(particles, hasWall, accuracy.leafSize)), forRanges(forRanges),
-      harmonics(accuracy.order) {}
+    : particles(particles), hasWall(hasWall), length(lengthFor(particles.radii)),
+      accuracy(accuracy), leafSize(leafSizeFor(particles, hasWall, accuracy.leafSize)),
+      forRanges(forRanges), harmonics(accuracy.order) {}
 
 FastSum::~FastSum() {}
 
@@ -514,15 +521,18 @@ void FastSum::inParts(const vector<double>& costs, const function<void(int, int)
 }
 
 void FastSum::moveTo(const vector<OpenMM::Vec3>& positions, const vector<double>& weights) {
-    tree.build(positions, particles.radii, particles.hasTorque, hasWall,
-               {leafSize, accuracy.opening});
+    vector<OpenMM::Vec3> places = positions;
+    for (OpenMM::Vec3& place : places) place /= length;
+    vector<double> radii = particles.radii;
+    for (double& a : radii) a /= length;
+    tree.build(places, radii, particles.hasTorque, hasWall, {leafSize, accuracy.opening});
     displaceTo(positions, weights);
     const int count = positions.size();
     radius.resize(count);
     row.resize(count);
     for (int i = 0; i < count; i++) {
         const int p = tree.order[i];
-        radius[i] = particles.radii[p];
+        radius[i] = radii[p];
         row[i] = particles.firstRow[p];
     }
     numSpheres.assign(tree.cells.size(), 0);
@@ -553,9 +563,9 @@ void FastSum::displaceTo(const vector<OpenMM::Vec3>& positions, const vector<dou
     for (auto* v : {&x, &y, &z, &weight}) v->resize(count);
     for (int i = 0; i < count; i++) {
         const int p = tree.order[i];
-        x[i] = positions[p][0];
-        y[i] = positions[p][1];
-        z[i] = positions[p][2];
+        x[i] = positions[p][0] / length;
+        y[i] = positions[p][1] / length;
+        z[i] = positions[p][2] / length;
         weight[i] = weights[p];
     }
 }
@@ -853,15 +863,21 @@ void FastSum::multiply(const MatrixXd& forces, int firstColumn, int columns, dou
     const int count = x.size();
     loads.resize(static_cast<size_t>(6) * columns * count);
     results.resize(loads.size());
-    const double largest = forces.middleCols(firstColumn, columns).cwiseAbs().maxCoeff();
+    // Forces, and torques in units of forces times the unit of lengths.
+    const auto load = [&](int i, int k, int c) {
+        return forces(row[i] + k, firstColumn + c) / (k < 3 ? 1 : length);
+    };
+    const auto numRows = [&](int i) { return particles.hasTorque[tree.order[i]] ? 6 : 3; };
+    double largest = 0;
+    for (int i = 0; i < count; i++)
+        for (int c = 0; c < columns; c++)
+            for (int k = 0; k < numRows(i); k++) largest = max(largest, abs(load(i, k, c)));
     const double unit = largest > 0 && isfinite(largest) ? largest : 1;
     for (int i = 0; i < count; i++)
         for (int c = 0; c < columns; c++)
             for (int k = 0; k < 6; k++)
                 loads[6 * (static_cast<size_t>(columns) * i + c) + k] =
-                    k < 3 || particles.hasTorque[tree.order[i]]
-                        ? weight[i] * (forces(row[i] + k, firstColumn + c) / unit)
-                        : 0;
+                    k < numRows(i) ? weight[i] * (load(i, k, c) / unit) : 0;
     // Places in near cubes are rounded to 1e-7 of three halves of an edge, which for particles in
     // contact is to be below 1e-5 and 1e-6 of their distance.
     const double inRadii = accuracy.floats == 2 ? 200 : accuracy.floats == 1 ? 20 : 0;
@@ -912,7 +928,7 @@ void FastSum::multiply(const MatrixXd& forces, int firstColumn, int columns, dou
                 for (int column = 0; column < columns; column++)
                     for (int k = 0; k < (i < task.endSpheres ? 6 : 3); k++)
                         velocities(row[i] + k, firstColumn + column) =
-                            scale * unit * weight[i] *
+                            scale / (k < 3 ? length : length * length) * unit * weight[i] *
                             results[6 * (static_cast<size_t>(columns) * i + column) + k];
         }
     });

@@ -39,6 +39,8 @@ namespace RigidHIPlugin {
  *            the table in FastSum.cpp. M is symmetric to that error only.
  * Cost:      See benchmarks/README.md. Memory: about (P + 1)^2 (8 bytes x 30) a cube, and matrices
  *            of up to (P + 1)^4 numbers for each class.
+ * Units:     Lengths are in units of a power of two near the radii, so that results do not depend
+ *            on the size of the particles.
  * Order:     The order of additions is that of each cube and follows from the tree alone. So
  *            results do not depend on threads and, from AVX2 on and in double precision, not on the
  *            width of packs.
@@ -103,6 +105,11 @@ private:
 
     const HydrodynamicParticles& particles;
     const bool hasWall;
+    /**
+     * The unit of lengths of all that follows, near the radii. Otherwise fifth powers of distances
+     * would leave the range of floats where radii are far from a nanometre.
+     */
+    const double length;
     const Accuracy accuracy;
     const int leafSize;
     const ForRanges forRanges;
