@@ -359,6 +359,7 @@ void Lanczos::magnify(Column& column) {
             return input.norm() / norm;
         };
         const double ofResult = growth(y);
+        if (!(ofResult > 0)) continue;  // then nothing can be relative to it
         double ofProducts = ofResult;
         // The inverse is known up to the basis vector before the last.
         const int last = o.ofInverse ? k : k + 1;
