@@ -72,10 +72,8 @@ void CurrentSettings::setThermostats(Scene& scene) {
     scene.freeParticles->setThermostats(free);
 }
 
-void CurrentSettings::warnOfDriftFactor(const Scene& scene) {
-    if (scene.fluid->getDriftFactorSpread() > driftFactorLimit &&
-        printed.count(WarningCause::DriftFactorSpread) == 0)
-        printWarnings(scene);
+void CurrentSettings::warnOfSteps(const Scene& scene) {
+    if (stepsHaveWarnings(scene, printed)) printWarnings(scene);
 }
 
 void CurrentSettings::printWarnings(const Scene& scene) {

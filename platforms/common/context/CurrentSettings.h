@@ -27,11 +27,8 @@ public:
      */
     void forget() { takenOver.reset(); }
 
-    /**
-     * Give the warning about drift factors, which depends on the steps so far. To be called after
-     * each step.
-     */
-    void warnOfDriftFactor(const Scene& scene);
+    /** Give warnings that depend on the steps so far. To be called now and then. */
+    void warnOfSteps(const Scene& scene);
 
 private:
     void setThermostats(Scene& scene);

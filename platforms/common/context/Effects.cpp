@@ -3,6 +3,7 @@
 #include <openmm/reference/SimTKOpenMMRealType.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "context/Messages.h"
 #include "context/MomentumRemoval.h"
@@ -34,10 +35,11 @@ public:
         findScheme();
         findFluid();
         findDrift();
+        findSlowedSpins();
         findInertia();
         findRotation();
         findSystem();
-        findWeakThermostats();
+        findElongatedBodies();
         string all;
         if (scene.isBuilt())
             for (const auto& w : findWarnings(scene)) all += (all.empty() ? "" : "; ") + w.second;
@@ -116,6 +118,31 @@ private:
             scheme.isOverdamped() ? "positions are not set yet" : "the scheme has none");
     }
 
+    /** Rotations that a step without momenta does not resolve. */
+    void findSlowedSpins() {
+        const string name = "slowed spins";
+        if (!scheme.isOverdamped() || !fluid) {
+            set(name, false, scheme.isOverdamped() ? "positions are not set yet"
+                                                   : "the scheme turns bodies as they are");
+            return;
+        }
+        const StepResolution step =
+            fluid->resolveOverdamped(scene.integrator.getStepSize(), BOLTZ * temperature);
+        set(name, step.numSlowed > 0,
+            temperature == 0      ? string("the temperature is 0")
+            : step.numSlowed == 0 ? string("the step resolves the rotation of each body about its "
+                                           "fastest axis, or no axis is much faster than another")
+                                  : counted(step.numSlowed, "body", "bodies") +
+                                        " would spin at random by up to " + text(step.spin, 3) +
+                                        " rad a step about the fastest axis (" + step.spinner +
+                                        "), which no step turns right: the spin has less of its "
+                                        "mobility, about " + text(sqrt(resolvedSpin), 2) +
+                                        " rad a step; averages over configurations and the "
+                                        "motion of the axis are not changed, and steps of " +
+                                        number(step.longestStepOfSpins) +
+                                        " ps or less have the real spin");
+    }
+
     void findInertia() {
         const double factor = scene.integrator.getInertiaScale();
         const bool on = factor != 1 && scheme.hasMomenta;
@@ -177,27 +204,20 @@ private:
         set("body forces", scene.bodyForces.isOn(groups), scene.bodyForces.describe(groups));
     }
 
-    /**
-     * In water the rates of the three axes differ by a factor 3. Weak means here that an axis
-     * relaxes ten times slower than the mean of the live ones.
-     */
-    void findWeakThermostats() {
-        const double slow = 0.1;
-        int slowBodies = 0, firstSlow = -1;
-        for (int b = 0; scene.isBuilt() && hasRates() && b < scene.bodies.getNumBodies(); b++) {
-            const BodyInertia& inertia = scene.bodies.inertia(b);
-            const int live = inertia.isLive(0) + inertia.isLive(1) + inertia.isLive(2);
-            if (inertia.isLive(2) && inertia.rotationalRate(2, 1.0) < slow / live &&
-                slowBodies++ == 0)
-                firstSlow = b;
-        }
-        set("weakly thermostatted axes", slowBodies > 0,
-            slowBodies == 0 ? string("no body is so elongated that an axis relaxes at less than a "
-                                     "tenth of the mean rate")
-                            : to_string(slowBodies) + " elongated bodies, the first of them body " +
-                                  to_string(firstSlow) +
-                                  ": their rotation about the axis of the largest moment relaxes "
-                                  "at Gamma/(I sum 1/I), less than a tenth of the mean rate");
+    /** Bodies whose rates of rotation are not those of their moments (Thermostat.h). */
+    void findElongatedBodies() {
+        int elongated = 0, first = -1;
+        const bool thermostat = hasRates() || scheme.kind == SchemeKind::Thermostat;
+        for (int b = 0; scene.isBuilt() && thermostat && b < scene.bodies.getNumBodies(); b++)
+            if (scene.bodies.inertia(b).isElongated() && elongated++ == 0) first = b;
+        set("elongated bodies", elongated > 0,
+            !thermostat      ? string("the fluid's friction damps rotation")
+            : elongated == 0 ? string("no body has a moment below a tenth of its middle one")
+                             : counted(elongated, "body has", "bodies have") +
+                                   " a moment below a tenth of the middle one (the first is body " +
+                                   to_string(first) +
+                                   "), which counts as a tenth in the rates of rotation, so that "
+                                   "the thermostat reaches the tumbling");
     }
 
     /** Whether friction is a rate that the integrator sets. */

@@ -21,7 +21,127 @@ const double resolutionLimit = 0.1;
 // Davidchack 2015, section VI: Langevin A breaks down above about these rates, 1/ps.
 const double langevinAGammaLimit = 100, langevinARotationalLimit = 200;
 
+/** Beyond this part of the smallest radius, and this turn, steps leap over what they should see. */
+const double largestDisplacement = 0.5, largestTurn = 0.5;
+/**
+ * At h s = 0.5 free diffusion is 2 % too fast: D/D0 = (h s/2) coth(h s/2), s the rate of
+ * relaxation.
+ */
+const double largestRelaxation = 0.5;
+/** A few steps in a thousand may be redone. So many are needed to tell. */
+const double largestPartRedone = 0.005;
+const int enoughRedone = 20;
+
+string percent(double part) { return text(100 * part, 2) + " %"; }
+
+/** A length in the unit in which it is a number from 1 to 1000. */
+string lengthText(double nm) {
+    const struct {
+        double size;
+        const char* name;
+    } units[] = {{1e12, " km"}, {1e9, " m"}, {1e6, " mm"}, {1e3, " um"}, {1, " nm"}, {1e-3, " pm"}};
+    for (const auto& unit : units)
+        if (nm >= unit.size) return text(nm / unit.size, 3) + unit.name;
+    return text(nm, 3) + " nm";
+}
+
+/** The step in which a random motion is the wanted one: it grows with the root of the step. */
+double stepFor(double h, double wanted, double found) {
+    return h * wanted * wanted / (found * found);
+}
+
+string longTurn(double h, const string& body, double turn) {
+    return "in a step of " + number(h) + " ps " + body + " turns at random by " + text(turn, 3) +
+           " rad about an axis, above " + number(largestTurn) +
+           ": the step does not resolve its rotation; take a step of " +
+           number(stepFor(h, largestTurn, turn)) + " ps or less";
+}
+
+/** What a step without momenta does to each body, beside what it should see. */
+void warnOfLeaps(const Scene& scene, double h, double kT, map<WarningCause, string>& result) {
+    const StepResolution step = scene.fluid->resolveOverdamped(h, kT);
+    if (step.displacement > largestDisplacement * step.smallestRadius)
+        result[WarningCause::LongDisplacement] =
+            "in a step of " + number(h) + " ps " + step.mover + " moves at random by " +
+            lengthText(step.displacement) + " along each axis, where the smallest radius is " +
+            lengthText(step.smallestRadius) +
+            ": bodies leap over each other and over what forces should tell them; take a step of " +
+            number(stepFor(h, largestDisplacement * step.smallestRadius, step.displacement)) +
+            " ps or less, and check that radii are in nm, the viscosity in dalton/(nm ps) and the "
+            "step in ps";
+    if (step.turn > largestTurn)
+        result[WarningCause::LongTurn] = longTurn(h, step.turner, step.turn);
+    if (!step.driven.empty())
+        result[WarningCause::DrivenSpin] =
+            "forces keep turning " + step.driven +
+            " about its fastest axis, but the step of " + number(h) +
+            " ps does not resolve this rotation, which has " + text(step.slowing, 3) +
+            " of its real mobility (describeEffects(), \"slowed spins\"); take a step of " +
+            number(step.longestStepOfDriven) + " ps or less, which has the real one";
+}
+
+/** Turns of the gradient thermostat: q <- q exp(b eta), with b^2 = 2 h Upsilon kT/M, is by 2 b. */
+void warnOfTurns(const Scene& scene, double h, double kT, map<WarningCause, string>& result) {
+    double smallest = INFINITY;
+    int first = -1;
+    for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
+        const double M = scene.bodies.inertia(b).M();
+        if (M == 0 || M >= smallest) continue;
+        smallest = M;
+        first = b;
+    }
+    const double Upsilon = scene.integrator.getGradientRotationalRelaxationTime(),
+                 turn = first < 0 ? 0 : 2 * sqrt(2 * h * Upsilon * kT / smallest);
+    if (turn > largestTurn) result[WarningCause::LongTurn] = longTurn(h, "body " + to_string(first), turn);
+}
+
+/** Momenta that relax within a step of LangevinHI: temperatures are right, displacements are not. */
+void warnOfRelaxation(const Scene& scene, double h, map<WarningCause, string>& result) {
+    const StepResolution step =
+        scene.fluid->resolveRelaxation(h, scene.bodies, *scene.freeParticles);
+    const double x = step.relaxation;
+    if (!(x > largestRelaxation)) return;
+    result[WarningCause::FastRelaxation] =
+        "the step of " + number(h) + " ps is " + text(x, 3) + " times the time in which " +
+        (step.relaxationIsOfRotation ? "the angular momentum of " : "the momentum of ") +
+        step.fastestToRelax + " relaxes: temperatures are right, but its " +
+        (step.relaxationIsOfRotation ? "rotational " : "") + "diffusion is " +
+        text(x / 2 / tanh(x / 2), 3) + " times as fast as it should be; take a step of " +
+        number(h * largestRelaxation / x) +
+        " ps or less, or a scheme without momenta (such as TrapezoidalSlip)";
+}
+
+/** The part of steps so far that were redone. Without momenta each group redoes its own. */
+double partRedone(const Scene& scene) {
+    const double redone = scene.counters.rejectedSteps;
+    if (redone < enoughRedone || !scene.fluid) return 0;
+    const bool separately = scene.settings.traits().isOverdamped();
+    const double steps =
+        double(scene.counters.steps) * (separately ? scene.fluid->getNumGroups() : 1);
+    return redone / (steps + redone);
+}
+
+void warnOfRejections(const Scene& scene, map<WarningCause, string>& result) {
+    const double part = partRedone(scene);
+    if (!(part > largestPartRedone)) return;
+    result[WarningCause::ManyRejections] =
+        percent(part) + " of steps are redone (" + to_string(scene.counters.rejectedSteps) +
+        " so far), above " + percent(largestPartRedone) +
+        ": redoing steps so often biases averages near contact; take a smaller step, or let a "
+        "repulsive force keep particles apart";
+}
+
 }  // namespace
+
+bool stepsHaveWarnings(const Scene& scene, const set<WarningCause>& printed) {
+    const ContextFluid& fluid = scene.fluid;
+    if (!fluid) return false;
+    const auto isNew = [&](WarningCause cause) { return printed.count(cause) == 0; };
+    return (isNew(WarningCause::DriftFactorSpread) &&
+            fluid->getDriftFactorSpread() > driftFactorLimit) ||
+           (isNew(WarningCause::ManyRejections) && partRedone(scene) > largestPartRedone) ||
+           (isNew(WarningCause::DrivenSpin) && fluid->drivesSlowedSpins());
+}
 
 map<WarningCause, string> findWarnings(const Scene& scene) {
     const CustomRigidHIIntegrator& integrator = scene.integrator;
@@ -65,6 +185,12 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
             "/ps, limit about " + number(langevinAGammaLimit) + "; Gamma " +
             number(largestRotational) + "/ps, limit about " + number(langevinARotationalLimit) +
             "); use LangevinB or LangevinC";
+    if (scene.fluid && traits.isOverdamped()) warnOfLeaps(scene, h, kT, result);
+    if (traits.kind == SchemeKind::Thermostat && !traits.hasMomenta)
+        warnOfTurns(scene, h, kT, result);
+    if (scene.fluid && traits.kind == SchemeKind::FluidThermostat && kT > 0)
+        warnOfRelaxation(scene, h, result);
+    if (scene.fluid) warnOfRejections(scene, result);
     const double spread = scene.fluid ? scene.fluid->getDriftFactorSpread() : 0;
     if (traits.isOverdamped() && spread > driftFactorLimit)
         result[WarningCause::DriftFactorSpread] =

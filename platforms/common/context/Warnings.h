@@ -2,6 +2,7 @@
 #define RIGIDHI_WARNINGS_H_
 
 #include <map>
+#include <set>
 #include <string>
 
 namespace RigidHIPlugin {
@@ -12,10 +13,25 @@ class Scene;
  * Warnings about the settings. A user gets each cause once, though its numbers may change from step
  * to step.
  */
-enum class WarningCause { OmittedDrift, UnresolvedRotation, LargeFriction, DriftFactorSpread };
+enum class WarningCause {
+    OmittedDrift,
+    UnresolvedRotation,
+    LargeFriction,
+    DriftFactorSpread,
+    LongDisplacement,
+    LongTurn,
+    DrivenSpin,
+    FastRelaxation,
+    ManyRejections
+};
 /** The spread of drift factors above which they are not a small correction any more. */
 constexpr double driftFactorLimit = 0.3;
 std::map<WarningCause, std::string> findWarnings(const Scene& scene);
+/**
+ * Whether the steps so far give a reason for a warning that is not among the printed ones. This is
+ * cheap, since steps ask for it.
+ */
+bool stepsHaveWarnings(const Scene& scene, const std::set<WarningCause>& printed);
 
 }  // namespace RigidHIPlugin
 

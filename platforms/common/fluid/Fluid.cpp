@@ -154,7 +154,10 @@ void FluidGroup::readPoses(const BodySet& bodies, const vector<OpenMM::Vec3>& po
 void Fluid::setBox(const BoxVectors& newBox) {
     box = newBox;
     boxIsChecked = false;
-    for (auto& group : groups) group->bodies.setBox(box);
+    for (auto& group : groups) {
+        group->bodies.setBox(box);
+        if (group->slowed) group->slowed->bodies.setBox(box);
+    }
     flowOfLastStep.reset();
     flow = userFlow.inBox(box);
     isDriven = !flow.isZero();
@@ -210,7 +213,11 @@ void Fluid::continueFrom(const Fluid& before) {
 
 MobilityCosts Fluid::costs() const {
     MobilityCosts sum;
-    for (const auto& group : groups) sum.add(group->mobilities.getCosts());
+    for (const auto& group : groups) {
+        sum.add(group->mobilities.getCosts());
+        sum.add(group->costsOfFormerSlowed);
+        if (group->slowed) sum.add(group->slowed->mobilities.getCosts());
+    }
     return sum;
 }
 

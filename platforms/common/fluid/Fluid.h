@@ -11,6 +11,7 @@
 
 #include "fluid/FluidGroup.h"
 #include "fluid/FluidSettings.h"
+#include "fluid/StepResolution.h"
 #include "fluid/UserFlow.h"
 #include "host/FreeParticles.h"
 #include "host/PlatformLoops.h"
@@ -120,6 +121,16 @@ public:
      * forces are evaluated for the other groups.
      */
     void showStage(int stage, BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;
+    /**
+     * What a step of a scheme without momenta does to each body by itself (at kT = 0 nothing), and
+     * whether forces turn bodies whose spin is slowed.
+     */
+    StepResolution resolveOverdamped(double h, double kT) const;
+    /** Whether the steps so far show such forces. */
+    bool drivesSlowedSpins() const;
+    /** How far momenta relax in a step of LangevinHI. */
+    StepResolution resolveRelaxation(double h, const BodySet& bodies,
+                                     const FreeParticles& freeParticles) const;
     /**
      * The root mean square of nu - 1 of drift-correctors over steps so far, for the group where it
      * is largest; 0 before there are enough steps to tell.
@@ -277,6 +288,10 @@ private:
         int numNotZero() const { return differenced.size() + known; }
     };
     Drifts findDrifts() const;
+    void findAlone(FluidGroup& group) const;
+    void findRotations(FluidGroup& group, double doubleEnergy) const;
+    void slowSpins(FluidGroup& group, double doubleEnergy) const;
+    void noteDrivenSpins(FluidGroup& group, double h, double kT) const;
     void checkTorque(const FluidGroup& group, int element,
                      const Eigen::Matrix<double, 6, 1>& wrench_body, double siteForces) const;
     OverdampedMove& moveOf(FluidGroup& group) const;
@@ -308,6 +323,8 @@ private:
     const std::vector<std::vector<int>> particlesOfBodies;
     const std::vector<std::unique_ptr<FluidGroup>> groups;
     std::vector<FluidGroup*> coupledGroups;
+    mutable std::map<std::vector<double>, std::shared_ptr<const CoupledBodies::Alone>>
+        aloneOfShapes;
     double operationsPerStep = 0;               // of the coupled groups, roughly
     std::vector<int> groupOfBody, groupOfFree;  // free: by place in FreeParticles, -1: not seen
     CustomRigidHIIntegrator::Scheme overdampedScheme_ =

@@ -115,8 +115,9 @@ FluidGroup& Fluid::onlyGroup(const char* method) const {
 
 /** The last step once more, from what is known of it, on vectors of its own. */
 void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
-    moveOf(group);  // there is none yet in a Context that took no step itself
     const LastStep& last = group.overdamped.last;
+    slowSpins(group, 2 * last.step.kT * last.step.h);
+    moveOf(group);  // there is none yet in a Context that took no step itself
     const OverdampedEntry& entry = overdampedScheme(last.scheme);
     result.move.reset(new OverdampedMove(*group.overdamped.mobility));
     OverdampedStep step = last.step;
@@ -142,6 +143,7 @@ void Fluid::replay(FluidGroup& group, FlowOfGroup& result) const {
 void Fluid::flowOfForces(FluidGroup& group, const BodySet& bodies,
                          const FreeParticles& freeParticles, const vector<OpenMM::Vec3>& positions,
                          FlowOfGroup& result) const {
+    slowSpins(group, 0);
     moveOf(group);
     takeForces(group, bodies, freeParticles);
     result.move.reset(new OverdampedMove(*group.overdamped.mobility));
@@ -178,6 +180,7 @@ void Fluid::flowOfVelocities(FluidGroup& group, const BodySet& bodies,
         twists.block<3, 1>(row, 0) = toEigen(bodies.getState(body).p) / bodies.inertia(body).mass;
         twists.block<3, 1>(row + 3, 0) = toEigen(bodies.getAngularVelocity_lab(body));
     }
+    slowSpins(group, 0);
     BodyMobility& mobility = *group.overdamped.mobility;
     mobility.setTolerance(force.getSolverTolerance());
     const vector<Pose>& poses = group.readPoses(bodies, positions);

@@ -30,7 +30,8 @@ struct LastStep {
  * step.
  */
 struct OverdampedProgress {
-    BodyMobility* mobility = nullptr;
+    BodyMobility* mobility = nullptr;      // of the step: the real one, or that of slowed spins
+    BodyMobility* realMobility = nullptr;  // with the real spins
     std::unique_ptr<OverdampedMove> move;  // made at the first step without momenta
     std::unique_ptr<OverdampedScheme> scheme;
     std::vector<Eigen::MatrixXd> memoryAtStart;
@@ -41,6 +42,23 @@ struct OverdampedProgress {
     bool isFinite = true;    // whether these poses are finite
     std::vector<std::vector<Pose>> placesOfForces;  // where those of each stage are evaluated
     long long squareRoots = 0, iterations = 0, randomNumbers = 0;  // of the last stage
+};
+
+/** The bodies of a group with slowed spins, for schemes without momenta. */
+struct SlowedBodies {
+    SlowedBodies(const CoupledBodies& real, const std::vector<SlowedSpin>& spins, double tolerance)
+        : bodies(real, spins), mobilities(bodies, tolerance) {}
+    CoupledBodies bodies;
+    BodyMobilities mobilities;
+};
+
+/**
+ * How forces have turned a slowed body about its fastest axis, beside what noise does. Where forces
+ * have a potential, the two are of one size, since the body goes nowhere (THEORY.md).
+ */
+struct DrivenSpin {
+    double turn = 0, variance = 0;  // rad, rad^2
+    long long steps = 0;
 };
 
 /**
@@ -54,11 +72,19 @@ struct FluidGroup {
 
     CoupledBodies bodies;
     BodyMobilities mobilities;
+    std::unique_ptr<SlowedBodies> slowed;  // made when first needed
     std::vector<int> freeIndex;  // of each element in FreeParticles, -1: a body
     bool hasNullVectors = false;
     bool isThermostat = false;  // its tensor is a Thermostat, so that LangevinHI has nothing to do
     double drag_t = 0, drag_r[3] = {0, 0, 0};  // if it is a thermostat
     std::unique_ptr<Relaxation> relaxation;    // for LangevinHI; null if it is a thermostat
+    std::vector<std::shared_ptr<const CoupledBodies::Alone>>
+        alone;                                 // of the elements; empty: not asked for yet
+    std::vector<BodyRotation> rotations;       // of the elements, in steps of this energy
+    double doubleEnergy = -1;                  // 2 kT h of `rotations`
+    double slowedEnergy = -1;                  // 2 kT h that `slowed` was made for
+    std::vector<DrivenSpin> drivenSpins;       // of the elements
+    MobilityCosts costsOfFormerSlowed;
     OverdampedProgress overdamped;             // for schemes without momenta
     BodyMobility* answering = nullptr;         // for requests of users
     std::vector<Pose> poses;

@@ -283,6 +283,7 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
     const OverdampedEntry& entry = overdampedScheme(settings.scheme);
     double operations = 0;
     for (auto& group : groups) {
+        slowSpins(*group, 2 * settings.kT * settings.h);
         moveOf(*group);
         group->overdamped.isFinite = true;
         group->overdamped.randomNumbers = group->overdamped.squareRoots =
@@ -331,6 +332,7 @@ LoopResult Fluid::runStage(int stage, const StepSettings& settings, BodySet& bod
         if (entry.needsForces(stage)) {
             takeForces(group, bodies, freeParticles);
             if (hasOneFlow()) group.overdamped.present.forces[stage] = move.force;
+            if (settings.kT > 0) noteDrivenSpins(group, settings.h, settings.kT);
         }
         group.overdamped.scheme->run(stage, move);
         group.overdamped.stage++;

@@ -233,7 +233,9 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
                (wanted || productsOnly || (force.getSolver() == MobilityForce::Auto && large));
     };
     const int particleRows = coupled.getNumParticleRows();
-    group.overdamped.mobility = &strategy(takesKrylov(particleRows > largestDenseOverdampedRows));
+    group.overdamped.realMobility =
+        &strategy(takesKrylov(particleRows > largestDenseOverdampedRows));
+    group.overdamped.mobility = group.overdamped.realMobility;
     // Answers to users do not depend on inertia. They are computed as with masses that fit the
     // fluid, whatever masses the bodies have.
     int rows = coupled.getNumRows();

@@ -37,10 +37,39 @@ void BodyMobility::flowSlips(const DrivenFlow& flow, MatrixXd& slips) {
     BodiesAt& here = particlesHere();
     if (!slipSpace.areOfBodies() || bodies.getMotion().isIdentity()) {
         here.follow(flow, slips);
+    } else {
+        here.follow(flow, slipsOfFlow);
+        forceFreeTwists(flow, slipsOfFlow, slips);
+    }
+    keepSpinOf(flow, slips);
+}
+
+/**
+ * A body whose spin is slowed spins in a flow as it would otherwise: the part that K' takes from
+ * its spin, about that of the fluid at the body's origin, is given back as slips.
+ */
+void BodyMobility::keepSpinOf(const DrivenFlow& flow, MatrixXd& slips) {
+    const auto& elements = bodies.getElements();
+    bool any = false;
+    for (const FluidElement& element : elements) any = any || element.spin.isSlowed();
+    if (!any) return;
+    spinsOfFlow.setZero(bodies.getNumRows(), 1);
+    for (size_t e = 0; e < elements.size(); e++) {
+        const SlowedSpin& spin = elements[e].spin;
+        if (!spin.isSlowed()) continue;
+        const Matrix3d& A = getTurns()[e];
+        const double rate =
+            (1 - spin.factor) *
+            Vector3d(A * spin.axis).dot(flow.angularVelocityAt(getPoses()[e].R, {}));
+        spinsOfFlow.block<6, 1>(bodies.firstRow(e), 0) =
+            rate * (twoRotations(A) * spin.screw);
+    }
+    if (slipSpace.areOfBodies()) {
+        slips += spinsOfFlow;
         return;
     }
-    here.follow(flow, slipsOfFlow);
-    forceFreeTwists(flow, slipsOfFlow, slips);
+    rigidSlips(getPoses(), spinsOfFlow, slipsOfSpins);
+    slips += slipsOfSpins;
 }
 
 void BodyMobility::flowTwists(const DrivenFlow& flow, MatrixXd& twists) {

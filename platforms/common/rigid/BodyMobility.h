@@ -296,6 +296,7 @@ protected:
 
 private:
     const Placement& placementOf(const std::vector<Pose>& poses);
+    void keepSpinOf(const DrivenFlow& flow, MatrixXd& slips);
     double divergenceByGradients(RandomField& field);
     double divergenceByDifferences(RandomField& field);
 
@@ -303,7 +304,7 @@ private:
     const MatrixXd noSlips;
     Placement asked;
     MatrixXd fieldSlips, gradients, askedTwists;
-    MatrixXd slipsOfFlow, noWrenches;
+    MatrixXd slipsOfFlow, noWrenches, spinsOfFlow, slipsOfSpins;
     std::vector<Eigen::Matrix3d> askedTurns;
 };
 

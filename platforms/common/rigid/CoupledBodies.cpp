@@ -2,6 +2,8 @@
 
 #include <openmm/OpenMMException.h>
 
+#include <Eigen/LU>
+#include <Eigen/QR>
 #include <sstream>
 
 #include "linearalgebra/CholeskyFactor.h"
@@ -20,13 +22,33 @@ vector<int> firstRows(const RigidMotion& motion) {
     return rows;
 }
 
+/** Where a body has a tensor of its own, the tensor is slowed; else K is. */
+vector<FluidElement> withSpins(vector<FluidElement> elements, const vector<SlowedSpin>& spins) {
+    for (size_t e = 0; e < elements.size(); e++)
+        if (elements[e].ownMobility.size() > 0)
+            elements[e].ownMobility = spins[e].slow(elements[e].ownMobility);
+        else
+            elements[e].spin = spins[e];
+    return elements;
+}
+
 }  // namespace
 
 CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFactory& makeModel,
                              bool mayBeConstant)
     : motion(elements), nullTwists(firstRows(motion)), ownTensors(firstRows(motion)) {
-    const HydrodynamicParticles& particles = getParticles();
-    if (particles.size() > 0) model = makeModel(particles);
+    if (getParticles().size() > 0) model = makeModel(getParticles());
+    findProperties(mayBeConstant);
+}
+
+CoupledBodies::CoupledBodies(const CoupledBodies& bodies, const vector<SlowedSpin>& spins)
+    : motion(withSpins(bodies.getElements(), spins)), nullTwists(firstRows(motion)),
+      ownTensors(firstRows(motion)), model(bodies.model), box(bodies.box) {
+    findProperties(bodies.aloneInUniformFluid);
+}
+
+void CoupledBodies::findProperties(bool mayBeConstant) {
+    const vector<FluidElement>& elements = getElements();
     aloneInUniformFluid = mayBeConstant && elements.size() == 1 &&
                           (!model || (model->isHomogeneous() && model->isIsotropic()));
     const bool constant = isConstantInBodyFrame();
@@ -48,22 +70,35 @@ CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFa
     if (constant) return;
     for (size_t e = 0; e < elements.size(); e++)
         if (elements[e].ownMobility.size() > 0)
-            ownTensors.set(e, elements[e].ownMobility, modelMobilityAlone(e));
+            ownTensors.set(e, elements[e].ownMobility, aloneInModel(e).mobility);
 }
 
-/** The model's mobility of a body by itself in unbounded fluid, body frame. */
-MatrixXd CoupledBodies::modelMobilityAlone(int e) const {
+CoupledBodies::Alone CoupledBodies::alone(int e) const {
+    const MatrixXd& own = getElements()[e].ownMobility;
+    if (own.size() > 0) return {own, own.inverse()};
+    return aloneInModel(e);
+}
+
+/** alone() without own tensors. */
+CoupledBodies::Alone CoupledBodies::aloneInModel(int e) const {
     const FluidElement& element = getElements()[e];
     MatrixXd M;
     model->ownMobility(particlesOf({element}), sitesOf(element), M);
-    if (RigidMotion({element}).isIdentity()) return M;
+    if (RigidMotion({element}).isIdentity()) return {M, M.inverse()};
     MatrixXd K = motion.ofElement_body(e);
     CholeskyFactor factor;
     if (!factor.compute(M)) refuseIndefiniteMobility(element.particles.size());
     factor.solveL(K);
     MatrixXd xi(6, 6);
     xi.noalias() = K.transpose() * K;
-    return generalisedInverse(0.5 * (xi + xi.transpose()), VectorXd());
+    xi = 0.5 * (xi + xi.transpose()).eval();
+    if (hasNullVector(e)) return {generalisedInverse(xi, getNullVector_body(e)), xi};
+    // N = R^-1 R^-T keeps the digits of a nearly straight body, whose friction about its line is
+    // lost in the rounding of xi.
+    const MatrixXd R = HouseholderQR<MatrixXd>(K).matrixQR().topRows(6);
+    const MatrixXd inverseOfR =
+        R.triangularView<Upper>().solve(MatrixXd::Identity(6, 6));
+    return {inverseOfR * inverseOfR.transpose(), xi};
 }
 
 /** The sites of a body's blobs are constant, so that one check is enough. */

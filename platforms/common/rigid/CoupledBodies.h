@@ -38,6 +38,8 @@ public:
      */
     CoupledBodies(const std::vector<FluidElement>& elements, const ModelFactory& makeModel,
                   bool mayBeConstant = true);
+    /** The same bodies with slowed spins, one for each element, in the same model and box. */
+    CoupledBodies(const CoupledBodies& bodies, const std::vector<SlowedSpin>& spins);
 
     const std::vector<FluidElement>& getElements() const { return motion.getElements(); }
     const HydrodynamicParticles& getParticles() const { return motion.getParticles(); }
@@ -59,6 +61,15 @@ public:
     const Eigen::VectorXd& getNullVector_body(int element) const {
         return nullTwists.inBody(element);
     }
+    /**
+     * The mobility and the friction of an element by itself in unbounded fluid, in its own frame:
+     * its own tensors, or the model's. A free particle has three rows. The cost is that of the
+     * Cholesky factor of the element's particles.
+     */
+    struct Alone {
+        Eigen::MatrixXd mobility, friction;
+    };
+    Alone alone(int element) const;
     /**
      * Longest distance between points of the element's particles, nm. Finite differences scale
      * translations with it.
@@ -109,13 +120,14 @@ public:
     }
 
 private:
-    Eigen::MatrixXd modelMobilityAlone(int element) const;
+    void findProperties(bool mayBeConstant);
+    Alone aloneInModel(int element) const;
     void checkSites(int element) const;
 
     const RigidMotion motion;
     NullTwists nullTwists;
     OwnTensors ownTensors;
-    std::unique_ptr<const MobilityModel> model;
+    std::shared_ptr<const MobilityModel> model;
     bool aloneInUniformFluid = false;
     BoxVectors box = {};
 };

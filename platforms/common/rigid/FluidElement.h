@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "mobility/MobilityModel.h"
+#include "rigid/SlowedSpin.h"
 
 namespace RigidHIPlugin {
 
@@ -16,6 +17,7 @@ struct FluidElement {
         sites;                    // their places in the body frame, nm from the body's origin
     std::vector<double> radii;    // nm
     Eigen::MatrixXd ownMobility;  // 6 x 6, body frame, or empty: setBodyMobility()
+    SlowedSpin spin;              // of the step at hand; K is that of the slowed body
 
     bool isFree() const { return body < 0; }
     /** One hydrodynamic particle takes force and torque. Those of a multiblob take forces only. */

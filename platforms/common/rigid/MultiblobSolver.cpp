@@ -80,12 +80,14 @@ MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nu
         shared_ptr<const Shape> found;
         for (const auto& shape : known)
             if (shape->isFree == element.isFree() && shape->isSphere == element.isSphere() &&
-                shape->radii == element.radii && shape->sites == element.sites)
+                shape->radii == element.radii && shape->sites == element.sites &&
+                shape->spin == element.spin)
                 found = shape;
         if (!found) {
             const shared_ptr<Shape> shape(new Shape());
             shape->sites = element.sites;
             shape->radii = element.radii;
+            shape->spin = element.spin;
             shape->isFree = element.isFree();
             shape->isSphere = element.isSphere();
             MatrixXd M;

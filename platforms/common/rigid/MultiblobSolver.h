@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "mobility/MobilityModel.h"
+#include "rigid/SlowedSpin.h"
 
 namespace RigidHIPlugin {
 
@@ -118,6 +119,7 @@ private:
     struct Shape {
         std::vector<Eigen::Vector3d> sites;
         std::vector<double> radii;
+        SlowedSpin spin;
         bool isFree, isSphere;
         Eigen::LLT<Eigen::MatrixXd> M;
         Eigen::MatrixXd K, MinvK, friction, N;

@@ -11,13 +11,30 @@ namespace RigidHIPlugin {
 
 namespace {
 
+/** In the lab frame: what K' has beside K, K' = K + K t (0, axis)^T (1/factor - 1). */
+struct SpinInLab {
+    SpinInLab(const SlowedSpin& spin, const Matrix3d& A) : isSlowed(spin.isSlowed()) {
+        if (!isSlowed) return;
+        V = A * spin.screw.head<3>();
+        W = A * spin.screw.tail<3>();
+        row = (1 / spin.factor - 1) * (A * spin.axis);
+    }
+    /** The velocity of a site at r from the origin when the screw turns by 1 rad/ps. */
+    Vector3d at(const Vector3d& r) const { return V + W.cross(r); }
+    const bool isSlowed;
+    Vector3d V, W, row;
+};
+
 /** Write K of one element into a block of a larger matrix of zeros. */
 void placeElement(const FluidElement& element, const Matrix3d& A, MatrixXd& K, int row,
                   int column) {
+    const SpinInLab spin(element.spin, A);
     for (const Vector3d& site : element.sites) {
         K.block<3, 3>(row, column).setIdentity();
         if (!element.isFree()) K.block<3, 3>(row, column + 3) = -crossMatrix(A * site);
         if (element.isSphere()) K.block<3, 3>(row + 3, column + 3).setIdentity();
+        if (spin.isSlowed)
+            K.block<3, 3>(row, column + 3) += spin.at(A * site) * spin.row.transpose();
         row += 3;
     }
 }
@@ -89,6 +106,7 @@ void RigidMotion::slips(const vector<Matrix3d>& turns, const MatrixXd& twists,
     slips.resize(particles.numRows, twists.cols());
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
+        const SpinInLab spin(element.spin, turns[e]);
         int row = particleRows[e];
         for (const Vector3d& site : element.sites) {
             const Vector3d r = turns[e] * site;
@@ -98,6 +116,7 @@ void RigidMotion::slips(const vector<Matrix3d>& turns, const MatrixXd& twists,
                 if (element.isFree()) continue;
                 slips.col(c).segment<3>(row) += Vector3d(own.tail<3>()).cross(r);
                 if (element.isSphere()) slips.col(c).segment<3>(row + 3) = own.tail<3>();
+                if (spin.isSlowed) slips.col(c).segment<3>(row) += spin.at(r) * spin.row.dot(own.tail<3>());
             }
             row += element.isSphere() ? 6 : 3;
         }
@@ -109,6 +128,7 @@ void RigidMotion::wrenches(const vector<Matrix3d>& turns, const MatrixXd& forces
     wrenches.setZero(numRows, forces.cols());
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
+        const SpinInLab spin(element.spin, turns[e]);
         int row = particleRows[e];
         for (const Vector3d& site : element.sites) {
             const Vector3d r = turns[e] * site;
@@ -117,6 +137,8 @@ void RigidMotion::wrenches(const vector<Matrix3d>& turns, const MatrixXd& forces
                 wrenches.col(c).segment<3>(rows[e]) += force;
                 if (element.isFree()) continue;
                 wrenches.col(c).segment<3>(rows[e] + 3) += r.cross(force);
+                if (spin.isSlowed)
+                    wrenches.col(c).segment<3>(rows[e] + 3) += spin.at(r).dot(force) * spin.row;
                 if (element.isSphere())
                     wrenches.col(c).segment<3>(rows[e] + 3) += forces.col(c).segment<3>(row + 3);
             }

@@ -14,7 +14,7 @@ namespace RigidHIPlugin {
  * the velocities of particles from V and W of their body (Westwood 2022, eqs. 7 to 10). Twists and
  * wrenches have six rows a body (V, W about its origin; lab frame) and three a free particle, in
  * the order of the elements. The rows of slips and forces are those of HydrodynamicParticles. Turns
- * are the rotations of the poses.
+ * are the rotations of the poses. Where an element's spin is slowed, K stands for K' of SlowedSpin.
  */
 class RigidMotion {
 public:

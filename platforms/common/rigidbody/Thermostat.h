@@ -13,15 +13,42 @@ struct BodyInertia {
     double mass = 0;
     double moments[3] = {0, 0, 0};
     bool isLive(int k) const { return moments[k] > 0; }
-    /** M = 4 / sum 1/I over live axes (Davidchack 2015, eq. 10); 0 if there are none. */
+    /**
+     * The moment I'_k that stands for I_k in M and in the rates of the thermostats. It is I_k, but
+     * at least a part of the middle moment. Any constant rates keep equipartition. With the moments
+     * themselves, a body that is straight to the decimals of its file has M of about 4 I_1: then
+     * its tumbling is not damped at all, and no step resolves its motion under the gradient
+     * thermostat.
+     */
+    double momentForRates(int k) const {
+        const double least = leastMomentForRates * middleMoment();
+        return moments[k] < least ? least : moments[k];
+    }
+    /** M = 4 / sum 1/I' over live axes (Davidchack 2015, eq. 10); 0 if there are none. */
     double M() const {
         double sum = 0;
-        for (double I : moments)
-            if (I > 0) sum += 1 / I;
+        for (int k = 0; k < 3; k++)
+            if (isLive(k)) sum += 1 / momentForRates(k);
         return sum > 0 ? 4 / sum : 0;
     }
-    /** The rate Gamma M/(4 I_k) at which l_k relaxes. */
-    double rotationalRate(int k, double Gamma) const { return Gamma * M() / (4 * moments[k]); }
+    /** The rate Gamma M/(4 I'_k) at which l_k relaxes. */
+    double rotationalRate(int k, double Gamma) const {
+        return Gamma * M() / (4 * momentForRates(k));
+    }
+    /** Whether the rates are not those of the moments themselves. */
+    bool isElongated() const {
+        for (int k = 0; k < 3; k++)
+            if (isLive(k) && momentForRates(k) != moments[k]) return true;
+        return false;
+    }
+    /** Water has 0.46 and benzene 1, so that only rods are changed. */
+    static constexpr double leastMomentForRates = 0.1;
+
+private:
+    double middleMoment() const {
+        const double* I = moments;
+        return std::fmax(std::fmin(I[0], I[1]), std::fmin(std::fmax(I[0], I[1]), I[2]));
+    }
 };
 
 /** What the heat bath does to a body: temperature, frictions (Langevin) and mobilities (gradient).
@@ -68,7 +95,7 @@ inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, double 
     return c;
 }
 
-/** The same factors with a heat bath's frictions: gamma, and Gamma M/(4 I_k). */
+/** The same factors with a heat bath's frictions: gamma, and Gamma M/(4 I'_k). */
 inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, const HeatBath& bath,
                                                 double t) {
     double rates[3] = {0, 0, 0};

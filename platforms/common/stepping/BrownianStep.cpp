@@ -23,7 +23,6 @@ void BrownianStep::take() {
         runStage(stage);
     }
     writePositions();
-    scene.settings.warnOfDriftFactor(scene);
     fluid.endOverdamped();
 }
 

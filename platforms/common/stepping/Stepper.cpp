@@ -73,6 +73,8 @@ void Stepper::takeStep() {
     forces.prepare();
     advance();
     counters.steps++;
+    const int stepsBetweenLooks = 10;
+    if (counters.steps % stepsBetweenLooks == 0) scene.settings.warnOfSteps(scene);
     counters.seconds_scheme += StepCounters::now() - begin -
                                (counters.seconds_forces + counters.seconds_mobility - elsewhere);
 }

@@ -2,7 +2,7 @@
 //
 // Equation:  dR = upsilon/m f dt + sqrt(2 upsilon kT/m) dw,
 //            dQ = Upsilon/M F dt + sqrt(2 Upsilon kT/M) sum_l S_l Q * dW_l (Stratonovich),
-//            M = 4 / sum_k 1/I_k.
+//            M = 4 / sum_k 1/I'_k, with I'_k as in Langevin A.
 // Method:    Euler for R; Q <- exp(Y) Q,
 //            Y = h Upsilon/M (F Q^T - Q F^T) + sqrt(2 h Upsilon kT/M) sum_l eta_l S_l.
 //            A skew 4x4 matrix is a left plus a right quaternion product, and these two commute.

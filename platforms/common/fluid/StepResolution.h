@@ -1,0 +1,34 @@
+#ifndef RIGIDHI_STEP_RESOLUTION_H_
+#define RIGIDHI_STEP_RESOLUTION_H_
+
+#include <string>
+
+namespace RigidHIPlugin {
+
+/**
+ * What one step does to bodies and free particles, each by itself in unbounded fluid. The names are
+ * those of messages, such as "body 3".
+ */
+struct StepResolution {
+    // Schemes without momenta. Root mean squares of the random motion in a step.
+    double displacement = 0, smallestRadius = 0;  // along one axis; nm
+    std::string mover;
+    double turn = 0;  // about the fastest axis of those that are not slowed, rad
+    std::string turner;
+    int numSlowed = 0;  // bodies whose spin is slowed
+    double spin = 0;    // the largest real one, rad
+    std::string spinner;
+    double longestStepOfSpins = 0;  // that slows none of them, ps
+    /** The body that forces keep turning about an axis whose spin is slowed; empty: none. */
+    std::string driven;
+    double longestStepOfDriven = 0, slowing = 1;  // ps; the part of its mobility that the spin has
+
+    // LangevinHI: the largest h s, s the rate at which a momentum relaxes.
+    double relaxation = 0;
+    bool relaxationIsOfRotation = false;
+    std::string fastestToRelax;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
