@@ -186,6 +186,33 @@ Scene aloneOffCentre() {
     s.add(element(0, threeBlobs, {1, 1, 1}), {0, 0, 0}, {0.2, 0.7, -0.4});
     return s;
 }
+/** A bent rod about a point off its line, whose spin is slowed to a fifth of its rate. */
+Scene slowedRod(bool wall, bool field) {
+    Scene s;
+    s.name = string("a bent rod with slowed spin beside a sphere") +
+             (wall ? ", above a wall" : "") + (field ? ", in a fluid with a random field" : "");
+    s.wall = wall;
+    s.field = field;
+    s.add(element(0, {{0.3, 0.1, -2}, {0.4, 0.3, -0.7}, {0.4, 0.2, 0.8}, {0.3, -0.1, 2}},
+                  {0.8, 0.7, 0.8, 0.7}),
+          {0, 0, 3.2}, {0.3, 0.6, -0.5});
+    SlowedSpin& spin = s.elements[0].spin;
+    const MatrixXd alone = s.mobility()->alone(0).mobility;
+    spin = findRotation(alone, 1e6).spin;
+    EXPECT_TRUE(spin.isSlowed());
+    spin.factor = 1 / sqrt(5.0);
+    if (!field) s.add(element(1, {{0.1, 0, 0.2}}, {0.9}), {2.6, 1.6, 1.5}, {0, 1, 0.3});
+    return s;
+}
+/** As slowedRod(), alone in an unbounded fluid. */
+Scene slowedAlone() {
+    Scene s = slowedRod(false, false);
+    s.name = "a bent rod with slowed spin, alone";
+    s.elements.pop_back();
+    s.R.pop_back();
+    s.q.pop_back();
+    return s;
+}
 Scene matrixFree(Scene s) {
     s.name += ", matrix-free";
     s.matrixFree = true;
@@ -404,6 +431,14 @@ TEST(OverdampedSchemes, DriftWithOwnTensorsMatrixFree) {
     checkDrift(matrixFree(ownTensors()), 0.4);
 }
 TEST(OverdampedSchemes, DriftWithARandomField) { checkDrift(blobsInAField(), 0.4); }
+TEST(OverdampedSchemes, DriftOfASlowedSpin) {
+    checkDrift(slowedRod(true, false));
+    checkDrift(slowedAlone());
+}
+TEST(OverdampedSchemes, DriftOfASlowedSpinByIterationsAndFields) {
+    checkDrift(matrixFree(slowedRod(false, false)), 0.4);
+    checkDrift(slowedRod(false, true), 0.4);
+}
 /** Rows are tested less exactly, because lattice sums take long. */
 TEST(OverdampedSchemes, DriftInASlipChannel) { checkDrift(bodyInAChannel(), 0.4); }
 TEST(OverdampedSchemes, DriftWithLubrication) { checkDrift(stokesianSpheres()); }
@@ -531,9 +566,10 @@ void checkCovariance(const Scene& scene) {
 }  // namespace
 
 TEST(OverdampedSchemes, Covariance) {
-    for (const Scene& scene : {threeBodiesAtWall(), rodsUnbounded(), aloneOffCentre(),
-                               matrixFree(rodsUnbounded()), ownTensors(), matrixFree(ownTensors()),
-                               stokesianSpheres(), spheresUnbounded(), blobsInAField()})
+    for (const Scene& scene :
+         {threeBodiesAtWall(), rodsUnbounded(), aloneOffCentre(), matrixFree(rodsUnbounded()),
+          ownTensors(), matrixFree(ownTensors()), stokesianSpheres(), spheresUnbounded(),
+          blobsInAField(), slowedRod(true, false), slowedAlone()})
         checkCovariance(scene);
 }
 

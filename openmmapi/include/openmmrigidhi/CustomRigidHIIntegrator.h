@@ -57,8 +57,9 @@ typedef std::array<double, 4> QuaternionArray;
  * unbounded or periodic, but not under StokesianDynamics; no drift is computed there.
  *
  * The rotational friction of the Langevin schemes relaxes body axis l at the rate Gamma / (I'_l
- * sum_k 1/I'_k), where the sum is over axes with a non-zero moment. I' is the moment I, but at least
- * a tenth of the middle moment, so that the tumbling of an elongated body is thermostatted too.
+ * sum_k 1/I'_k), where the sum is over axes with a non-zero moment. I' is the moment I, but at
+ * least a tenth of the middle moment, so that the tumbling of an elongated body is thermostatted
+ * too.
  *
  * Units are OpenMM's: nm, ps, amu, K, kJ/mol. Every error is an OpenMMException that names the
  * object, the value, the bound and the remedy.

@@ -122,25 +122,26 @@ private:
     void findSlowedSpins() {
         const string name = "slowed spins";
         if (!scheme.isOverdamped() || !fluid) {
-            set(name, false, scheme.isOverdamped() ? "positions are not set yet"
-                                                   : "the scheme turns bodies as they are");
+            set(name, false,
+                scheme.isOverdamped() ? "positions are not set yet"
+                                      : "the scheme turns bodies as they are");
             return;
         }
         const StepResolution step =
             fluid->resolveOverdamped(scene.integrator.getStepSize(), BOLTZ * temperature);
         set(name, step.numSlowed > 0,
-            temperature == 0      ? string("the temperature is 0")
-            : step.numSlowed == 0 ? string("the step resolves the rotation of each body about its "
-                                           "fastest axis, or no axis is much faster than another")
-                                  : counted(step.numSlowed, "body", "bodies") +
-                                        " would spin at random by up to " + text(step.spin, 3) +
-                                        " rad a step about the fastest axis (" + step.spinner +
-                                        "), which no step turns right: the spin has less of its "
-                                        "mobility, about " + text(sqrt(resolvedSpin), 2) +
-                                        " rad a step; averages over configurations and the "
-                                        "motion of the axis are not changed, and steps of " +
-                                        number(step.longestStepOfSpins) +
-                                        " ps or less have the real spin");
+            temperature == 0 ? string("the temperature is 0")
+            : step.numSlowed == 0
+                ? string("the step resolves the rotation of each body about its "
+                         "fastest axis, or no axis is much faster than another")
+                : counted(step.numSlowed, "body", "bodies") + " would spin at random by up to " +
+                      text(step.spin, 3) + " rad a step about the fastest axis (" + step.spinner +
+                      "), which no step turns right: the spin has less of its "
+                      "mobility, about " +
+                      text(sqrt(resolvedSpin), 2) +
+                      " rad a step; averages over configurations and the "
+                      "motion of the axis are not changed, and steps of " +
+                      number(step.longestStepOfSpins) + " ps or less have the real spin");
     }
 
     void findInertia() {

@@ -73,9 +73,8 @@ void warnOfLeaps(const Scene& scene, double h, double kT, map<WarningCause, stri
         result[WarningCause::LongTurn] = longTurn(h, step.turner, step.turn);
     if (!step.driven.empty())
         result[WarningCause::DrivenSpin] =
-            "forces keep turning " + step.driven +
-            " about its fastest axis, but the step of " + number(h) +
-            " ps does not resolve this rotation, which has " + text(step.slowing, 3) +
+            "forces keep turning " + step.driven + " about its fastest axis, but the step of " +
+            number(h) + " ps does not resolve this rotation, which has " + text(step.slowing, 3) +
             " of its real mobility (describeEffects(), \"slowed spins\"); take a step of " +
             number(step.longestStepOfDriven) + " ps or less, which has the real one";
 }
@@ -92,10 +91,42 @@ void warnOfTurns(const Scene& scene, double h, double kT, map<WarningCause, stri
     }
     const double Upsilon = scene.integrator.getGradientRotationalRelaxationTime(),
                  turn = first < 0 ? 0 : 2 * sqrt(2 * h * Upsilon * kT / smallest);
-    if (turn > largestTurn) result[WarningCause::LongTurn] = longTurn(h, "body " + to_string(first), turn);
+    if (turn > largestTurn)
+        result[WarningCause::LongTurn] = longTurn(h, "body " + to_string(first), turn);
 }
 
-/** Momenta that relax within a step of LangevinHI: temperatures are right, displacements are not. */
+/**
+ * LangevinA adds the same random numbers, in the body's frame, before and after the body turns. If
+ * the body has spun by random angles of variance s^2 between, the noise on the other axes has (1 +
+ * exp(-s^2/2))/2 of its variance, and they are too cold.
+ */
+void warnOfSpinUnderLangevinA(const Scene& scene, double h, double kT,
+                              map<WarningCause, string>& result) {
+    double largest = 0, noise = 0;
+    int spinner = -1;
+    for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
+        if (scene.bodies.rotor(b) != RotorKind::General) continue;
+        double gamma, Gamma;
+        scene.integrator.getBodyFriction(b, gamma, Gamma);
+        const double spin = h * sqrt(kT / scene.bodies.inertia(b).moments[0]);
+        if (Gamma == 0 || spin <= largest) continue;
+        largest = spin;
+        noise = (1 + exp(-spin * spin / 2)) / 2;
+        spinner = b;
+    }
+    const double limit = 0.5;
+    if (largest > limit)
+        result[WarningCause::SpinUnderLangevinA] =
+            "body " + to_string(spinner) + " spins by " + text(largest, 3) + " rad in a step of " +
+            number(h) + " ps, above " + number(limit) +
+            ", so that the noise of the two halves of LangevinA's step is not along the same axes: "
+            "its other rotations have about " +
+            text(noise, 2) + " of the temperature; use LangevinB or LangevinC, or a step of " +
+            number(h * limit / largest) + " ps or less";
+}
+
+/** Momenta that relax within a step of LangevinHI: temperatures are right, displacements are not.
+ */
 void warnOfRelaxation(const Scene& scene, double h, map<WarningCause, string>& result) {
     const StepResolution step =
         scene.fluid->resolveRelaxation(h, scene.bodies, *scene.freeParticles);
@@ -185,6 +216,7 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
             "/ps, limit about " + number(langevinAGammaLimit) + "; Gamma " +
             number(largestRotational) + "/ps, limit about " + number(langevinARotationalLimit) +
             "); use LangevinB or LangevinC";
+    if (langevinA) warnOfSpinUnderLangevinA(scene, h, kT, result);
     if (scene.fluid && traits.isOverdamped()) warnOfLeaps(scene, h, kT, result);
     if (traits.kind == SchemeKind::Thermostat && !traits.hasMomenta)
         warnOfTurns(scene, h, kT, result);

@@ -20,6 +20,7 @@ enum class WarningCause {
     DriftFactorSpread,
     LongDisplacement,
     LongTurn,
+    SpinUnderLangevinA,
     DrivenSpin,
     FastRelaxation,
     ManyRejections

@@ -73,20 +73,20 @@ struct FluidGroup {
     CoupledBodies bodies;
     BodyMobilities mobilities;
     std::unique_ptr<SlowedBodies> slowed;  // made when first needed
-    std::vector<int> freeIndex;  // of each element in FreeParticles, -1: a body
+    std::vector<int> freeIndex;            // of each element in FreeParticles, -1: a body
     bool hasNullVectors = false;
     bool isThermostat = false;  // its tensor is a Thermostat, so that LangevinHI has nothing to do
     double drag_t = 0, drag_r[3] = {0, 0, 0};  // if it is a thermostat
     std::unique_ptr<Relaxation> relaxation;    // for LangevinHI; null if it is a thermostat
     std::vector<std::shared_ptr<const CoupledBodies::Alone>>
-        alone;                                 // of the elements; empty: not asked for yet
-    std::vector<BodyRotation> rotations;       // of the elements, in steps of this energy
-    double doubleEnergy = -1;                  // 2 kT h of `rotations`
-    double slowedEnergy = -1;                  // 2 kT h that `slowed` was made for
-    std::vector<DrivenSpin> drivenSpins;       // of the elements
+        alone;                            // of the elements; empty: not asked for yet
+    std::vector<BodyRotation> rotations;  // of the elements, in steps of this energy
+    double doubleEnergy = -1;             // 2 kT h of `rotations`
+    double slowedEnergy = -1;             // 2 kT h that `slowed` was made for
+    std::vector<DrivenSpin> drivenSpins;  // of the elements
     MobilityCosts costsOfFormerSlowed;
-    OverdampedProgress overdamped;             // for schemes without momenta
-    BodyMobility* answering = nullptr;         // for requests of users
+    OverdampedProgress overdamped;      // for schemes without momenta
+    BodyMobility* answering = nullptr;  // for requests of users
     std::vector<Pose> poses;
     std::string gridChoice;        // how Auto chose between matrices and a grid; empty: it did not
     bool dependsOnScheme = false;  // whether it would choose anew for another scheme

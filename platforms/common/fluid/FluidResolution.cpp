@@ -59,7 +59,8 @@ void Fluid::findRotations(FluidGroup& group, double doubleEnergy) const {
     const auto& elements = group.bodies.getElements();
     group.rotations.assign(elements.size(), BodyRotation());
     for (size_t e = 0; e < elements.size(); e++)
-        if (!elements[e].isFree() && !(elements[e].isSphere() && elements[e].ownMobility.size() == 0))
+        if (!elements[e].isFree() &&
+            !(elements[e].isSphere() && elements[e].ownMobility.size() == 0))
             group.rotations[e] = findRotation(group.alone[e]->mobility, doubleEnergy);
     group.drivenSpins.assign(elements.size(), DrivenSpin());
     group.doubleEnergy = doubleEnergy;
@@ -79,8 +80,7 @@ void Fluid::slowSpins(FluidGroup& group, double doubleEnergy) const {
         if (group.slowedEnergy != doubleEnergy) {
             if (group.slowed) group.costsOfFormerSlowed.add(group.slowed->mobilities.getCosts());
             group.overdamped.move.reset();
-            group.slowed.reset(
-                new SlowedBodies(group.bodies, spins, force.getSolverTolerance()));
+            group.slowed.reset(new SlowedBodies(group.bodies, spins, force.getSolverTolerance()));
             group.slowedEnergy = doubleEnergy;
         }
         wanted = &group.slowed->mobilities.get(wanted->getWay());
@@ -98,9 +98,8 @@ void Fluid::noteDrivenSpins(FluidGroup& group, double h, double kT) const {
         if (!rotation.spin.isSlowed()) continue;
         const Matrix3d A = move.present[e].rotation();
         const auto wrench = move.force.col(0).segment<6>(group.bodies.firstRow(e));
-        const double torque =
-            (A * rotation.spin.screw.head<3>()).dot(wrench.head<3>()) +
-            (A * rotation.spin.screw.tail<3>()).dot(wrench.tail<3>());
+        const double torque = (A * rotation.spin.screw.head<3>()).dot(wrench.head<3>()) +
+                              (A * rotation.spin.screw.tail<3>()).dot(wrench.tail<3>());
         DrivenSpin& driven = group.drivenSpins[e];
         driven.turn += h * rotation.fastestInStep() * torque;
         driven.variance += 2 * kT * h * rotation.fastestInStep();
@@ -137,10 +136,10 @@ StepResolution Fluid::resolveOverdamped(double h, double kT) const {
             }
             if (elements[e].isFree()) continue;
             const BodyRotation& rotation = group->rotations[e];
-            const double fastest =
-                rotation.spin.isSlowed() ? rotation.second
-                : rotation.fastest > 0   ? rotation.fastest
-                                         : group->alone[e]->mobility(3, 3);  // a sphere
+            const double fastest = rotation.spin.isSlowed() ? rotation.second
+                                   : rotation.fastest > 0
+                                       ? rotation.fastest
+                                       : group->alone[e]->mobility(3, 3);  // a sphere
             const double turn = sqrt(2 * kT * h * fastest);
             if (turn > result.turn) {
                 result.turn = turn;

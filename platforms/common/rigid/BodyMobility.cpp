@@ -51,18 +51,17 @@ void BodyMobility::flowSlips(const DrivenFlow& flow, MatrixXd& slips) {
 void BodyMobility::keepSpinOf(const DrivenFlow& flow, MatrixXd& slips) {
     const auto& elements = bodies.getElements();
     bool any = false;
-    for (const FluidElement& element : elements) any = any || element.spin.isSlowed();
+    for (const FluidElement& element : elements) any = any || element.slowsK();
     if (!any) return;
     spinsOfFlow.setZero(bodies.getNumRows(), 1);
     for (size_t e = 0; e < elements.size(); e++) {
         const SlowedSpin& spin = elements[e].spin;
-        if (!spin.isSlowed()) continue;
+        if (!elements[e].slowsK()) continue;
         const Matrix3d& A = getTurns()[e];
         const double rate =
             (1 - spin.factor) *
             Vector3d(A * spin.axis).dot(flow.angularVelocityAt(getPoses()[e].R, {}));
-        spinsOfFlow.block<6, 1>(bodies.firstRow(e), 0) =
-            rate * (twoRotations(A) * spin.screw);
+        spinsOfFlow.block<6, 1>(bodies.firstRow(e), 0) = rate * (twoRotations(A) * spin.screw);
     }
     if (slipSpace.areOfBodies()) {
         slips += spinsOfFlow;

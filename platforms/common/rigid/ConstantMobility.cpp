@@ -21,8 +21,10 @@ ConstantMobility::ConstantMobility(const CoupledBodies& bodies)
     : BodyMobility(bodies), particles(bodies, costs) {
     const MatrixXd& own = bodies.getElements()[0].ownMobility;
     if (own.size() > 0) {
+        const SlowedSpin& spin = bodies.getElements()[0].spin;
         mobility_body = own;
-        friction_body = own.inverse();
+        if (spin.isSlowed()) mobility_body = spin.slow(mobility_body);
+        friction_body = mobility_body.inverse();
     } else {
         particles.setPoses({Pose()});
         mobility_body = particles.mobility();

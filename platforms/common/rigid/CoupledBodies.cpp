@@ -22,13 +22,8 @@ vector<int> firstRows(const RigidMotion& motion) {
     return rows;
 }
 
-/** Where a body has a tensor of its own, the tensor is slowed; else K is. */
 vector<FluidElement> withSpins(vector<FluidElement> elements, const vector<SlowedSpin>& spins) {
-    for (size_t e = 0; e < elements.size(); e++)
-        if (elements[e].ownMobility.size() > 0)
-            elements[e].ownMobility = spins[e].slow(elements[e].ownMobility);
-        else
-            elements[e].spin = spins[e];
+    for (size_t e = 0; e < elements.size(); e++) elements[e].spin = spins[e];
     return elements;
 }
 
@@ -70,7 +65,7 @@ void CoupledBodies::findProperties(bool mayBeConstant) {
     if (constant) return;
     for (size_t e = 0; e < elements.size(); e++)
         if (elements[e].ownMobility.size() > 0)
-            ownTensors.set(e, elements[e].ownMobility, aloneInModel(e).mobility);
+            ownTensors.set(e, elements[e].ownMobility, aloneInModel(e).mobility, elements[e].spin);
 }
 
 CoupledBodies::Alone CoupledBodies::alone(int e) const {
@@ -96,8 +91,7 @@ CoupledBodies::Alone CoupledBodies::aloneInModel(int e) const {
     // N = R^-1 R^-T keeps the digits of a nearly straight body, whose friction about its line is
     // lost in the rounding of xi.
     const MatrixXd R = HouseholderQR<MatrixXd>(K).matrixQR().topRows(6);
-    const MatrixXd inverseOfR =
-        R.triangularView<Upper>().solve(MatrixXd::Identity(6, 6));
+    const MatrixXd inverseOfR = R.triangularView<Upper>().solve(MatrixXd::Identity(6, 6));
     return {inverseOfR * inverseOfR.transpose(), xi};
 }
 

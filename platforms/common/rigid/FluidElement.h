@@ -17,12 +17,17 @@ struct FluidElement {
         sites;                    // their places in the body frame, nm from the body's origin
     std::vector<double> radii;    // nm
     Eigen::MatrixXd ownMobility;  // 6 x 6, body frame, or empty: setBodyMobility()
-    SlowedSpin spin;              // of the step at hand; K is that of the slowed body
+    SlowedSpin spin;              // slowed in the step at hand
 
     bool isFree() const { return body < 0; }
     /** One hydrodynamic particle takes force and torque. Those of a multiblob take forces only. */
     bool isSphere() const { return !isFree() && particles.size() == 1; }
     int numRows() const { return isFree() ? 3 : 6; }
+    /**
+     * Whether K stands for K' of SlowedSpin. Own tensors are slowed themselves, and K stays. A
+     * sphere has no fastest axis.
+     */
+    bool slowsK() const { return spin.isSlowed() && ownMobility.size() == 0; }
     int numParticleRows() const { return (isSphere() ? 6 : 3) * particles.size(); }
 };
 

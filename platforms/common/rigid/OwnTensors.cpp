@@ -20,8 +20,9 @@ MatrixXd symmetricPower(const MatrixXd& matrix, double power) {
 
 }  // namespace
 
-void OwnTensors::set(int e, const MatrixXd& own, const MatrixXd& alone) {
-    const MatrixXd B_body = symmetricPower(own, 0.5) * symmetricPower(alone, -0.5);
+void OwnTensors::set(int e, const MatrixXd& own, const MatrixXd& alone, const SlowedSpin& spin) {
+    MatrixXd B_body = symmetricPower(own, 0.5) * symmetricPower(alone, -0.5);
+    if (spin.isSlowed()) B_body = spin.congruence() * B_body;
     factors[e] = {true, B_body, B_body.inverse()};
     hasAny = true;
 }

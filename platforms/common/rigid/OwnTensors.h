@@ -4,6 +4,8 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "rigid/SlowedSpin.h"
+
 namespace RigidHIPlugin {
 
 /**
@@ -20,8 +22,12 @@ public:
 
     /** @param rows  first row of each element in twists and wrenches */
     explicit OwnTensors(const std::vector<int>& rows) : rows(rows), factors(rows.size()) {}
-    /** @param alone  the model's mobility of the body by itself, body frame */
-    void set(int element, const Eigen::MatrixXd& own, const Eigen::MatrixXd& alone);
+    /**
+     * @param alone  the model's mobility of the body by itself, body frame
+     * @param spin   where it is slowed, B has the factor of SlowedSpin on the left
+     */
+    void set(int element, const Eigen::MatrixXd& own, const Eigen::MatrixXd& alone,
+             const SlowedSpin& spin);
     bool any() const { return hasAny; }
 
     /** N = B N_model B^T, and xi = B^-T xi_model B^-1. */

@@ -13,8 +13,9 @@ namespace {
 
 /** In the lab frame: what K' has beside K, K' = K + K t (0, axis)^T (1/factor - 1). */
 struct SpinInLab {
-    SpinInLab(const SlowedSpin& spin, const Matrix3d& A) : isSlowed(spin.isSlowed()) {
+    SpinInLab(const FluidElement& element, const Matrix3d& A) : isSlowed(element.slowsK()) {
         if (!isSlowed) return;
+        const SlowedSpin& spin = element.spin;
         V = A * spin.screw.head<3>();
         W = A * spin.screw.tail<3>();
         row = (1 / spin.factor - 1) * (A * spin.axis);
@@ -28,7 +29,7 @@ struct SpinInLab {
 /** Write K of one element into a block of a larger matrix of zeros. */
 void placeElement(const FluidElement& element, const Matrix3d& A, MatrixXd& K, int row,
                   int column) {
-    const SpinInLab spin(element.spin, A);
+    const SpinInLab spin(element, A);
     for (const Vector3d& site : element.sites) {
         K.block<3, 3>(row, column).setIdentity();
         if (!element.isFree()) K.block<3, 3>(row, column + 3) = -crossMatrix(A * site);
@@ -106,7 +107,7 @@ void RigidMotion::slips(const vector<Matrix3d>& turns, const MatrixXd& twists,
     slips.resize(particles.numRows, twists.cols());
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
-        const SpinInLab spin(element.spin, turns[e]);
+        const SpinInLab spin(element, turns[e]);
         int row = particleRows[e];
         for (const Vector3d& site : element.sites) {
             const Vector3d r = turns[e] * site;
@@ -116,7 +117,8 @@ void RigidMotion::slips(const vector<Matrix3d>& turns, const MatrixXd& twists,
                 if (element.isFree()) continue;
                 slips.col(c).segment<3>(row) += Vector3d(own.tail<3>()).cross(r);
                 if (element.isSphere()) slips.col(c).segment<3>(row + 3) = own.tail<3>();
-                if (spin.isSlowed) slips.col(c).segment<3>(row) += spin.at(r) * spin.row.dot(own.tail<3>());
+                if (spin.isSlowed)
+                    slips.col(c).segment<3>(row) += spin.at(r) * spin.row.dot(own.tail<3>());
             }
             row += element.isSphere() ? 6 : 3;
         }
@@ -128,7 +130,7 @@ void RigidMotion::wrenches(const vector<Matrix3d>& turns, const MatrixXd& forces
     wrenches.setZero(numRows, forces.cols());
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
-        const SpinInLab spin(element.spin, turns[e]);
+        const SpinInLab spin(element, turns[e]);
         int row = particleRows[e];
         for (const Vector3d& site : element.sites) {
             const Vector3d r = turns[e] * site;

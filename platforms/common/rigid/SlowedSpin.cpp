@@ -10,9 +10,14 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-SlowedSpin::Matrix6d SlowedSpin::slow(const Matrix6d& mobility) const {
+SlowedSpin::Matrix6d SlowedSpin::congruence() const {
     Matrix6d B = Matrix6d::Identity();
     B.rightCols<3>() -= (1 - factor) * screw * axis.transpose();
+    return B;
+}
+
+SlowedSpin::Matrix6d SlowedSpin::slow(const Matrix6d& mobility) const {
+    const Matrix6d B = congruence();
     return B * mobility * B.transpose();
 }
 

@@ -35,6 +35,8 @@ struct SlowedSpin {
     bool operator==(const SlowedSpin& other) const {
         return axis == other.axis && screw == other.screw && factor == other.factor;
     }
+    /** B, body frame. */
+    Matrix6d congruence() const;
     /** B N B^T, body frame. */
     Matrix6d slow(const Matrix6d& mobility) const;
 };

@@ -1,0 +1,411 @@
+// What a step resolves: bodies that are straight only to the decimals of their file, and warnings
+// of steps that are too long, which are given where they are due and nowhere else.
+
+#include <openmm/CustomExternalForce.h>
+
+#include <functional>
+#include <map>
+
+#include "HydrodynamicSupport.h"
+#include "openmmrigidhi/CustomBodyForce.h"
+#include "openmmrigidhi/SchemeTraits.h"
+
+using namespace OpenMM;
+using namespace RigidHITest;
+using RigidHIPlugin::CustomBodyForce;
+using RigidHIPlugin::schemeTable;
+using RigidHIPlugin::SchemeTraits;
+using namespace std;
+
+namespace {
+
+typedef CustomRigidHIIntegrator RigidHI;
+typedef RigidHI::Scheme Scheme;
+
+const double T1 = 1 / boltzmann;  // the temperature with kT = 1
+const Vec3 skewLine = Vec3(1, 2, 3) / sqrt(14.0);
+
+/** A coordinate as a file with so many decimals has it; -1: as it is. */
+double rounded(double x, int decimals) {
+    return decimals < 0 ? x : round(x * pow(10, decimals)) / pow(10, decimals);
+}
+
+Vec3 rounded(const Vec3& x, int decimals) {
+    return Vec3(rounded(x[0], decimals), rounded(x[1], decimals), rounded(x[2], decimals));
+}
+/** A place that is not one of a file, so that rounding bends what is straight. */
+const Vec3 offGrid(1 / 3.0, 1 / 7.0, 1 / 9.0);
+
+/** Five touching blobs on a line, with the origin off the middle one; massless. */
+BodyKind straightRod(int decimals, const Vec3& origin = Vec3()) {
+    BodyKind kind = {"rod", 0, Vec3(), {}, vector<double>(5, 0.5)};
+    for (int i = -2; i <= 2; i++) {
+        kind.sites.push_back(rounded(skewLine * i, decimals) - origin);
+    }
+    return kind;
+}
+
+/** Rods that do not feel each other. */
+struct Rods : FluidScene {
+    Rods(Scheme scheme, const BodyKind& kind, int copies, double h, double temperature = T1)
+        : FluidScene(temperature, h) {
+        integrator.setScheme(scheme);
+        integrator.setRandomNumberSeed(7);
+        vector<int> groups;
+        for (int i = 0; i < copies; i++) {
+            add(kind);
+            groups.push_back(i);
+        }
+        fluid->setGroups(groups);
+    }
+    string warnings() { return integrator.getEffects().at("warnings"); }
+};
+
+bool holds(const string& text, const string& part) { return text.find(part) != string::npos; }
+
+}  // namespace
+
+/**
+ * The axis of a straight rod has <u(t) u(0)> = exp(-2 D t), and its centre moves by 2 tr(D_t) t in
+ * the mean square. A rod of rounded coordinates must do the same; its spin is up to 1e13 times as
+ * fast. The tracking point is off the line. Standard errors of 1000 rods are 3 % of both numbers;
+ * five of them are allowed (56 numbers: 3e-5 of failing by chance), and 2 % for the step, of which
+ * FixmanMidpoint has half (D h = 5e-4 rad^2).
+ */
+TEST(Resolution, NearlyStraightRodsTumbleAtTheRightRate) {
+    const int copies = 1000, steps = 40;
+    const double Dh = 5e-4;
+    Rods straight(RigidHI::TrapezoidalSlip, straightRod(-1), 1, 1);
+    straight.start(testPlatform());
+    const MatrixXd N = straight.mobility();
+    const Vector3d line = toEigen(skewLine), across = line.unitOrthogonal();
+    const double D = across.dot(N.bottomRightCorner<3, 3>() * across),
+                 D_t = N.topLeftCorner<3, 3>().trace(), h = Dh / D;
+    for (const SchemeTraits& traits : schemeTable) {
+        if (!traits.isOverdamped()) continue;
+        for (int decimals : {-1, 6, 4, 2}) {
+            if (decimals == 6 && traits.scheme != RigidHI::TrapezoidalSlip) continue;
+            SCOPED_TRACE(string(traits.name) + ", decimals " + to_string(decimals));
+            const Vec3 origin = decimals < 0 ? Vec3() : Vec3(0.2, -0.1, 0.1);
+            const BodyKind kind = straightRod(decimals, origin);
+            Rods rods(traits.scheme, kind, copies, h);
+            rods.start(testPlatform());
+            rods.integrator.step(steps);
+            const vector<Vec3> ends = positionsOf(*rods.context);
+            vector<double> cosines, squares;
+            const Vec3 before = kind.sites[4] - kind.sites[0];
+            for (int i = 0; i < copies; i++) {
+                const Vec3 axis = ends[5 * i + 4] - ends[5 * i];
+                cosines.push_back(axis.dot(before) / (norm(axis) * norm(before)));
+                Vec3 moved;
+                for (int k = 0; k < 5; k++) moved += (ends[5 * i + k] - kind.sites[k]) / 5;
+                squares.push_back(moved.dot(moved));
+            }
+            const Estimate cosine = estimate(cosines), square = estimate(squares);
+            const double t = steps * h;
+            EXPECT_NEAR(-log(cosine.mean) / (2 * D * t), 1, 5 * cosine.error / (2 * D * t) + 0.02);
+            EXPECT_NEAR(square.mean / (2 * D_t * t), 1, 5 * square.error / (2 * D_t * t) + 0.02);
+            const string slowed = rods.integrator.getEffects().at("slowed spins");
+            EXPECT_EQ(slowed.substr(0, 3), decimals < 0 ? "off" : "on:") << slowed;
+            EXPECT_EQ(rods.warnings().substr(0, 9),
+                      traits.omitsDrift() && decimals >= 0 ? "on: Euler" : "off: none")
+                << rods.warnings();
+        }
+    }
+}
+
+/** At T = 0 nothing is slowed, so that trajectories and their order stay; nor by short steps. */
+TEST(Resolution, SpinsAreRealWithoutNoiseAndInShortSteps) {
+    for (double temperature : {0.0, T1}) {
+        Rods rods(RigidHI::TrapezoidalSlip, straightRod(2), 2, temperature == 0 ? 1 : 1e-7,
+                  temperature);
+        rods.start(testPlatform());
+        rods.integrator.step(2);
+        EXPECT_EQ(rods.integrator.getEffects().at("slowed spins").substr(0, 4), "off:");
+    }
+}
+
+/** Bodies with slowed spins above a wall, where each pose has a mobility of its own. */
+TEST(Resolution, SlowedSpinsResumeBitForBit) {
+    const auto start = [](int) {
+        auto scene = make_unique<Rods>(RigidHI::DriftCorrectorRFD, straightRod(3), 3, 1.0);
+        scene->fluid->setBoundary(MobilityForce::NoSlipWall);
+        scene->fluid->setWallHeight(-20);
+        scene->start(testPlatform());
+        return scene;
+    };
+    SKIP_ON_DEVICES("devices round positions");
+    expectToResumeBitForBit<Rods>(
+        start, [](Rods& scene) { scene.integrator.step(3); }, 5);
+}
+
+/**
+ * Carbon dioxide of rounded coordinates, from rest: after 100/Gamma the tumbling has the
+ * temperature of the bath (it had a seventh of it). Five standard errors.
+ */
+TEST(Resolution, ThermostatsReachTheTumblingOfNearlyStraightMolecules) {
+    const int copies = 200, samples = 8;
+    const double bond = 0.116;
+    for (Scheme scheme : thermostatsWithMomenta())
+        for (int decimals : {4, 2}) {
+            SCOPED_TRACE(decimals);
+            System system;
+            CustomRigidHIIntegrator integrator(300, 0.002);
+            integrator.setScheme(scheme);
+            integrator.setFriction(5);
+            integrator.setRotationalFriction(5);
+            integrator.setRandomNumberSeed(3);
+            vector<Vec3> positions = randomPoses(
+                {"", {16, 12, 16}, {Vec3(-bond, 0, 0), Vec3(), Vec3(bond, 0, 0)}}, copies, 1, 5);
+            for (Vec3& x : positions) x = rounded(x + offGrid, decimals);
+            for (int i = 0; i < copies; i++) {
+                for (double mass : {16.0, 12.0, 16.0}) system.addParticle(mass);
+                integrator.addRigidBody({3 * i, 3 * i + 1, 3 * i + 2});
+            }
+            Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
+            context.setPositions(positions);
+            integrator.step(10000);  // 100/Gamma
+            vector<double> energies;
+            for (int s = 0; s < samples; s++) {
+                // The tumbling relaxes at 0.08 Gamma, in 2.4 ps; correlations exp(-2) of squares.
+                integrator.step(1200);
+                const Vec3 e = integrator.computeRotationalKineticEnergies();
+                energies.push_back((e[1] + e[2]) / copies / (300 * boltzmann));
+            }
+            // LangevinA's noise has half of its variance about the axes across a fast spin, and
+            // says so. The other schemes need nothing.
+            const bool warned = scheme == RigidHI::LangevinA;
+            const string warnings = integrator.getEffects().at("warnings");
+            if (warned)
+                EXPECT_TRUE(holds(warnings, "of the temperature; use LangevinB or LangevinC"));
+            else
+                EXPECT_EQ(warnings, "off: none");
+            if (!warned)
+                expectMean("tumbling", {estimate(energies).mean, 1.14 / sqrt(copies * samples)}, 1);
+            EXPECT_GT(estimate(energies).mean, 0.45);
+            EXPECT_EQ(integrator.getEffects().at("elongated bodies").substr(0, 3), "on:");
+        }
+}
+
+/**
+ * Dipoles in a field have <cos> = coth x - 1/x at x = mu E/kT. The gradient thermostat lost it
+ * where the molecule was straight to its decimals. The step makes 1 % (D h = 0.005).
+ */
+TEST(Resolution, GradientThermostatTurnsNearlyStraightMoleculesRight) {
+    const int copies = 500;
+    const double bond = 0.116, x = 2, I = 2 * 16 * bond * bond;
+    System system;
+    const double kT = 300 * boltzmann;
+    CustomRigidHIIntegrator integrator(300, 1);
+    integrator.setScheme(RigidHI::GradientThermostat);
+    integrator.setRandomNumberSeed(3);
+    vector<Vec3> positions = randomPoses(
+        {"", {16, 12, 16}, {Vec3(-bond, 0, 0), Vec3(), Vec3(bond, 0, 0)}}, copies, 1, 5);
+    for (Vec3& r : positions) r = rounded(r + offGrid, 4);
+    auto* field = new CustomExternalForce("-strength*z");
+    field->addPerParticleParameter("strength");
+    for (int i = 0; i < copies; i++) {
+        for (double mass : {16.0, 12.0, 16.0}) system.addParticle(mass);
+        integrator.addRigidBody({3 * i, 3 * i + 1, 3 * i + 2});
+        field->addParticle(3 * i, {-x * kT / (2 * bond)});
+        field->addParticle(3 * i + 2, {x * kT / (2 * bond)});
+    }
+    system.addForce(field);
+    // D = 4 Upsilon kT/M with 4/M = sum 1/I' = 12/I.
+    const double Dh = 0.005;
+    integrator.setGradientRotationalRelaxationTime(Dh * I / (12 * kT));
+    integrator.setGradientRelaxationTime(1e-6);
+    Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
+    context.setPositions(positions);
+    integrator.step(400);
+    vector<double> means;
+    for (int s = 0; s < 20; s++) {
+        integrator.step(200);  // a relaxation time exp(-2 D t) of the free dipole
+        const vector<Vec3> at = positionsOf(context);
+        double sum = 0;
+        for (int i = 0; i < copies; i++) sum += (at[3 * i + 2] - at[3 * i])[2] / (2 * bond);
+        means.push_back(sum / copies);
+    }
+    const double expected = 1 / tanh(x) - 1 / x;
+    EXPECT_NEAR(estimate(means).mean, expected,
+                5 * 1.2 * 0.45 / sqrt(20.0 * copies) + 0.01 * expected);
+    EXPECT_EQ(integrator.getEffects().at("warnings"), "off: none");
+    integrator.setStepSize(100);
+    EXPECT_TRUE(holds(integrator.getEffects().at("warnings"), "does not resolve its rotation"));
+}
+
+/** A sphere of half a nanometre in a step of a second, as if its units were micrometres. */
+TEST(Resolution, LeapsAreWarnedOf) {
+    for (const SchemeTraits& traits : schemeTable) {
+        if (!traits.isOverdamped()) continue;
+        for (double h : {1e-3, 1e12}) {
+            SCOPED_TRACE(string(traits.name) + " " + to_string(h));
+            FluidScene scene(300, h);
+            scene.integrator.setScheme(traits.scheme);
+            scene.fluid->setViscosity(0.89);
+            scene.add(sphereKind(0.5));
+            scene.add(sphereKind(0.7), Vec3(3, 0, 0));
+            testing::internal::CaptureStderr();
+            scene.start(testPlatform());
+            scene.integrator.step(20);
+            const string printed = testing::internal::GetCapturedStderr(),
+                         shown = scene.integrator.getEffects().at("warnings");
+            for (const string& text : {printed, shown}) {
+                EXPECT_EQ(holds(text, "moves at random by"), h > 1) << text;
+                EXPECT_EQ(holds(text, "turns at random by"), h > 1) << text;
+            }
+            if (h > 1) {
+                EXPECT_TRUE(holds(printed,
+                                  "body 0 moves at random by 771 um along each axis, where "
+                                  "the smallest radius is 500 pm"))
+                    << printed;
+                EXPECT_EQ(printed.find("moves at random"), printed.rfind("moves at random"));
+            }
+        }
+    }
+}
+
+/** The warning names a step at which it is not given. */
+TEST(Resolution, TheStepThatIsNamedIsShortEnough) {
+    const auto stepIn = [](const string& warnings, const string& before) {
+        const size_t at = warnings.find("take a step of ", warnings.find(before));
+        return stod(warnings.substr(at + 15));
+    };
+    FluidScene scene(300, 1e3);
+    scene.integrator.setScheme(RigidHI::EulerMaruyama);
+    scene.add(sphereKind(0.5));
+    scene.start(testPlatform());
+    string warnings = scene.integrator.getEffects().at("warnings");
+    ASSERT_TRUE(holds(warnings, "moves at random by")) << warnings;
+    scene.integrator.setStepSize(0.999 * min(stepIn(warnings, "moves at random by"),
+                                             stepIn(warnings, "turns at random by")));
+    EXPECT_EQ(scene.integrator.getEffects().at("warnings"), "off: none");
+
+    FluidScene hi(300, 10);
+    hi.add(sphereKind(0.5, 10, 0.4));
+    hi.start(testPlatform());
+    warnings = hi.integrator.getEffects().at("warnings");
+    ASSERT_TRUE(holds(warnings, "temperatures are right")) << warnings;
+    hi.integrator.setStepSize(0.999 * stepIn(warnings, "temperatures are right"));
+    EXPECT_EQ(hi.integrator.getEffects().at("warnings"), "off: none");
+}
+
+/**
+ * LangevinHI moves free bodies by (h s/2) coth(h s/2) times the right diffusion: the warning gives
+ * this factor, and it is the measured one (displacements of 4000 bodies: 1.8 %; five of these).
+ */
+TEST(Resolution, FastRelaxationIsWarnedOfWithItsFactor) {
+    const int copies = 4000;
+    const double radius = 0.5, mass = 10;
+    for (bool multiblob : {false, true}) {
+        FluidScene scene(300, 1);
+        const double s = 6 * M_PI * 0.6 * radius / mass;
+        const double h = (multiblob ? 3 : 5) / s;
+        scene.integrator.setStepSize(h);
+        BodyKind kind = sphereKind(radius, mass, 1e4);  // rotation relaxes slowly
+        if (multiblob) {
+            kind = rodKind();
+            kind.mass = 20;
+        }
+        vector<int> groups;
+        for (int i = 0; i < (multiblob ? 1 : copies); i++) {
+            scene.add(kind);
+            groups.push_back(i);
+        }
+        scene.fluid->setGroups(groups);
+        scene.start(testPlatform());
+        const string warnings = scene.integrator.getEffects().at("warnings");
+        ASSERT_TRUE(holds(warnings, "temperatures are right, but its ")) << warnings;
+        ASSERT_TRUE(holds(warnings, "body 0 relaxes")) << warnings;
+        if (multiblob) continue;
+        ASSERT_TRUE(holds(warnings, "is 5 times the time in which the momentum")) << warnings;
+        const double factor = 2.5 / tanh(2.5);
+        ASSERT_TRUE(holds(warnings, "2.53 times as fast")) << warnings;
+        scene.context->setVelocitiesToTemperature(300, 5);
+        scene.integrator.step(20);  // of correlation exp(-5)
+        const auto before = scene.integrator.getBodyPositions();
+        const int steps = 40;
+        scene.integrator.step(steps);
+        const auto after = scene.integrator.getBodyPositions();
+        vector<double> squares;
+        for (int i = 0; i < copies; i++) {
+            const Vec3 moved = after[i] - before[i];
+            squares.push_back(moved.dot(moved));
+        }
+        const double D = 300 * boltzmann / (mass * s), t = steps * h;
+        const Estimate square = estimate(squares);
+        // The ends of the time count for 1/steps.
+        EXPECT_NEAR(square.mean / (6 * D * t) / factor, 1,
+                    5 * square.error / (6 * D * t * factor) + 1.0 / steps);
+    }
+    // Each body counts, by the faster of its motions, and free particles do.
+    FluidScene scene(300, 0.001);
+    scene.add(sphereKind(0.5, 1000, 1e-3));
+    scene.start(testPlatform());
+    EXPECT_TRUE(
+        holds(scene.integrator.getEffects().at("warnings"), "the angular momentum of body 0"));
+    FluidScene free(300, 0.01);
+    free.add(sphereKind(0.5, 1000, 1000));
+    free.addFree(1e-3, 0.2, Vec3(3, 0, 0));
+    free.start(testPlatform());
+    EXPECT_TRUE(holds(free.integrator.getEffects().at("warnings"), "the momentum of particle 1"));
+}
+
+/**
+ * A torque that keeps turning a bent rod about its line is not followed by a spin that is slowed;
+ * forces with a potential are, and so are no forces.
+ */
+TEST(Resolution, DrivenSpinsAreWarnedOfAndBoundOnesAreNot) {
+    for (const string forces : {"drive", "field", "none"}) {
+        SCOPED_TRACE(forces);
+        BodyKind bent = rodKind();
+        bent.mass = 0;
+        bent.moments = Vec3();
+        bent.sites[0][0] += 0.05;
+        Rods rods(RigidHI::TrapezoidalSlip, bent, 5, 0.05);
+        if (forces == "drive") {
+            // 5 kT along body axis z.
+            auto* torque = new CustomBodyForce("0", "0", "0", "10*(q1*q3+q0*q2)",
+                                               "10*(q2*q3-q0*q1)", "5*(q0^2-q1^2-q2^2+q3^2)");
+            for (int b = 0; b < 5; b++) torque->addBody(b, {});
+            rods.system.addForce(torque);
+        }
+        if (forces == "field") {
+            auto* field = new CustomExternalForce("5*x+2*y^2+z^2");
+            for (int i = 0; i < rods.system.getNumParticles(); i++)
+                if (i % 3 == 0) field->addParticle(i, {});
+            rods.system.addForce(field);
+        }
+        rods.start(testPlatform());
+        ASSERT_EQ(rods.integrator.getEffects().at("slowed spins").substr(0, 3), "on:");
+        testing::internal::CaptureStderr();
+        rods.integrator.step(4000);
+        const string printed = testing::internal::GetCapturedStderr();
+        EXPECT_EQ(holds(printed, "about its fastest axis"), forces == "drive") << printed;
+        EXPECT_EQ(holds(rods.warnings(), "keep turning body"), forces == "drive")
+            << rods.warnings();
+    }
+}
+
+/** One step in 200 may be redone: a weight presses a sphere to a wall that does not repel it. */
+TEST(Resolution, ManyRejectionsAreWarnedOf) {
+    for (bool often : {true, false}) {
+        FluidScene scene(T1, 0.02);
+        scene.integrator.setScheme(RigidHI::RandomFiniteDifference);
+        scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+        scene.add(sphereKind(0.5), Vec3(0, 0, 1));
+        auto* weight = new CustomExternalForce(often ? "8*z" : "8*z+2*exp(-10*(z-0.5))/(z-0.5)");
+        weight->addParticle(0, vector<double>());
+        scene.system.addForce(weight);
+        scene.start(testPlatform());
+        testing::internal::CaptureStderr();
+        scene.integrator.step(4000);
+        const string printed = testing::internal::GetCapturedStderr();
+        const int redone = scene.integrator.getNumRejectedSteps();
+        EXPECT_EQ(holds(printed, "% of steps are redone"), often) << redone << printed;
+        if (often)
+            EXPECT_GT(redone, 20);
+        else
+            EXPECT_LT(redone, 20);
+    }
+}

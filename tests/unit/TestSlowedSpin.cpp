@@ -1,0 +1,151 @@
+// Bodies whose spin is slowed to what a step resolves: the mobility that they have, in all
+// strategies, and the digits that nearly straight bodies keep.
+
+#include "CoupledBodiesSupport.h"
+#include "HydrodynamicSupport.h"
+#include "TestSupport.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+
+using namespace RigidHIPlugin;
+using namespace RigidHITest;
+using namespace std;
+
+namespace {
+
+const double eta = 0.7;
+
+unique_ptr<MobilityModel> makeRpy(const HydrodynamicParticles& particles) {
+    return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, eta));
+}
+
+FluidElement element(int body, const vector<Vector3d>& sites, double radius) {
+    FluidElement e;
+    e.body = body;
+    e.sites = sites;
+    e.radii.assign(sites.size(), radius);
+    for (size_t i = 0; i < sites.size(); i++) e.particles.push_back(10 * body + i);
+    return e;
+}
+
+/** Five touching blobs along a skew line, each of them off the line by about `bend`. */
+FluidElement rod(int body, double bend) {
+    const Vector3d line = Vector3d(1, 2, 3).normalized(), x = line.unitOrthogonal(),
+                   y = line.cross(x);
+    const double off[5][2] = {{0.3, -1}, {-0.8, 0.4}, {1, 0.2}, {-0.3, 0.7}, {0.1, -0.6}};
+    vector<Vector3d> sites;
+    for (int i = 0; i < 5; i++)
+        sites.push_back((i - 2) * line + bend * (off[i][0] * x + off[i][1] * y));
+    return element(body, sites, 0.5);
+}
+
+}  // namespace
+
+TEST(SlowedSpin, IsAPartOfTheMobilityAboutOneScrew) {
+    for (int seed = 1; seed <= 20; seed++) {
+        MatrixXd N = tensorWithoutSymmetry(seed);
+        const double fast = 30;
+        N.row(5) *= fast;
+        N.col(5) *= fast;
+        const double mu = findRotation(N, 0).fastest, energy = 3 / mu;  // 3 rad^2 in a step
+        const BodyRotation rotation = findRotation(N, energy);
+        const SlowedSpin& spin = rotation.spin;
+        ASSERT_TRUE(spin.isSlowed());
+        const double bound = max(resolvedSpin, leastSpinRatio * energy * rotation.second);
+        EXPECT_NEAR(energy * rotation.fastestInStep(), bound, 1e-14);
+        const MatrixXd slowed = spin.slow(N);
+        const MatrixXd taken =
+            (1 - spin.factor * spin.factor) * mu * spin.screw * spin.screw.transpose();
+        EXPECT_LT((slowed - (N - taken)).cwiseAbs().maxCoeff(), 1e-10 * N.cwiseAbs().maxCoeff());
+        // What is left when the spin is stopped exerts no torque about the axis and has none.
+        const MatrixXd rest = N - mu * spin.screw * spin.screw.transpose();
+        EXPECT_LT((rest.rightCols<3>() * spin.axis).norm(), 1e-10 * mu);
+        EXPECT_GT(Eigen::SelfAdjointEigenSolver<MatrixXd>(slowed).eigenvalues()[0], 0);
+        // A step that resolves the spin is not changed; nor is one without noise, nor a body none
+        // of whose axes is much faster than the next.
+        EXPECT_FALSE(findRotation(N, 0.999 * resolvedSpin / mu).spin.isSlowed());
+        EXPECT_FALSE(findRotation(N, 0).spin.isSlowed());
+    }
+    const MatrixXd N = tensorWithoutSymmetry(3);
+    MatrixXd alike = MatrixXd::Identity(6, 6);
+    alike(3, 3) = 0.99 * leastSpinRatio;
+    EXPECT_FALSE(findRotation(alike, 1e6).spin.isSlowed());
+    alike(3, 3) = 1.01 * leastSpinRatio;
+    EXPECT_TRUE(findRotation(alike, 1e6).spin.isSlowed());
+}
+
+/** Constant tensors, matrices and iterations give the same N' = B N B^T, also beside others. */
+TEST(SlowedSpin, AllStrategiesHaveTheSlowedMobility) {
+    Pose far;
+    far.R = Vector3d(3, 1, 0.5);
+    far.q = {0.5, 0.5, -0.5, 0.5};
+    FluidElement own = rod(0, 0.3);
+    own.ownMobility = tensorWithoutSymmetry(2);
+    own.ownMobility.row(4) *= 20;
+    own.ownMobility.col(4) *= 20;
+    const vector<vector<FluidElement>> scenes = {
+        {rod(0, 0.3)}, {own}, {rod(0, 0.3), rod(1, 0.2)}, {own, rod(1, 0.2)}};
+    for (const auto& elements : scenes) {
+        SCOPED_TRACE(elements.size());
+        TestedBodies real(elements, makeRpy);
+        vector<SlowedSpin> spins;
+        for (size_t e = 0; e < elements.size(); e++) {
+            spins.push_back(findRotation(real->alone(e).mobility, 1e4).spin);
+            ASSERT_TRUE(spins[e].isSlowed());
+            spins[e].factor = 0.2 + 0.3 * e;
+        }
+        CoupledBodies slowedBodies(*real, spins);
+        BodyMobilities strategies(slowedBodies, 1e-10);
+        vector<Pose> poses = {far, Pose()};
+        poses.resize(elements.size());
+        real.setPoses(poses);
+        MatrixXd B = MatrixXd::Identity(6 * elements.size(), 6 * elements.size());
+        for (size_t e = 0; e < elements.size(); e++) {
+            const MatrixXd turn = twoRotations(poses[e].rotation());
+            B.block<6, 3>(6 * e, 6 * e + 3) -= (1 - spins[e].factor) * turn * spins[e].screw *
+                                               (poses[e].rotation() * spins[e].axis).transpose();
+        }
+        const MatrixXd expected = B * real.mobility() * B.transpose();
+        for (auto way : {BodyMobility::Constant, BodyMobility::Dense, BodyMobility::Krylov}) {
+            if ((way == BodyMobility::Constant) != slowedBodies.isConstantInBodyFrame()) continue;
+            BodyMobility& mobility = strategies.get(way);
+            mobility.setPoses(poses);
+            MatrixXd found;
+            mobility.solve(MatrixXd::Identity(expected.rows(), expected.rows()), found);
+            EXPECT_LT(difference(found, expected), way == BodyMobility::Krylov ? 1e-8 : 1e-10);
+        }
+    }
+}
+
+/**
+ * A rod that is bent by `bend` tumbles as the straight one, up to its bend, and spins faster by
+ * 1/bend^2. Its friction alone would lose these digits: about the line it is bend^2 of the rest.
+ */
+TEST(SlowedSpin, NearlyStraightBodiesKeepTheirDigits) {
+    TestedBodies straight({rod(0, 0)}, makeRpy);
+    const Vector3d line = Vector3d(1, 2, 3).normalized(), across = line.unitOrthogonal();
+    const auto tumbling = [&](const MatrixXd& N) {
+        return across.dot(N.bottomRightCorner<3, 3>() * across);
+    };
+    const double right = tumbling(straight->alone(0).mobility);
+    double spinTimesSquare = 0;
+    for (double bend : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6}) {
+        TestedBodies bodies({rod(0, bend)}, makeRpy);
+        const BodyRotation rotation = findRotation(bodies->alone(0).mobility, 1e-3);
+        ASSERT_TRUE(rotation.spin.isSlowed()) << bend;
+        EXPECT_LT(abs(abs(rotation.spin.axis.dot(line)) - 1), bend * bend + 1e-14);
+        if (bend == 1e-3) spinTimesSquare = rotation.fastest * bend * bend;
+        if (bend < 1e-3) {
+            EXPECT_NEAR(rotation.fastest * bend * bend, spinTimesSquare, 2e-3 * spinTimesSquare);
+        }
+        CoupledBodies slowed(*bodies, {rotation.spin});
+        BodyMobilities strategies(slowed, 1e-8);
+        BodyMobility& mobility = strategies.get(BodyMobility::Constant);
+        EXPECT_NEAR(tumbling(mobility.mobility()), right, 0.1 * bend * right + 1e-5 * right)
+            << bend;
+        const Vector3d axis = rotation.spin.axis;
+        EXPECT_NEAR(axis.dot(mobility.mobility().bottomRightCorner<3, 3>() * axis),
+                    max(resolvedSpin / 1e-3, leastSpinRatio * rotation.second),
+                    1e-3 * resolvedSpin / 1e-3)
+            << bend;
+    }
+}
