@@ -12,7 +12,7 @@ import numpy as np
 from openmm import unit as units
 
 from .. import _units
-from .trajectories import NORM_TOLERANCE, withoutRounding
+from .trajectories import NORM_TOLERANCE, lengths
 
 #: Neighbouring blobs of a body are about a diameter apart. Where all are so many times nearer or
 #: farther, lengths are most likely in two units, which differ by 1000 or more; spacings between a
@@ -142,13 +142,13 @@ def readClones(file, unit=None):
     scale = _lengthOf(unit, 'readClones')
     numbered = _readRows(file, (7,), 'x y z q0 q1 q2 q3', 'bodies')
     rows = np.array([values for _, values in numbered])
-    norms = np.linalg.norm(rows[:, 3:], axis=1)
+    norms = lengths(rows[:, 3:])
     for (line, _), norm in zip(numbered, norms):
         if abs(norm - 1) > NORM_TOLERANCE:
             raise ValueError(
                 f'{os.fspath(file)}, line {line}: found a quaternion of length {norm:.6g}; it must '
                 f'be 1: normalise it')
-    return rows[:, :3]*scale, rows[:, 3:]/withoutRounding(norms)[:, None]
+    return rows[:, :3]*scale, rows[:, 3:]/norms[:, None]
 
 
 def writeClones(file, positions, orientations):
@@ -179,7 +179,7 @@ def writeClones(file, positions, orientations):
             'writeClones: positions: got no bodies to write; there must be at least one: give its '
             'position')
     rows = np.concatenate([positions, orientations], axis=1)
-    norms = np.linalg.norm(orientations, axis=1)
+    norms = lengths(orientations)
     for body, (row, norm) in enumerate(zip(rows, norms)):
         if not np.all(np.isfinite(row)):
             raise ValueError(

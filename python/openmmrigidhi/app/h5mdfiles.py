@@ -765,7 +765,8 @@ class _Box:
         values = values*_conversion(self.edges.data, 1, 0, self.edges.file)
         size, item = self.dimension, values.shape[1:]
         if item in ((), (1,), (size,)):
-            values = values.reshape(len(values), -1, 1)*np.eye(size)
+            values = np.where(np.eye(size, dtype=bool),
+                              values.reshape(len(values), *(item or (1,)), 1), 0)
         elif item != (size, size):
             raise self.edges.wrong(
                 f'has entries of shape {item}',

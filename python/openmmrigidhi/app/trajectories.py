@@ -445,21 +445,23 @@ def unitQuaternions(orientations, where, frames):
     ValueError
         naming frame, body and value, if the length of a quaternion is not 1 or not finite
     """
-    with np.errstate(over='ignore', invalid='ignore'):
-        norms = np.linalg.norm(orientations, axis=-1)
-        bad = ~(np.abs(norms - 1) <= NORM_TOLERANCE)
+    norms = lengths(orientations)
+    bad = ~(np.abs(norms - 1) <= NORM_TOLERANCE)
     if bad.any():
         place = tuple(np.argwhere(bad)[0])
         raise ValueError(
             f'{where}: frame {frames[place[0]]}, body {place[1]}: orientation is '
             f'{_shown(orientations[place])}, of length {norms[place]:.6g}; a unit quaternion has '
             f'the length 1: correct it, or {_otherFrames(frames[place[0]])}')
-    return orientations/withoutRounding(norms)[..., None]
+    return orientations/norms[..., None]
 
 
-def withoutRounding(norms):
-    """Lengths of quaternions, but 1 for lengths that are 1 up to rounding."""
-    return np.where(np.abs(norms - 1) <= _ROUNDING, 1.0, norms)
+def lengths(orientations):
+    """Lengths of quaternions (..., 4), exactly 1 where they are 1 up to rounding."""
+    # A length beyond all numbers is infinite, and not 1.
+    with np.errstate(over='ignore', invalid='ignore'):
+        norms = np.linalg.norm(orientations, axis=-1)
+        return np.where(np.abs(norms - 1) <= _ROUNDING, 1.0, norms)
 
 
 def _shown(values):
