@@ -227,7 +227,7 @@ def test_numbers_of_frames_must_be_finite(files, tmp_path, kind, path, value, wh
 def test_numbers_of_bodies_must_be_finite(files, tmp_path, path, name):
     copy = spoiled(files/'bodies.h5', tmp_path/'bodies.h5', path, 1, np.nan)
     with pytest.raises(
-            ValueError, match=f'bodies.h5: {name} is .*nan.*; all numbers must be '
+            ValueError, match=f'bodies.h5: {name} is .*nan.*; numbers in a file must be '
             'finite: restore the file from a copy'):
         tools.readBodyStates(copy)
 

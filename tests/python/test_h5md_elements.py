@@ -250,7 +250,8 @@ def test_data_sets_in_place_of_groups_are_no_reason_to_search_their_numbers(tmp_
         for name in 'orientation', 'position':
             with file.change() as handle:
                 del handle[f'particles/rods/{name}']
-            with refused(f'/particles/rods has no {name}'):
+            with refused(f'/particles/rods has no {name}',
+                         'without this element there are no poses'):
                 app.readH5md(tmp_path/'x.h5', 'rods')
     Scene().run(app.H5mdReporter(tmp_path/'y.h5', 1), 2)
     with h5py.File(tmp_path/'y.h5', 'r+') as handle:
@@ -380,7 +381,7 @@ def test_species_may_have_steps(tmp_path):
     file = File(tmp_path/'y.h5')
     with file.change() as handle:
         handle['particles/rods/species'] = [1, 2]
-    with refused('species has entries of shape (2,); there must be one for each of 3 bodies'):
+    with refused('species has entries of shape (2,); there must be a type for each of 3 bodies'):
         file.read()
 
 
@@ -397,8 +398,8 @@ def test_a_file_with_other_changing_elements_is_not_continued(tmp_path):
             assert list(group['id/step' if name == 'id' else 'image/step']) == [1, 2, 3]
         with refused(
                 f'H5mdReporter: {tmp_path/"x.h5"}: it has /particles/bodies/{name}/',
-                'changes with time and which this reporter does not write; all frames must '
-                'hold the same data'):
+                'changes with time and which this reporter does not write; each frame must '
+                'extend all that changes'):
             Scene().run(app.H5mdReporter(tmp_path/'x.h5', 1, append=True), 1)
 
 
@@ -508,14 +509,19 @@ def test_open_boxes(tmp_path):
      (dict(boundary=names('periodic', 'mirror', 'none')),
       'boundary is periodic, mirror, none; it must be none or periodic for each of 3 directions'),
      (dict(boundary=names('periodic', 'none')), 'boundary is periodic, none; it must be'),
-     (dict(edges=[4.0, 5]), 'edges has entries of shape (2,); in 3 dimensions it must be one'),
+     (dict(edges=[4.0, 5]),
+      'edges has entries of shape (2,); in 3 dimensions an edge must be one number'),
      (dict(edges=[4.0, np.nan, 5]), 'frame 0: box is [[ 4.'),
      (dict(edges=[4.0, 0, 5]), 'edges is 0 in frame 0 along a periodic direction'),
      (dict(edges=None), 'image is not 0, but the group has no box/edges; positions cannot be '
-      'unwrapped'), (dict(image=[1, 2]), 'image has the shape (2, 1, 2); it must be (2, 1, 3)'),
+      'unwrapped'),
+     (dict(image=[1, 2]),
+      'image has the shape (2, 1, 2); images must have that of the positions, (2, 1, 3)'),
      (dict(image=[1, np.inf, 2]), 'frame 0, body 0: image is [ 1. inf  2.]'),
-     (dict(velocity=[1.0, 2]), 'velocity has the shape (2, 1, 2); with 2 frames of 1 bodies'),
-     (dict(spin=1.0), 'angular_velocity has the shape (2, 1); with 2 frames of 1 bodies'),],
+     (dict(velocity=[1.0, 2]),
+      'velocity has the shape (2, 1, 2); velocities of 1 bodies in 2 frames must have'),
+     (dict(spin=1.0),
+      'angular_velocity has the shape (2, 1); velocities of 1 bodies in 2 frames must have'),],
     ids=lambda value: ' '.join(value) if isinstance(value, dict) else '')
 def test_boxes_that_tell_nothing(tmp_path, options, pieces):
     about = dict(dimension=3, boundary=names(*['periodic']*3), edges=[4.0, 5, 6], image=[1, 1, 1])

@@ -251,8 +251,8 @@ class H5mdReporter(Hdf5Reporter):
         if others:
             raise ValueError(
                 f'{self._name}: {self._file}: it has {others[0]}, which changes with time and '
-                f'which this reporter does not write; all frames must hold the same data: write to '
-                f'another file')
+                f'which this reporter does not write; each frame must extend all that changes: write '
+                f'to another file')
         if self._blobs and len(file['particles'][_BLOBS]['radius']) != len(scene.blobs):
             raise ValueError(
                 f'{self._name}: {self._file}: it is of {len(file["particles"][_BLOBS]["radius"])} '
@@ -349,19 +349,17 @@ class _Element:
         self.isStatic = isinstance(self.item, h5py.Dataset)
         self.data = self.item if self.isStatic else self.item.get('value')
         if not isinstance(self.data, h5py.Dataset) or self.data.dtype.kind not in 'biuf':
-            raise self.wrong('is no element of numbers',
-                             'an element is a data set, or has one that is named value',
-                             'choose another group')
+            raise self.wrong('is no element of numbers; an element is a data set, or has one '
+                             'that is named value: choose another group')
         #: The steps, of which a run that was killed may have written one more than values.
         self.steps = None if self.isStatic else self._axis('step')
         if not self.isStatic and self.steps is None:
-            raise self.wrong(
-                'has no step', 'without steps nothing tells which of its entries belong '
-                'to which positions', 'write the steps')
+            raise self.wrong('has no step; without steps nothing tells which of its entries belong '
+                             'to which positions: write the steps')
 
-    def wrong(self, what, bound, remedy):
+    def wrong(self, text):
         """An error about this element."""
-        return ValueError(f'readH5md: {self.file}: {self.path} {what}; {bound}: {remedy}')
+        return ValueError(f'readH5md: {self.file}: {self.path} {text}')
 
     def __len__(self):
         return min(len(self.data), len(self.steps))
@@ -378,14 +376,14 @@ class _Element:
         if not data.shape:
             values = values*np.arange(count) + data.attrs.get('offset', 0)
         if values.ndim != 1 or abs(len(values) - count) > 1:
-            raise self.wrong(f'has {count} entries and {name} of shape {values.shape}',
-                             'there must be one for each entry', 'restore the file from a copy')
+            raise self.wrong(f'has {count} entries and {name} of shape {values.shape}; there must '
+                             f'be one for each entry: restore the file from a copy')
         if name == 'step':
             if values.dtype.kind == 'f' and np.all(np.mod(values, 1) == 0):
                 values = values.astype(np.int64)
             if values.dtype.kind not in 'iu':
-                raise self.wrong(f'has steps of type {values.dtype}', 'steps must be integers',
-                                 'write them as integers')
+                raise self.wrong(f'has steps of type {values.dtype}; steps must be integers: '
+                                 f'write them as integers')
             values = values.astype(np.int64)
         return values
 
@@ -419,9 +417,8 @@ class _Element:
             again = each[1:][np.diff(each) <= 0]
             if len(again):
                 raise self.wrong(
-                    f'and position have different steps, and step {again[0]} does not '
-                    f'come after the step before it', 'steps must increase',
-                    'remove what was written twice')
+                    f'and position have different steps, and step {again[0]} does not come after '
+                    f'the step before it; steps must increase: remove what was written twice')
         found = np.minimum(np.searchsorted(own, steps), max(len(own) - 1, 0))
         there = own[found] == steps if len(own) else np.zeros(len(steps), dtype=bool)
         return np.where(there, found, -1)
@@ -502,13 +499,13 @@ class _Particles:
         if self._order is None or not len(values):
             return values
         if values.ndim < 2 or values.shape[1] != self._width:
-            raise element.wrong(f'has entries of shape {values.shape[1:]}, id of ({self._width},)',
-                                'there must be a row for each id', 'restore the file from a copy')
+            raise element.wrong(f'has entries of shape {values.shape[1:]}, id of ({self._width},); '
+                                f'there must be a row for each id: restore the file from a copy')
         if element.isStatic and np.any(self._order != self._order[0]) and np.any(
                 values[0] != values[0, :1]):
-            raise element.wrong('does not change with time, but the order of the ids does',
-                                f'nothing tells which of its rows belongs to which {self.item}',
-                                'write the element with the steps of id')
+            raise element.wrong(
+                f'does not change with time, but the order of the ids does; nothing tells which of '
+                f'its rows belongs to which {self.item}: write the element with the steps of id')
         order = self._order[frames]
         return np.take_along_axis(values, order.reshape(*order.shape, *[1]*(values.ndim - 2)),
                                   axis=1)
@@ -520,9 +517,9 @@ class _Particles:
             return
         ids = element.entries(self._at(element))
         if ids.ndim != 2 or ids.dtype.kind not in 'iu':
-            raise element.wrong(f'has entries of shape {ids.shape[1:]} and type {ids.dtype}',
-                                'an id is one integer for each ' + self.item,
-                                'restore the file from a copy')
+            raise element.wrong(f'has entries of shape {ids.shape[1:]} and type {ids.dtype}; an id '
+                                f'is one integer for each {self.item}: restore the file from a '
+                                f'copy')
         self._width = ids.shape[1]
         fill = _fillValue(element.data)
         there = np.ones(ids.shape, dtype=bool) if fill is None else ids != fill
@@ -545,14 +542,15 @@ class _Particles:
         number = self.numbers[k]
         about = f'in frame {number} (step {self.position.steps[number]}) '
         if len(again):
-            raise element.wrong(f'{about}has the id {again[0]} twice',
-                                f'each {self.item} has an id of its own', 'correct the file')
+            raise element.wrong(
+                f'{about}has the id {again[0]} twice; each {self.item} has an id of '
+                f'its own: correct the file')
         strangers = np.setdiff1d(ids, first)
-        raise element.wrong(
-            about + (f'has the id {strangers[0]}, which frame {self.numbers[0]} has not' if
-                     len(strangers) else f'lacks the id {np.setdiff1d(first, ids)[0]}, which frame '
-                     f'{self.numbers[0]} has'), f'each {self.item} must be there in every frame',
-            'read frames with equal ids by the argument frames')
+        lack = f'has the id {strangers[0]}, which frame {self.numbers[0]} has not' if len(
+            strangers) else (f'lacks the id {np.setdiff1d(first, ids)[0]}, which frame '
+                             f'{self.numbers[0]} has')
+        raise element.wrong(f'{about}{lack}; each {self.item} must be there in every frame: read '
+                            f'frames with equal ids by the argument frames')
 
 
 def _fillValue(data):
@@ -566,9 +564,10 @@ def _readGroup(handle, groups, group, velocities, frames, file):
     bodies = _Particles(groups[group], file)
     for name in ('position', 'orientation'):
         if bodies.element(name) is None or name == 'position' and bodies.element(name).isStatic:
-            raise ValueError(f'readH5md: {file}: /particles/{group} has no {name}'
-                             f'{" that changes with time" if name == "position" else ""}; poses '
-                             f'need it: choose another group')
+            raise ValueError(
+                f'readH5md: {file}: /particles/{group} has no {name}'
+                f'{" that changes with time" if name == "position" else ""}; without this element '
+                f'there are no poses: choose another group')
     position = bodies.element('position')
     times = position.times()
     if times is None:
@@ -630,9 +629,9 @@ def _readGroup(handle, groups, group, velocities, frames, file):
         if values is not None and values.shape not in (positions.shape,
                                                        (*positions.shape[:2], box.dimension)):
             raise bodies.element(name).wrong(
-                f'has the shape {values.shape}', f'with {len(steps)} frames of '
-                f'{positions.shape[1]} bodies it must be '
-                f'{(*positions.shape[:2], box.dimension)}', 'restore the file from a copy')
+                f'has the shape {values.shape}; velocities of {positions.shape[1]} bodies in '
+                f'{len(steps)} frames must have {(*positions.shape[:2], box.dimension)}: restore '
+                f'the file from a copy')
         twist[name] = None if values is None else _inSpace(values)
         requireFinite(twist[name], name, where, numbers)
     return Trajectory(_units.TIME.attach(time), steps, _units.LENGTH.attach(positions),
@@ -684,9 +683,9 @@ def _types(bodies, count):
                 stacklevel=4)
         return None
     if species.shape != (count,):
-        raise element.wrong(f'has entries of shape {species.shape}',
-                            f'there must be one for each of {count} bodies',
-                            'restore the file from a copy')
+        raise element.wrong(
+            f'has entries of shape {species.shape}; there must be a type for each of '
+            f'{count} bodies: restore the file from a copy')
     names = h5py.check_enum_dtype(element.data.dtype)
     names = {} if names is None else {number: name for name, number in names.items()}
     return [names.get(k, str(k)) for k in species.tolist()]
@@ -698,17 +697,17 @@ def _readBlobs(blobs):
         return None, None, None
     where, places = f'readH5md: {blobs.file}', blobs.rows('position', 1)
     if places.ndim != 3 or places.shape[2] != 3:
-        raise blobs.element('position').wrong(f'has the shape {places.shape}',
-                                              'it must be (frames, blobs, 3)',
-                                              'restore the file from a copy')
+        raise blobs.element('position').wrong(
+            f'has the shape {places.shape}; it must be (frames, blobs, 3): restore the file from a '
+            f'copy')
     requireFinite(places, 'position', where, blobs.numbers, 'blob')
     about = {}
     for name, length in (('radius', 1), ('body', None)):
         about[name] = blobs.constant(name, length)
         if about[name] is None or about[name].shape != places.shape[1:2]:
-            raise blobs.element(name).wrong('changes with time, or is not one number for each blob',
-                                            f'there must be {places.shape[1]} numbers',
-                                            'restore the file from a copy')
+            raise blobs.element(name).wrong(
+                f'changes with time, or is not one number for each blob; there must be '
+                f'{places.shape[1]} numbers: restore the file from a copy')
     requireFinite(about['radius'], 'radius', where, None, 'blob')
     return _units.LENGTH.attach(places), _units.LENGTH.attach(about['radius']), about['body']
 
@@ -769,9 +768,8 @@ class _Box:
                               values.reshape(len(values), *(item or (1,)), 1), 0)
         elif item != (size, size):
             raise self.edges.wrong(
-                f'has entries of shape {item}',
-                f'in {size} dimensions it must be one number, ({size},) or ({size}, {size})',
-                'correct it')
+                f'has entries of shape {item}; in {size} dimensions an edge must be one number, '
+                f'({size},) or ({size}, {size}): correct it')
         vectors = np.zeros((len(values), 3, 3))
         vectors[:, :size, :size] = values
         # What a file has along other directions are placeholders, perhaps no numbers.
@@ -781,8 +779,8 @@ class _Box:
         empty = ~vectors.any(axis=2) & self.periodic
         if empty.any():
             raise self.edges.wrong(
-                f'is 0 in frame {numbers[np.argwhere(empty)[0][0]]} along a periodic direction',
-                'a box must have a length there', 'correct it')
+                f'is 0 in frame {numbers[np.argwhere(empty)[0][0]]} along a periodic direction; a '
+                f'box must have a length there: correct it')
         return vectors
 
     def images(self, bodies, edges, count):
@@ -792,16 +790,16 @@ class _Box:
             return 0
         values = np.asarray(bodies.rows('image'), dtype=float)
         if values.shape != (len(bodies), count, self.dimension):
-            raise element.wrong(f'has the shape {values.shape}',
-                                f'it must be {(len(bodies), count, self.dimension)}',
-                                'restore the file from a copy')
+            raise element.wrong(f'has the shape {values.shape}; images must have that of the '
+                                f'positions, {(len(bodies), count, self.dimension)}: restore the '
+                                f'file from a copy')
         values = _inSpace(values)
         if self.hasBox:
             values = np.where(self.periodic, values, 0)
         requireFinite(values, 'image', self.where, bodies.numbers)
         if edges is None and values.any():
-            raise element.wrong('is not 0, but the group has no box/edges',
-                                'positions cannot be unwrapped without them', 'write the box')
+            raise element.wrong('is not 0, but the group has no box/edges; positions cannot be '
+                                'unwrapped without them: write the box')
         return 0 if edges is None else values @ edges
 
 

@@ -422,7 +422,7 @@ def requireFinite(values, name, where, frames, item='body'):
     axes += [f'{item} {place[len(axes)]}'] if item else []
     remedy = 'restore the file from a copy' if frames is None else _otherFrames(frames[place[0]])
     raise ValueError(f'{where}: {", ".join(axes)}: {name} is {_shown(values[place[:len(axes)]])}; '
-                     f'all numbers must be finite: {remedy}')
+                     f'numbers in a file must be finite: {remedy}')
 
 
 def unitQuaternions(orientations, where, frames):
