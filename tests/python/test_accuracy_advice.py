@@ -1,4 +1,4 @@
-"""openmmrigidhi.accuracy: what a report advises follows from its answer, for each kind of answer."""
+"""openmmrigidhi.accuracy: what a report advises follows from its answer, of each kind."""
 import copy
 import re
 from html import unescape

@@ -338,7 +338,7 @@ SHELL, RADIUS = (each._value for each in app.multiblobSphere(42, 500))
 
 @pytest.mark.parametrize('scale', [1e-9, 1e-6, 1e-3, 1e3, 1e6])
 @pytest.mark.parametrize('positions, radii', [(SHELL, RADIUS), (app.rod(10, 2.0)._value, 1.0),
-                                              ([(0, 0, 0), (1, 0, 0)], [1.0, 0.5])],
+                                              ([(0, 0, 0), (1.5, 0, 0)], [1.0, 0.5])],
                          ids=['shell', 'rod', 'pair'])
 def test_lengths_in_two_units_are_noticed(tmp_path, scale, positions, radii):
     pattern = 'positions and radii seem to be in different units of length; give both in nm'
@@ -357,7 +357,7 @@ def test_lengths_in_two_units_are_noticed(tmp_path, scale, positions, radii):
 @pytest.mark.parametrize('positions, radii', [(SHELL, RADIUS), (SHELL, RADIUS/5), (SHELL, RADIUS*5),
                                               (app.rod(10, 0.1)._value, 1.0), ([(0, 0, 0)], 1.0),
                                               ([(0, 0, 0), (0, 0, 0)], [1.0, 2.0]),
-                                              ([(0, 0, 0), (100, 0, 0)], 1.0),
+                                              ([(0, 0, 0), (600, 0, 0)], 1.0),
                                               ([(0, 0, 0), (1e-3, 0, 0), (2, 0, 0)], 1.0),
                                               ([(0, 0, 0), (1e-6, 0, 0)], [1.0, 0])], ids=range(9))
 def test_lengths_in_one_unit_need_no_word(positions, radii):

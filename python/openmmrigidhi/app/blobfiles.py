@@ -14,10 +14,10 @@ from openmm import unit as units
 from .. import _units
 from .trajectories import NORM_TOLERANCE, lengths
 
-#: Neighbouring blobs of a body are about a diameter apart. Where all are so many times nearer or
-#: farther, lengths are most likely in two units, which differ by 1000 or more; spacings between a
-#: fifth of a diameter and five diameters are then found.
-_ODD_SPACING = 200
+#: Neighbouring blobs of a body are about a diameter apart. Lengths in two units differ by 1000 or
+#: more. So spacings in diameters beyond these bounds are most likely of two units, which are found
+#: if the true spacing is between half a diameter and five diameters.
+_ODD_SPACINGS = 1/200, 500
 
 
 def readVertexFile(file, radii=False, unit=None):
@@ -89,7 +89,8 @@ def warnOfUnits(positions, radii, where):
         return
     nearest = cKDTree(positions).query(positions, k=2)[0][:, 1]
     spacings = nearest/(2*radii)
-    if 1/_ODD_SPACING <= spacings.max() and spacings.min() <= _ODD_SPACING or not nearest.any():
+    if _ODD_SPACINGS[0] <= spacings.max() and spacings.min() <= _ODD_SPACINGS[1] or not nearest.any(
+    ):
         return
     blob = int(np.argmax(nearest))
     warnings.warn(

@@ -251,8 +251,8 @@ class H5mdReporter(Hdf5Reporter):
         if others:
             raise ValueError(
                 f'{self._name}: {self._file}: it has {others[0]}, which changes with time and '
-                f'which this reporter does not write; each frame must extend all that changes: write '
-                f'to another file')
+                f'which this reporter does not write; each frame must extend all that changes: '
+                f'write to another file')
         if self._blobs and len(file['particles'][_BLOBS]['radius']) != len(scene.blobs):
             raise ValueError(
                 f'{self._name}: {self._file}: it is of {len(file["particles"][_BLOBS]["radius"])} '
