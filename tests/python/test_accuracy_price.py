@@ -705,9 +705,9 @@ def test_files_of_prices(tmp_path, capsys):
             '<img') == 2
     # The page says how sure each price is, and what to do with it.
     for verdict in 'recommended', 'none of these':
-        assert escape(PriceReport.SURE[verdict]) in page
-        assert escape(PriceReport.NEXT[verdict]) in page
-    assert escape(PriceReport.SURE['cannot tell']) not in page
+        for text in PriceReport.ADVICE[verdict, 'decided']:
+            assert escape(text) in page
+    assert 'This study cannot tell' not in page
     head, first = (tmp_path/'first'/'results.csv').read_text().splitlines()[:2]
     row = dict(zip(head.split(','), first.split(',')))
     assert float(row['noise']) == 20 and float(row['effective_per_second']) > 0

@@ -303,6 +303,67 @@ def test_clones_files_that_do_not_parse(text, line, pieces, tmp_path):
         app.readClones(write(tmp_path/'bad.clones', text))
 
 
+def test_files_in_other_units(tmp_path):
+    vertices = write(tmp_path/'x.vertex', '2\n0 0 0 0.5\n1 0 0 0.25\n')
+    clones = write(tmp_path/'x.clones', '1\n1 2 3 0 1 0 0\n')
+    for length, scale in ((unit.micrometer, 1000), (0.5*unit.micrometer, 500), (3, 3),
+                          (unit.angstrom, 0.1), (None, 1)):
+        assert np.allclose(app.readVertexFile(vertices, unit=length), [(0, 0, 0), (scale, 0, 0)])
+        positions, radii = app.readVertexFile(vertices, radii=True, unit=length)
+        assert np.allclose(positions, [(0, 0, 0), (scale, 0, 0)])
+        assert np.allclose(radii, [0.5*scale, 0.25*scale])
+        positions, orientations = app.readClones(clones, length)
+        assert np.allclose(positions, np.array([(1, 2, 3)])*scale)
+        assert orientations.tolist() == [[0, 1, 0, 0]]
+    for read, name in ((app.readVertexFile, vertices), (app.readClones, clones)):
+        with refused(f'{read.__name__}: unit: got a quantity in picosecond; it must be nm',
+                     error=TypeError):
+            read(name, unit=unit.picosecond)
+        with refused(f"{read.__name__}: unit: got 'um'", error=TypeError):
+            read(name, unit='um')
+        for length in (0, -1, np.nan, np.inf):
+            with refused(f'{read.__name__}: unit: got {float(length)} nm; a unit of length must be '
+                         'positive and finite'):
+                read(name, unit=length)
+
+
+def body(radii, positions):
+    """A multiblob, as a user makes it."""
+    system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(0, 1)
+    app.addRigidMultiblob(system, integrator, fluid, positions, radii)
+
+
+SHELL, RADIUS = (each._value for each in app.multiblobSphere(42, 500))
+
+
+@pytest.mark.parametrize('scale', [1e-9, 1e-6, 1e-3, 1e3, 1e6])
+@pytest.mark.parametrize('positions, radii', [(SHELL, RADIUS), (app.rod(10, 2.0)._value, 1.0),
+                                              ([(0, 0, 0), (1.5, 0, 0)], [1.0, 0.5])],
+                         ids=['shell', 'rod', 'pair'])
+def test_lengths_in_two_units_are_noticed(tmp_path, scale, positions, radii):
+    pattern = 'positions and radii seem to be in different units of length; give both in nm'
+    with pytest.warns(UserWarning, match='addRigidMultiblob: blob .*' + pattern):
+        body(radii, np.asarray(positions)*scale)
+    rows = np.column_stack([np.asarray(positions)*scale, np.broadcast_to(radii, len(positions))])
+    file = write(
+        tmp_path/'x.vertex',
+        f'{len(rows)}\n' + '\n'.join(' '.join(repr(float(x)) for x in row) for row in rows))
+    with pytest.warns(UserWarning, match='readVertexFile: .*x.vertex: blob .*' + pattern):
+        app.readVertexFile(file, radii=True)
+    app.readVertexFile(file)
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('positions, radii', [(SHELL, RADIUS), (SHELL, RADIUS/5), (SHELL, RADIUS*5),
+                                              (app.rod(10, 0.1)._value, 1.0), ([(0, 0, 0)], 1.0),
+                                              ([(0, 0, 0), (0, 0, 0)], [1.0, 2.0]),
+                                              ([(0, 0, 0), (600, 0, 0)], 1.0),
+                                              ([(0, 0, 0), (1e-3, 0, 0), (2, 0, 0)], 1.0),
+                                              ([(0, 0, 0), (1e-6, 0, 0)], [1.0, 0])], ids=range(9))
+def test_lengths_in_one_unit_need_no_word(positions, radii):
+    body(radii, positions)
+
+
 def test_clones_that_cannot_be_written(tmp_path):
     file = tmp_path/'new.clones'
     with refused(

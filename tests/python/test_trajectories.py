@@ -582,6 +582,7 @@ def test_h5md_of_other_programs(tmp_path):
     y only, and steps and times by increments."""
     random = np.random.default_rng(1)
     R, q = random.normal(size=(5, 2, 3)), random.normal(size=(5, 2, 4))
+    q /= np.linalg.norm(q, axis=-1, keepdims=True)
     image = random.integers(-2, 3, size=(5, 2, 3))
     with h5py.File(tmp_path/'x.h5', 'w') as file:
         file.create_group('h5md').attrs['version'] = [1, 0]

@@ -7,6 +7,11 @@ import re
 
 import numpy as np
 
+from ._results import finite, times
+
+#: The place in an advice where the factor of the answer comes in.
+FACTOR = '{factor}'
+
 
 class Report:
     """The report about a result, for some wanted errors, and its files.
@@ -28,8 +33,8 @@ class Report:
     TITLE, CHOICE, EXAMPLE = '', '', ''
     #: How a picture is read: what the points, lines and colours are, and which ones are good.
     READING = ''
-    #: Verdict -> how sure the answer is, and what to do with the answer.
-    SURE, NEXT = {}, {}
+    #: (verdict, reason) of an answer -> how sure the answer is, and what to do with it.
+    ADVICE = {}
     #: The parts of an answer that the JSON keeps.
     ANSWER = ('verdict', 'setting', 'text', 'candidates')
 
@@ -80,7 +85,7 @@ class Report:
         return {
             'recommendations': [{
                 'wanted': [vars(each) for each in answer.wanted],
-                **{key: getattr(answer, key)
+                **{key: finite(getattr(answer, key))
                    for key in self.ANSWER}
             } for answer in self.answers]
         }
@@ -189,19 +194,29 @@ class Report:
 
 
 def advise(report):
-    """How sure the answers of a report are, and what to do with them, for each verdict once.
+    """How sure the answers of a report are, and what to do with them, each text once.
+
+    Where the texts differ, each one begins with the wanted errors that it is about.
 
     Parameters
     ----------
     report : object
-        with answers and the texts SURE and NEXT, by verdict
+        with answers and the texts ADVICE, by verdict and reason
 
     Returns
     -------
     (list of str, list of str)
     """
-    verdicts = dict.fromkeys(answer.verdict for answer in report.answers)
-    return [report.SURE[each] for each in verdicts], [report.NEXT[each] for each in verdicts]
+    found = {}, {}
+    for answer in report.answers:
+        about = ' and '.join(item.text for item in answer.wanted)
+        for texts, text in zip(found, report.ADVICE[answer.verdict, answer.reason]):
+            text = text.replace(FACTOR, times(answer.factor)) if FACTOR in text else text
+            texts.setdefault(text, []).append(about)
+    return tuple([
+        text if len(texts) == 1 else f'For {"; ".join(abouts)}: {text}'
+        for text, abouts in texts.items()
+    ] for texts in found)
 
 
 # ---- Pictures ------------------------------------------------------------------------------------

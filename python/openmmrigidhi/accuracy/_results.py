@@ -18,6 +18,12 @@ from .. import _loading
 RECOMMENDED, NONE, UNDECIDED = 'recommended', 'none of these', 'cannot tell'
 #: Above this factor, "run N times longer" is not given as advice.
 LARGEST_FACTOR = 1000
+#: Why an answer is not sharper, or that it is as sharp as can be. What to do follows from the
+#: verdict and the reason (_pages.advise).
+DECIDED, UNUSABLE = 'decided', 'nothing could be used'
+LONGER, HARDLY = 'longer runs decide', 'longer runs hardly decide'
+SMALL_STEPS, REFERENCE = 'the limit of small steps', 'the reference'
+NO_REFERENCE, NO_MEAN = 'nothing to compare with', 'no mean'
 
 # ---- Wanted errors and answers -------------------------------------------------------------------
 
@@ -49,6 +55,8 @@ class Recommendation:
     factor : float or None
         how many times longer a run would have to be to settle an undecided answer, or to decide
         about a faster setting
+    reason : str
+        'decided', or why the answer is not sharper, from which the report's advice follows
     """
 
     verdict: str
@@ -57,6 +65,7 @@ class Recommendation:
     candidates: list
     factor: Optional[float]
     wanted: list
+    reason: str = DECIDED
 
     def __str__(self):
         return self.text
@@ -181,11 +190,14 @@ def factorToDecide(undecided):
     return min(likely) if likely else max(candidate['factor'] for candidate in undecided)
 
 
-def longer(factor):
-    """Text about what to do for a question that takes a run so many times longer."""
-    if not math.isfinite(factor) or factor > LARGEST_FACTOR:
-        return 'their errors are so close to the limit that longer runs will hardly decide it'
-    return f'run longer: about {max(1.1, factor):.2g} times'
+def times(factor):
+    """How many times longer to run, as text of two digits.
+
+    Parameters
+    ----------
+    factor : float
+    """
+    return f'{float(f"{max(1.1, factor):.2g}"):g}'
 
 
 # ---- Files ---------------------------------------------------------------------------------------
@@ -334,6 +346,15 @@ class Result:
                     f'{row[key]:.8g}' if isinstance(row[key], float) else row[key]
                     for key in self.COLUMNS
                 ])
+
+
+def finite(value):
+    """A value for JSON, where infinite numbers are null, in dicts and lists, too."""
+    if isinstance(value, dict):
+        return {key: finite(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _read(path):

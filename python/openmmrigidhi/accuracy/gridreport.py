@@ -6,7 +6,7 @@ It has texts, pictures, tables and one HTML page.
 import numpy as np
 
 from ._pages import Report, paragraph, plainTicks, section, sentence, table
-from ._results import NONE, RECOMMENDED, UNDECIDED
+from ._results import DECIDED, NONE, RECOMMENDED, UNUSABLE
 
 #: Errors for which the fineness is given, beside the fineness that the sampling of a Gaussian
 #: needs.
@@ -53,17 +53,17 @@ class GridReport(Report):
         'narrowest envelope. On the right are errors against the time of a product with the '
         'mobility. Points below the dashed line have the wanted error, and the best one is '
         'farthest to the left.')
-    SURE = {
-        RECOMMENDED: 'The errors are norms of differences to the matrix of lattice sums. The '
-        'answer is for the arrangement of this scene.',
-        NONE: 'The errors are norms of differences to the matrix of lattice sums. Each of them '
-        'is above the wanted error.',
-        UNDECIDED: 'No grid could be compared.'
-    }
-    NEXT = {
-        RECOMMENDED: 'Give the recommended tolerance to setSolverTolerance().',
-        NONE: 'Measure smaller tolerances (--tolerances), or accept a larger error.',
-        UNDECIDED: 'Measure other tolerances (--tolerances).'
+    ADVICE = {
+        (RECOMMENDED, DECIDED): (
+            'The errors are norms of differences to the matrix of lattice sums. The '
+            'answer is for the arrangement of this scene.',
+            'Give the recommended tolerance to setSolverTolerance().'),
+        (NONE, DECIDED): ('The errors are norms of differences to the matrix of lattice sums. Each '
+                          'of them is above the wanted error.',
+                          'Measure smaller tolerances (--tolerances), or accept a larger error.'),
+        (NONE, UNUSABLE): ('No grid could be used, so that no error is known.',
+                           'Measure other tolerances (--tolerances). The page says why each grid '
+                           'could not be used.')
     }
 
     def compared(self):

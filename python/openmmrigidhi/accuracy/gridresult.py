@@ -1,7 +1,7 @@
 """What a GridStudy found: errors, grids and times of products, and recommended tolerances."""
 import numpy as np
 
-from ._results import NONE, RECOMMENDED, Recommendation, Result, decide
+from ._results import DECIDED, NONE, RECOMMENDED, UNUSABLE, Recommendation, Result, decide
 from .gridreport import GridReport, milliseconds
 
 
@@ -106,7 +106,8 @@ class GridResult(Result):
             text = f'{aim}: {NONE}. ' + (
                 f'The smallest error is {least["error"]:.1e}, with a tolerance of '
                 f'{least["tolerance"]:g}.' if least else 'No grid could be used.')
-        return Recommendation(verdict, best, text, candidates, None, wanted)
+        return Recommendation(verdict, best, text, candidates, None, wanted,
+                              DECIDED if candidates else UNUSABLE)
 
     def finenessFor(self, observable, error):
         """The fineness sigma/dx at which the error is this, between the measured spacings.

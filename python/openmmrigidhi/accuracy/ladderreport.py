@@ -7,7 +7,7 @@ import html
 import numpy as np
 
 from ._pages import Report, duration, paragraph, plainTicks, section, sentence, table
-from ._results import NONE, RECOMMENDED, UNDECIDED
+from ._results import (DECIDED, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE, UNDECIDED, UNUSABLE)
 from .measurement import STABLE
 from .rungs import BEST
 
@@ -60,21 +60,29 @@ class LadderReport(Report):
         'line have the wanted error, and the best one is farthest to the left. In the grey region '
         'errors are smaller than the uncertainty of the reference. Where exact numbers are known, '
         'a further panel shows the models beside the exact numbers.')
-    SURE = {
-        RECOMMENDED: 'The error of the recommended model plus the uncertainty of the reference '
-        'is below the wanted error. There is no statistical error. The answer is for the '
-        'arrangements of this scene.',
-        NONE: 'Every model has an error above the wanted one, by more than the reference is '
-        'uncertain. There is no statistical error.',
-        UNDECIDED: 'The reference is not accurate enough for this wanted error, or the observable '
-        'has no meaning for this scene.'
-    }
-    NEXT = {
-        RECOMMENDED: 'Use the recommended model by setModel(). The table of times says what '
-        'the other models cost.',
-        NONE: 'Add more accurate models (--rungs), or accept a larger error.',
-        UNDECIDED: 'Add a finer multiblob as the reference (--ladder-reference), or accept a '
-        'larger error.'
+    _BELOW = ('The error of the recommended model plus the uncertainty of the reference '
+              'is below the wanted error. There is no statistical error. The answer is for the '
+              'arrangements of this scene.')
+    _USE = ('Use the recommended model by setModel(). The table of times says what the other '
+            'models cost.')
+    ADVICE = {
+        (RECOMMENDED, DECIDED): (_BELOW, _USE),
+        (RECOMMENDED, REFERENCE): (
+            _BELOW, f'{_USE} To learn about the faster models that the answer names, add a finer '
+            'multiblob as the reference (--ladder-reference).'),
+        (NONE, DECIDED): (
+            'Every model has an error above the wanted one, by more than the reference is '
+            'uncertain, or cannot be used here. There is no statistical error.',
+            'Add more accurate models (--rungs), or accept a larger error.'),
+        (NONE, UNUSABLE): ('No model could be used here, so that no error is known.',
+                           'Look at the reasons below, and add other models (--rungs).'),
+        (UNDECIDED, REFERENCE): (
+            'The reference is not accurate enough for this wanted error.',
+            'Add a finer multiblob as the reference (--ladder-reference), or accept a larger error.'
+        ),
+        (UNDECIDED, NO_REFERENCE): (
+            'The observable has no meaning for this scene.',
+            'Ask for another observable (--observables), or take another scene.')
     }
 
     def compared(self):

@@ -1,5 +1,6 @@
 """What the hydrodynamic ladder found: errors and times of the models, and recommended models."""
-from ._results import NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, decide, worst
+from ._results import (DECIDED, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE, UNDECIDED, UNUSABLE,
+                       Recommendation, Result, decide, worst)
 from .ladderreport import LadderReport, duration, percent
 from .measurement import STABLE
 from .rungs import BEST
@@ -144,6 +145,7 @@ class LadderResult(Result):
             values = [f'{value:g}' for value in self.references]
             aim += f', {self.parameter}s {values[0]} to {values[-1]}'
         verdict, best, undecided = decide(candidates)
+        reason = REFERENCE
         if verdict == RECOMMENDED:
             text = (f'{aim}: {best["rung"]}, {duration(best["seconds_step"])} a step on '
                     f'{best["platform"]}, error at '
@@ -152,19 +154,27 @@ class LadderResult(Result):
             if faster:
                 text += (' Faster, but closer to the limit than the reference is known: '
                          f'{", ".join(faster)}.')
+            else:
+                reason = DECIDED
         elif verdict == UNDECIDED:
             text = f'{aim}: cannot tell. '
-            text += (
-                f'{", ".join(c["rung"] for c in undecided)} may meet it, but the reference itself '
-                f'is not known to that: add a finer '
-                'multiblob.' if undecided else 'This observable has no meaning here.')
+            if undecided:
+                text += (
+                    f'{", ".join(c["rung"] for c in undecided)} may meet it, but the reference '
+                    'itself is not known to that: add a finer multiblob.')
+            else:
+                text += 'This observable has no meaning here.'
+                reason = NO_REFERENCE
+        elif not candidates:
+            text, reason = f'{aim}: {NONE}. No model could be used.', UNUSABLE
         else:
+            reason = DECIDED
             least = min((c for c in candidates if c['error'] is not None and c['isWhole']),
                         key=lambda c: c['error'], default=None)
             text = (f'{aim}: {NONE}. Every model that was measured misses it' +
                     (f'; the most accurate is {least["rung"]} with {percent(least["error"])}.'
                      if least else '.'))
-        return Recommendation(verdict, best, text, candidates, None, wanted)
+        return Recommendation(verdict, best, text, candidates, None, wanted, reason)
 
     def goodDownTo(self, wanted):
         """For several scenes: the parameter from which upward each rung meets a wanted error.

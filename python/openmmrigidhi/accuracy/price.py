@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ._pages import duration
-from ._results import (NONE, RECOMMENDED, UNDECIDED, Recommendation, checkedConfidence,
-                       factorToDecide, worst)
+from ._results import (DECIDED, NO_MEAN, NO_REFERENCE, NONE, RECOMMENDED, UNDECIDED, UNUSABLE,
+                       Recommendation, checkedConfidence, factorToDecide, worst)
 from .measurement import SECONDS_PER_DAY, SLOW, STABLE
 from .statistics import errorAfter, noiseDegrees, resampledNoise, timeToError
 
@@ -23,7 +23,7 @@ BEST, WORSE = 'best', 'worse'
 #: Intervals need some resamplings in their tails.
 FEWEST_RESAMPLINGS = 100
 #: The notes of rows without a mean, as sentences.
-NO_MEAN = {
+NO_MEAN_NOTES = {
     'too few samples': 'there are too few samples',
     'n/a': 'no sample is a number',
     'sometimes not a number': 'some samples are not numbers'
@@ -242,7 +242,7 @@ class Prices:
                 'together: ')
         clock = ' of processor time' if self.result.provenance.get('clock') == 'cpu' else ''
         undecided = [each for each in candidates if each['verdict'] == OPEN]
-        factor = None
+        factor, reason = None, DECIDED
         if best is not None:
             verdict = RECOMMENDED
             text += (
@@ -272,33 +272,37 @@ class Prices:
                 text += f' The best of the other methods: {"; ".join(others)}.'
             if undecided:
                 factor = min(each['factor'] for each in undecided)
+                reason, todo = self.result.outlook(factor, undecided, wanted, confidence)
                 text += (
                     f' Settings that may cost less or never get there, since their bias is not '
                     f'known well enough: '
-                    f'{self._names(undecided)}; '
-                    f'{self.result.advice(factor, wanted)}.')
+                    f'{self._names(undecided)}; {todo}.')
             if best['marks']:
                 text += f' Beware: {"; ".join(best["marks"])}.'
         elif undecided:
             verdict, factor = UNDECIDED, factorToDecide(undecided)
+            reason, todo = self.result.outlook(factor, undecided, wanted, confidence)
             text += ('cannot tell. The bias is not known well enough for '
-                     f'{self._names(undecided)}; '
-                     f'{self.result.advice(factor, wanted)}.')
+                     f'{self._names(undecided)}; {todo}.')
         elif candidates and all(each['verdict'] == 'n/a' for each in candidates):
             verdict = UNDECIDED
             why = self._whyNoMean(candidates)
+            reason = NO_MEAN if why else NO_REFERENCE
             text += f'cannot tell. {why}' if why else (
                 'cannot tell. There is nothing to compare with, or no correlation time. An exact '
                 'value, a reference or smaller steps are '
                 'needed, and runs with samples.')
         else:
             verdict = NONE
+            reason = DECIDED if candidates else UNUSABLE
+            unknown = [each for each in candidates if each['verdict'] == 'n/a']
             text += f'{NONE}. ' + (
-                f'The bias of every stable setting exceeds it with {100*confidence:g} % '
-                f'confidence: no time suffices. Smaller '
-                'steps may suffice.'
-                if candidates else 'No setting was stable; smaller steps may be.')
-        return Recommendation(verdict, best, text, candidates, factor, wanted)
+                f'The bias of every stable setting{" that can be judged" if unknown else ""} '
+                f'exceeds it with {100*confidence:g} % confidence: no time suffices. Smaller steps '
+                'may suffice.' if candidates else 'No setting was stable; smaller steps may be.')
+            if unknown:
+                text += f' Nothing can be said about {self._names(unknown)}.'
+        return Recommendation(verdict, best, text, candidates, factor, wanted, reason)
 
     # ---- Error after a time ----------------------------------------------------------------------
 
@@ -437,11 +441,11 @@ class Prices:
 
     def _whyNoMean(self, candidates):
         """A sentence, if settings have samples of which there is no mean; otherwise nothing."""
-        mine = [each for each in candidates if set(each['marks']) & set(NO_MEAN.values())]
+        mine = [each for each in candidates if set(each['marks']) & set(NO_MEAN_NOTES.values())]
         if not mine:
             return ''
         reasons = dict.fromkeys(mark for each in mine for mark in each['marks']
-                                if mark in NO_MEAN.values())
+                                if mark in NO_MEAN_NOTES.values())
         return (f'For {self._names(mine)} {" and ".join(reasons)}, so there is no mean: look at '
                 'the observable.')
 
@@ -502,7 +506,7 @@ def marks(row):
     row : dict
     """
     if row['noise'] is None:
-        return [NO_MEAN[row['note']]] if row['note'] in NO_MEAN else []
+        return [NO_MEAN_NOTES[row['note']]] if row['note'] in NO_MEAN_NOTES else []
     found = []
     # Where oscillations cancel, samples know more than independent ones, and closer ones no more.
     if row['noise'] and 0.5*row['sample_interval'] <= row['own_tau'] < 2*row['sample_interval']:

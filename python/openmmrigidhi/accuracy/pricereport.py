@@ -7,8 +7,9 @@ import re
 
 import numpy as np
 
-from ._pages import duration, emptyPanels, number, plainTicks, png, sentence, table
-from ._results import NONE, RECOMMENDED, UNDECIDED
+from ._pages import FACTOR, duration, emptyPanels, number, plainTicks, png, sentence, table
+from ._results import (DECIDED, HARDLY, LONGER, NO_MEAN, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE,
+                       SMALL_STEPS, UNDECIDED, UNUSABLE, finite)
 from .price import OPEN, Prices, aim
 
 #: Uncertainties are drawn for at most so many settings, to keep the picture readable.
@@ -35,24 +36,63 @@ class PriceReport:
         whether there are so many methods that their legend is below the panels
     """
 
-    SURE = {
-        RECOMMENDED: 'The recommended setting takes the least time of the settings whose bias is '
+    _LEAST = (
+        'The recommended setting takes the least time of the settings whose bias is '
         'below the wanted total error with the stated confidence. Its time is an estimate, since '
         'the bias, the correlation time and the speed are measured: the interval beside the time '
-        'shows how well they are known.',
-        NONE: 'No time suffices: the bias of every stable setting exceeds the wanted total error '
-        'with the stated confidence, or no setting was stable.',
-        UNDECIDED: 'This study cannot tell the price. Either no bias is known well enough, or '
-        'there is nothing to compare with.'
-    }
-    NEXT = {
-        RECOMMENDED: 'Take the recommended scheme and step, for the time that the answer names. '
-        'Settings that are not distinguishable from it serve as well. If the answer names settings '
-        'that may cost less, a longer study (--budget) decides about them.',
-        NONE: 'Measure smaller steps or other schemes (--steps, --methods), or accept a larger '
-        'total error.',
-        UNDECIDED: 'Run the study longer, by the factor that the answer names (--budget). If there '
-        'is nothing to compare with, give an exact value or measure smaller steps.'
+        'shows how well they are known.')
+    _TAKE = (
+        'Take the recommended scheme and step, for the time that the answer names. Settings that '
+        'are not distinguishable from it serve as well.')
+    _OPEN = 'This study cannot tell the price: no bias is known well enough.'
+    _OTHER_ERROR = ('ask for a larger total error (--from results.json --price, which '
+                    'measures nothing anew)')
+    ADVICE = {
+        (RECOMMENDED, DECIDED): (_LEAST, _TAKE),
+        (RECOMMENDED, LONGER): (
+            _LEAST,
+            f'{_TAKE} A study that is about {FACTOR} times as long (--budget) decides about '
+            'one or more of the settings that may cost less.'),
+        (RECOMMENDED, HARDLY): (
+            _LEAST, f'{_TAKE} About the settings that may cost less no study of a sensible length '
+            f'decides; to learn about them, {_OTHER_ERROR}.'),
+        (RECOMMENDED, SMALL_STEPS): (
+            _LEAST,
+            f'{_TAKE} To learn about the settings that may cost less, measure smaller steps '
+            '(--steps), from which the limit of small steps is known better.'),
+        (RECOMMENDED, REFERENCE): (
+            _LEAST, f'{_TAKE} To learn about the settings that may cost less, give a more accurate '
+            'reference (--reference).'),
+        (NONE, DECIDED): (
+            'No time suffices: the bias of every stable setting that can be judged exceeds the '
+            'wanted total error with the stated confidence.',
+            'Measure smaller steps or other schemes (--steps, --methods), or accept a larger total '
+            'error.'),
+        (NONE, UNUSABLE): ('No setting was stable, so that nothing is known about prices.',
+                           'Measure smaller steps (--steps). The table says how each run ended.'),
+        (UNDECIDED, LONGER): (
+            _OPEN, f'Make the study about {FACTOR} times as long (--budget), or {_OTHER_ERROR}.'),
+        (UNDECIDED, HARDLY): (
+            _OPEN,
+            'No study of a sensible length decides about biases that are so near to the wanted '
+            f'total error, or so small: {_OTHER_ERROR}.'),
+        (UNDECIDED, SMALL_STEPS): (
+            'This study cannot tell the price: the limit of small steps, with which settings are '
+            'compared, is not known well enough.',
+            f'Measure smaller steps (--steps), or {_OTHER_ERROR}.'),
+        (UNDECIDED, REFERENCE): (
+            'This study cannot tell the price: the reference that was given is not known well '
+            'enough.', f'Give a more accurate reference (--reference), or {_OTHER_ERROR}.'),
+        (UNDECIDED, NO_REFERENCE): (
+            'This study cannot tell the price: there is no value with which the settings could be '
+            'compared, or there is no correlation time.',
+            'Measure smaller steps (--steps), or give a reference (--reference), with runs that '
+            'have samples.'),
+        (UNDECIDED, NO_MEAN): (
+            'This study cannot tell the price: the observable has no mean at any stable setting.',
+            'Look at the observable: the answer says why there is no mean. Where samples are too '
+            'few, make the study longer (--budget) or samples more frequent (--sample-interval); '
+            'where they are not numbers, measure another observable (--observables).')
     }
 
     def __init__(self, result, price, spend, style, areMany=False):
@@ -75,7 +115,7 @@ class PriceReport:
             return {
                 **about,
                 **{
-                    key: _finite(getattr(answer, key))
+                    key: finite(getattr(answer, key))
                     for key in ('verdict', 'setting', 'factor', 'text', 'candidates')
                 }
             }
@@ -352,14 +392,6 @@ class PriceReport:
 
 def _orNever(seconds):
     return duration(seconds) if math.isfinite(seconds) else '∞'
-
-
-def _finite(value):
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, list):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _positiveTimes(answer):

@@ -8,8 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ._pages import Report, advise, duration, number, picture, plainTicks, section, sentence, table
-from ._results import NONE, RECOMMENDED, UNDECIDED
+from ._pages import (FACTOR, Report, advise, duration, number, picture, plainTicks, section,
+                     sentence, table)
+from ._results import (DECIDED, HARDLY, LONGER, NO_MEAN, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE,
+                       SMALL_STEPS, UNDECIDED, UNUSABLE)
 from .measurement import FAILED, NOT_RUN, SLOW, STABLE, UNSTABLE
 from .pricereport import PriceReport
 
@@ -82,21 +84,55 @@ class StudyReport(Report):
         'farthest to the right. An open symbol is an error that the statistics do not distinguish '
         'from 0. On the right is the mean of the observable for each setting. Errors are '
         'differences from the black line, which is the exact value or the limit of small steps.')
-    SURE = {
-        RECOMMENDED: 'The recommended setting has the wanted error with the stated confidence: the '
+    _USE = 'Use the recommended scheme and step.'
+    _QUALIFIES = (
+        'The recommended setting has the wanted error with the stated confidence: the '
         'upper confidence bound of its error, systematic and statistical, is below the wanted '
-        'error. The confidence is about this scene and these observables only.',
-        NONE: 'No setting has the wanted error: for each stable setting the lower confidence '
-        'bound of its error is above the wanted error.',
-        UNDECIDED: 'This study cannot tell. Either the wanted error lies inside the confidence '
-        'intervals of the settings that could be the answer, or there is nothing to compare with.'
-    }
-    NEXT = {
-        RECOMMENDED: 'Use the recommended scheme and step. If the answer says that faster settings '
-        'may or may not qualify, a longer study (--budget) decides about them.',
-        NONE: 'Measure more accurate settings (--steps, --methods), or accept a larger error.',
-        UNDECIDED: 'Run the study longer, by the factor that the answer names (--budget), or '
-        'accept a larger error (--from results.json --wanted-error, which measures nothing anew).'
+        'error. The confidence is about this scene and these observables only.')
+    _INSIDE = ('This study cannot tell: the wanted error lies inside the confidence intervals of '
+               'the settings that could be the answer.')
+    _OTHER_ERROR = ('ask for a larger error (--from results.json --wanted-error, which '
+                    'measures nothing anew)')
+    ADVICE = {
+        (RECOMMENDED, DECIDED): (_QUALIFIES, _USE),
+        (RECOMMENDED, LONGER): (
+            _QUALIFIES, f'{_USE} A study that is about {FACTOR} times as long (--budget) decides '
+            'about one or more of the faster settings that the answer names.'),
+        (RECOMMENDED, HARDLY): (
+            _QUALIFIES, f'{_USE} About the faster settings that the answer names no study of a '
+            f'sensible length decides; to learn about them, {_OTHER_ERROR}.'),
+        (RECOMMENDED, SMALL_STEPS): (
+            _QUALIFIES, f'{_USE} To learn about the faster settings that the answer names, measure '
+            'smaller steps (--steps), from which the limit of small steps is known better.'),
+        (RECOMMENDED, REFERENCE): (
+            _QUALIFIES, f'{_USE} To learn about the faster settings that the answer names, give a '
+            'more accurate reference (--reference).'),
+        (NONE, DECIDED): (
+            'No setting has the wanted error: for each stable setting that can be judged, the '
+            'lower confidence bound of its error is above the wanted error.',
+            'Measure more accurate settings (--steps, --methods), or accept a larger error.'),
+        (NONE, UNUSABLE): ('No setting was stable, so that nothing is known about errors.',
+                           'Measure smaller steps (--steps). The table says how each run ended.'),
+        (UNDECIDED, LONGER): (
+            _INSIDE, f'Make the study about {FACTOR} times as long (--budget), or {_OTHER_ERROR}.'),
+        (UNDECIDED, HARDLY): (
+            _INSIDE, 'No study of a sensible length decides between errors that are so near to the '
+            f'wanted one, or that are so small: {_OTHER_ERROR}.'),
+        (UNDECIDED, SMALL_STEPS): (
+            'This study cannot tell: the limit of small steps, with which settings are compared, '
+            'is not known well enough.', f'Measure smaller steps (--steps), or {_OTHER_ERROR}.'),
+        (UNDECIDED, REFERENCE): (
+            'This study cannot tell: the reference that was given is not known well enough.',
+            f'Give a more accurate reference (--reference), or {_OTHER_ERROR}.'),
+        (UNDECIDED, NO_REFERENCE): (
+            'This study cannot tell: there is no value with which the settings could be compared.',
+            'Measure smaller steps (--steps), or give a reference (--reference).'),
+        (UNDECIDED, NO_MEAN): (
+            'This study cannot tell: the observable has no mean at any stable setting.',
+            'Look at the observable: the notes in the table say why there is no mean. Where '
+            'samples are too few, make the study longer (--budget) or samples more frequent '
+            '(--sample-interval); where they are not numbers, measure another observable or other '
+            'methods (--observables, --methods).')
     }
 
     def __init__(self, result, wanted=(), baseline='LangevinMiddle', price=(), spend=()):

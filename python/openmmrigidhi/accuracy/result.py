@@ -5,10 +5,12 @@ from typing import Any, Optional
 
 import numpy as np
 
-from ._results import (NONE, RECOMMENDED, UNDECIDED, Recommendation, Result, Wanted,
-                       checkedConfidence, decide, factorToDecide, longer, splitWanted, worst)
+from ._results import (DECIDED, HARDLY, LARGEST_FACTOR, LONGER, NO_MEAN, NO_REFERENCE, NONE,
+                       RECOMMENDED, REFERENCE, SMALL_STEPS, UNDECIDED, UNUSABLE, Recommendation,
+                       Result, Wanted, checkedConfidence, decide, factorToDecide, splitWanted,
+                       times, worst)
 from .measurement import SECONDS_PER_DAY, STABLE
-from .price import Prices, completeNoise
+from .price import NO_MEAN_NOTES, Prices, completeNoise
 from .report import StudyReport
 from .statistics import Extrapolation, errorCurve, quantile
 
@@ -309,7 +311,7 @@ class StudyResult(Result):
         candidates.sort(key=lambda candidate: -candidate['ns_per_day'])
         return self._conclude(candidates, wanted, confidence)
 
-    def judge(self, row, item, confidence):
+    def judge(self, row, item, confidence, isReferenceExact=False):
         """Whether the error of a setting is below a wanted one.
 
         Parameters
@@ -317,6 +319,8 @@ class StudyResult(Result):
         row : dict
         item : Wanted
         confidence : float
+        isReferenceExact : bool
+            take the length for a decision without the error that the reference keeps
 
         Returns
         -------
@@ -342,7 +346,8 @@ class StudyResult(Result):
         # The error of a given reference stays the same, however long the runs are, and so does what
         # the model of an extrapolation may be wrong by.
         fixed = self._fixedError(item.observable)
-        room = (room/quantile(confidence, math.inf, sided=1))**2 - fixed**2
+        room = (room/quantile(confidence, math.inf, sided=1))**2
+        room -= 0 if isReferenceExact else fixed**2
         return 'undecided', float(sigma**2 - fixed**2)/room if room > 0 else math.inf, likely
 
     def _fixedError(self, observable):
@@ -351,62 +356,97 @@ class StudyResult(Result):
             return float(reference.fit.modelError)
         return float(reference.standardError) if reference.kind == 'given' else 0.0
 
-    def advice(self, factor, wanted):
-        """What to do for a decision, as text.
+    def outlook(self, factor, undecided, wanted, confidence):
+        """What decides about settings: the reason of the answer, and what to do, as text.
 
         Parameters
         ----------
         factor : float
             how many times longer to run
+        undecided : list of dict
+            the candidates that are to be decided
         wanted : list of Wanted
+        confidence : float
+
+        Returns
+        -------
+        (str, str)
         """
+        if factor <= LARGEST_FACTOR:
+            return LONGER, f'run longer: about {times(factor)} times'
+        keys = [(each['method'], each['value']) for each in undecided if each['factor'] >= factor]
         for item in wanted:
-            # Without an error of a given reference some length suffices, unless the measured error
-            # is the wanted one to the last digit.
-            if not math.isfinite(factor) and item.observable in self.references:
-                fixed = self._fixedError(item.observable)
-                if fixed > 0:
-                    label, unit = (self.observables[item.observable][key]
-                                   for key in ('label', 'unit'))
-                    what, remedy = (
-                        'limit of small steps',
-                        'smaller steps') if self.references[item.observable].fit is not None else (
-                            'given reference', 'a better reference')
-                    return (f'the {what} of {label} is not known well enough: its error is '
-                            f'{fixed:.3g} {unit} however long runs are; longer runs will not '
-                            f'decide it, {remedy} may')
-        return longer(factor)
+            fixed = self._fixedError(item.observable) if item.observable in self.references else 0
+            rows = [
+                row for row in self.select(item.observable) if (row['method'], row['value']) in keys
+            ]
+            if fixed > 0 and any(self._isForReference(row, item, confidence) for row in rows):
+                label, unit = (self.observables[item.observable][key] for key in ('label', 'unit'))
+                reason, what, remedy = (
+                    SMALL_STEPS, 'limit of small steps',
+                    'smaller steps') if self.references[item.observable].fit is not None else (
+                        REFERENCE, 'given reference', 'a better reference')
+                return reason, (f'the {what} of {label} is not known well enough: its error is '
+                                f'{fixed:.3g} {unit} however long runs are; longer runs will not '
+                                f'decide it, {remedy} may')
+        return HARDLY, ('their errors are so close to the limit that longer runs will hardly '
+                        'decide it; ask for a larger error')
+
+    def _isForReference(self, row, item, confidence):
+        """Whether runs of some length would decide, if the reference were known exactly."""
+        factors = [self.judge(row, item, confidence, isExact)[1] for isExact in (False, True)]
+        return None not in factors and factors[1] <= LARGEST_FACTOR < factors[0]
 
     def _conclude(self, candidates, wanted, confidence):
         text = f'For an error of at most {" and ".join(item.text for item in wanted)}: '
         sure = f'{100*confidence:g} % confidence'
         verdict, best, undecided = decide(candidates)
-        factor = None
+        factor, reason = None, DECIDED
         if verdict == RECOMMENDED:
             text += (f'{self._name(best)}, {self.knob.speed(best["ns_per_day"])}. It is the '
                      f'cheapest setting that meets this with {sure}.')
             faster = [c for c in undecided if c['ns_per_day'] > best['ns_per_day']]
             if faster:
                 factor = min(c['factor'] for c in faster)
+                reason, todo = self.outlook(factor, faster, wanted, confidence)
                 text += (f' Faster settings that may or may not meet it: '
-                         f'{", ".join(self._name(c) for c in faster)}; ' +
-                         self.advice(factor, wanted) + '.')
+                         f'{", ".join(self._name(c) for c in faster)}; {todo}.')
             text += self._bestOfOthers(candidates, best)
         elif undecided:
             factor = factorToDecide(undecided)
-            text += (
-                f'cannot tell. The statistics do not suffice for '
-                f'{", ".join(self._name(c) for c in undecided)}; {self.advice(factor, wanted)}.')
+            reason, todo = self.outlook(factor, undecided, wanted, confidence)
+            text += (f'cannot tell. The statistics do not suffice for '
+                     f'{", ".join(self._name(c) for c in undecided)}; {todo}.')
         elif verdict == UNDECIDED:
-            text += (
-                'cannot tell. There is nothing to compare with: no exact value, and too few stable '
-                'settings for an extrapolation; add '
-                'smaller steps.')
+            notes = self._whyNoMean(wanted)
+            reason = NO_MEAN if notes else NO_REFERENCE
+            text += 'cannot tell. ' + (
+                f'There is no mean, since {" and ".join(notes)}: look at the observable.'
+                if notes else 'There is nothing to compare with: no exact value, and too few '
+                'stable settings for an extrapolation; add smaller steps.')
+        elif not candidates:
+            reason = UNUSABLE
+            text += f'{NONE}. No setting was stable; smaller steps may be.'
         else:
-            text += f'{NONE}. ' + (
-                f'Every stable setting misses it with {sure}; smaller steps may meet it.'
-                if candidates else 'No setting was stable; smaller steps may be.')
-        return Recommendation(verdict, best, text, candidates, factor, wanted)
+            unknown = [self._name(c) for c in candidates if c['verdict'] == 'n/a']
+            text += (
+                f'{NONE}. Every stable setting{" that can be judged" if unknown else ""} misses it '
+                f'with {sure}; smaller steps may meet it.' +
+                (f' There is no mean, or nothing to compare with, for {", ".join(unknown)}.'
+                 if unknown else ''))
+        return Recommendation(verdict, best, text, candidates, factor, wanted, reason)
+
+    def _whyNoMean(self, wanted):
+        """Why no setting has means of all these observables; empty if a reference is wanting."""
+        if not all(
+                math.isfinite(item.tolerance) and item.observable in self.references
+                for item in wanted):
+            wanted = [item for item in wanted if not self.select(item.observable)]
+        names = [item.observable for item in wanted]
+        return list(
+            dict.fromkeys(
+                NO_MEAN_NOTES.get(row['note'], 'the table has none') for row in self.rows
+                if row['observable'] in names and row['status'] == STABLE and row['mean'] is None))
 
     def _bestOfOthers(self, candidates, best):
         """What the other methods reach, as text."""

@@ -3,22 +3,24 @@
 RigidMultiblobsWall writes and reads such files. A vertex file says where a body's blobs are, and a
 clones file where the copies of the body are. In both, ``#`` opens a comment, the first number is
 the number of rows, and each row is a line of numbers. The unit of length is the choice of the
-file's author.
+file's author, often micrometers or the radius of a blob. The file does not say which.
 """
 import os
+import warnings
 
 import numpy as np
+from openmm import unit as units
 
 from .. import _units
+from .trajectories import NORM_TOLERANCE, lengths
 
-#: A quaternion in a file may differ from unit length by its few printed digits, not by more.
-_NORM_TOLERANCE = 1e-3
-#: Quaternions this close to unit length are left alone, so that what writeClones wrote is read bit
-#: for bit.
-_ROUNDING = 1e-14
+#: Neighbouring blobs of a body are about a diameter apart. Lengths in two units differ by 1000 or
+#: more. So spacings in diameters beyond these bounds are most likely of two units, which are found
+#: if the true spacing is between half a diameter and five diameters.
+_ODD_SPACINGS = 1/200, 500
 
 
-def readVertexFile(file, radii=False):
+def readVertexFile(file, radii=False, unit=None):
     """Read the positions of a body's blobs from a vertex file.
 
     The file has the number of blobs, then a row ``x y z`` for each blob, with an optional fourth
@@ -31,34 +33,84 @@ def readVertexFile(file, radii=False):
         name of the file
     radii : bool
         return the fourth column too
+    unit : openmm.unit.Unit, Quantity or float, optional
+        the file's unit of length, as ``unit.micrometer``, ``0.5*unit.micrometer`` or in nm; None:
+        numbers are returned as they are in the file, which means nm
 
     Returns
     -------
     positions : array of shape (n, 3)
-        body frame, in the file's unit of length
+        body frame, nm
     radii : array of shape (n,)
-        only with ``radii=True``
+        nm, only with ``radii=True``. A warning says where the blobs are so near or far that radii
+        seem to be in another unit.
 
     Raises
     ------
-    ValueError
-        if the file is no vertex file, or if a radius that is asked for is negative; the message has
-        the name of the file, the line, what was found there and what was expected
+    TypeError, ValueError
+        for a unit that is no length; if the file is no vertex file, or if a radius that is asked
+        for is negative; the message has the name of the file, the line, what was found there and
+        what was expected
     OSError
         if there is no such file
     """
     radii = _units.boolean(radii, 'readVertexFile', 'radii')
+    scale = _lengthOf(unit, 'readVertexFile')
     rows = _readRows(file, (4,) if radii else (3, 4), 'x y z radius' if radii else 'x y z', 'blobs')
     for line, values in rows:
         if radii and values[3] < 0:
             raise ValueError(
                 f"{os.fspath(file)}, line {line}: found the radius {values[3]:g}; a blob's radius "
                 f"is 0 or more: correct the row")
-    rows = np.array([values for _, values in rows])
-    return (rows[:, :3].copy(), rows[:, 3].copy()) if radii else rows
+    rows = np.array([values for _, values in rows])*scale
+    if not radii:
+        return rows
+    positions, radii = rows[:, :3].copy(), rows[:, 3].copy()
+    warnOfUnits(positions, radii, f'readVertexFile: {os.fspath(file)}')
+    return positions, radii
 
 
-def readClones(file):
+def warnOfUnits(positions, radii, where):
+    """Warn where the blobs of a body are so near or far that lengths seem to be in two units.
+
+    Parameters
+    ----------
+    positions : array of shape (n, 3)
+        nm
+    radii : array of shape (n,)
+        nm; blobs of radius 0 are left out
+    where : str
+        for the message
+    """
+    from scipy.spatial import cKDTree
+    positions, radii = np.asarray(positions)[np.asarray(radii) > 0], np.asarray(radii)
+    radii = radii[radii > 0]
+    if len(radii) < 2 or not (np.isfinite(positions).all() and np.isfinite(radii).all()):
+        return
+    nearest = cKDTree(positions).query(positions, k=2)[0][:, 1]
+    spacings = nearest/(2*radii)
+    if _ODD_SPACINGS[0] <= spacings.max() and spacings.min() <= _ODD_SPACINGS[1] or not nearest.any(
+    ):
+        return
+    blob = int(np.argmax(nearest))
+    warnings.warn(
+        f'{where}: blob {blob} of radius {radii[blob]:.6g} nm is {nearest[blob]:.6g} nm from the '
+        f'next blob, and the others are as odd: positions and radii seem to be in different units '
+        f'of length; give both in nm, as by unit= of the readers of files', stacklevel=3)
+
+
+def _lengthOf(unit, where):
+    """A unit of length in nm."""
+    if unit is None:
+        return 1.0
+    scale = _units.number(1*unit if units.is_unit(unit) else unit, _units.LENGTH, where, 'unit')
+    if not 0 < scale < np.inf:
+        raise ValueError(f'{where}: unit: got {scale} nm; a unit of length must be positive and '
+                         f'finite: give for example unit.micrometer')
+    return scale
+
+
+def readClones(file, unit=None):
     """Read the places of a body's copies from a clones file.
 
     The file has the number of bodies, then a row ``x y z q0 q1 q2 q3`` for each body, with q0 the
@@ -69,32 +121,35 @@ def readClones(file):
     ----------
     file : str or path
         name of the file
+    unit : openmm.unit.Unit, Quantity or float, optional
+        the file's unit of length, as ``unit.micrometer``, ``0.5*unit.micrometer`` or in nm; None:
+        numbers are returned as they are in the file, which means nm
 
     Returns
     -------
     positions : array of shape (n, 3)
-        in the file's unit of length
+        nm
     orientations : array of shape (n, 4)
         unit quaternions (w, x, y, z), body frame to lab frame
 
     Raises
     ------
-    ValueError
-        if the file is no clones file; the message has the name of the file, the line, what was
-        found there and what was expected
+    TypeError, ValueError
+        for a unit that is no length; if the file is no clones file; the message has the name of the
+        file, the line, what was found there and what was expected
     OSError
         if there is no such file
     """
+    scale = _lengthOf(unit, 'readClones')
     numbered = _readRows(file, (7,), 'x y z q0 q1 q2 q3', 'bodies')
     rows = np.array([values for _, values in numbered])
-    norms = np.linalg.norm(rows[:, 3:], axis=1)
+    norms = lengths(rows[:, 3:])
     for (line, _), norm in zip(numbered, norms):
-        if abs(norm - 1) > _NORM_TOLERANCE:
+        if abs(norm - 1) > NORM_TOLERANCE:
             raise ValueError(
                 f'{os.fspath(file)}, line {line}: found a quaternion of length {norm:.6g}; it must '
                 f'be 1: normalise it')
-    norms[np.abs(norms - 1) <= _ROUNDING] = 1
-    return rows[:, :3].copy(), rows[:, 3:]/norms[:, None]
+    return rows[:, :3]*scale, rows[:, 3:]/norms[:, None]
 
 
 def writeClones(file, positions, orientations):
@@ -125,12 +180,12 @@ def writeClones(file, positions, orientations):
             'writeClones: positions: got no bodies to write; there must be at least one: give its '
             'position')
     rows = np.concatenate([positions, orientations], axis=1)
-    norms = np.linalg.norm(orientations, axis=1)
+    norms = lengths(orientations)
     for body, (row, norm) in enumerate(zip(rows, norms)):
         if not np.all(np.isfinite(row)):
             raise ValueError(
                 f'writeClones: body {body}: got {row}; a written pose must be finite: correct it')
-        if abs(norm - 1) > _NORM_TOLERANCE:
+        if abs(norm - 1) > NORM_TOLERANCE:
             raise ValueError(
                 f'writeClones: orientations: the quaternion of body {body} has length {norm:.6g}; '
                 f'it must be 1: '

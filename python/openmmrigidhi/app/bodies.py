@@ -4,6 +4,7 @@ import openmm
 from .. import _units
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
+from .blobfiles import warnOfUnits
 
 #: Residue names that mean water in PDB files and in the force fields that OpenMM, Amber, CHARMM and
 #: GROMACS ship.
@@ -114,7 +115,8 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
 
     Call it for one body after the other, before the Context is created, while System and
     MobilityForce have the same number of particles. If an argument is refused, nothing has been
-    added.
+    added. A warning says where sites are so near or far that they and the radii seem to be in
+    different units of length.
 
     Parameters
     ----------
@@ -173,6 +175,7 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
     for particleMass, radius in zip(masses or len(sites)*[mass/len(sites)], radii):
         system.addParticle(particleMass)
         mobilityForce.addParticle(radius)
+    warnOfUnits(sites, radii, where)
     return body
 
 

@@ -24,7 +24,8 @@ from openmm import unit
 
 from .. import _units
 from .._systems import BodyDefinitions
-from .trajectories import Hdf5Reporter, addSeries, numFrames, openHdf5, readingFrom
+from .trajectories import (Hdf5Reporter, addSeries, checkedFrames, numFrames, openHdf5, readingFrom,
+                           requireFinite, unitQuaternions)
 
 _FORMAT = 'openmmrigidhi body states'
 _VERSION = 1
@@ -133,13 +134,15 @@ class RigidBodyReporter(Hdf5Reporter):
         return [file[name] for name in _FRAME_DATA]
 
 
-def readBodyStates(file):
+def readBodyStates(file, frames=None):
     """Read a body-state file.
 
     Parameters
     ----------
     file : str or path
         name of the file
+    frames : slice, optional
+        which frames are read; None: all
 
     Returns
     -------
@@ -150,16 +153,19 @@ def readBodyStates(file):
 
     Raises
     ------
-    ValueError
-        if the file is no body-state file of a known version
+    TypeError, ValueError
+        for bad arguments; if the file is no body-state file of a known version, if it is damaged,
+        or if it has numbers that are not finite or orientations that are not of length 1
     """
+    frames = checkedFrames(frames, 'readBodyStates')
     with readingFrom(file, 'readBodyStates:'), openHdf5(file, 'r') as handle:
-        return _readStates(handle, file)
+        return _readStates(handle, frames, file)
 
 
-def _readStates(handle, file):
+def _readStates(handle, chosen, file):
     _checkFormat(handle, file)
     count = numFrames(RigidBodyReporter._series(handle))
+    numbers = np.arange(count)[chosen]
     frames = {name: handle[name][:count] for name in _FRAME_DATA}
     bodies = handle['bodies']
     first = bodies['firstParticle'][:]
@@ -172,6 +178,16 @@ def _readStates(handle, file):
                 f'frames of {len(spans)} bodies '
                 f'it must be {(count, *shape(len(spans)))}: the file is damaged, restore it from a '
                 f'copy')
+    where = f'readBodyStates: {file}'
+    for name, (shape, *_) in _FRAME_DATA.items():
+        frames[name] = frames[name][numbers]
+        # An orientation is checked by its length.
+        if name != 'orientations':
+            isPerBody = shape(2)[:1] == (2,)
+            requireFinite(frames[name], name, where, numbers, 'body' if isPerBody else None)
+    frames['orientations'] = unitQuaternions(frames['orientations'], where, numbers)
+    for name, item in (('mass', 'body'), ('principalMoments', 'body'), ('sitePositions', 'site')):
+        requireFinite(bodies[name][:], name, where, None, item)
     return BodyStates(
         **{name: _withUnit(values, _FRAME_DATA[name][2])
            for name, values in frames.items()}, mass=_units.MASS.attach(bodies['mass'][:]),

@@ -218,7 +218,7 @@ def _read(name):
         return readBodyStates(name)
     except ValueError as asStates:
         try:
-            return readH5md(name)
+            return readH5md(name, velocities=False)
         except ValueError as asH5md:
             raise ValueError(
                 f'movie: {name}: it must be a file of GsdReporter, whose name ends in .gsd, of '
@@ -524,7 +524,8 @@ def _wrapped(positions, box):
     """Positions in the box whose vectors are the rows of a triangular matrix, as in OpenMM."""
     if box is None:
         return positions
-    return positions - np.floor(positions @ np.linalg.inv(box) + 1e-12) @ box
+    # In two dimensions a vector is 0; then the pseudo-inverse leaves its direction alone.
+    return positions - np.floor(positions @ np.linalg.pinv(box) + 1e-12) @ box
 
 
 def _corners(vectors):

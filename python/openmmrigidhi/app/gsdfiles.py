@@ -26,7 +26,8 @@ import numpy as np
 
 from .. import _loading, _units
 from .._quaternions import conjugate, product, rotate
-from .trajectories import BodyReporter, BodyScene, Trajectory, readingFrom, rowsBefore
+from .trajectories import (BodyReporter, BodyScene, Trajectory, checkedFrames, readingFrom,
+                           requireFinite, rowsBefore, unitQuaternions)
 
 _SCHEMA, _SCHEMA_VERSION = 'hoomd', [1, 4]
 _TIME, _PERIODIC = 'openmmrigidhi/time_ps', 'openmmrigidhi/periodic'
@@ -167,7 +168,7 @@ class GsdReporter(BodyReporter):
                     'file')
 
 
-def readGsd(file, stepSize=None):
+def readGsd(file, stepSize=None, frames=None):
     """Read poses of rigid bodies from a GSD file.
 
     The file may be of GsdReporter or of another program that writes orientations.
@@ -178,6 +179,8 @@ def readGsd(file, stepSize=None):
         name of the file
     stepSize : float or Quantity, optional
         time between steps, ps, for files of programs that write no times
+    frames : slice, optional
+        which frames are read; None: all
 
     Returns
     -------
@@ -189,18 +192,23 @@ def readGsd(file, stepSize=None):
     ------
     ImportError
         without the package gsd
-    ValueError
-        if the file has no frames or no times, if the number of particles changes, if it is no GSD
-        file of schema "hoomd", or if it is damaged
+    TypeError, ValueError
+        for bad arguments; if the file has no frames or no times, if the number of particles
+        changes, if numbers are not finite or orientations not of length 1, if it is no GSD file of
+        schema "hoomd", or if it is damaged
     """
     if stepSize is not None:
         stepSize = _units.number(stepSize, _units.TIME, 'readGsd', 'stepSize')
+        if not 0 < stepSize < np.inf:
+            raise ValueError(f'readGsd: stepSize: got {stepSize}; the time between steps must be '
+                             f'positive and finite: give it in ps')
+    frames = checkedFrames(frames, 'readGsd')
     _gsd()
     with readingFrom(file, 'readGsd:'):
-        return _readTrajectory(file, stepSize)
+        return _readTrajectory(file, stepSize, frames)
 
 
-def _readTrajectory(file, stepSize):
+def _readTrajectory(file, stepSize, frames):
     with _open(os.fspath(file), 'r') as handle:
         _checkSizes(handle.file, file)
         if len(handle) == 0:
@@ -212,14 +220,31 @@ def _readTrajectory(file, stepSize):
                 f'readGsd: {file}: it holds steps, but no times; these must be known: give stepSize'
             )
         bodies = _bodiesOf(first.particles)
-        columns = [_readFrame(frame, first, bodies, k, file) for k, frame in enumerate(handle)]
-    names = ('step', 'time', 'box', 'R', 'q', 'v', 'omega')
-    step, time, box, R, q, v, omega = (np.array([column[name] for column in columns])
-                                       for name in names)
+        numbers = np.arange(len(handle))[frames]
+        if not len(numbers):
+            raise ValueError(f'readGsd: {file}: frames: {frames!r} has none of its {len(handle)} '
+                             f'frames; there must be one: give another slice')
+        columns = [_readFrame(handle[int(k)], first, bodies, k, file) for k in numbers]
+    names = ('step', 'time', 'box', 'R', 'image', 'q', 'v', 'angmom', 'moments')
+    step, time, box, R, image, q, v, angmom, moments = (np.array(
+        [column[name] for column in columns]) for name in names)
+    where = f'readGsd: {file}'
     if stepSize is not None:
         time = step*stepSize
+    requireFinite(time, 'time', where, numbers, None)
+    for name, values in (('position', R), ('velocity', v), ('angmom', angmom), ('moment_inertia',
+                                                                                moments)):
+        requireFinite(values, name, where, numbers, 'particle' if name == 'position' else 'body')
+    q = unitQuaternions(q, where, numbers)
+    if _isPeriodic(first):
+        requireFinite(box, 'box', where, numbers, None)
+        R = R + image @ box
+    momenta = 0.5*product(conjugate(q), angmom)[..., 1:]
+    omega = rotate(q, np.divide(momenta, moments, out=np.zeros_like(momenta), where=moments > 0))
+    requireFinite(omega, 'angular velocity', where, numbers)
     particles = first.particles
     blobs = np.setdiff1d(np.arange(particles.N), bodies)
+    requireFinite(particles.diameter[blobs], 'diameter', where, None, 'blob')
     moves = v.any() or omega.any()
     return Trajectory(
         _units.TIME.attach(time), step, _units.LENGTH.attach(R[:, bodies]), q,
@@ -266,27 +291,22 @@ def _spheresOf(shape):
 
 
 def _readFrame(frame, first, bodies, k, file):
-    """One frame in double precision, positions unwrapped."""
+    """One frame in double precision."""
     particles = frame.particles
     if particles.N != first.particles.N:
         raise ValueError(f'readGsd: {file}: frame {k} has {particles.N} particles, frame 0 has '
                          f'{first.particles.N}; their number must not '
                          'change: split the file')
-    box = _vectors(frame.configuration.box)
-    q, angmom = particles.orientation[bodies].astype(float), particles.angmom[bodies].astype(float)
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    moments = particles.moment_inertia[bodies].astype(float)
-    momenta = 0.5*product(conjugate(q), angmom)[:, 1:]
-    spins = np.divide(momenta, moments, out=np.zeros_like(momenta), where=moments > 0)
     return {
         'step': int(frame.configuration.step),
         'time': float(frame.log[_TIME][0]) if _TIME in frame.log else 0.0,
-        'box': box,
-        'R': particles.position.astype(float) +
-        (particles.image @ box if _isPeriodic(first) else 0),
-        'q': q,
+        'box': _vectors(frame.configuration.box),
+        'R': particles.position.astype(float),
+        'image': particles.image.astype(float),
+        'q': particles.orientation[bodies].astype(float),
         'v': particles.velocity[bodies].astype(float),
-        'omega': rotate(q, spins)
+        'angmom': particles.angmom[bodies].astype(float),
+        'moments': particles.moment_inertia[bodies].astype(float)
     }
 
 

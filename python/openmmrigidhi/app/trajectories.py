@@ -18,6 +18,11 @@ _MOST_COMPRESSED = 1100
 _BYTES_PER_CHUNK = 2**16
 #: Times of frames at equal intervals may be off by the rounding of single precision.
 _EVEN_FRAMES = 1e-6
+#: A quaternion in a file may differ from unit length by its few printed digits, not by more.
+NORM_TOLERANCE = 1e-3
+#: Quaternions this close to unit length are left alone, so that what this package wrote in double
+#: precision is read bit for bit.
+_ROUNDING = 1e-14
 
 
 class BodyReporter:
@@ -163,7 +168,7 @@ class Trajectory:
     velocities, angularVelocities : Quantity of shape (T, n, 3), or None
         nm/ps and rad/ps, lab frame; None if the file has none
     boxVectors : Quantity of shape (T, 3, 3), or None
-        rows a, b, c, nm; None without periodic boundaries
+        rows a, b, c, nm; None without periodic boundaries; in two dimensions c may be 0
     types : list of str
         name of the type of each body
     blobPositions : Quantity of shape (T, m, 3), or None
@@ -358,6 +363,116 @@ def readingFrom(file, what):
             f'{what} {name}: it is damaged, or of another kind ({type(error).__name__}: '
             f'{str(error)[:200]}); it must be whole: '
             'restore it from a copy, or write it anew') from error
+
+
+def checkedFrames(frames, where):
+    """The frames that a reader was asked for, as a slice.
+
+    Parameters
+    ----------
+    frames : slice or None
+        None: all
+    where : str
+        name of the caller, for error messages
+
+    Raises
+    ------
+    TypeError, ValueError
+        if frames is no slice, or goes backwards
+    """
+    if frames is None:
+        return slice(None)
+    try:
+        step = frames.indices(1)[2]
+    except (AttributeError, TypeError, ValueError):
+        raise TypeError(f'{where}: frames: got {frames!r}; it must be a slice of integers or None: '
+                        f'give for example slice(0, 100) for the first 100 frames') from None
+    if step < 1:
+        raise ValueError(
+            f'{where}: frames: got {frames!r}; frames are read in the order of the file: give a '
+            f'slice with a positive step')
+    return frames
+
+
+def requireFinite(values, name, where, frames, item='body'):
+    """Refuse numbers from a file that are not finite.
+
+    Parameters
+    ----------
+    values : array of shape (T, ...) or None
+    name : str
+        what the numbers are
+    where : str
+        reader and file, for error messages
+    frames : sequence of int or None
+        number of each frame in the file; None: the numbers are the same in all frames, and values
+        has no axis of frames
+    item : str or None
+        what the next axis of values numbers; None: nothing
+
+    Raises
+    ------
+    ValueError
+        naming frame, item and value
+    """
+    if values is None or np.isfinite(values).all():
+        return
+    place = tuple(np.argwhere(~np.isfinite(values))[0])
+    axes = [] if frames is None else [f'frame {frames[place[0]]}']
+    axes += [f'{item} {place[len(axes)]}'] if item else []
+    remedy = 'restore the file from a copy' if frames is None else _otherFrames(frames[place[0]])
+    raise ValueError(f'{where}: {", ".join(axes)}: {name} is {_shown(values[place[:len(axes)]])}; '
+                     f'numbers in a file must be finite: {remedy}')
+
+
+def unitQuaternions(orientations, where, frames):
+    """Get unit quaternions from those of a file, which may have few digits.
+
+    Parameters
+    ----------
+    orientations : array of shape (T, n, 4)
+    where : str
+        reader and file, for error messages
+    frames : sequence of int
+        number of each frame in the file
+
+    Returns
+    -------
+    array of shape (T, n, 4)
+
+    Raises
+    ------
+    ValueError
+        naming frame, body and value, if the length of a quaternion is not 1 or not finite
+    """
+    norms = lengths(orientations)
+    bad = ~(np.abs(norms - 1) <= NORM_TOLERANCE)
+    if bad.any():
+        place = tuple(np.argwhere(bad)[0])
+        raise ValueError(
+            f'{where}: frame {frames[place[0]]}, body {place[1]}: orientation is '
+            f'{_shown(orientations[place])}, of length {norms[place]:.6g}; a unit quaternion has '
+            f'the length 1: correct it, or {_otherFrames(frames[place[0]])}')
+    return orientations/norms[..., None]
+
+
+def lengths(orientations):
+    """Lengths of quaternions (..., 4), exactly 1 where they are 1 up to rounding."""
+    # A length beyond all numbers is infinite, and not 1.
+    with np.errstate(over='ignore', invalid='ignore'):
+        norms = np.linalg.norm(orientations, axis=-1)
+        return np.where(np.abs(norms - 1) <= _ROUNDING, 1.0, norms)
+
+
+def _shown(values):
+    """A number, or a row of numbers, as text."""
+    return np.array2string(np.asarray(values), precision=6).replace('\n', '')
+
+
+def _otherFrames(frame):
+    """The remedy for a frame that cannot be used."""
+    part = f'slice({frame}) for those before' if frame > 0 else 'slice(1, None) for those after'
+    return f'read other frames, as by frames={part}'
 
 
 def rowsBefore(steps, step):
