@@ -18,11 +18,48 @@ def test_residues_that_are_not_there():
     residue = topology.addResidue('ALA', topology.addChain())
     topology.addAtom('C', app.Element.getBySymbol('C'), residue)
     integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
-    with refused('addRigidResidues: names: no residue is named',
-                 'the topology has ALA: correct the names'):
+    with refused('addRigidWater: topology: no residue has a name that means water',
+                 "the topology has ALA: give the residue names of water as names=['...']"):
         openmmrigidhi.app.addRigidWater(integrator, topology)
+    with refused('addRigidResidues: names: no residue is named LIG',
+                 'the topology has ALA: correct the names'):
+        openmmrigidhi.app.addRigidResidues(integrator, topology, ['LIG'])
     with refused('addRigidResidues: names: got the string', "give ['ALA']", error=TypeError):
         openmmrigidhi.app.addRigidResidues(integrator, topology, 'ALA')
+    with refused('addRigidWater: names: got the string', "give ['ALA']", error=TypeError):
+        openmmrigidhi.app.addRigidWater(integrator, topology, names='ALA')
+
+
+def test_a_residue_of_two_waters(waterBox):
+    topology = app.Topology()
+    residue = topology.addResidue('HOH', topology.addChain())
+    for symbol in 'OHHOHH':
+        topology.addAtom(symbol, app.Element.getBySymbol(symbol), residue)
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
+    with refused('addRigidWater: residue HOH 1 has 4 H, 2 O', 'each residue must be one water'):
+        openmmrigidhi.app.addRigidWater(integrator, topology)
+    with refused('addRigidResidues: topology: it has 6 atoms, and the System has 0 particles',
+                 'the atoms must be all particles, or all that are no virtual sites'):
+        openmmrigidhi.app.addRigidResidues(integrator, topology, ['HOH'], openmm.System())
+
+
+def test_what_cannot_be_made_whole():
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
+    integrator.addRigidBody([1, 0, 2])
+    places = np.array([(0, 0, 0), (0.3, 0, 0), (0.6, 0, 0)])
+    box = np.eye(3)
+    with refused('makeWhole: body 0 is 0.6 of the box long along box vector a',
+                 'it must be shorter than half the box', 'give whole positions of this body'):
+        openmmrigidhi.app.makeWhole(integrator, places, box)
+    openmmrigidhi.app.makeWhole(integrator, places, np.diag([1.3, 1, 1]))
+    with refused('makeWhole: positions: got 2 rows; body 0 has particle 2', 'give a row for each'):
+        openmmrigidhi.app.makeWhole(integrator, places[:2], box)
+    with refused('makeWhole: boxVectors: got', 'three finite vectors must span a volume'):
+        openmmrigidhi.app.makeWhole(integrator, places, np.zeros((3, 3)))
+    places[2, 1] = np.nan
+    with refused('makeWhole: positions: particle 2 of body 0 is at [0.6, nan, 0.0]',
+                 'all numbers must be finite: correct the file'):
+        openmmrigidhi.app.makeWhole(integrator, places, box)
 
 
 @pytest.mark.parametrize('tolerance', [0, -1, np.nan, np.inf])

@@ -40,6 +40,9 @@ public:
     /** The entries of bodies whose geometry is not known are undefined. */
     const std::vector<BodyGeometry>& geometries() const { return geometries_; }
     const PoseFit& fit(int body) const { return fits[body]; }
+    /** As BodyGeometryBuilder says of a body. */
+    bool isFixedByConstraints(int body) const { return builder(body).isFixedByConstraints(); }
+    bool hasRedundantConstraints(int body) const { return builder(body).hasRedundantConstraints(); }
 
     /** Find all geometries for which no positions are needed. Particle indices must have been
      * checked. */

@@ -1,6 +1,6 @@
 """Builders, a minimiser, reporters and shapes for OpenMM scripts with rigid bodies."""
 from .blobfiles import readClones, readVertexFile, writeClones
-from .bodies import addRigidMultiblob, addRigidResidues, addRigidWater, bindBodies
+from .bodies import addRigidMultiblob, addRigidResidues, addRigidWater, bindBodies, makeWhole
 from .bodystates import BodyStates, RigidBodyReporter, readBodyStates
 from .drawing import movie, show
 from .gsdfiles import GsdReporter, readGsd
@@ -11,7 +11,7 @@ from .shapes import boomerang, cylinder, icosahedron, multiblobSphere, rod, sphe
 from .trajectories import Trajectory
 
 __all__ = [
-    'addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'minimize',
+    'addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'makeWhole', 'minimize',
     'MinimizationResult', 'RigidBodyReporter', 'readBodyStates', 'BodyStates', 'StateDataReporter',
     'sphereShell', 'multiblobSphere', 'rod', 'cylinder', 'boomerang', 'tetramer', 'icosahedron',
     'readVertexFile', 'readClones', 'writeClones', 'GsdReporter', 'readGsd', 'H5mdReporter',
