@@ -43,25 +43,6 @@ def test_a_residue_of_two_waters(waterBox):
         openmmrigidhi.app.addRigidResidues(integrator, topology, ['HOH'], openmm.System())
 
 
-def test_what_cannot_be_made_whole():
-    integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
-    integrator.addRigidBody([1, 0, 2])
-    places = np.array([(0, 0, 0), (0.3, 0, 0), (0.6, 0, 0)])
-    box = np.eye(3)
-    with refused('makeWhole: body 0 is 0.6 of the box long along box vector a',
-                 'it must be shorter than half the box', 'give whole positions of this body'):
-        openmmrigidhi.app.makeWhole(integrator, places, box)
-    openmmrigidhi.app.makeWhole(integrator, places, np.diag([1.3, 1, 1]))
-    with refused('makeWhole: positions: got 2 rows; body 0 has particle 2', 'give a row for each'):
-        openmmrigidhi.app.makeWhole(integrator, places[:2], box)
-    with refused('makeWhole: boxVectors: got', 'three finite vectors must span a volume'):
-        openmmrigidhi.app.makeWhole(integrator, places, np.zeros((3, 3)))
-    places[2, 1] = np.nan
-    with refused('makeWhole: positions: particle 2 of body 0 is at [0.6, nan, 0.0]',
-                 'all numbers must be finite: correct the file'):
-        openmmrigidhi.app.makeWhole(integrator, places, box)
-
-
 @pytest.mark.parametrize('tolerance', [0, -1, np.nan, np.inf])
 def test_a_bad_tolerance_of_the_minimiser(tolerance):
     with refused('minimize: tolerance: got', 'kJ/(mol nm); it must be finite and positive'):

@@ -256,7 +256,11 @@ void ContextMirror::takeInVelocities(bool putBack) {
         if (!isFinite(velocities[p])) {
             const int body = scene.stock.bodyOfParticle[p];
             fail("particle " + to_string(p) + (body >= 0 ? " of body " + to_string(body) : "") +
-                 " has a non-finite velocity; set finite velocities");
+                 " has a non-finite velocity; set finite velocities" +
+                 (body >= 0 && scene.definitions.hasRedundantConstraints(body)
+                      ? " by the Context's setVelocities(), without setVelocitiesToTemperature(), "
+                        "in which OpenMM makes NaN of a body with redundant constraints"
+                      : ""));
         }
     // A CMMotionRemover changes all velocities at every step. Most bodies take the fast way, in one
     // pass.

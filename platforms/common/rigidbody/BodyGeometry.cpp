@@ -166,9 +166,10 @@ bool BodyGeometryBuilder::hasRedundantConstraints() const {
     if (!isFixedByConstraints()) return false;
     const int n = massive.size();
     if (n != 3 && n != 4) return n > 4;
-    // The determinant of the directions from the last member to the others, squared. It is 0 on a
-    // line or in a plane. Force fields give six digits of distances.
-    const double flat = 10 * constraintTolerance;
+    // The determinant of the directions from the last member to the others, squared, is 0 on a line
+    // or in a plane. Below this bound applyConstraints() failed from positions that were 0.003 nm
+    // off, for shapes that are nearly flat as well.
+    const double flat = 1e-3;
     Eigen::MatrixXd cosines(n - 1, n - 1);
     for (int i = 0; i < n - 1; i++)
         for (int j = 0; j < n - 1; j++) {

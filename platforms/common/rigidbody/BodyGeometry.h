@@ -81,8 +81,8 @@ public:
     bool isFixedByConstraints() const { return fixedByConstraints && massive.size() > 1; }
     /**
      * Whether constraints fix all distances, and some constraints follow from the others to first
-     * order: of three members on a line, four in a plane, or more. OpenMM's solver of constraints
-     * then makes NaN of positions that do not fit.
+     * order: of three members on a line, four in a plane (nearly, too), or more. OpenMM's solver of
+     * constraints then makes NaN of positions that do not fit.
      */
     bool hasRedundantConstraints() const;
     /**

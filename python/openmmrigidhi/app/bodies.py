@@ -2,7 +2,6 @@
 import collections
 import warnings
 
-import numpy as np
 import openmm
 
 from .. import _units
@@ -360,70 +359,3 @@ def bindBodies(system, integrator):
             force.addBond(first, other, 0, 0)
     system.addForce(force)
     return force
-
-
-def makeWhole(integrator, positions, boxVectors):
-    """Make bodies whole whose particles were wrapped one by one into the periodic box.
-
-    Programs that write files often move each particle into the box, so that bodies at its faces are
-    torn apart. This function moves the particles of each body to the periodic images that are
-    nearest to its first particle. All other particles stay where they are.
-
-    Parameters
-    ----------
-    integrator : CustomRigidHIIntegrator
-        has the bodies; it needs no Context
-    positions : array-like or Quantity of shape (n, 3)
-        positions of all particles of the System, nm
-    boxVectors : array-like or Quantity of shape (3, 3)
-        the periodic box vectors, nm, in rows
-
-    Returns
-    -------
-    Quantity of shape (n, 3)
-        the positions of all particles, nm
-
-    Raises
-    ------
-    ValueError
-        for wrong shapes, positions that are not finite, box vectors that span no volume, and bodies
-        that are longer than half the box along one of its vectors: which images are nearest is
-        then not known
-
-    Notes
-    -----
-    A body that is longer than half the box, but short after its particles have moved, is torn
-    apart without being noticed here; its shape no longer fits, which the next step says if the
-    shape is known. Give whole positions of such bodies.
-    """
-    where = 'makeWhole'
-    integrator = CustomRigidHIIntegrator.cast(integrator)
-    result = _units.rows(positions, _units.LENGTH, 3, where, 'positions')
-    box = _units.rows(boxVectors, _units.LENGTH, 3, where, 'boxVectors', 3)
-    if not np.all(np.isfinite(box)) or not abs(np.linalg.det(box)) > 0:
-        raise ValueError(f'{where}: boxVectors: got {box.tolist()} nm; three finite vectors must '
-                         'span a volume: give the box of the file')
-    toFractions = np.linalg.inv(box)
-    for body in range(integrator.getNumRigidBodies()):
-        particles = integrator.getRigidBodyParticles(body)
-        if max(particles) >= len(result):
-            raise ValueError(
-                f'{where}: positions: got {len(result)} rows; body {body} has particle '
-                f'{max(particles)}: give a row for each particle of the System')
-        members = result[particles]
-        if not np.all(np.isfinite(members)):
-            bad = particles[np.argwhere(~np.isfinite(members))[0, 0]]
-            raise ValueError(f'{where}: positions: particle {bad} of body {body} is at '
-                             f'{result[bad].tolist()}; all numbers must be finite: correct the '
-                             'file')
-        fractions = (members - members[0]) @ toFractions
-        shifts = np.round(fractions)
-        lengths = np.ptp(fractions - shifts, axis=0)
-        if np.any(lengths >= 0.5):
-            k = np.argmax(lengths)
-            raise ValueError(
-                f'{where}: body {body} is {lengths[k]:.3g} of the box long along box vector '
-                f'{"abc"[k]}; it must be shorter than half the box, for else the nearest images of '
-                'its particles are not known: give whole positions of this body')
-        result[particles] = members - shifts @ box
-    return _units.LENGTH.attach(result)
