@@ -410,6 +410,83 @@ def test_minimising_finds_a_known_minimum_from_afar(turn, platform):
     assert np.linalg.norm(got[1] - got[0]) == pytest.approx(0.2, rel=1e-12)
 
 
+def overlappingColloids(platform, kind):
+    """A hundred spheres of 0.5 um that overlap, with an energy of 20 MJ/mol and more."""
+    count, radius = 100, 500.0
+    force = openmm.CustomNonbondedForce(f'2*step({2*radius}-r)*({2*radius}-r)^2')
+    fluid = openmmrigidhi.MobilityForce()
+    system = openmm.System()
+    integrator = CustomRigidHIIntegrator(300, 1e6)
+    mass = 1e11 if kind == 'dry' else 0
+    for _ in range(count):
+        sphere = system.addParticle(mass)
+        force.addParticle()
+        fluid.addParticle(radius)
+        if kind == 'free':
+            continue
+        sites = [(0, 0, 0)]
+        if kind == 'marked':
+            sites.append((1, 0, 0))
+            force.addExclusion(sphere, system.addParticle(0))
+            force.addParticle()
+            fluid.addParticle(0)
+        integrator.addRigidBody(range(sphere, sphere + len(sites)), mass, (mass*radius**2,)*3,
+                                sites)
+    if kind == 'marked':
+        force.addInteractionGroup(range(0, 2*count, 2), range(0, 2*count, 2))
+    system.addForce(force)
+    if kind != 'dry':
+        system.addForce(fluid)
+        integrator.setScheme(integrator.EulerMaruyama)
+    context = openmm.Context(system, integrator, platform)
+    positions = np.random.default_rng(1).uniform(0, 3500, (count, 3))
+    if kind == 'marked':
+        positions = np.repeat(positions, 2, axis=0) + count*[(0, 0, 0), (1, 0, 0)]
+    context.setPositions(positions)
+    return context
+
+
+@pytest.mark.parametrize('kind', ['spheres', 'marked', 'free', 'dry'])
+def test_the_default_tolerance_suits_colloids(kind, platform):
+    context = overlappingColloids(platform, kind)
+    assert energyOf(context) > 1e7
+    result = openmmrigidhi.app.minimize(context)
+    assert result.converged and 0 < result.iterations < 200
+    # 2.5 kJ/mol over the radius; without radii over half of the distance of neighbours
+    if kind == 'dry':
+        assert 0.003 < result.tolerance._value < 0.03
+    else:
+        assert result.tolerance._value == pytest.approx(0.005, rel=1e-12)
+    assert result.rmsForce <= result.tolerance
+    assert energyOf(context) < 100
+
+
+def test_torques_of_spheres_are_measured_by_their_radii(platform):
+    context = overlappingColloids(platform, 'marked')
+    assert np.all(minimizer._Scene(context).length == 500)
+
+
+def test_a_given_tolerance_is_used_as_it_is(platform):
+    context = overlappingColloids(platform, 'spheres')
+    result = openmmrigidhi.app.minimize(context, tolerance=1e5)
+    assert result.iterations == 0 and result.tolerance._value == 1e5
+
+
+def test_molecules_have_the_default_tolerance_of_openmm(waterBox, platform):
+    simulation = waterBox.simulation(platform)
+    assert openmmrigidhi.app.minimize(simulation.context, maxIterations=1).tolerance._value == 10
+
+
+def test_nothing_to_minimise_is_said(platform):
+    """OpenMM's minimiser would say nothing."""
+    system = openmm.System()
+    system.addParticle(0)
+    context = openmm.Context(system, CustomRigidHIIntegrator(300, 0.001), platform)
+    context.setPositions([(0, 0, 0)])
+    with pytest.warns(UserWarning, match='minimize: nothing can move: the Context has no bodies'):
+        openmmrigidhi.app.minimize(context)
+
+
 def test_iterations_are_limited_and_reported(waterBox, platform):
     simulation = waterBox.simulation(platform)
     seen = []
