@@ -185,7 +185,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         particles : sequence of int
             indices of the particles, virtual sites included
         mass : float or Quantity, optional
-            mass, dalton; positive for schemes with momenta and for GradientThermostat
+            mass, dalton; positive for schemes with momenta and for GradientThermostat. OpenMM's own
+            minimiser leaves particles of mass 0 where they are; :func:`openmmrigidhi.app.minimize`
+            moves bodies without mass, too.
         principalMoments : Vec3, sequence or Quantity of shape (3,), optional
             principal moments of inertia about the body axes x, y, z, dalton nm^2, in any order. A
             moment below 1e-13 of the largest counts as zero: about its axis there is no rotation,

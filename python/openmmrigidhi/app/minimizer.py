@@ -25,8 +25,8 @@ _CONSTRAINT_ERROR = 1e-4
 _MAX_STIFFENINGS = 3
 #: A run of L-BFGS that lowers the energy by less than this part has come as far as rounding allows.
 _SMALLEST_DECREASE = 1e-8
-#: The largest move of a coordinate in the first step of a run of L-BFGS, of the length of the scene.
-#: The run does not know the curvature of the energy yet.
+#: The largest move of a coordinate in the first step of a run of L-BFGS, of the length of the
+#: scene. The run does not know the curvature of the energy yet.
 _FIRST_STEP = 0.02
 
 
@@ -54,9 +54,10 @@ def minimize(context, tolerance=None, maxIterations=0, reporter=None, progress=N
     that no constraints hold. It leaves particles of mass 0 where they are, and so bodies without
     mass, and does not say so. Here each body has six coordinates, a translation and a rotation
     vector, and each free particle three. Massless free particles stay, unless they have a
-    hydrodynamic radius. The method is L-BFGS-B of SciPy. The origin of the rotation vectors moves along whenever a body has turned by half a
-    radian. Stiff springs hold the constraints between free particles during the search. At its end
-    the constraints are made exact, as in OpenMM's minimiser. Velocities do not change.
+    hydrodynamic radius. The method is L-BFGS-B of SciPy. The origin of the rotation vectors moves
+    along whenever a body has turned by half a radian. Stiff springs hold the constraints between
+    free particles during the search. At its end the constraints are made exact, as in OpenMM's
+    minimiser. Velocities do not change.
 
     Parameters
     ----------
