@@ -96,7 +96,7 @@ void checkVectors(const vector<Vec3>& rows, int bodies, int known, const char* m
 CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double stepSize)
     : scheme(LangevinC), noiseLaw(Gaussian), wallRejection(Overlap),
       driftCorrectorScaling(SlipOnly), friction(1), rotationalFriction(1), inertiaScale(1),
-      gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(1e-3),
+      gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(2e-3),
       finiteDifferenceStep(0), randomSeed(0), settingsVersion(0), maximumRejections(100),
       numHostThreads(0), hasKernel(false), contextIsGone(false) {
     setTemperature(temperature);

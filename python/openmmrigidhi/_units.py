@@ -4,6 +4,7 @@ Users pass numbers, quantities, Vec3, tuples, lists and arrays. A quantity's dim
 nm is no temperature. OpenMM's own bindings drop units that they do not expect. All errors name the
 method, the argument, the value, what it must be and the remedy.
 """
+import difflib
 import enum
 import numbers
 import operator
@@ -96,14 +97,27 @@ def integer(value, where, name):
 
 
 def constant(value, kind, where, name):
-    """An int from a constant of this enumeration or a plain integer.
+    """An int from a constant of this enumeration, its name, or a plain integer.
 
     Another enumeration's constant is an error.
     """
-    if isinstance(value, enum.Enum) and not isinstance(value, kind):
+    if isinstance(value, str):
+        if value not in kind.__members__:
+            raise ValueError(f'{where}: {name}: {value!r} is no {kind.__name__}; the names are '
+                             f'{", ".join(_likeliestFirst(value, kind))}: give one of these names')
+        return int(kind[value])
+    if isinstance(value, (bool, np.bool_)) or not hasattr(value, '__index__') or (isinstance(
+            value, enum.Enum) and not isinstance(value, kind)):
         raise TypeError(f'{where}: {name}: got {value!r}; it must be a {kind.__name__}: '
-                        f"use one of {', '.join(member.name for member in kind)}")
+                        f"use one of {', '.join(kind.__members__)}, or its name")
     return integer(value, where, name)
+
+
+def _likeliestFirst(wrong, kind):
+    """The names of an enumeration; a name that the user may have meant comes first."""
+    names = {member.lower(): member for member in kind.__members__}
+    near = [names[key] for key in difflib.get_close_matches(wrong.lower(), names)]
+    return near + [member for member in kind.__members__ if member not in near]
 
 
 def boolean(value, where, name):

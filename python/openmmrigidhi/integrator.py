@@ -69,9 +69,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     Arguments are numbers in OpenMM's units (nm, ps, dalton, K, kJ/mol), or quantities, whose
     dimension is checked. Rows are Vec3, tuples, lists or rows of an array. Getters of dimensional
-    arrays return a Quantity of a numpy array. A wrong type or dimension raises TypeError, and a
-    wrong shape ValueError. Everything else that is refused raises openmm.OpenMMException. Each
-    message names the object, the value, the bound and the remedy.
+    arrays return a Quantity of a numpy array. A constant may be given by its name, as in
+    ``setScheme('TrapezoidalSlip')``. A wrong type or dimension raises TypeError, and a wrong shape
+    or an unknown name ValueError. Everything else that is refused raises openmm.OpenMMException.
+    Each message names the object, the value, the bound and the remedy.
 
     :meth:`setScheme` chooses how bodies move. ``help(CustomRigidHIIntegrator.Scheme)`` describes
     each scheme. docs/schemes/README.md says which scheme to take for which scene. Each scheme has a
@@ -112,7 +113,15 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     SlipOnly = DriftCorrectorScaling.SlipOnly
     Whole = DriftCorrectorScaling.Whole
 
-    def __init__(self, temperature, stepSize):
+    def __init__(self, temperature, stepSize, *others, **named):
+        if others or named:
+            # Langevin integrators of OpenMM take (temperature, friction, stepSize).
+            extra = ', '.join([f'{value!r}' for value in (temperature, stepSize, *others)] +
+                              [f'{name}={value!r}' for name, value in named.items()])
+            raise TypeError(
+                f'CustomRigidHIIntegrator: got the arguments {extra}; it takes a temperature and a '
+                'step size only: create it with these two, and set the friction of Langevin '
+                'schemes by setFriction() and setRotationalFriction()')
         super().__init__(
             _units.number(temperature, _units.TEMPERATURE, 'CustomRigidHIIntegrator',
                           'temperature'),
@@ -176,7 +185,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         particles : sequence of int
             indices of the particles, virtual sites included
         mass : float or Quantity, optional
-            mass, dalton; positive for schemes with momenta and for GradientThermostat
+            mass, dalton; positive for schemes with momenta and for GradientThermostat. OpenMM's own
+            minimiser leaves particles of mass 0 where they are; :func:`openmmrigidhi.app.minimize`
+            moves bodies without mass, too.
         principalMoments : Vec3, sequence or Quantity of shape (3,), optional
             principal moments of inertia about the body axes x, y, z, dalton nm^2, in any order. A
             moment below 1e-13 of the largest counts as zero: about its axis there is no rotation,
@@ -321,9 +332,16 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
         Parameters
         ----------
-        scheme : constant
-            one of the class attributes of that name, such as ``integrator.LangevinC``;
-            :class:`Scheme` describes them
+        scheme : constant or str
+            one of the class attributes of that name, such as ``integrator.LangevinC``, or its name,
+            ``'LangevinC'``; :class:`Scheme` describes them
+
+        Raises
+        ------
+        TypeError
+            for a constant of another kind
+        ValueError
+            for an unknown name; the message lists the names
         """
         super().setScheme(_units.constant(scheme, Scheme, _where('setScheme'), 'scheme'))
 
@@ -336,7 +354,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
         Parameters
         ----------
-        law : constant
+        law : constant or str
             Gaussian (default). ThreePoint: 0 with probability 2/3, +-sqrt(3) with probability 1/6
             each (Davidchack 2015, eq. 21); enough for weak order 2. TwoPoint: +-1 with probability
             1/2 each (Davidchack 2015, eq. 31); enough for weak order 1, so for GradientThermostat
@@ -485,11 +503,13 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.LENGTH.attach(super().getPoseTolerance())
 
     def setPoseTolerance(self, tolerance):
-        """Set how far a particle may lie from its place in the body, nm; default 1e-3.
+        """Set how far a particle may lie from its place in the body, nm; default 2e-3.
 
         The tolerance applies when positions are given to the Context. Particles within the
         tolerance are put back when the next step starts. A particle beyond it is an error that
-        names body, particle and distance.
+        names body, particle and distance. The default takes positions that were rounded to three
+        decimals of nm, as in .gro files. :func:`openmmrigidhi.app.placeBodies` puts particles in
+        their places from farther away.
         """
         super().setPoseTolerance(
             self._number(tolerance, _units.LENGTH, 'setPoseTolerance', 'tolerance'))
@@ -543,7 +563,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
         Parameters
         ----------
-        rejection : constant
+        rejection : constant or str
             Overlap (default): steps after which a hydrodynamic particle is nearer to the wall than
             its radius a. Repulsions that diverge at contact need Overlap. Crossing: steps after
             which the centre of a hydrodynamic particle is on the wall or behind it.
@@ -572,7 +592,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
         Parameters
         ----------
-        scaling : constant
+        scaling : constant or str
             SlipOnly (default): nu multiplies the slips (random surface velocities) in the mobility
             problem, U = N (F + nu K^T M^-1 v). The weak order is the same, and what forces do has
             no noise from nu. Whole: nu multiplies the whole step, as in Westwood 2022, eq. 44.

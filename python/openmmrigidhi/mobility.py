@@ -118,9 +118,10 @@ class MobilityForce(_copies.Copies, _Base):
     them. docs/models/README.md says which model to take for which scene. Each model has a page
     there with its equations, its accuracy, its cost, and what each boundary needs and does.
 
-    A wrong type raises TypeError, and a wrong shape ValueError. Everything else that is refused
-    raises openmm.OpenMMException. Each message names the object, the value, the bound and the
-    remedy.
+    A constant may be given by its name, as in ``setModel('StokesianDynamics')``. A wrong type
+    raises TypeError, and a wrong shape or an unknown name ValueError. Everything else that is
+    refused raises openmm.OpenMMException. Each message names the object, the value, the bound and
+    the remedy.
 
     Examples
     --------
@@ -244,7 +245,7 @@ class MobilityForce(_copies.Copies, _Base):
         return Model(super().getModel())
 
     def setModel(self, model):
-        """Set the model (default RotnePragerYamakawa), one of the class attributes.
+        """Set the model (default RotnePragerYamakawa), one of the class attributes or its name.
 
         The model takes effect at Context creation.
         """
@@ -261,7 +262,7 @@ class MobilityForce(_copies.Copies, _Base):
 
         Parameters
         ----------
-        boundary : constant
+        boundary : constant or str
             Unbounded (default). NoSlipWall: fluid above the plane z = :meth:`setWallHeight`, with
             the model RotnePragerYamakawa. Periodic: the Context's periodic box, with all models but
             FreeDraining. SlipChannel: fluid between two walls (:meth:`setChannelWalls`) that it
@@ -315,7 +316,7 @@ class MobilityForce(_copies.Copies, _Base):
 
         Parameters
         ----------
-        mobility : constant
+        mobility : constant or str
             FromModel (default): the mobility of the model, without lubrication. A quarter of the
             free mobility towards the wall is left at contact. BestKnown: the mobility of a rigid
             sphere alone above the wall, at every gap, to 3e-8.
@@ -365,7 +366,7 @@ class MobilityForce(_copies.Copies, _Base):
 
         Parameters
         ----------
-        solver : constant
+        solver : constant or str
             Auto (default): Dense or MatrixFree, by the numbers of rows of the matrices, and in
             periodic fluids by an estimate of the time of a step, never by measured times. Dense:
             matrices are formed and decomposed; memory is quadratic and time cubic in bodies.

@@ -1,5 +1,6 @@
 """The Python API of CustomRigidHIIntegrator: units, shapes, constants, and that bad input is
 refused with a reason."""
+import enum
 import gc
 import os
 import shutil
@@ -12,7 +13,7 @@ import pytest
 from openmm import unit
 
 import openmmrigidhi
-from openmmrigidhi import CustomRigidHIIntegrator
+from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
 from scenes import dumbbells
 
 SITES = [(0, 0, -0.1), (0, 0, 0.1)]
@@ -51,7 +52,7 @@ SCALARS = [('setTemperature', 'getTemperature', 'temperature', 250*unit.kelvin, 
             0.003),
            ('setGradientRotationalRelaxationTime', 'getGradientRotationalRelaxationTime', 'Upsilon',
             2*unit.femtosecond, 0.002),
-           ('setPoseTolerance', 'getPoseTolerance', 'tolerance', 0.02*unit.angstrom, 0.002),
+           ('setPoseTolerance', 'getPoseTolerance', 'tolerance', 0.03*unit.angstrom, 0.003),
            ('setInertiaScale', 'getInertiaScale', 'factor', 20/3*unit.dimensionless, 20/3),
            ('setStepSize', 'getStepSize', 'size', 3*unit.femtosecond, 0.003),
            ('setConstraintTolerance', 'getConstraintTolerance', 'tolerance',
@@ -81,7 +82,7 @@ def test_defaults_are_the_documented_ones():
     assert plain(integrator.getFriction()) == plain(integrator.getRotationalFriction()) == 1
     assert plain(integrator.getGradientRelaxationTime()) == 0.004
     assert plain(integrator.getGradientRotationalRelaxationTime()) == 0.001
-    assert plain(integrator.getPoseTolerance()) == 1e-3
+    assert plain(integrator.getPoseTolerance()) == 2e-3
     assert integrator.getInertiaScale() == 1
     assert integrator.getRandomNumberSeed() == 0
 
@@ -152,6 +153,14 @@ def test_constructor_refuses_bad_values():
             CustomRigidHIIntegrator(*arguments)
 
 
+def test_friction_has_a_setter_of_its_own():
+    """Langevin integrators of OpenMM take (temperature, friction, stepSize)."""
+    for arguments, named in (((300, 1, 0.002), {}), ((300, 0.002), {'frictionCoeff': 1})):
+        with pytest.raises(TypeError,
+                           match='takes a temperature and a step size only.*setFriction'):
+            CustomRigidHIIntegrator(*arguments, **named)
+
+
 # ---- Constants -----------------------------------------------------------------------------------
 
 
@@ -184,9 +193,54 @@ def test_constants_of_another_kind_are_refused():
         make().setScheme(CustomRigidHIIntegrator.Gaussian)
     with pytest.raises(TypeError, match='ThreePoint'):
         make().setNoiseLaw(CustomRigidHIIntegrator.LangevinC)
-    for value in ('LangevinC', 2.0, None):
-        with pytest.raises(TypeError):
+    for value in (2.0, None, True):
+        with pytest.raises(TypeError, match='it must be a Scheme'):
             make().setScheme(value)
+
+
+#: class, setter, getter, enumeration
+CHOICES = [
+    (CustomRigidHIIntegrator, 'setScheme', 'getScheme', CustomRigidHIIntegrator.Scheme),
+    (CustomRigidHIIntegrator, 'setNoiseLaw', 'getNoiseLaw', CustomRigidHIIntegrator.NoiseLaw),
+    (CustomRigidHIIntegrator, 'setWallRejection', 'getWallRejection',
+     CustomRigidHIIntegrator.WallRejection),
+    (CustomRigidHIIntegrator, 'setDriftCorrectorScaling', 'getDriftCorrectorScaling',
+     CustomRigidHIIntegrator.DriftCorrectorScaling),
+    (MobilityForce, 'setModel', 'getModel', MobilityForce.Model),
+    (MobilityForce, 'setBoundary', 'getBoundary', MobilityForce.Boundary),
+    (MobilityForce, 'setSolver', 'getSolver', MobilityForce.Solver),
+    (MobilityForce, 'setSphereWallMobility', 'getSphereWallMobility',
+     MobilityForce.SphereWallMobility),
+]
+
+
+@pytest.mark.parametrize('cls, setter, getter, kind', CHOICES, ids=[c[1] for c in CHOICES])
+def test_constants_are_taken_by_name(cls, setter, getter, kind):
+    made = make() if cls is CustomRigidHIIntegrator else cls()
+    for member in kind:
+        for name in (member.name, np.str_(member.name)):
+            getattr(made, setter)(kind(0))
+            getattr(made, setter)(name)
+            assert getattr(made, getter)() is member
+    with pytest.raises(
+            ValueError, match=f"{setter}: .*'Foo' is no {kind.__name__}; the names are "
+            f"{', '.join(kind.__members__)}: give one of these names"):
+        getattr(made, setter)('Foo')
+    assert getattr(made, getter)() is member
+
+
+def test_the_likeliest_name_comes_first():
+    with pytest.raises(ValueError, match='the names are TrapezoidalSlip, LangevinA'):
+        make().setScheme('trapezoidal slip')
+    with pytest.raises(ValueError, match='the names are StokesianDynamics, FreeDraining'):
+        MobilityForce().setModel('Stokesian')
+
+
+def test_every_enumerator_is_taken_by_name():
+    """A new enumeration must be in the list above."""
+    for cls in (CustomRigidHIIntegrator, MobilityForce):
+        kinds = {value for value in vars(cls).values() if isinstance(value, enum.EnumMeta)}
+        assert kinds == {kind for owner, _, _, kind in CHOICES if owner is cls}
 
 
 # ---- Bodies --------------------------------------------------------------------------------------

@@ -1,7 +1,9 @@
 """openmmrigidhi.app: building bodies, minimising, reporters, files, and use with OpenMM's own
 Simulation."""
+import copy
 import io
 import os
+import warnings
 
 import h5py
 import numpy as np
@@ -74,6 +76,177 @@ def test_residues_are_chosen_by_name(waterBox):
                                                   {'HOH', 'LIG'})) == 27
     with pytest.raises(openmm.OpenMMException, match='already in body 0'):
         openmmrigidhi.app.addRigidWater(integrator, waterBox.topology)
+
+
+def renamed(topology, names):
+    """The topology with these residue names, in turn."""
+    topology = copy.deepcopy(topology)
+    for k, residue in enumerate(topology.residues()):
+        residue.name = names[k % len(names)]
+    return topology
+
+
+@pytest.mark.parametrize('name', ['T4E', 'OPC3', 'TP4E', 'T3P', 'TIP', 'SOL', 'TIP3'])
+def test_common_names_of_water_are_known(name, waterBox):
+    integrator = CustomRigidHIIntegrator(300, 0.002)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        assert len(
+            openmmrigidhi.app.addRigidWater(integrator, renamed(waterBox.topology, [name]),
+                                            waterBox.system)) == 27
+
+
+def test_water_of_an_unknown_name_is_not_skipped_without_a_word(waterBox):
+    topology = renamed(waterBox.topology, ['HOH', 'W4', 'UNL'])
+    integrator = CustomRigidHIIntegrator(300, 0.002)
+    with pytest.warns(UserWarning) as seen:
+        assert len(openmmrigidhi.app.addRigidWater(integrator, topology)) == 9
+    assert [str(warning.message) for warning in seen] == [
+        'addRigidWater: 9 residues named UNL, 9 residues named W4 have the composition of water, '
+        "but are not made bodies, since their name is not known: give names=['UNL', 'W4'] to "
+        'include them'
+    ]
+    assert seen[0].filename == __file__
+    integrator = CustomRigidHIIntegrator(300, 0.002)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        assert len(openmmrigidhi.app.addRigidWater(integrator, topology, names=['W4', 'UNL'])) == 27
+    with pytest.raises(ValueError, match=r"the topology has W4: give .* as names=\['W4'\]"):
+        openmmrigidhi.app.addRigidWater(CustomRigidHIIntegrator(300, 0.002),
+                                        renamed(waterBox.topology, ['W4']))
+
+
+def frozenBox(frozen):
+    """A box of water, some of it without masses and constraints."""
+    box = WaterBox(3)
+    particles = {
+        atom.index
+        for residue in list(box.topology.residues())[:frozen] for atom in residue.atoms()
+    }
+    for i in particles:
+        box.system.setParticleMass(i, 0)
+    for i in reversed(range(box.system.getNumConstraints())):
+        if box.system.getConstraintParameters(i)[0] in particles:
+            box.system.removeConstraint(i)
+    return box
+
+
+def test_frozen_water_is_left_out(platform):
+    box = frozenBox(2)
+    integrator = CustomRigidHIIntegrator(300, 0.002)
+    with pytest.warns(
+            UserWarning, match='2 residues named HOH have mass 0 in the System and are '
+            'not made bodies.*skipFrozen=True') as seen:
+        assert len(openmmrigidhi.app.addRigidWater(integrator, box.topology, box.system)) == 25
+    assert len(seen) == 1 and seen[0].filename == __file__
+    assert integrator.getRigidBodyParticles(0) == [8, 9, 10, 11]
+    context = openmm.Context(box.system, integrator, platform)
+    context.setPositions(box.positions)
+    integrator.step(2)
+    moved = np.linalg.norm(positionsOf(context) - box.positions._value, axis=1)
+    assert np.all(moved[:8] < 1e-7) and np.all(moved[8:] > 1e-5)
+
+
+def test_frozen_water_is_left_out_or_taken_as_asked():
+    box = frozenBox(2)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        for skip, count in ((True, 25), (False, 27)):
+            assert len(
+                openmmrigidhi.app.addRigidWater(CustomRigidHIIntegrator(300, 0.002), box.topology,
+                                                box.system, skipFrozen=skip)) == count
+        for arguments, count in (({}, 27), ({'skipFrozen': True}, 25)):
+            assert len(
+                openmmrigidhi.app.addRigidResidues(CustomRigidHIIntegrator(300,
+                                                                           0.002), box.topology,
+                                                   ['HOH'], box.system, **arguments)) == count
+    with pytest.raises(TypeError, match='skipFrozen: got 1; it must be True or False'):
+        openmmrigidhi.app.addRigidWater(CustomRigidHIIntegrator(300, 0.002), box.topology,
+                                        box.system, skipFrozen=1)
+
+
+def withoutExtraParticles(topology):
+    """The topology as OpenFF writes it: without the virtual sites of the System."""
+    bare = app.Topology()
+    chain = bare.addChain()
+    for residue in topology.residues():
+        copied = bare.addResidue(residue.name, chain)
+        for atom in residue.atoms():
+            if atom.element is not None:
+                bare.addAtom(atom.name, atom.element, copied)
+    return bare
+
+
+@pytest.mark.parametrize('place', ['between', 'behind'])
+def test_virtual_sites_that_the_topology_lacks_come_from_the_system(place, waterBox, platform):
+    """Virtual sites lie between the atoms of the topology, or behind them."""
+    places = np.arange(4*27).reshape(27, 4)  # index in the new System
+    if place == 'behind':
+        places[:, :3], places[:, 3] = np.arange(3*27).reshape(27, 3), np.arange(3*27, 4*27)
+    new = places.ravel().tolist()
+    old = np.argsort(new)
+    system = openmm.System()
+    for i in old.tolist():
+        system.addParticle(waterBox.system.getParticleMass(i))
+    for i in range(waterBox.system.getNumConstraints()):
+        first, second, distance = waterBox.system.getConstraintParameters(i)
+        system.addConstraint(new[first], new[second], distance)
+    for *parents, extra in places.tolist():
+        weights = [waterBox.system.getVirtualSite(3).getWeight(k) for k in range(3)]
+        system.setVirtualSite(extra, openmm.ThreeParticleAverageSite(*parents, *weights))
+    topology = withoutExtraParticles(waterBox.topology)
+    assert topology.getNumAtoms() == 3*27
+    integrator = CustomRigidHIIntegrator(300, 0.002)
+    openmmrigidhi.app.addRigidWater(integrator, topology)
+    with pytest.raises(
+            openmm.OpenMMException, match='give addRigidWater.. the System'
+            if place == 'behind' else 'particle 6 outside it'):
+        openmm.Context(system, integrator, platform)
+    integrator = CustomRigidHIIntegrator(300, 0.002)
+    openmmrigidhi.app.addRigidWater(integrator, topology, system)
+    assert [integrator.getRigidBodyParticles(body) for body in range(27)] == places.tolist()
+    context = openmm.Context(system, integrator, platform)
+    context.setPositions(np.array(waterBox.positions._value)[old])
+    integrator.step(1)
+
+
+def test_a_site_between_two_molecules_belongs_to_none():
+    topology = app.Topology()
+    chain = topology.addChain()
+    system = openmm.System()
+    for _ in range(2):
+        residue = topology.addResidue('N2', chain)
+        for name in 'AB':
+            topology.addAtom(name, app.Element.getBySymbol('N'), residue)
+            system.addParticle(14)
+    for parents in ((0, 1), (1, 2), (2, 3)):
+        system.setVirtualSite(system.addParticle(0),
+                              openmm.TwoParticleAverageSite(*parents, .5, .5))
+    for pair in ((0, 1), (2, 3)):
+        system.addConstraint(*pair, 0.11)
+    integrator = CustomRigidHIIntegrator(300, 0.002)
+    openmmrigidhi.app.addRigidResidues(integrator, topology, ['N2'], system)
+    assert [integrator.getRigidBodyParticles(body) for body in (0, 1)] == [[0, 1, 4], [2, 3, 6]]
+
+
+def test_remedies_for_missing_constraints_are_true():
+    """rigidWater=True adds constraints to residues named HOH alone, and to no other molecules."""
+    flexible = WaterBox(2, rigidWater=False, nonbondedMethod=app.NoCutoff)
+    with pytest.raises(
+            ValueError, match='residue OPC 1: .*System.addConstraint.*the residue HOH '
+            'before the System is created with rigidWater=True'):
+        openmmrigidhi.app.addRigidWater(CustomRigidHIIntegrator(300, 0.002),
+                                        renamed(flexible.topology, ['OPC']), flexible.system)
+    topology = app.Topology()
+    residue = topology.addResidue('CH', topology.addChain())
+    system = openmm.System()
+    for symbol in 'CH':
+        topology.addAtom(symbol, app.Element.getBySymbol(symbol), residue)
+        system.addParticle(1)
+    with pytest.raises(ValueError, match='its shape: add one for each pair by') as error:
+        openmmrigidhi.app.addRigidResidues(CustomRigidHIIntegrator(300, 0.002), topology, ['CH'],
+                                           system)
+    assert 'rigidWater' not in str(error.value)
 
 
 # ---- Bodies as molecules -------------------------------------------------------------------------
@@ -235,6 +408,83 @@ def test_minimising_finds_a_known_minimum_from_afar(turn, platform):
     assert np.allclose(got[:3], [(0.5, 0, -0.1), (0.5, 0, 0.1), (0, 0, 0)], rtol=0, atol=8e-5)
     assert np.array_equal(got[3], (0, 0, 0))  # massless and in no body
     assert np.linalg.norm(got[1] - got[0]) == pytest.approx(0.2, rel=1e-12)
+
+
+def overlappingColloids(platform, kind):
+    """A hundred spheres of 0.5 um that overlap, with an energy of 20 MJ/mol and more."""
+    count, radius = 100, 500.0
+    force = openmm.CustomNonbondedForce(f'2*step({2*radius}-r)*({2*radius}-r)^2')
+    fluid = openmmrigidhi.MobilityForce()
+    system = openmm.System()
+    integrator = CustomRigidHIIntegrator(300, 1e6)
+    mass = 1e11 if kind == 'dry' else 0
+    for _ in range(count):
+        sphere = system.addParticle(mass)
+        force.addParticle()
+        fluid.addParticle(radius)
+        if kind == 'free':
+            continue
+        sites = [(0, 0, 0)]
+        if kind == 'marked':
+            sites.append((1, 0, 0))
+            force.addExclusion(sphere, system.addParticle(0))
+            force.addParticle()
+            fluid.addParticle(0)
+        integrator.addRigidBody(range(sphere, sphere + len(sites)), mass, (mass*radius**2,)*3,
+                                sites)
+    if kind == 'marked':
+        force.addInteractionGroup(range(0, 2*count, 2), range(0, 2*count, 2))
+    system.addForce(force)
+    if kind != 'dry':
+        system.addForce(fluid)
+        integrator.setScheme(integrator.EulerMaruyama)
+    context = openmm.Context(system, integrator, platform)
+    positions = np.random.default_rng(1).uniform(0, 3500, (count, 3))
+    if kind == 'marked':
+        positions = np.repeat(positions, 2, axis=0) + count*[(0, 0, 0), (1, 0, 0)]
+    context.setPositions(positions)
+    return context
+
+
+@pytest.mark.parametrize('kind', ['spheres', 'marked', 'free', 'dry'])
+def test_the_default_tolerance_suits_colloids(kind, platform):
+    context = overlappingColloids(platform, kind)
+    assert energyOf(context) > 1e7
+    result = openmmrigidhi.app.minimize(context)
+    assert result.converged and 0 < result.iterations < 200
+    # 2.5 kJ/mol over the radius; without radii over half of the distance of neighbours
+    if kind == 'dry':
+        assert 0.003 < result.tolerance._value < 0.03
+    else:
+        assert result.tolerance._value == pytest.approx(0.005, rel=1e-12)
+    assert result.rmsForce <= result.tolerance
+    assert energyOf(context) < 100
+
+
+def test_torques_of_spheres_are_measured_by_their_radii(platform):
+    context = overlappingColloids(platform, 'marked')
+    assert np.all(minimizer._Scene(context).length == 500)
+
+
+def test_a_given_tolerance_is_used_as_it_is(platform):
+    context = overlappingColloids(platform, 'spheres')
+    result = openmmrigidhi.app.minimize(context, tolerance=1e5)
+    assert result.iterations == 0 and result.tolerance._value == 1e5
+
+
+def test_molecules_have_the_default_tolerance_of_openmm(waterBox, platform):
+    simulation = waterBox.simulation(platform)
+    assert openmmrigidhi.app.minimize(simulation.context, maxIterations=1).tolerance._value == 10
+
+
+def test_nothing_to_minimise_is_said(platform):
+    """OpenMM's minimiser would say nothing."""
+    system = openmm.System()
+    system.addParticle(0)
+    context = openmm.Context(system, CustomRigidHIIntegrator(300, 0.001), platform)
+    context.setPositions([(0, 0, 0)])
+    with pytest.warns(UserWarning, match='minimize: nothing can move: the Context has no bodies'):
+        openmmrigidhi.app.minimize(context)
 
 
 def test_iterations_are_limited_and_reported(waterBox, platform):

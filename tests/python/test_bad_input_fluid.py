@@ -88,8 +88,9 @@ def test_constants(fluid):
         fluid.setSolver(MobilityForce.Unbounded)
     with refused('MobilityForce.setBoundary: boundary', 'it must be a Boundary', error=TypeError):
         fluid.setBoundary(CustomRigidHIIntegrator.LangevinA)
-    with refused('setModel', 'it must be an integer', error=TypeError):
-        fluid.setModel('RotnePragerYamakawa')
+    with refused("setModel: model: 'RPY' is no Model; the names are FreeDraining, Rotne",
+                 'give one of these names', error=ValueError):
+        fluid.setModel('RPY')
     with refused('setModel()', 'model 17 is unknown'):
         fluid.setModel(17)
     with refused('setBoundary()', 'boundary 17 is unknown'):

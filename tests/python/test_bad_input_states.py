@@ -99,7 +99,7 @@ def test_positions_that_do_not_fit(scene):
     scene.positions[3, 2] += 0.05
     scene.context.setPositions(scene.positions)
     with refused('body 1: particle',
-                 'nm from its place in the body, more than the pose tolerance 0.001 nm',
+                 'nm from its place in the body, more than the pose tolerance 0.002 nm',
                  'raise setPoseTolerance(), or call resetBodyGeometry()'):
         scene.integrator.step(1)
     scene.integrator.resetBodyGeometry()

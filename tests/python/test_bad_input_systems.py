@@ -80,7 +80,7 @@ def test_a_virtual_site_outside_that_depends_on_a_body(platform):
     system = system_of(1, 1, 0)
     system.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
     with refused('virtual site particle 2 depends on particle 0 of body 0',
-                 'belong in one body: add them to it'):
+                 'belong in one body: add them to it (for water, give addRigidWater() the System)'):
         openmm.Context(system, integrator_of([0, 1]), platform)
 
 

@@ -18,11 +18,29 @@ def test_residues_that_are_not_there():
     residue = topology.addResidue('ALA', topology.addChain())
     topology.addAtom('C', app.Element.getBySymbol('C'), residue)
     integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
-    with refused('addRigidResidues: names: no residue is named',
-                 'the topology has ALA: correct the names'):
+    with refused('addRigidWater: topology: no residue has a name that means water',
+                 "the topology has ALA: give the residue names of water as names=['...']"):
         openmmrigidhi.app.addRigidWater(integrator, topology)
+    with refused('addRigidResidues: names: no residue is named LIG',
+                 'the topology has ALA: correct the names'):
+        openmmrigidhi.app.addRigidResidues(integrator, topology, ['LIG'])
     with refused('addRigidResidues: names: got the string', "give ['ALA']", error=TypeError):
         openmmrigidhi.app.addRigidResidues(integrator, topology, 'ALA')
+    with refused('addRigidWater: names: got the string', "give ['ALA']", error=TypeError):
+        openmmrigidhi.app.addRigidWater(integrator, topology, names='ALA')
+
+
+def test_a_residue_of_two_waters(waterBox):
+    topology = app.Topology()
+    residue = topology.addResidue('HOH', topology.addChain())
+    for symbol in 'OHHOHH':
+        topology.addAtom(symbol, app.Element.getBySymbol(symbol), residue)
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
+    with refused('addRigidWater: residue HOH 1 has 4 H, 2 O', 'each residue must be one water'):
+        openmmrigidhi.app.addRigidWater(integrator, topology)
+    with refused('addRigidResidues: topology: it has 6 atoms, and the System has 0 particles',
+                 'the atoms must be all particles, or all that are no virtual sites'):
+        openmmrigidhi.app.addRigidResidues(integrator, topology, ['HOH'], openmm.System())
 
 
 @pytest.mark.parametrize('tolerance', [0, -1, np.nan, np.inf])

@@ -60,3 +60,4 @@ def test_integrator():
     assert integrator.getNumRigidBodies() == 3
     assert [integrator.getRigidBodyIsExplicit(i) for i in range(3)] == [False, True, True]
     assert integrator.getInertiaScale() == 1
+    assert integrator.getPoseTolerance()._value == 1e-3  # as saved; the default has changed

@@ -310,8 +310,8 @@ public:
     double getPoseTolerance() const;
     /**
      * Set how far a particle may lie from its place in the body when positions are given to the
-     * Context, nm (default 1e-3). Members within this distance are put back when the next step
-     * starts. A larger distance is an error.
+     * Context, nm (default 2e-3, so that positions with three decimals fit). Members within this
+     * distance are put back when the next step starts. A larger distance is an error.
      * @throws OpenMMException if not positive and finite
      */
     void setPoseTolerance(double tolerance);

@@ -120,12 +120,12 @@ void BodyDefinitions::checkVirtualSites(int b, const BodyGeometry& g) const {
                              return siteOfParticle.at(parent);
                          });
         const double distance = sqrt(off.dot(off));
-        if (!(distance <= integrator.getPoseTolerance()))
+        if (!(distance <= siteTolerance()))
             fail("body " + to_string(b) + ": the site given for particle " + to_string(members[i]) +
                  " is " + number(distance) +
-                 " nm from where the System's virtual site puts it, more than the pose tolerance " +
-                 number(integrator.getPoseTolerance()) +
-                 " nm; mend the site position or the virtual site");
+                 " nm from where the System's virtual site puts it, more than half of the pose "
+                 "tolerance, " +
+                 number(siteTolerance()) + " nm; mend the site position or the virtual site");
     }
 }
 

@@ -40,6 +40,14 @@ public:
     /** The entries of bodies whose geometry is not known are undefined. */
     const std::vector<BodyGeometry>& geometries() const { return geometries_; }
     const PoseFit& fit(int body) const { return fits[body]; }
+    /**
+     * How far the sites of two definitions of a body may be apart, nm: half of the pose tolerance,
+     * which allows for a rounding of positions and for as large an error of the pose.
+     */
+    double siteTolerance() const { return integrator.getPoseTolerance() / 2; }
+    /** As BodyGeometryBuilder says of a body. */
+    bool isFixedByConstraints(int body) const { return builder(body).isFixedByConstraints(); }
+    bool hasRedundantConstraints(int body) const { return builder(body).hasRedundantConstraints(); }
 
     /** Find all geometries for which no positions are needed. Particle indices must have been
      * checked. */

@@ -165,15 +165,34 @@ bool ContextMirror::bodyMembersDiffer(int body, const vector<Vec3>& a,
     return false;
 }
 
+namespace {
+
+/** What rounding of positions in a file explains this distance of a particle from its place. */
+string fromRounding(double distance) {
+    // A particle is rounded by up to sqrt(3)/2 of the last decimal, and its body's pose by as much.
+    const map<int, string> files = {{4, ", as in PDB files,"}, {3, ", as in .gro files,"}, {2, ""}};
+    for (int decimals : {4, 3, 2})
+        if (distance <= sqrt(3.0) * pow(10.0, -decimals))
+            return ". Rounding to " + to_string(decimals) + " decimals of nm" + files.at(decimals) +
+                   " may move particles this far";
+    return "";
+}
+
+}  // namespace
+
 /** The state of a body with the pose that fits the positions of its members. */
 BodyState ContextMirror::fitted(int b, double& residual) const {
     const vector<int>& particles = scene.definitions.particles(b);
     vector<Vec3> members;
     for (int p : particles) {
         members.push_back(scene.arrays->positions()[p]);
-        if (!isFinite(members.back()))
+        if (!isFinite(members.back())) {
+            if (scene.definitions.hasRedundantConstraints(b))
+                fail("body " + to_string(b) + ": particle " + to_string(p) +
+                     " has come to NaN or infinity" + whatMakesNanOfBodies);
             fail("body " + to_string(b) + ": particle " + to_string(p) +
                  " has a non-finite position; set finite positions");
+        }
     }
     // Virtual sites follow their parents, and users often do not move them. They are put in place
     // and not compared.
@@ -190,11 +209,18 @@ BodyState ContextMirror::fitted(int b, double& residual) const {
     if (!(distance <= tolerance))
         fail("body " + to_string(b) + ": particle " + to_string(particles[worst]) + " is " +
              number(distance) + " nm from its place in the body, more than the pose tolerance " +
-             number(tolerance) +
-             " nm; give positions that fit the body's shape: whole molecules, not wrapped across "
-             "the periodic box. Where constraints define the shape, call applyConstraints() on the "
-             "Context; elsewhere minimise with openmmrigidhi.app.minimize(). Or raise "
-             "setPoseTolerance(), or call resetBodyGeometry() if the shape itself has changed");
+             number(tolerance) + " nm" + fromRounding(distance) +
+             "; give positions that fit the body's shape: whole molecules, not wrapped across the "
+             "periodic box. To put its particles in their places, call "
+             "openmmrigidhi.app.placeBodies()" +
+             (scene.definitions.hasRedundantConstraints(b)
+                  ? ", but not applyConstraints() or OpenMM's minimisers, which make NaN of its "
+                    "redundant constraints"
+              : scene.definitions.isFixedByConstraints(b)
+                  ? ", or call applyConstraints() on the Context"
+                  : "") +
+             ". Or raise setPoseTolerance(), or call resetBodyGeometry() if the shape itself has "
+             "changed");
     residual = max(residual, distance);
     return state;
 }
@@ -230,7 +256,11 @@ void ContextMirror::takeInVelocities(bool putBack) {
         if (!isFinite(velocities[p])) {
             const int body = scene.stock.bodyOfParticle[p];
             fail("particle " + to_string(p) + (body >= 0 ? " of body " + to_string(body) : "") +
-                 " has a non-finite velocity; set finite velocities");
+                 " has a non-finite velocity; set finite velocities" +
+                 (body >= 0 && scene.definitions.hasRedundantConstraints(body)
+                      ? " by the Context's setVelocities(), without setVelocitiesToTemperature(), "
+                        "in which OpenMM makes NaN of a body with redundant constraints"
+                      : ""));
         }
     // A CMMotionRemover changes all velocities at every step. Most bodies take the fast way, in one
     // pass.

@@ -43,7 +43,7 @@ void checkAgainstDefinition(const Scene& scene, int b, const BodyGeometry& saved
             "moments " + text(saved.moments) + " instead of " + text(own.moments) + " amu nm^2";
     for (size_t i = 0; i < own.sites.size() && difference.empty(); i++) {
         const Vec3 off = saved.sites[i] - own.sites[i];
-        if (!(sqrt(off.dot(off)) <= scene.integrator.getPoseTolerance()))
+        if (!(sqrt(off.dot(off)) <= scene.definitions.siteTolerance()))
             difference = "particle " + to_string(scene.definitions.particles(b)[i]) + " at " +
                          text(saved.sites[i]) + " instead of " + text(own.sites[i]) + " nm";
     }

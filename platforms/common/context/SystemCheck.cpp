@@ -59,7 +59,7 @@ void checkTies(const System& system, const vector<int>& bodyOf) {
                  particleText(parent) +
                  (bodyOf[parent] >= 0 ? " of " + bodyText(bodyOf[parent]) : " outside the body") +
                  "; a virtual site and the particles that define it belong in one body: add "
-                 "them to it");
+                 "them to it (for water, give addRigidWater() the System)");
         }
     }
 }

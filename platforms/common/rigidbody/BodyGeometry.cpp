@@ -162,6 +162,23 @@ bool BodyGeometryBuilder::needsPositions() const {
     return !fixedByConstraints || hasOtherMassless || massive.size() > 3;
 }
 
+bool BodyGeometryBuilder::hasRedundantConstraints() const {
+    if (!isFixedByConstraints()) return false;
+    const int n = massive.size();
+    if (n != 3 && n != 4) return n > 4;
+    // The determinant of the directions from the last member to the others, squared, is 0 on a line
+    // or in a plane. Below this bound applyConstraints() failed from positions that were 0.003 nm
+    // off, for shapes that are nearly flat as well.
+    const double flat = 1e-3;
+    Eigen::MatrixXd cosines(n - 1, n - 1);
+    for (int i = 0; i < n - 1; i++)
+        for (int j = 0; j < n - 1; j++) {
+            const double a = distances[n - 1][i], b = distances[n - 1][j], c = distances[i][j];
+            cosines(i, j) = (a * a + b * b - c * c) / (2 * a * b);
+        }
+    return cosines.determinant() < flat;
+}
+
 /**
  * Coordinates, about the centre of mass, with the given distances; mirrored to fit the positions
  * where handedness matters.
@@ -257,10 +274,15 @@ BodyGeometry BodyGeometryBuilder::update(const BodyGeometry& known) const {
 BodyGeometry BodyGeometryBuilder::build(const vector<Vec3>& members) const {
     if (needsPositions())
         for (size_t i = 0; i < particles.size(); i++)
-            if (!system.isVirtualSite(particles[i]) && !isFinite(members[i]))
+            if (!system.isVirtualSite(particles[i]) && !isFinite(members[i])) {
+                const string who =
+                    "CustomRigidHIIntegrator: " + name + ": particle " + to_string(particles[i]);
+                if (hasRedundantConstraints())
+                    throw OpenMMException(who + " starts at NaN or infinity" +
+                                          whatMakesNanOfBodies);
                 throw OpenMMException(
-                    "CustomRigidHIIntegrator: " + name + ": particle " + to_string(particles[i]) +
-                    " has a non-finite position; set finite positions before stepping");
+                    who + " has a non-finite position; set finite positions before stepping");
+            }
     vector<Vec3> actual(massive.size());
     if (needsPositions())
         for (size_t i = 0; i < massive.size(); i++) actual[i] = members[massive[i]];

@@ -52,6 +52,12 @@ private:
  */
 bool massesMake(const BodyGeometry& geometry, const std::vector<double>& masses);
 
+/** In messages: what most likely happened to a body with redundant constraints. */
+inline constexpr const char* whatMakesNanOfBodies =
+    ". OpenMM's applyConstraints() and minimisers do that to a body whose constraints are "
+    "redundant, as they are here; set finite positions again and call "
+    "openmmrigidhi.app.placeBodies() instead, or raise setPoseTolerance() for a step";
+
 /**
  * The shape, mass and inertia of a body that was given by its particles alone.
  *
@@ -71,6 +77,14 @@ public:
                         const std::vector<int>& particles, const std::string& name);
     /** Whether positions are needed. If not, the System alone fixes the geometry. */
     bool needsPositions() const;
+    /** Whether constraints fix the distances of all massive members, of which there are several. */
+    bool isFixedByConstraints() const { return fixedByConstraints && massive.size() > 1; }
+    /**
+     * Whether constraints fix all distances, and some constraints follow from the others to first
+     * order: of three members on a line, four in a plane (nearly, too), or more. OpenMM's solver of
+     * constraints then makes NaN of positions that do not fit.
+     */
+    bool hasRedundantConstraints() const;
     /**
      * @param members  positions of the body's particles in any frame, nm; not read unless
      *     needsPositions()

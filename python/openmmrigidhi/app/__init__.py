@@ -6,14 +6,15 @@ from .drawing import movie, show
 from .gsdfiles import GsdReporter, readGsd
 from .h5mdfiles import H5mdReporter, readH5md
 from .minimizer import MinimizationResult, minimize
+from .placement import makeWhole, placeBodies
 from .reporters import StateDataReporter
 from .shapes import boomerang, cylinder, icosahedron, multiblobSphere, rod, sphereShell, tetramer
 from .trajectories import Trajectory
 
 __all__ = [
-    'addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'minimize',
-    'MinimizationResult', 'RigidBodyReporter', 'readBodyStates', 'BodyStates', 'StateDataReporter',
-    'sphereShell', 'multiblobSphere', 'rod', 'cylinder', 'boomerang', 'tetramer', 'icosahedron',
-    'readVertexFile', 'readClones', 'writeClones', 'GsdReporter', 'readGsd', 'H5mdReporter',
-    'readH5md', 'Trajectory', 'show', 'movie'
+    'addRigidWater', 'addRigidResidues', 'addRigidMultiblob', 'bindBodies', 'placeBodies',
+    'makeWhole', 'minimize', 'MinimizationResult', 'RigidBodyReporter', 'readBodyStates',
+    'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere', 'rod', 'cylinder',
+    'boomerang', 'tetramer', 'icosahedron', 'readVertexFile', 'readClones', 'writeClones',
+    'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory', 'show', 'movie'
 ]

@@ -1,4 +1,7 @@
 """Make bodies of residues, and tell OpenMM that a body is one molecule."""
+import collections
+import warnings
+
 import openmm
 
 from .. import _units
@@ -8,17 +11,22 @@ from .blobfiles import warnOfUnits
 
 #: Residue names that mean water in PDB files and in the force fields that OpenMM, Amber, CHARMM and
 #: GROMACS ship.
-WATER_NAMES = ('HOH', 'WAT', 'H2O', 'SOL', 'DOD', 'SPC', 'SPCE', 'TIP3', 'TIP3P', 'TP3', 'TIP4',
-               'TIP4P', 'TP4', 'T4P', 'TIP5', 'TIP5P', 'TP5', 'OPC')
+WATER_NAMES = ('HOH', 'WAT', 'H2O', 'SOL', 'DOD', 'TIP', 'SPC', 'SPCE', 'SPE', 'TIP3', 'TIP3P',
+               'T3P', 'TP3', 'TIP4', 'TIP4P', 'T4P', 'T4E', 'TP4', 'TP4E', 'TIP5', 'TIP5P', 'T5P',
+               'T5E', 'TP5', 'OPC', 'OPC3', 'OP3', 'FB3', 'FB4', 'T3F', 'T4F', 'TP3F', 'TP4F')
 
 
-def addRigidWater(integrator, topology, system=None):
+def addRigidWater(integrator, topology, system=None, names=(), skipFrozen=None):
     """Make every water molecule of a topology one rigid body.
 
     Extra particles (M sites, lone pairs) are part of the body. If the System was made with
     ``rigidWater=True`` (the default of openmm.app.ForceField.createSystem), the shape comes from
     the System's constraints and virtual sites when the Context is created. It never comes from the
-    coordinates of a PDB file. Pass the system to have the constraints checked.
+    coordinates of a PDB file. Pass the system to have the constraints checked, and to have virtual
+    sites found that the topology lacks.
+
+    Water is known by the residue names of :data:`WATER_NAMES` and of names. A warning says which
+    other residues have the composition of water and are left out.
 
     Parameters
     ----------
@@ -27,7 +35,15 @@ def addRigidWater(integrator, topology, system=None):
     topology : openmm.app.Topology
         the topology, after openmm.app.Modeller.addExtraParticles() if the model has extra particles
     system : openmm.System, optional
-        the System, only to check that its constraints fix the shape of every water molecule
+        the System. Its constraints must fix the shape of every water molecule. Virtual sites whose
+        parents are all in one molecule become part of its body, even if the topology lacks them, as
+        topologies of OpenFF do.
+    names : sequence of str, optional
+        further residue names that mean water
+    skipFrozen : bool, optional
+        whether molecules whose particles have mass 0 in the System are left out, so that they stay
+        where they are. None: they are left out, and a warning says how many. False: they become
+        bodies without mass, for schemes without momenta in a fluid. True and False need the system.
 
     Returns
     -------
@@ -37,12 +53,43 @@ def addRigidWater(integrator, topology, system=None):
     Raises
     ------
     ValueError
-        if the topology has no water, or the constraints of a molecule do not fix its shape
+        if the topology has no water, a residue of such a name is not one water molecule, the
+        constraints of a molecule do not fix its shape, or topology and System do not belong
+        together
     """
-    return addRigidResidues(integrator, topology, WATER_NAMES, system)
+    where = 'addRigidWater'
+    integrator = CustomRigidHIIntegrator.cast(integrator)
+    wanted = {*WATER_NAMES, *_names(names, where)}
+    residues = [residue for residue in topology.residues() if residue.name in wanted]
+    others = [
+        residue for residue in topology.residues()
+        if residue.name not in wanted and _elements(residue) == _WATER
+    ]
+    if not residues:
+        present = sorted({residue.name for residue in topology.residues()})
+        like = sorted({residue.name for residue in others})
+        raise ValueError(
+            f'{where}: topology: no residue has a name that means water; the topology has '
+            f'{", ".join(present) or "no residues"}: give the residue names of water as '
+            f'names={like or ["..."]}')
+    for residue in residues:
+        if _elements(residue) - _WATER:
+            found = ', '.join(f'{n} {symbol}' for symbol, n in sorted(_elements(residue).items()))
+            raise ValueError(f'{where}: residue {residue.name} {residue.id} has {found}; each '
+                             'residue must be one water molecule: make each molecule a residue, or '
+                             'rename what is not water')
+    particles = _ParticlesOfAtoms(topology, system, where)
+    skipped = collections.Counter(residue.name for residue in others
+                                  if not particles.areFrozen(residue))
+    if skipped:
+        warnings.warn(
+            f'{where}: {_counted(skipped)} have the composition of water, but are not made bodies, '
+            f'since their name is not known: give names={sorted(skipped)} to include them',
+            stacklevel=2)
+    return _addResidues(integrator, residues, particles, skipFrozen, where)
 
 
-def addRigidResidues(integrator, topology, names, system=None):
+def addRigidResidues(integrator, topology, names, system=None, skipFrozen=False):
     """Make every residue with one of these names one rigid body.
 
     Parameters
@@ -55,7 +102,11 @@ def addRigidResidues(integrator, topology, names, system=None):
         residue names
     system : openmm.System, optional
         if given, the constraints must fix the shape of every residue. Without it, a residue whose
-        shape is not fixed by constraints takes its shape from the first positions.
+        shape is not fixed by constraints takes its shape from the first positions. Virtual sites of
+        the System become part of bodies as in :func:`addRigidWater`.
+    skipFrozen : bool, optional
+        whether residues whose particles have mass 0 in the System are left out, as in
+        :func:`addRigidWater`; None: they are left out, and a warning says how many
 
     Returns
     -------
@@ -65,48 +116,147 @@ def addRigidResidues(integrator, topology, names, system=None):
     Raises
     ------
     ValueError
-        if the topology has none of these residues, or the constraints of one do not fix its shape
+        if the topology has none of these residues, the constraints of one do not fix its shape, or
+        topology and System do not belong together
     """
+    where = 'addRigidResidues'
     integrator = CustomRigidHIIntegrator.cast(integrator)
-    if isinstance(names, str):
-        raise TypeError(
-            f'addRigidResidues: names: got the string {names!r}; it must be a sequence of names: '
-            f'give [{names!r}]')
-    wanted = set(names)
+    wanted = _names(names, where)
     residues = [residue for residue in topology.residues() if residue.name in wanted]
     if not residues:
         present = sorted({residue.name for residue in topology.residues()})
         raise ValueError(
-            f'addRigidResidues: names: no residue is named {", ".join(sorted(wanted))}; the '
-            f'topology has '
+            f'{where}: names: no residue is named {", ".join(sorted(wanted))}; the topology has '
             f'{", ".join(present) or "no residues"}: correct the names')
-    if system is not None:
-        _checkConstraints(residues, system)
+    return _addResidues(integrator, residues, _ParticlesOfAtoms(topology, system, where),
+                        skipFrozen, where)
+
+
+#: What a residue of water is made of, beside extra particles.
+_WATER = collections.Counter(O=1, H=2)
+
+
+def _names(names, where):
+    """A set of residue names."""
+    if isinstance(names, str):
+        raise TypeError(f'{where}: names: got the string {names!r}; it must be a sequence of '
+                        f'names: give [{names!r}]')
+    return set(names)
+
+
+def _elements(residue):
+    """How many atoms of each element a residue has; extra particles and beads have none."""
+    symbols = (atom.element.symbol for atom in residue.atoms()
+               if atom.element is not None and atom.element.mass._value > 0)
+    return collections.Counter('H' if symbol == 'D' else symbol for symbol in symbols)
+
+
+def _counted(names):
+    return ', '.join(f'{count} residues named {name}' for name, count in sorted(names.items()))
+
+
+class _ParticlesOfAtoms:
+    """The System's particles of a topology's atoms.
+
+    Some programs write topologies without the virtual sites of the System. Virtual sites may then
+    lie behind all atoms, or between them.
+    """
+    def __init__(self, topology, system, where):
+        self.system = system
+        self.where = where
+        count = topology.getNumAtoms()
+        if system is None:
+            self.indices = range(count)
+            return
+        real = [i for i in range(system.getNumParticles()) if not system.isVirtualSite(i)]
+        self.indices = range(count)
+        if count > system.getNumParticles() or any(
+                system.isVirtualSite(atom.index)
+                for atom in topology.atoms() if atom.element is not None):
+            self.indices = real
+        if count > len(self.indices):
+            raise ValueError(
+                f'{where}: topology: it has {count} atoms, and the System has '
+                f'{system.getNumParticles()} particles, {len(real)} of which are no virtual sites; '
+                'the atoms must be all particles, or all that are no virtual sites: give the '
+                'topology that the System was made from')
+        self.sitesOfParent = collections.defaultdict(list)
+        for i in set(range(system.getNumParticles())) - set(real):
+            self.sitesOfParent[system.getVirtualSite(i).getParticle(0)].append(i)
+
+    def of(self, residue):
+        """The particles of a residue."""
+        return [self.indices[atom.index] for atom in residue.atoms()]
+
+    def areFrozen(self, residue):
+        """Whether all particles of a residue have mass 0, as far as the System is known."""
+        return self.system is not None and all(
+            self.system.getParticleMass(i)._value == 0 for i in self.of(residue))
+
+    def dependentSites(self, particles, taken):
+        """Virtual sites whose parents are all among these particles; those taken are left out."""
+        found = []
+        family = set(particles)
+        queue = list(particles)
+        while queue and self.system is not None:
+            for i in self.sitesOfParent.get(queue.pop(0), ()):
+                site = self.system.getVirtualSite(i)
+                parents = {site.getParticle(k) for k in range(site.getNumParticles())}
+                if i not in family and i not in taken and parents <= family:
+                    found.append(i)
+                    family.add(i)
+                    queue.append(i)
+        return sorted(found)
+
+
+def _addResidues(integrator, residues, particles, skipFrozen, where):
+    """Make a body of each residue; the indices of the bodies."""
+    if skipFrozen is not None:
+        skipFrozen = _units.boolean(skipFrozen, where, 'skipFrozen')
+    frozen = [residue for residue in residues if particles.areFrozen(residue)]
+    if skipFrozen is not False and frozen:
+        if skipFrozen is None:
+            names = collections.Counter(residue.name for residue in frozen)
+            warnings.warn(
+                f'{where}: {_counted(names)} have mass 0 in the System and are not made bodies, so '
+                'that they stay where they are: give skipFrozen=True to leave them out without a '
+                'warning, or skipFrozen=False to make them bodies without mass', stacklevel=3)
+        left = set(map(id, frozen))
+        residues = [residue for residue in residues if id(residue) not in left]
+    if particles.system is not None:
+        _checkConstraints(residues, particles, where)
+    members = [particles.of(residue) for residue in residues]
+    taken = {i for body in members for i in body}
     return [
-        integrator.addRigidBody([atom.index for atom in residue.atoms()]) for residue in residues
+        integrator.addRigidBody(body + particles.dependentSites(body, taken)) for body in members
     ]
 
 
-def _checkConstraints(residues, system):
+def _checkConstraints(residues, particles, where):
     """Every pair of massive atoms of every residue must be constrained."""
+    system = particles.system
     constrained = {
         frozenset(system.getConstraintParameters(i)[:2])
         for i in range(system.getNumConstraints())
     }
     for residue in residues:
-        massive = [
-            atom.index for atom in residue.atoms() if system.getParticleMass(atom.index)._value > 0
-        ]
+        massive = [i for i in particles.of(residue) if system.getParticleMass(i)._value > 0]
         missing = [(i, j) for k, i in enumerate(massive) for j in massive[:k]
                    if frozenset((i, j)) not in constrained]
-        if missing:
-            raise ValueError(
-                f'addRigidResidues: residue {residue.name} {residue.id}: particles {missing[0][1]} '
-                f'and '
-                f'{missing[0][0]} have no constraint; the constraints must fix its shape: create '
-                f'the System '
-                'with rigidWater=True, or pass no system to take the shape from the first positions'
-            )
+        if not missing:
+            continue
+        if _elements(residue) != _WATER:
+            remedy = ('add one for each pair by System.addConstraint()')
+        elif residue.name == 'HOH':
+            remedy = 'create the System with rigidWater=True'
+        else:
+            remedy = ('add one for each pair by System.addConstraint(), or name the residue HOH '
+                      "before the System is created with rigidWater=True, since OpenMM's "
+                      'ForceField takes no other name for water')
+        raise ValueError(
+            f'{where}: residue {residue.name} {residue.id}: particles {missing[0][1]} and '
+            f'{missing[0][0]} have no constraint; the constraints must fix its shape: {remedy}, or '
+            'pass no system to take the shape from the first positions')
 
 
 def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, mass=0,

@@ -8,12 +8,16 @@ from openmm import unit
 
 from .. import _units
 from .._quaternions import rotationMatrices
-from .._systems import BodyDefinitions
+from .._systems import BodyDefinitions, hydrodynamicRadii
 from ..integrator import CustomRigidHIIntegrator
 
+#: The default tolerance in a scene of molecules. With the length of molecules it is an energy of
+#: 2.5 kJ/mol, kT at 300 K. Scenes of larger particles have this energy over their own length.
+_MOLECULAR_TOLERANCE = 10.0  # kJ/(mol nm)
+_MOLECULAR_LENGTH = 0.25  # nm
 #: The largest move of coordinates within one run of L-BFGS. A chart of rotation vectors is good up
 #: to about a radian.
-_LARGEST_TRANSLATION = 0.2  # nm
+_LARGEST_TRANSLATION = 0.8  # of the length of the scene
 _LARGEST_ROTATION = 0.5  # rad
 #: Springs hold constraints among free particles to this relative error; the end is exact.
 _CONSTRAINT_ERROR = 1e-4
@@ -21,17 +25,17 @@ _CONSTRAINT_ERROR = 1e-4
 _MAX_STIFFENINGS = 3
 #: A run of L-BFGS that lowers the energy by less than this part has come as far as rounding allows.
 _SMALLEST_DECREASE = 1e-8
-#: The largest move of a coordinate in the first step of a run of L-BFGS, nm. The run does not know
-#: the curvature of the energy yet.
-_FIRST_STEP = 0.005
+#: The largest move of a coordinate in the first step of a run of L-BFGS, of the length of the
+#: scene. The run does not know the curvature of the energy yet.
+_FIRST_STEP = 0.02
 
 
 @dataclasses.dataclass
 class MinimizationResult:
     """How a minimisation went.
 
-    It has the energies, the root mean square force component that is left, and the numbers of
-    iterations and evaluations.
+    It has the energies, the root mean square force component that is left, the numbers of
+    iterations and evaluations, and the tolerance that was used.
     """
 
     initialEnergy: unit.Quantity
@@ -40,26 +44,32 @@ class MinimizationResult:
     iterations: int
     evaluations: int
     converged: bool
+    tolerance: unit.Quantity = None
 
 
-def minimize(context, tolerance=10*unit.kilojoule_per_mole/unit.nanometer, maxIterations=0,
-             reporter=None, progress=None):
+def minimize(context, tolerance=None, maxIterations=0, reporter=None, progress=None):
     """Minimise the potential energy with the bodies of a CustomRigidHIIntegrator as rigid units.
 
     OpenMM's own minimiser moves the members of bodies one by one. That does not work for bodies
-    that no constraints hold. Here each body has six coordinates, a translation and a rotation
-    vector, and each free particle three. Massless free particles stay. The method is L-BFGS-B of
-    SciPy. The origin of the rotation vectors moves along whenever a body has turned by half a
-    radian. Stiff springs hold the constraints between free particles during the search. At its end
-    the constraints are made exact, as in OpenMM's minimiser. Velocities do not change.
+    that no constraints hold. It leaves particles of mass 0 where they are, and so bodies without
+    mass, and does not say so. Here each body has six coordinates, a translation and a rotation
+    vector, and each free particle three. Massless free particles stay, unless they have a
+    hydrodynamic radius. The method is L-BFGS-B of SciPy. The origin of the rotation vectors moves
+    along whenever a body has turned by half a radian. Stiff springs hold the constraints between
+    free particles during the search. At its end the constraints are made exact, as in OpenMM's
+    minimiser. Velocities do not change.
 
     Parameters
     ----------
     context : openmm.Context
         with positions; left at the minimum
-    tolerance : float or Quantity
+    tolerance : float or Quantity, optional
         the search ends when the root mean square of all force components is at most this, kJ/(mol
-        nm); torques are divided by the root mean square distance of a body's sites
+        nm). Torques are divided by the root mean square distance of a body's sites from its origin,
+        or by the body's largest hydrodynamic radius if this is larger. None: 2.5 kJ/mol (kT at 300
+        K) over the length of the scene, but at most 10, which suits molecules. The length is the
+        smallest hydrodynamic radius above 0. Without radii it is half of the median distance of a
+        particle from its nearest neighbour. The result says the tolerance.
     maxIterations : int
         the largest number of iterations; 0: no limit
     reporter : callable, optional
@@ -86,9 +96,10 @@ def minimize(context, tolerance=10*unit.kilojoule_per_mole/unit.nanometer, maxIt
     the tolerance is not reached, converged is False and a warning says so.
     """
     import tqdm
-    tolerance = _units.number(tolerance, _units.FORCE, 'minimize', 'tolerance')
+    if tolerance is not None:
+        tolerance = _units.number(tolerance, _units.FORCE, 'minimize', 'tolerance')
     maxIterations = _units.integer(maxIterations, 'minimize', 'maxIterations')
-    if not 0 < tolerance < np.inf:
+    if tolerance is not None and not 0 < tolerance < np.inf:
         raise ValueError(
             f'minimize: tolerance: got {tolerance} kJ/(mol nm); it must be finite and positive: '
             'give a value above 0')
@@ -113,11 +124,13 @@ class _Scene:
         self.integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
         self.groups = self.integrator.getIntegrationForceGroups()
         system = context.getSystem()
+        self.radii = hydrodynamicRadii(system, None, 'minimize')
         self._readBodies(system)
         self._readFreeParticles(system)
         self.R = self.integrator.getBodyPositions()._value
         self.q = self.integrator.getBodyOrientations()
         self.x = self._allPositions()[self.free]
+        self.extent = self._extent()
 
     def _readBodies(self, system):
         bodies = BodyDefinitions(self.integrator)
@@ -131,11 +144,19 @@ class _Scene:
             np.maximum(1, np.bincount(self.siteBody, minlength=self.numBodies)))
         # A body without extent feels no torque, so any length will do.
         self.length = np.where(distance > 0, distance, 1.0)
+        if self.numBodies > 0:
+            # A sphere may have a marker near its centre.
+            self.length = np.maximum(
+                self.length, np.maximum.reduceat(self.radii[self.members], bodies.first[:-1]))
 
     def _readFreeParticles(self, system):
         inBody = set(self.members.tolist())
         others = [i for i in range(system.getNumParticles()) if i not in inBody]
-        self.free = np.array([i for i in others if system.getParticleMass(i)._value > 0], dtype=int)
+        # Schemes without momenta move massless particles that the fluid sees.
+        self.free = np.array([
+            i for i in others if not system.isVirtualSite(i) and (
+                system.getParticleMass(i)._value > 0 or self.radii[i] > 0)
+        ], dtype=int)
         self.hasFreeVirtualSites = any(system.isVirtualSite(i) for i in others)
         place = {particle: k for k, particle in enumerate(self.free)}
         constraints = [system.getConstraintParameters(i) for i in range(system.getNumConstraints())]
@@ -143,6 +164,30 @@ class _Scene:
                        if i in place and j in place]
         self.constraints = np.array([c[:2] for c in constraints], dtype=int).reshape(-1, 2)
         self.distances = np.array([c[2] for c in constraints])
+
+    def _extent(self):
+        """The length of the scene, nm."""
+        radii = self.radii[np.concatenate([self.members, self.free])]
+        if np.any(radii > 0):
+            length = radii[radii > 0].min()
+        else:
+            length = self._neighbourDistance()/2
+        return max(length, _MOLECULAR_LENGTH)
+
+    def _neighbourDistance(self):
+        """Median distance of a particle from its nearest neighbour, nm; 0 if there is none.
+
+        A body of one or two particles, a sphere perhaps with a marker, is one particle at its
+        origin.
+        """
+        import scipy.spatial
+        small = np.bincount(self.siteBody, minlength=self.numBodies) <= 2
+        points = np.concatenate(
+            [self.R[small],
+             self._allPositions()[self.siteParticle[~small[self.siteBody]]], self.x])
+        if len(points) < 2 or not np.all(np.isfinite(points)):
+            return 0.0
+        return np.median(scipy.spatial.cKDTree(points).query(points, 2)[0][:, 1])
 
     def _sumOverBodies(self, values):
         """Sum values over the sites of each body; values of shape (sites,) or (sites, 3)."""
@@ -206,6 +251,8 @@ class _Search:
     """
     def __init__(self, scene, tolerance, maxIterations, reporter, bar):
         self.scene = scene
+        if tolerance is None:
+            tolerance = _MOLECULAR_TOLERANCE*_MOLECULAR_LENGTH/scene.extent
         self.tolerance = tolerance
         self.maxIterations = maxIterations
         self.reporter = reporter
@@ -217,6 +264,11 @@ class _Search:
 
     def run(self):
         scene = self.scene
+        if self._size() == 0:
+            warnings.warn(
+                'minimize: nothing can move: the Context has no bodies, and no particle has a mass '
+                'or a hydrodynamic radius; add bodies to the integrator before the Context is '
+                'created', stacklevel=3)
         self.x = scene.applyConstraints(self.R, self.q, self.x)
         initial, gradient = self._value(np.zeros(self._size()))
         if not np.isfinite(initial) or not np.all(np.isfinite(gradient)):
@@ -240,7 +292,8 @@ class _Search:
                 'use the Reference platform or a larger tolerance')
         return MinimizationResult(_units.ENERGY.attach(initialEnergy),
                                   _units.ENERGY.attach(finalEnergy), _units.FORCE.attach(self.rms),
-                                  self.iterations, self.evaluations, self.converged)
+                                  self.iterations, self.evaluations, self.converged,
+                                  _units.FORCE.attach(self.tolerance))
 
     def _size(self):
         return 6*self.scene.numBodies + 3*len(self.scene.free)
@@ -262,7 +315,7 @@ class _Search:
         while not self.converged and not self._outOfIterations():
             before = self.energy
             # The first trial step of SciPy is minus the gradient of the function that it is given.
-            scale = _FIRST_STEP/np.max(np.abs(self.gradient))
+            scale = _FIRST_STEP*self.scene.extent/np.max(np.abs(self.gradient))
 
             def scaledValue(y):
                 energy, gradient = self._value(y)
@@ -292,8 +345,8 @@ class _Search:
         n = self.scene.numBodies
         rotations = np.repeat(self.scene.length, 3)*_LARGEST_ROTATION
         return np.concatenate([
-            np.full(3*n, _LARGEST_TRANSLATION), rotations,
-            np.full(3*len(self.scene.free), _LARGEST_TRANSLATION)
+            np.full(3*n, _LARGEST_TRANSLATION*self.scene.extent), rotations,
+            np.full(3*len(self.scene.free), _LARGEST_TRANSLATION*self.scene.extent)
         ])
 
     def _split(self, y):
