@@ -4,6 +4,7 @@
 #include <openmm/System.h>
 #include <openmm/internal/ContextImpl.h>
 
+#include <cstdint>
 #include <memory>
 #include <vector>
 
@@ -20,6 +21,9 @@
 #include "rigidbody/BodySet.h"
 
 namespace RigidHIPlugin {
+
+/** The key of random numbers that a seed stands for. A seed of 0 stands for a fresh key. */
+uint32_t seedOrFresh(int seed);
 
 /**
  * The moving parts of one Context: bodies, free particles, the fluid between them, and the settings
@@ -57,7 +61,7 @@ public:
      */
     void adoptInertiaScale();
 
-    /** The Context's periodic box at present. */
+    /** The Context's periodic box at present. @throws OpenMMException if it is not finite */
     BoxVectors getBox() const;
 
     /**
