@@ -18,7 +18,8 @@ uint32_t seedOrFresh(int seed) {
 
 Scene::Scene(ContextImpl& context, const CustomRigidHIIntegrator& integrator,
              unique_ptr<ContextArrays> arraysToUse, unique_ptr<PlatformLoops> loopsToUse)
-    : integrator(integrator), system(context.getSystem()), arrays(move(arraysToUse)),
+    : integrator(integrator), system(context.getSystem()),
+      contextParameters(context.getParameters()), arrays(move(arraysToUse)),
       loops(move(loopsToUse)), definitions(integrator, system),
       stock(takeStock(context, definitions.underPresentScheme())), bodyForces(context),
       fluid(*this, stock.mobilityForce) {

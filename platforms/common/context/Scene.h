@@ -5,7 +5,9 @@
 #include <openmm/internal/ContextImpl.h>
 
 #include <cstdint>
+#include <map>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "context/BodyDefinitions.h"
@@ -74,6 +76,7 @@ public:
 
     const CustomRigidHIIntegrator& integrator;
     const OpenMM::System& system;
+    const std::map<std::string, double>& contextParameters;
     const std::unique_ptr<ContextArrays> arrays;
     const std::unique_ptr<PlatformLoops> loops;
     BodyDefinitions definitions;

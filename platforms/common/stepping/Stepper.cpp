@@ -63,6 +63,7 @@ void Stepper::takeStep() {
     // Before Forces that change the state (barostats) see it:
     mirror.takeInBox();
     if (mirror.awaitsTakingIn()) takeInChanges();
+    scene.settings.warnOfBarostat(scene);
     const bool removal = momentum.isToBeUndone(), removesMomentum = removal && momentum.isDue();
     if (removal) {
         mirror.takeInChanges(true);
