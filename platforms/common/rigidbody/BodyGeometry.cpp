@@ -255,12 +255,6 @@ BodyGeometry BodyGeometryBuilder::update(const BodyGeometry& known) const {
 }
 
 BodyGeometry BodyGeometryBuilder::build(const vector<Vec3>& members) const {
-    if (needsPositions())
-        for (size_t i = 0; i < particles.size(); i++)
-            if (!system.isVirtualSite(particles[i]) && !isFinite(members[i]))
-                throw OpenMMException(
-                    "CustomRigidHIIntegrator: " + name + ": particle " + to_string(particles[i]) +
-                    " has a non-finite position; set finite positions before stepping");
     vector<Vec3> actual(massive.size());
     if (needsPositions())
         for (size_t i = 0; i < massive.size(); i++) actual[i] = members[massive[i]];
