@@ -4,9 +4,8 @@
 #include <openmm/Vec3.h>
 
 #include <algorithm>
+#include <cstring>
 #include <vector>
-
-#include "context/StateHash.h"
 
 namespace RigidHIPlugin {
 
@@ -34,7 +33,8 @@ public:
     }
     /** Whether all entries are known and have these bits. */
     bool is(const std::vector<OpenMM::Vec3>& array) const {
-        return allAreKnown && sameBits(values, array);
+        return allAreKnown && array.size() == values.size() &&
+               std::memcmp(values.data(), array.data(), values.size() * sizeof values[0]) == 0;
     }
     /** For loops, which then say what they have written. */
     double* data() { return &values[0][0]; }
