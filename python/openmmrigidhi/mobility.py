@@ -264,8 +264,9 @@ class MobilityForce(_copies.Copies, _Base):
         boundary : constant
             Unbounded (default). NoSlipWall: fluid above the plane z = :meth:`setWallHeight`, with
             the model RotnePragerYamakawa. Periodic: the Context's periodic box, with all models
-            (under FreeDraining nothing changes compared with Unbounded). SlipChannel: fluid between two walls (:meth:`setChannelWalls`) that it
-            slips along, with ForceCoupling. ForceCoupling takes only Periodic and SlipChannel.
+            (under FreeDraining nothing changes compared with Unbounded). SlipChannel: fluid between
+            two walls (:meth:`setChannelWalls`) that it slips along, with ForceCoupling.
+            ForceCoupling takes only Periodic and SlipChannel.
         """
         super().setBoundary(_units.constant(boundary, Boundary, _where('setBoundary'), 'boundary'))
 

@@ -1,5 +1,5 @@
-"""Settings of integrator, System, fluid and barostat that do not fit each other are named, once, and
-only where they do not fit."""
+"""Settings of integrator, System, fluid and barostat that do not fit each other are named: once,
+and only where they do not fit."""
 import numpy as np
 import openmm
 import pytest
@@ -52,8 +52,8 @@ def test_a_barostat_at_another_temperature(capfd, make, parameter, shown):
     system.addForce(make(310))
     context = started(system, integrator)
     assert shown.format(310) in integrator.getEffects()['barostat']
-    warning = f'is at 310 K, but the integrator at 300 K: set one temperature by setTemperature() ' \
-        f'and by the Context\'s parameter {parameter}'
+    warning = ('is at 310 K, but the integrator at 300 K: set one temperature by setTemperature() '
+               f"and by the Context's parameter {parameter}")
     assert warning in integrator.getEffects()['warnings']
     assert capfd.readouterr().err == '', 'the user may set the other temperature before a step'
     integrator.step(2)
@@ -93,7 +93,7 @@ def test_a_barostat_beside_bodies_without_a_thermostat(capfd):
     assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
 
 
-# ---- Bodies that are not those of the Context -----------------------------------------------------
+# ---- Bodies that are not those of the Context ----------------------------------------------------
 
 
 def test_bodies_that_were_added_after_the_context(capfd):
@@ -116,7 +116,7 @@ def test_bodies_that_were_added_after_the_context(capfd):
     assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
 
 
-# ---- Rigid water -----------------------------------------------------------------------------------
+# ---- Rigid water ---------------------------------------------------------------------------------
 
 WATER = np.array([(0, 0, 0), (0.09572, 0, 0), (-0.0239872, 0.0926627, 0)])
 
@@ -170,7 +170,7 @@ def test_water_that_is_right_as_it_is(capfd, masses, lengths, asBody):
     assert 'water' not in integrator.getEffects()['constraints of free particles']
 
 
-# ---- Fluids ----------------------------------------------------------------------------------------
+# ---- Fluids --------------------------------------------------------------------------------------
 
 
 def fluidScene(model, boundary, isPeriodic, bodies=2, groups=(), scheme='LangevinHI'):
@@ -220,7 +220,7 @@ def test_fluids_that_fit_the_forces(capfd, model, boundary, isPeriodic, bodies, 
                                                                         and boundary == 'Unbounded')
 
 
-# ---- FreeDraining in a periodic box -----------------------------------------------------------------
+# ---- FreeDraining in a periodic box --------------------------------------------------------------
 
 
 @pytest.mark.parametrize('scheme', ['LangevinHI', 'EulerMaruyama', 'TrapezoidalSlip'])
