@@ -320,6 +320,7 @@ public:
     void setGradientRotationalRelaxationTime(double Upsilon);
     int getRandomNumberSeed() const;
     void setRandomNumberSeed(int seed);
+    int getRandomNumberSeedAsSet() const;
     double getPoseTolerance() const;
     void setPoseTolerance(double tolerance);
     WallRejection getWallRejection() const;

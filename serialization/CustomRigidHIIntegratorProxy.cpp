@@ -120,7 +120,7 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
     node.setDoubleProperty("gradientRelaxationTime", integrator.getGradientRelaxationTime());
     node.setDoubleProperty("gradientRotationalRelaxationTime",
                            integrator.getGradientRotationalRelaxationTime());
-    node.setIntProperty("randomSeed", integrator.getRandomNumberSeed());
+    node.setIntProperty("randomSeed", integrator.getRandomNumberSeedAsSet());
     node.setDoubleProperty("poseTolerance", integrator.getPoseTolerance());
     node.setIntProperty("maximumRejections", integrator.getMaximumRejections());
     node.setIntProperty("numHostThreads", integrator.getNumHostThreads());

@@ -375,10 +375,15 @@ void CustomRigidHIIntegrator::setGradientRotationalRelaxationTime(double Upsilon
     settingsVersion++;
 }
 
-int CustomRigidHIIntegrator::getRandomNumberSeed() const { return randomSeed; }
+int CustomRigidHIIntegrator::getRandomNumberSeed() const {
+    return hasKernel ? boundKernel("getRandomNumberSeed()").getRandomNumberSeed() : randomSeed;
+}
+
+int CustomRigidHIIntegrator::getRandomNumberSeedAsSet() const { return randomSeed; }
 
 void CustomRigidHIIntegrator::setRandomNumberSeed(int seed) {
     randomSeed = seed;
+    if (hasKernel) boundKernel("setRandomNumberSeed()").setRandomNumberSeed(seed);
     settingsVersion++;
 }
 

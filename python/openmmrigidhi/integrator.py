@@ -484,17 +484,27 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             self._number(Upsilon, _units.TIME, method, 'Upsilon'))
 
     def getRandomNumberSeed(self):
-        """Get the seed as it was set (0: each Context draws a fresh seed)."""
+        """Get the seed in use, an int.
+
+        It is that of the bound Context, which was set, drawn afresh, or loaded with a checkpoint or
+        State. Without a Context it is the seed as it was set (0: each Context draws a fresh seed).
+        """
         return super().getRandomNumberSeed()
+
+    def getRandomNumberSeedAsSet(self):
+        """Get the seed that the next Context begins with: as it was set, 0 for a fresh one."""
+        return super().getRandomNumberSeedAsSet()
 
     def setRandomNumberSeed(self, seed):
         """Set the seed, an int.
 
-        With 0 (default) each Context draws a fresh seed. Checkpoints and States save the seed in
-        use, and it goes on where one of them is loaded, and after
-        ``reinitialize(preserveState=True)``. A change takes effect at the next Context creation, or
-        at a ``reinitialize()`` that preserves nothing. After such a ``reinitialize()``,
-        ``setState`` of a State without integrator parameters brings the positions back.
+        With 0 (default) each Context draws a fresh seed. A bound Context uses the new seed from its
+        next step on; with 0 it draws a fresh seed at once.
+
+        Checkpoints and States save the seed in use. It goes on where one of them is loaded, and
+        after ``reinitialize(preserveState=True)``. Runs that begin with one checkpoint and shall
+        differ therefore need this call after the checkpoint was loaded. Random numbers are
+        functions of seed and step, so that setting the seed that is in use changes nothing.
         """
         super().setRandomNumberSeed(_units.integer(seed, _where('setRandomNumberSeed'), 'seed'))
 

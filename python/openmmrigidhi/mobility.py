@@ -19,8 +19,8 @@ class Model(_enums.Documented):
 
         A sphere has its Stokes drag, and a multiblob has its own constant tensor.
 
-        It takes spheres, multiblobs, free particles and own tensors. Boundary: Unbounded. Cost:
-        linear in bodies. docs/models/FreeDraining.md has the rest."""
+        It takes spheres, multiblobs, free particles and own tensors. Boundaries: Unbounded,
+        Periodic. Cost: linear in bodies. docs/models/FreeDraining.md has the rest."""
     RotnePragerYamakawa = _Base.RotnePragerYamakawa, """Pairs of particles interact (default).
 
         A particle is a sphere or a blob. The mobility of a pair follows from surface averages of a
@@ -66,7 +66,7 @@ class Boundary(_enums.Documented):
         'for RotnePragerYamakawa only.')
     Periodic = _Base.Periodic, (
         'The fluid fills the periodic box of the Context, as the box is at each step; for all '
-        'models but FreeDraining.')
+        'models. Under FreeDraining nothing changes compared with Unbounded.')
     SlipChannel = _Base.SlipChannel, (
         'Two walls y = const (setChannelWalls()) bound the fluid, which slips along them and is '
         'periodic in x and z; for ForceCoupling only.')
@@ -264,9 +264,10 @@ class MobilityForce(_copies.Copies, _Base):
         ----------
         boundary : constant or str
             Unbounded (default). NoSlipWall: fluid above the plane z = :meth:`setWallHeight`, with
-            the model RotnePragerYamakawa. Periodic: the Context's periodic box, with all models but
-            FreeDraining. SlipChannel: fluid between two walls (:meth:`setChannelWalls`) that it
-            slips along, with ForceCoupling. ForceCoupling takes only Periodic and SlipChannel.
+            the model RotnePragerYamakawa. Periodic: the Context's periodic box, with all models
+            (under FreeDraining nothing changes compared with Unbounded). SlipChannel: fluid between
+            two walls (:meth:`setChannelWalls`) that it slips along, with ForceCoupling.
+            ForceCoupling takes only Periodic and SlipChannel.
         """
         super().setBoundary(_units.constant(boundary, Boundary, _where('setBoundary'), 'boundary'))
 

@@ -93,6 +93,7 @@ WITHOUT_UNIT = {
         'getNoiseLaw': 'a constant',
         'getBodyHasOwnFriction': 'a truth value',
         'getRandomNumberSeed': 'an integer',
+        'getRandomNumberSeedAsSet': 'an integer',
         'getBodyOrientations': 'unit quaternions',
         'getDegreesOfFreedom': 'numbers of degrees of freedom',
         'getEffects': 'text',

@@ -34,8 +34,6 @@ INDISTINCT = {
     f'{GAP}add the body first': 'test_a_body_index_out_of_range',
     f'; it must be a {GAP}: use one of ': 'test_unknown_constants',
     f'a non-finite {GAP} was found': 'test_a_force_too_large_to_add_up',
-    f'body {GAP}: particle {GAP} has a '
-    f'non-finite position; set': 'test_later_positions_that_are_not_finite',
     f"property '{GAP}' is '{GAP}'": 'test_damaged_xml_of_an_integrator',
     f'gap is {GAP} mean radii': 'test_a_negative_minimum_gap',
     f', argument {GAP} is None': 'test_bindings_check_their_buffers',

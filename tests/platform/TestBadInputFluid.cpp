@@ -523,6 +523,12 @@ TEST(BadFluid, WhatNeedsNoPositionsIsRefusedBeforeThem) {
           "not with ForceCoupling; use setModel(", "or setBoundary(Periodic or SlipChannel)"}},
         {true,
          [](MobilityForce& f) {
+             f.setModel(MobilityForce::FreeDraining);
+             f.setBoundary(MobilityForce::NoSlipWall);
+         },
+         {"not with FreeDraining; use setModel(", "or setBoundary(Unbounded or Periodic)"}},
+        {true,
+         [](MobilityForce& f) {
              f.setModel(MobilityForce::ForceCoupling);
              f.setBoundary(MobilityForce::NoSlipWall);
          },

@@ -342,7 +342,7 @@ TEST(Poses, MembersWithinToleranceArePutBackOthersAreAnError) {
     auto broken = box.positions;
     broken[9][1] = NAN;
     box.context->setPositions(broken);
-    expectError([&] { box.integrator.step(1); }, {"body 2", "particle 9", "non-finite position"});
+    expectError([&] { box.integrator.step(1); }, {"body 2", "particle 9", "which is not finite"});
 }
 
 TEST(Poses, ResetBodyGeometryTakesTheShapeAnew) {

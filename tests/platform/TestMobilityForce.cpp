@@ -470,6 +470,10 @@ TEST(EveryEnumerator, RunsTheOperatorOfItsNameOnThisPlatform) {
             if (model == MobilityForce::FreeDraining)
                 M.topRightCorner(6, 6).setZero(), M.bottomLeftCorner(6, 6).setZero();
             EXPECT_LT(difference(N, M), 1e-12) << name << " is not what the common operator makes";
+            if (model == MobilityForce::FreeDraining && boundary == MobilityForce::Periodic) {
+                EXPECT_EQ(difference(N, known[0]), 0) << "it is FreeDraining, Unbounded";
+                continue;
+            }
             for (const MatrixXd& other : known)
                 EXPECT_GT(difference(N, other), 1e-6) << name << " runs as another model";
             known.push_back(N);

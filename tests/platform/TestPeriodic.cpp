@@ -216,10 +216,6 @@ TEST(Periodic, WhatIsNotThereIsRefused) {
         scene.fluid->setSolver(solver);
         scene.start(testPlatform());
     };
-    expectError([&] { start(MobilityForce::FreeDraining, MobilityForce::Auto); },
-                {"boundary Periodic can be used with the model RotnePragerYamakawa or "
-                 "StokesianDynamics or ForceCoupling",
-                 "not with FreeDraining", "or setBoundary(Unbounded)"});
     expectError(
         [&] { start(MobilityForce::StokesianDynamics, MobilityForce::MatrixFree); },
         {"solver MatrixFree cannot be used with", "with boundary Periodic; use setSolver(Dense)"});

@@ -292,6 +292,85 @@ TEST(Resume, ReinitializePreservesTheState) {
     again.integrator->step(1);
 }
 
+TEST(Resume, ASeedThatIsSetTakesEffectAtTheNextStep) {
+    // Without nonbonded forces, so that equal noise gives equal bits on every platform.
+    Scene scene(false);
+    for (auto scheme : thermostatsWithMomenta()) {
+        const string what = "scheme " + to_string(scheme);
+        Trajectory run(scene, 5, 1, true, scheme);
+        run.integrator->step(3);
+        stringstream saved;
+        run.context->createCheckpoint(saved);
+        const auto load = [&] {
+            saved.clear();
+            saved.seekg(0);
+            run.context->loadCheckpoint(saved);
+        };
+        run.integrator->step(4);
+        const Snapshot uninterrupted = run.now();
+        // Runs from one checkpoint: a seed that is set before is replaced, one that is set after
+        // counts.
+        vector<Snapshot> ends;
+        for (int seed : {11, 12, 13, 11, 5}) {
+            run.integrator->setRandomNumberSeed(99);
+            EXPECT_EQ(run.integrator->getRandomNumberSeed(), 99) << what;
+            load();
+            EXPECT_EQ(run.integrator->getRandomNumberSeed(), 5) << what;
+            EXPECT_EQ(run.integrator->getRandomNumberSeedAsSet(), 99) << what;
+            run.integrator->setRandomNumberSeed(seed);
+            EXPECT_EQ(run.integrator->getRandomNumberSeed(), seed) << what;
+            run.integrator->step(4);
+            ends.push_back(run.now());
+        }
+        for (int i = 0; i < 3; i++) {
+            EXPECT_FALSE(sameBits(ends[i].positions, ends[(i + 1) % 3].positions)) << what;
+            EXPECT_FALSE(sameBits(ends[i].bodyPositions, ends[(i + 1) % 3].bodyPositions)) << what;
+        }
+        expectSame(ends[0], ends[3], what + ": the same seed again");
+        expectSame(ends[4], uninterrupted, what + ": the seed that was in use");
+        // The new seed is saved, too, and a Context that begins with it has the same noise.
+        load();
+        run.integrator->setRandomNumberSeed(12);
+        stringstream changed;
+        run.context->createCheckpoint(changed);
+        Trajectory other(scene, 77, 1, false, scheme);
+        other.context->loadCheckpoint(changed);
+        EXPECT_EQ(other.integrator->getRandomNumberSeed(), 12) << what;
+        other.integrator->step(4);
+        expectSame(ends[1], other.now(), what + ": a checkpoint with the new seed");
+    }
+}
+
+TEST(Resume, SeedZeroIsAFreshSeedForEachContextAndEachCall) {
+    Scene scene(false);
+    Trajectory run(scene, 0, 1, true), other(scene, 0, 1, true);
+    const int drawn = run.integrator->getRandomNumberSeed();
+    EXPECT_NE(drawn, 0);
+    EXPECT_NE(drawn, other.integrator->getRandomNumberSeed());  // false alarm: 2^-32
+    EXPECT_EQ(run.integrator->getRandomNumberSeedAsSet(), 0);
+    stringstream xml;
+    XmlSerializer::serialize<Integrator>(run.integrator.get(), "Integrator", xml);
+    unique_ptr<Integrator> copy(XmlSerializer::deserialize<Integrator>(xml));
+    EXPECT_EQ(dynamic_cast<CustomRigidHIIntegrator&>(*copy).getRandomNumberSeed(), 0)
+        << "a copy would have the noise of this Context";
+    run.integrator->setRandomNumberSeed(0);
+    EXPECT_NE(run.integrator->getRandomNumberSeed(), 0);
+    EXPECT_NE(run.integrator->getRandomNumberSeed(), drawn);  // false alarm: 2^-32
+    // Another run with the seed that was drawn is the same run.
+    const int inUse = other.integrator->getRandomNumberSeed();
+    Trajectory again(scene, inUse, 1, true);
+    EXPECT_EQ(again.integrator->getRandomNumberSeed(), inUse);
+    other.integrator->step(3);
+    again.integrator->step(3);
+    expectSame(other.now(), again.now(), "the seed that was drawn");
+    // reinitialize() begins with the seed as it was set, unless it preserves the state.
+    again.integrator->setRandomNumberSeed(8);
+    again.context->reinitialize(true);
+    EXPECT_EQ(again.integrator->getRandomNumberSeed(), 8);
+    again.context.reset();
+    EXPECT_EQ(again.integrator->getRandomNumberSeed(), 8) << "without a Context";
+}
+
 TEST(Resume, ForeignAndDamagedStatesAreRefused) {
     Scene scene(false);
     Trajectory run(scene, 5, 1, true);

@@ -308,9 +308,7 @@ TEST(Wall, ModelsWithoutAWall) {
             [&] { scene.start(testPlatform()); },
             {"boundary NoSlipWall can be used with the model RotnePragerYamakawa, not with ",
              model == MobilityForce::FreeDraining ? "FreeDraining; use" : "StokesianDynamics; use",
-             model == MobilityForce::FreeDraining
-                 ? "setModel(RotnePragerYamakawa) or setBoundary(Unbounded)"
-                 : "setModel(RotnePragerYamakawa) or setBoundary(Unbounded or Periodic)"});
+             "setModel(RotnePragerYamakawa) or setBoundary(Unbounded or Periodic)"});
     }
 }
 

@@ -81,17 +81,148 @@ def test_no_positions_yet(scene, call):
 def test_first_positions_that_are_not_finite(scene):
     scene.positions[4] = np.nan
     scene.context.setPositions(scene.positions)
-    with refused(
-            'body 1: particle 4 has a non-finite position; set finite positions before stepping'):
+    with refused('body 1: particle 4 has the position (nan, nan, nan) nm, which is not finite; '
+                 'give all particles of the Context finite numbers'):
         scene.integrator.step(1)
-
-
-def test_later_positions_that_are_not_finite(scene):
-    scene.start()
-    scene.positions[4] = np.inf
+    scene.positions[3:6] = SHAPE + 1
     scene.context.setPositions(scene.positions)
-    with refused('body 1: particle 4 has a non-finite position; set finite positions'):
+    scene.integrator.step(1)
+
+
+#: Entries that users may spoil: rows, columns, and what the error names. NumPy's NaN in all numbers
+#: of a body was once the mark of positions that were not set yet.
+SPOILT = {
+    'one number': (4, 1, 'body 1: particle 4'),
+    'one particle': (4, slice(3), 'body 1: particle 4'),
+    'one body': (slice(3, 6), slice(3), 'body 1: particle 3'),
+    'all bodies': (slice(6), slice(3), 'body 0: particle 0'),
+    'all particles': (slice(8), slice(3), 'body 0: particle 0'),
+    'a body of one site': (7, slice(3), 'body 2: particle 7'),
+    'a free particle': (6, slice(3), 'particle 6, which is in no body,'),
+    'a free massless particle': (8, slice(3), 'particle 8, which is in no body,'),
+}
+
+
+@pytest.mark.parametrize('quantity', ['position', 'velocity'])
+@pytest.mark.parametrize('started', [False, True])
+@pytest.mark.parametrize('scheme', [Integrator.LangevinC, Integrator.GradientThermostat])
+def test_numbers_that_are_not_finite(platform, scheme, started, quantity):
+    """Nothing moves, and the run goes on with finite numbers. Velocities are refused in schemes
+    without momenta too, since these keep them for schemes that follow."""
+    system, integrator = openmm.System(), Integrator(0, 0.001)
+    integrator.setScheme(scheme)
+    for mass in (1,)*8 + (0,):
+        system.addParticle(mass)
+    integrator.addRigidBody([0, 1, 2])
+    integrator.addRigidBody([3, 4, 5])
+    integrator.addRigidBody([7], 1, (1, 1, 1), [(0, 0, 0)])
+    context = openmm.Context(system, integrator, platform)
+    positions = np.concatenate([SHAPE, SHAPE + 1, [(2, 2, 2), (3, 3, 3), (4, 4, 4)]])
+    good, setter = {
+        'position': (positions, context.setPositions),
+        'velocity': (np.zeros((9, 3)), context.setVelocities)
+    }[quantity]
+    centres = [positions[:3].mean(0), positions[3:6].mean(0), positions[7]]
+    for rows, columns, named in SPOILT.values():
+        for value in np.nan, np.inf, -np.inf:
+            context.reinitialize()
+            context.setPositions(positions)
+            if started:
+                integrator.step(2)
+            bad = good.copy()
+            bad[rows, columns] = value
+            setter(bad)
+            for call in (integrator.getBodyPositions, lambda: integrator.step(1),
+                         lambda: integrator.step(3)):
+                with refused(f'{named} has the {quantity} (',
+                             'which is not finite; give all particles of the Context finite'):
+                    call()
+            setter(good)
+            assert np.allclose(integrator.getBodyPositions()._value, centres)
+            integrator.step(1)
+            assert np.allclose(integrator.getBodyPositions()._value, centres)
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+@pytest.mark.parametrize('barostat', [False, True])
+def test_a_box_that_is_not_finite(scene, platform, value, barostat):
+    """A barostat would scale positions with the box before the step looks at it."""
+    if barostat:
+        bonds = openmm.HarmonicBondForce()
+        bonds.setUsesPeriodicBoundaryConditions(True)
+        scene.system.addForce(bonds)
+        scene.system.addForce(openmm.MonteCarloBarostat(1, 300, 1))
+    openmmrigidhi.app.bindBodies(scene.system, scene.integrator)
+    scene.context.reinitialize()
+    scene.start()
+    before = scene.everything()
+    box = np.diag([5., 5., 5.])
+    box[1, 1] = value
+    scene.context.setPeriodicBoxVectors(*box)
+    with refused("the Context's box vector b is (0, ", 'which is not finite; set finite vectors'):
         scene.integrator.step(1)
+    box[1, 1] = 5
+    scene.context.setPeriodicBoxVectors(*box)
+    for a, b in zip(before, scene.everything()):
+        assert np.array_equal(a, b), 'the last good state was not kept'
+    scene.integrator.step(1)
+
+
+def test_a_default_box_that_is_not_finite(platform):
+    system, integrator = openmm.System(), Integrator(300, 0.001)
+    integrator.addRigidBody([system.addParticle(1)])
+    system.setDefaultPeriodicBoxVectors((np.nan, 0, 0), (0, 1, 0), (0, 0, 1))
+    with refused("the Context's box vector a is (nan, 0, 0) nm", 'setDefaultPeriodicBoxVectors()'):
+        openmm.Context(system, integrator, platform)
+
+
+def test_a_time_that_is_not_finite(scene):
+    scene.start()
+    scene.context.setTime(np.nan)
+    with refused("the Context's time is nan ps, which is not finite; set a finite time"):
+        scene.integrator.step(1)
+    scene.context.setTime(1)
+    scene.integrator.step(1)
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+def test_a_parameter_that_is_not_finite(scene, value):
+    """step() would make a finite force of NaN."""
+    force = openmmrigidhi.CustomBodyForce('step(k)', '0', '0', '0', '0', '0')
+    force.addGlobalParameter('k', 1)
+    force.addBody(0, [])
+    scene.system.addForce(force)
+    scene.context.reinitialize()
+    scene.start()
+    before = scene.everything()
+    scene.context.setParameter('k', value)
+    with refused(f"the Context's parameter 'k' of force 1 is {value}; set a finite value"):
+        scene.integrator.step(2)
+    scene.context.setParameter('k', 1)
+    for a, b in zip(before, scene.everything()):
+        assert np.array_equal(a, b), 'the last good state was not kept'
+    scene.integrator.step(1)
+
+
+@pytest.mark.parametrize('quantity', ['Position', 'Velocity'])
+@pytest.mark.parametrize('parameters', [False, True])
+def test_a_state_that_is_not_finite(scene, quantity, parameters):
+    scene.start()
+    state = scene.context.getState(getPositions=True, getVelocities=True,
+                                   getIntegratorParameters=parameters)
+    text = openmm.XmlSerializer.serialize(state)
+    rows = text.split(f'<{quantity} ')
+    assert len(rows) == 8
+    rows[4:7] = [
+        re.sub(r'^([xyz])="[^"]*" ([xyz])="[^"]*" ([xyz])="[^"]*"', r'\1="nan" \2="nan" \3="nan"',
+               row) for row in rows[4:7]
+    ]
+    bad = openmm.XmlSerializer.deserialize(f'<{quantity} '.join(rows))
+    scene.context.setState(bad)
+    with refused(f'body 1: particle 3 has the {quantity.lower()} (nan, nan, nan)'):
+        scene.integrator.step(1)
+    scene.context.setState(state)
+    scene.integrator.step(1)
 
 
 def test_positions_that_do_not_fit(scene):
@@ -104,19 +235,6 @@ def test_positions_that_do_not_fit(scene):
         scene.integrator.step(1)
     scene.integrator.resetBodyGeometry()
     scene.integrator.step(1)
-
-
-def test_velocities_that_are_not_finite(scene):
-    scene.start()
-    velocities = np.zeros((7, 3))
-    velocities[4, 1] = np.nan
-    scene.context.setVelocities(velocities)
-    with refused('particle 4 of body 1 has a non-finite velocity; set finite velocities'):
-        scene.integrator.step(1)
-    velocities[4, 1], velocities[6, 0] = 0, np.inf
-    scene.context.setVelocities(velocities)
-    with refused('particle 6', 'has a non-finite velocity'):
-        scene.integrator.step(1)
 
 
 @pytest.mark.parametrize('temperature', [-1, np.nan])

@@ -556,23 +556,35 @@ def test_first_positions_that_are_refused_do_not_become_the_shape(platform):
 
 
 def test_the_saved_seed_goes_on(platform):
-    """A new seed takes effect if no state is preserved."""
+    """A seed that is set takes effect at the next step, and a state that is loaded brings its
+    own."""
     def run(action):
         _, integrator, context = started(platform)
         action(integrator, context)
         integrator.step(2)
-        return places(context)
+        return places(context), integrator.getRandomNumberSeed()
 
     def preserve(integrator, context):
+        context.reinitialize(preserveState=True)
+
+    def load(integrator, context):
+        state = context.getState(getPositions=True, getVelocities=True,
+                                 getIntegratorParameters=True)
+        integrator.setRandomNumberSeed(99)
+        context.setState(state)
+
+    def reseed(integrator, context):
+        integrator.setRandomNumberSeed(99)
+
+    def reseedAndPreserve(integrator, context):
         integrator.setRandomNumberSeed(99)
         context.reinitialize(preserveState=True)
 
-    def anew(integrator, context):
-        integrator.setRandomNumberSeed(99)
-        state = context.getState(getPositions=True, getVelocities=True)
-        context.reinitialize()
-        context.setState(state)
-
-    plain, preserved, reseeded = run(lambda *_: None), run(preserve), run(anew)
-    assert np.abs(preserved - plain).max() < 1e-6
-    assert np.abs(reseeded - plain).max() > 1e-5
+    (plain, seed), (other, newSeed) = run(lambda *_: None), run(reseed)
+    assert newSeed == 99 != seed
+    assert np.abs(other - plain).max() > 1e-5
+    for action in preserve, load:
+        found, inUse = run(action)
+        assert np.abs(found - plain).max() < 1e-6 and inUse == seed
+    found, inUse = run(reseedAndPreserve)
+    assert np.abs(found - other).max() < 1e-6 and inUse == 99

@@ -383,6 +383,33 @@ TEST(DeviceArrays, NonFiniteNumbersAreNotGivenToTheDevice) {
     expectError([&] { arrays.pushVelocities(); }, {"particle 2", "non-finite velocity"});
 }
 
+TEST(DeviceArrays, NonFiniteNumbersOfUsersAreRefusedUntilOthersAreSet) {
+    DeviceScene scene;
+    scene.integrator.step(1);
+    const vector<Vec3> positions = positionsOf(*scene.context),
+                       velocities = velocitiesOf(*scene.context);
+    for (double value : {numeric_limits<double>::quiet_NaN(), numeric_limits<double>::infinity()}) {
+        vector<Vec3> bad = positions;
+        for (Vec3& x : bad) x = Vec3(value, value, value);
+        scene.context->setPositions(bad);
+        expectError([&] { scene.integrator.step(1); },
+                    {"body 0: particle 0 has the position (", "which is not finite"});
+        scene.context->setPositions(positions);
+        scene.integrator.step(1);
+        bad = velocities;
+        bad[10] = Vec3(0, value, 0);
+        scene.context->setVelocities(bad);
+        expectError([&] { scene.integrator.step(1); },
+                    {"particle 10, which is in no body, has the velocity (0, "});
+        scene.context->setVelocities(velocities);
+        scene.integrator.step(1);
+    }
+    // No number is a rounding of infinity.
+    EXPECT_FALSE(isRounded(Vec3(1, 2, 3), Vec3(INFINITY, 2, 3), 1e-7));
+    EXPECT_FALSE(isRounded(Vec3(1, 2, 3), Vec3(1, 2, 3), 1e-7, INFINITY));
+    EXPECT_TRUE(isRounded(Vec3(1, 2, 3), Vec3(1 + 1e-7, 2, 3), 1e-7));
+}
+
 TEST(DeviceArrays, CheckpointsAndStatesContinueFromTheDoubles) {
     for (auto scheme : thermostats())
         for (const bool asState : {false, true}) {

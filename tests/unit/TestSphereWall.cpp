@@ -225,6 +225,161 @@ TEST(SphereWallCongruence, BlobsStayAsTheModelSays) {
     EXPECT_EQ((scene.dense() - expected).cwiseAbs().maxCoeff(), 0);
 }
 
+namespace {
+
+/** A model above a wall whose traits are all unusual, and whose answers tell who was asked. */
+class Unusual : public RotnePragerYamakawaWall {
+public:
+    using RotnePragerYamakawaWall::RotnePragerYamakawaWall;
+    const char* name() const override { return "Unusual"; }
+    bool mayObject() const override { return true; }
+    string objection(const Placement& placement) const override {
+        return placement.positions[0][0] > 50 ? "too far" : "";
+    }
+    Vec3 placeInFormulas(int, const Vec3& position) const override {
+        return position + Vec3(0, 0, 7);
+    }
+    bool isMirrored() const override { return true; }
+    bool hasRoughProducts() const override { return true; }
+    bool hasProducts() const override { return false; }
+    bool isMatrixFree() const override { return true; }
+    bool isAnchored() const override { return true; }
+    bool hasStresslets() const override { return true; }
+    double rowsWorthIterations() const override { return 17; }
+    WaveFactors waveFactors(double radius, double k) const override {
+        WaveFactors factors;
+        factors.s = radius * k;
+        return factors;
+    }
+    double fluidVolume(const BoxVectors&) const override { return 19; }
+    void checkWave(const BoxVectors&, int axis, int) const override { refuse("wave", axis); }
+    void checkBox(const BoxVectors& box) const override { refuse("box", box[0][0]); }
+    string describe(const BoxVectors&) const override { return "described"; }
+    bool hasFastProducts(double error) const override { return error == 0.25; }
+    string describeFastProducts(double) const override { return "fast"; }
+    GridSeconds getGridSeconds() const override {
+        GridSeconds seconds;
+        seconds.transforms = 23;
+        return seconds;
+    }
+    void ownMobility(const HydrodynamicParticles&, const vector<Vec3>&,
+                     MatrixXd& mobility) const override {
+        mobility.setConstant(1, 1, 29);
+    }
+    unique_ptr<MobilityModel> forCollectiveModes(const HydrodynamicParticles& s) const override {
+        return unique_ptr<MobilityModel>(new Unusual(s, 31, NoSlipPlane(0, true)));
+    }
+
+    /** Each kind of product is that of another multiple of the identity. */
+    class Place : public MobilityAt {
+    public:
+        using MobilityAt::MobilityAt;
+        void apply(const MatrixXd& f, MatrixXd& v) override { v = f; }
+        void applyRoughly(const MatrixXd& f, MatrixXd& v) override { v = 2 * f; }
+        void applyWithin(double error, const MatrixXd& f, MatrixXd& v) override { v = error * f; }
+        void applyForDifference(double error, const MatrixXd& f, MatrixXd& v) override {
+            v = (nearby ? 100 : 10) * error * f;
+        }
+        void dense(MatrixXd& M) override { M.setIdentity(particles.numRows, particles.numRows); }
+        void addStressletsOf(const DrivenFlow&, MatrixXd& slips) override { slips.array() += 1; }
+        FlowSources sources(const MatrixXd& forces, const DrivenFlow*) override {
+            return {2 * forces, VectorXd::Constant(5, forces.norm())};
+        }
+        void addFlowAt(const FlowSources& sources, const vector<Vec3>&, double factor,
+                       Velocities& velocities) override {
+            velocities.array() += factor * (sources.forces.norm() + sources.stresslets.sum());
+        }
+        double getSecondsOfGrid() const override { return 37; }
+
+    protected:
+        void moveTo(const Placement&, bool isNearby) override { nearby = isNearby; }
+
+    private:
+        bool nearby = false;
+    };
+
+protected:
+    unique_ptr<MobilityAt> makePlace() const override {
+        return unique_ptr<MobilityAt>(new Place(*this));
+    }
+
+private:
+    [[noreturn]] static void refuse(const string& what, double value) {
+        throw OpenMMException("no such " + what + ": " + to_string(value));
+    }
+};
+
+}  // namespace
+
+// Every virtual method is handed on, or it says something else on purpose. tests/lint/
+// test_sources.py knows which methods there are.
+TEST(SphereWallCongruence, HandsOnWhatItsModelCanDo) {
+    Scene scene;
+    scene.add(0.5, false, -1, 0, 0, 0.2);
+    scene.add(0.7, true, 0, 3, 0, 0.4);
+    const SphereWallCongruence best(
+        scene.particles, 1, scene.wall,
+        unique_ptr<MobilityModel>(new Unusual(scene.particles, 1, scene.wall)));
+    const BoxVectors box = {Vec3(41, 0, 0), Vec3(0, 43, 0), Vec3(0, 0, 47)};
+    EXPECT_STREQ(best.name(), "Unusual");
+    EXPECT_EQ(best.placeInFormulas(0, Vec3(1, 2, 3)), Vec3(1, 2, 10));
+    EXPECT_TRUE(best.isMirrored());
+    EXPECT_TRUE(best.hasRoughProducts());
+    EXPECT_FALSE(best.hasProducts());
+    EXPECT_TRUE(best.isMatrixFree());
+    EXPECT_TRUE(best.isAnchored());
+    EXPECT_TRUE(best.hasStresslets());
+    EXPECT_EQ(best.rowsWorthIterations(), 17);
+    EXPECT_EQ(best.waveFactors(2, 3).s, 6);
+    EXPECT_EQ(best.fluidVolume(box), 19);
+    expectError([&] { best.checkWave(box, 2, 1); }, {"no such wave: 2"});
+    expectError([&] { best.checkBox(box); }, {"no such box: 41"});
+    EXPECT_EQ(best.describe(box), "described");
+    EXPECT_TRUE(best.hasFastProducts(0.25));
+    EXPECT_FALSE(best.hasFastProducts(0.5));
+    EXPECT_EQ(best.describeFastProducts(0.25), "fast");
+    EXPECT_EQ(best.getGridSeconds().transforms, 23);
+    MatrixXd own;
+    best.ownMobility(scene.particles, scene.positions, own);
+    EXPECT_EQ(own(0, 0), 29);
+    EXPECT_EQ(best.forCollectiveModes(scene.particles)->getViscosity(), 31);
+    Placement far = {scene.positions};
+    far.positions[0][0] = 51;
+    EXPECT_EQ(best.objection(far), "too far");
+
+    // Products are those of the model between two factors B.
+    const unique_ptr<MobilityAt> at = best.at({scene.positions});
+    MatrixXd M, product;
+    at->dense(M);
+    const MatrixXd forces = MatrixXd::Random(9, 2);
+    const auto expectProduct = [&](double factor, const string& what) {
+        EXPECT_LT((product - factor * M * forces).norm(), 1e-13 * M.norm()) << what;
+    };
+    at->apply(forces, product);
+    expectProduct(1, "apply()");
+    at->applyRoughly(forces, product);
+    expectProduct(2, "applyRoughly()");
+    at->applyWithin(0.25, forces, product);
+    expectProduct(0.25, "applyWithin()");
+    at->applyForDifference(0.25, forces, product);
+    expectProduct(2.5, "applyForDifference()");
+    best.near({scene.positions})->applyForDifference(0.25, forces, product);
+    expectProduct(25, "applyForDifference() nearby");
+    EXPECT_EQ(at->getSecondsOfGrid(), 37);
+
+    // M = B B^T. Stresslets move particles by B, and are those of the forces B^T F.
+    MatrixXd slips = MatrixXd::Zero(9, 1);
+    at->addStressletsOf(DrivenFlow(), slips);
+    EXPECT_NEAR(slips.topRows(3).norm() / sqrt(M.topLeftCorner(3, 3).trace()), 1, 1e-13);
+    const FlowSources sources = at->sources(forces.leftCols(1), nullptr);
+    EXPECT_EQ(sources.forces, forces.leftCols(1));
+    const double scaled = sqrt((forces.col(0).transpose() * M * forces.col(0)).value());
+    EXPECT_NEAR(sources.stresslets[0], scaled, 1e-13 * scaled);
+    Velocities velocities = Velocities::Zero(3, 1);
+    at->addFlowAt(sources, {Vec3()}, 2, velocities);
+    EXPECT_NEAR(velocities(0, 0), 2 * (scaled + 5 * scaled), 1e-12 * scaled);
+}
+
 TEST(SphereWallCongruence, SpheresMustNotTouchTheWall) {
     Scene scene;
     scene.add(0.5, true, 2, 0, 0, 0.1);

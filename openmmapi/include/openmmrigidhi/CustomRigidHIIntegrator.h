@@ -296,16 +296,27 @@ public:
     /** Set Upsilon (eq. 16), ps. Default 0.001. @throws OpenMMException if not positive and finite
      */
     void setGradientRotationalRelaxationTime(double Upsilon);
-    /** Get the seed as it was set (0: fresh for each Context). */
+    /**
+     * Get the seed in use: that of the bound Context, which was set, drawn afresh, or loaded with a
+     * checkpoint or State. Without a Context it is the seed as it was set (0: fresh for each
+     * Context).
+     */
     int getRandomNumberSeed() const;
     /**
-     * Set the seed. With 0 (default), each Context draws a fresh one. The seed in use is saved with
-     * checkpoints and States. It goes on where one of them is loaded, and so after
-     * reinitialize(preserveState = true). A change takes effect at the next Context creation, or at
-     * a reinitialize() that preserves nothing. After such a reinitialize(), a State without
-     * integrator parameters brings the positions back.
+     * Set the seed. With 0 (default), each Context draws a fresh one. A bound Context uses the new
+     * seed from its next step on; with 0 it draws a fresh seed at once.
+     *
+     * The seed in use is saved with checkpoints and States. It goes on where one of them is loaded,
+     * and so after reinitialize(preserveState = true). Runs that begin with one checkpoint and
+     * shall differ therefore need this call after the checkpoint was loaded. Random numbers are
+     * functions of seed and step, so that setting the seed that is in use changes nothing.
      */
     void setRandomNumberSeed(int seed);
+    /**
+     * Get the seed that the next Context begins with: as it was set, 0 for a fresh one. XML has
+     * this seed.
+     */
+    int getRandomNumberSeedAsSet() const;
     /** Get the pose tolerance, nm. */
     double getPoseTolerance() const;
     /**

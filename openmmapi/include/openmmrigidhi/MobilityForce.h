@@ -34,7 +34,7 @@ public:
         /**
          * No interaction between bodies. A sphere has its Stokes drag 6 pi eta a, 8 pi eta a^3. A
          * multiblob has its own tensor, which is constant in its body frame and computed once.
-         * Cost: linear in bodies.
+         * Unbounded or Periodic. Cost: linear in bodies.
          */
         FreeDraining = 0,
         /**
@@ -80,7 +80,8 @@ public:
          * Particles feel all images of all others and of themselves. The mean velocity of fluid and
          * bodies is zero. Net forces are allowed, because a uniform force density balances them.
          *
-         * RotnePragerYamakawa, StokesianDynamics and ForceCoupling only. Dense matrices come from
+         * All models. Under FreeDraining, bodies feel neither others nor images, and nothing
+         * changes compared with Unbounded. For the other models dense matrices come from
          * lattice sums, to 1e-13 of a particle's own mobility, up to 12000 rows (2000 spheres, 4000
          * blobs); StokesianDynamics up to 1000 spheres. ForceCoupling, and RotnePragerYamakawa of
          * up to 8 radii, have no such limit on a grid, but need boxes with edges along the axes. A

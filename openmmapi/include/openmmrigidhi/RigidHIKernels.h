@@ -46,6 +46,10 @@ public:
     virtual void requireGeometry(OpenMM::ContextImpl& context) = 0;
     /** The number of bodies of the Context. The integrator may have been given more since. */
     virtual int getNumBodies() const = 0;
+    /** The seed in use. */
+    virtual int getRandomNumberSeed() const = 0;
+    /** Use this seed from the next step on; 0: a fresh one. */
+    virtual void setRandomNumberSeed(int seed) = 0;
 
     virtual std::vector<OpenMM::Vec3> getBodyPositions(OpenMM::ContextImpl& context) = 0;
     virtual std::vector<QuaternionArray> getBodyOrientations(OpenMM::ContextImpl& context) = 0;

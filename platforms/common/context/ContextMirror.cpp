@@ -16,8 +16,7 @@ using namespace std;
 namespace RigidHIPlugin {
 
 ContextMirror::ContextMirror(Scene& scene)
-    : scene(scene), lastPositions(scene.system.getNumParticles(), unsetVec3),
-      lastVelocities(lastPositions) {}
+    : scene(scene), lastPositions(scene.system.getNumParticles()), lastVelocities(lastPositions) {}
 
 LoopResult ContextMirror::run(BodyLoop loop) {
     static_assert(sizeof(Vec3) == 3 * sizeof(double),
@@ -26,7 +25,7 @@ LoopResult ContextMirror::run(BodyLoop loop) {
     return scene.loops->run(loop, scene.bodies, scene.settings,
                             {&arrays.positions()[0][0], &arrays.velocities()[0][0],
                              reinterpret_cast<const double*>(arrays.forces().data()),
-                             &lastPositions[0][0], &lastVelocities[0][0]});
+                             lastPositions.data(), lastVelocities.data()});
 }
 
 void ContextMirror::requirePositions(const char* what) const {
@@ -38,8 +37,8 @@ void ContextMirror::requirePositions(const char* what) const {
 
 void ContextMirror::forgetWritten() {
     loaded.reset();
-    lastPositions.assign(lastPositions.size(), unsetVec3);
-    lastVelocities = lastPositions;
+    lastPositions.forgetAll();
+    lastVelocities.forgetAll();
     setSinceStep = true;
 }
 
@@ -60,43 +59,72 @@ void ContextMirror::velocitiesWereSet() {
     setSinceStep = true;
     scene.arrays->pullVelocities();
     // OpenMM then applies velocity constraints. Their changes are taken in as usual.
-    if (drawn.takeIn(scene)) lastVelocities = scene.arrays->velocities();
+    if (drawn.takeIn(scene)) lastVelocities.remember(scene.arrays->velocities());
 }
 
 void ContextMirror::stateWasLoaded(const SavedState& saved, const vector<int>& toBeFitted) {
     // Arrays that are not the saved ones count as changed by the user.
-    lastPositions.assign(lastPositions.size(), unsetVec3);
-    lastVelocities = lastPositions;
+    lastPositions.forgetAll();
+    lastVelocities.forgetAll();
     loaded.reset(new Loaded{saved, toBeFitted});
 }
 
 // -------------------------------------------------------------------------------------------------
 // Taking in changes of the Context by others
 
+void ContextMirror::takeInBox() {
+    const BoxVectors box = scene.getBox();
+    if (memcmp(box.data(), lastBox.data(), sizeof box) == 0) return;
+    scene.noteChange();
+    lastBox = box;
+}
+
 void ContextMirror::takeInChanges(bool stepping) {
     ContextArrays& arrays = *scene.arrays;
+    takeInBox();
     arrays.pullPositions();
     arrays.pullVelocities();
+    // Nothing is taken in before everything was looked at.
+    const bool newPositions = !lastPositions.is(arrays.positions()),
+               newVelocities = !lastVelocities.is(arrays.velocities());
+    if (newPositions) requireFinite(arrays.positions(), "position", "nm");
+    if (newVelocities) requireFinite(arrays.velocities(), "velocity", "nm/ps");
     if (!scene.isBuilt()) scene.buildFromPositions();
     scene.adoptInertiaScale();
-    Vec3 box[3];
-    arrays.getBox(box);
-    if (memcmp(box, lastBox, sizeof box) != 0) {
-        scene.noteChange();
-        memcpy(lastBox, box, sizeof box);
-    }
     if (stepping) scene.fluid.adoptBox();
     if (loaded) takeInLoaded();
-    if (!sameBits(arrays.positions(), lastPositions)) takeInPositions();
-    if (!sameBits(arrays.velocities(), lastVelocities))
+    if (newPositions && !lastPositions.is(arrays.positions())) takeInPositions();
+    if (newVelocities && !lastVelocities.is(arrays.velocities()))
         takeInVelocities(stepping && scene.settings.hasMomenta());
+}
+
+/** Velocities too: schemes without momenta keep them, and a later scheme may use them. */
+void ContextMirror::requireFinite(const vector<Vec3>& array, const char* quantity,
+                                  const char* unit) const {
+    double sum = 0;
+    for (const Vec3& x : array) sum += x[0] + x[1] + x[2];
+    for (int p = 0; !isfinite(sum) && p < (int)array.size(); p++)
+        if (!isFinite(array[p])) {
+            const int body = scene.stock.bodyOfParticle[p];
+            const string other = "particle " + to_string(p) + ", which is in no body,";
+            fail((body >= 0 ? "body " + to_string(body) + ": particle " + to_string(p) : other) +
+                 " has the " + quantity + " " + text(array[p]) + " " + unit +
+                 ", which is not finite" +
+                 (body < 0 || !scene.definitions.hasRedundantConstraints(body)
+                      ? "; give all particles of the Context finite numbers"
+                  : &array == &scene.arrays->positions()
+                      ? whatMakesNanOfBodies
+                      : "; set finite velocities by the Context's setVelocities(), without "
+                        "setVelocitiesToTemperature(), in which OpenMM makes NaN of a body with "
+                        "redundant constraints"));
+        }
 }
 
 void ContextMirror::takeInVelocitiesIfChanged() {
     if (scene.isBuilt() && !loaded) {
         scene.adoptInertiaScale();
         scene.arrays->pullVelocities();
-        if (sameBits(scene.arrays->velocities(), lastVelocities)) return;
+        if (lastVelocities.is(scene.arrays->velocities())) return;
     }
     takeInChanges();
 }
@@ -110,16 +138,18 @@ void ContextMirror::takeInLoaded() {
           &velocities = scene.arrays->velocities();
     const Rounding rounding = loaded->saved.rounding + scene.arrays->rounding();
     if (hashOf(positions) == loaded->saved.positionsHash)
-        lastPositions = positions;
+        lastPositions.remember(positions);
     else if (!rounding.isExact())
         keepWhatAgrees(*loaded, rounding, true);
     if (hashOf(velocities) == loaded->saved.velocitiesHash)
-        lastVelocities = velocities;
+        lastVelocities.remember(velocities);
     else if (!rounding.isExact() && scene.settings.hasMomenta())
         keepWhatAgrees(*loaded, rounding, false);
     for (int b : loaded->toBeFitted)
-        for (int p : scene.definitions.particles(b))
-            lastPositions[p] = lastVelocities[p] = unsetVec3;
+        for (int p : scene.definitions.particles(b)) {
+            lastPositions.forget(p);
+            lastVelocities.forget(p);
+        }
     loaded.reset();
     owed = Owed::Poses;
 }
@@ -131,8 +161,8 @@ void ContextMirror::takeInLoaded() {
  * @param positions  whether the arrays are positions, or else velocities
  */
 void ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& rounding, bool positions) {
-    vector<Vec3>&array = positions ? scene.arrays->positions() : scene.arrays->velocities(),
-    &last = positions ? lastPositions : lastVelocities;
+    vector<Vec3>& array = positions ? scene.arrays->positions() : scene.arrays->velocities();
+    RememberedArray& last = positions ? lastPositions : lastVelocities;
     const double relative = positions ? rounding.positions : rounding.velocities,
                  beside = positions ? scene.arrays->longestEdge() : 0;
     const vector<Vec3> now = array;
@@ -143,25 +173,28 @@ void ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& roundin
     run(positions ? BodyLoop::ScatterPositions : BodyLoop::ScatterVelocities);
     for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
         const vector<int>& particles = scene.definitions.particles(b);
+        last.wereWritten(particles);
         if (all_of(particles.begin(), particles.end(), [&](int p) { return agrees(p, array[p]); }))
             continue;
         for (int p : particles) {
             array[p] = now[p];
-            last[p] = unsetVec3;
+            last.forget(p);
         }
     }
     for (const SavedParticle& particle : loaded.saved.particles) {
         const int p = particle.index;
         if (p < 0 || p >= (int)now.size() || scene.stock.bodyOfParticle[p] >= 0) continue;
         const Vec3& saved = positions ? particle.position : particle.velocity;
-        if (agrees(p, saved)) array[p] = last[p] = saved;
+        if (!agrees(p, saved)) continue;
+        array[p] = saved;
+        last.remember(p, saved);
     }
 }
 
-bool ContextMirror::bodyMembersDiffer(int body, const vector<Vec3>& a,
-                                      const vector<Vec3>& b) const {
+bool ContextMirror::bodyMembersDiffer(int body, const vector<Vec3>& now,
+                                      const RememberedArray& last) const {
     for (int p : scene.definitions.particles(body))
-        if (memcmp(&a[p], &b[p], sizeof(Vec3)) != 0) return true;
+        if (!last.is(p, now[p])) return true;
     return false;
 }
 
@@ -184,16 +217,7 @@ string fromRounding(double distance) {
 BodyState ContextMirror::fitted(int b, double& residual) const {
     const vector<int>& particles = scene.definitions.particles(b);
     vector<Vec3> members;
-    for (int p : particles) {
-        members.push_back(scene.arrays->positions()[p]);
-        if (!isFinite(members.back())) {
-            if (scene.definitions.hasRedundantConstraints(b))
-                fail("body " + to_string(b) + ": particle " + to_string(p) +
-                     " has come to NaN or infinity" + whatMakesNanOfBodies);
-            fail("body " + to_string(b) + ": particle " + to_string(p) +
-                 " has a non-finite position; set finite positions");
-        }
-    }
+    for (int p : particles) members.push_back(scene.arrays->positions()[p]);
     // Virtual sites follow their parents, and users often do not move them. They are put in place
     // and not compared.
     map<int, Vec3> positionOf;
@@ -238,7 +262,7 @@ void ContextMirror::takeInPositions() {
     for (auto& bodyAndState : changed)
         scene.bodies.setState(bodyAndState.first, bodyAndState.second);
     if (scene.fluid) scene.fluid->forgetMemory();
-    lastPositions = scene.arrays->positions();
+    lastPositions.remember(scene.arrays->positions());
     scene.noteChange();
     // The twist comes from the particles' velocities at the new pose.
     for (auto& bodyAndState : changed) takeInTwist(bodyAndState.first);
@@ -250,18 +274,6 @@ void ContextMirror::takeInPositions() {
  */
 void ContextMirror::takeInVelocities(bool putBack) {
     const vector<Vec3>& velocities = scene.arrays->velocities();
-    double sum = 0;
-    for (const Vec3& v : velocities) sum += v[0] + v[1] + v[2];
-    for (int p = 0; !isfinite(sum) && p < (int)velocities.size(); p++)
-        if (!isFinite(velocities[p])) {
-            const int body = scene.stock.bodyOfParticle[p];
-            fail("particle " + to_string(p) + (body >= 0 ? " of body " + to_string(body) : "") +
-                 " has a non-finite velocity; set finite velocities" +
-                 (body >= 0 && scene.definitions.hasRedundantConstraints(body)
-                      ? " by the Context's setVelocities(), without setVelocitiesToTemperature(), "
-                        "in which OpenMM makes NaN of a body with redundant constraints"
-                      : ""));
-        }
     // A CMMotionRemover changes all velocities at every step. Most bodies take the fast way, in one
     // pass.
     run(putBack ? BodyLoop::TakeInAndScatterVelocities : BodyLoop::TakeInVelocities);
@@ -273,10 +285,11 @@ void ContextMirror::takeInVelocities(bool putBack) {
         slowBodies = true;
         if (bodyMembersDiffer(b, velocities, lastVelocities)) takeInTwist(b);
     }
-    if (putBack && !slowBodies)
-        for (int p : scene.stock.otherParticles) lastVelocities[p] = velocities[p];
-    else {
-        lastVelocities = velocities;
+    if (putBack && !slowBodies) {
+        for (int p : scene.stock.otherParticles) lastVelocities.remember(p, velocities[p]);
+        lastVelocities.allWereWritten();
+    } else {
+        lastVelocities.remember(velocities);
         owed = max(owed, Owed::Twists);
     }
 }
@@ -320,7 +333,7 @@ void ContextMirror::writeTwists() {
 
 void ContextMirror::rememberFreeVelocities() {
     for (int p : scene.freeParticles->getParticles())
-        lastVelocities[p] = scene.arrays->velocities()[p];
+        lastVelocities.remember(p, scene.arrays->velocities()[p]);
 }
 
 void ContextMirror::placeFreeVirtualSites() {
@@ -328,13 +341,13 @@ void ContextMirror::placeFreeVirtualSites() {
     scene.arrays->computeVirtualSites();
     // OpenMM has placed the virtual sites in bodies too, with differences of rounding. These
     // differences are no change by others.
-    for (int p : scene.stock.virtualSites) lastPositions[p] = scene.arrays->positions()[p];
+    for (int p : scene.stock.virtualSites) lastPositions.remember(p, scene.arrays->positions()[p]);
 }
 
 void ContextMirror::rememberOtherParticles() {
     for (int p : scene.stock.otherParticles) {
-        lastPositions[p] = scene.arrays->positions()[p];
-        lastVelocities[p] = scene.arrays->velocities()[p];
+        lastPositions.remember(p, scene.arrays->positions()[p]);
+        lastVelocities.remember(p, scene.arrays->velocities()[p]);
     }
 }
 

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "context/DrawnVelocities.h"
+#include "context/RememberedArray.h"
 #include "context/SavedState.h"
 #include "context/Scene.h"
 
@@ -30,8 +31,14 @@ public:
     /** Geometries were reset, so that all positions and velocities are to be taken in anew. */
     void forgetWritten();
 
-    /** Bring poses and twists up to date with the Context's positions, velocities and box. */
+    /**
+     * Bring poses and twists up to date with the Context's positions, velocities and box. @throws
+     * OpenMMException if others set numbers that are not finite, or positions that do not fit the
+     * bodies. Bodies then stay as they were.
+     */
     void takeInChanges(bool stepping = false);
+    /** Likewise for the box alone, which Forces that change the state (barostats) read. */
+    void takeInBox();
     /**
      * Bring twists up to date if velocities were changed, but not because of positions: a barostat
      * asks for the energy of trial positions.
@@ -102,14 +109,14 @@ private:
     void takeInVelocities(bool putBack);
     void takeInTwist(int body);
     BodyState fitted(int body, double& residual) const;
-    bool bodyMembersDiffer(int body, const std::vector<OpenMM::Vec3>& a,
-                           const std::vector<OpenMM::Vec3>& b) const;
+    bool bodyMembersDiffer(int body, const std::vector<OpenMM::Vec3>& now,
+                           const RememberedArray& last) const;
+    void requireFinite(const std::vector<OpenMM::Vec3>& array, const char* quantity,
+                       const char* unit) const;
 
     Scene& scene;
-    // Positions and velocities that the mirror wrote or took in last. Entries that are unset count
-    // as changed.
-    std::vector<OpenMM::Vec3> lastPositions, lastVelocities;
-    OpenMM::Vec3 lastBox[3];
+    RememberedArray lastPositions, lastVelocities;  // as the mirror wrote or took them in
+    BoxVectors lastBox = {};
     std::unique_ptr<Loaded> loaded;
     DrawnVelocities drawn;
     Owed owed = Owed::Nothing;

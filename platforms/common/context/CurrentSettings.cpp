@@ -4,6 +4,7 @@
 
 #include <iostream>
 
+#include "context/Mismatches.h"
 #include "context/Scene.h"
 #include "schemes/Thermostats-inl.h"
 
@@ -76,10 +77,21 @@ void CurrentSettings::warnOfSteps(const Scene& scene) {
     if (stepsHaveWarnings(scene, printed)) printWarnings(scene);
 }
 
+void CurrentSettings::warnOfBarostat(const Scene& scene) {
+    if (scene.stock.barostat.empty() || printed.count(WarningCause::BarostatTemperature) > 0)
+        return;
+    const string text = barostatAtAnotherTemperature(scene);
+    if (!text.empty()) printOnce(WarningCause::BarostatTemperature, text);
+}
+
 void CurrentSettings::printWarnings(const Scene& scene) {
     for (const auto& warning : findWarnings(scene))
-        if (printed.insert(warning.first).second)
-            cerr << "Warning: CustomRigidHIIntegrator: " << warning.second << endl;
+        if (warning.first != WarningCause::BarostatTemperature)
+            printOnce(warning.first, warning.second);
+}
+
+void CurrentSettings::printOnce(WarningCause cause, const string& text) {
+    if (printed.insert(cause).second) cerr << "Warning: CustomRigidHIIntegrator: " << text << endl;
 }
 
 }  // namespace RigidHIPlugin

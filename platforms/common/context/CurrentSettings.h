@@ -29,10 +29,16 @@ public:
 
     /** Give warnings that depend on the steps so far. To be called now and then. */
     void warnOfSteps(const Scene& scene);
+    /**
+     * Give the warning about a barostat's temperature. To be called when a step begins: between
+     * steps users set one temperature after the other.
+     */
+    void warnOfBarostat(const Scene& scene);
 
 private:
     void setThermostats(Scene& scene);
     void printWarnings(const Scene& scene);
+    void printOnce(WarningCause cause, const std::string& text);
     std::optional<std::pair<int, double> >
         takenOver;  // the integrator's version of its settings, and its step size
     std::set<WarningCause> printed;

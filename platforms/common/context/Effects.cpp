@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "context/Messages.h"
+#include "context/Mismatches.h"
 #include "context/MomentumRemoval.h"
 #include "context/Scene.h"
 #include "openmmrigidhi/internal/Messages.h"
@@ -79,7 +80,11 @@ private:
         const bool hasForce = fluid.getParameters() != nullptr;
         const string missing =
             hasForce ? "positions are not set yet" : "the System has no MobilityForce";
-        set("hydrodynamics", hasForce, fluid ? fluid->describe(scheme) : missing);
+        const bool unbounded = hasForce && scene.system.usesPeriodicBoundaryConditions() &&
+                               !fluid.getParameters()->usesPeriodicBoundaryConditions();
+        set("hydrodynamics", hasForce,
+            (fluid ? fluid->describe(scheme) : missing) +
+                (unbounded ? "; unbounded, though forces are periodic" : ""));
         set("mobilities asked for", hasForce, fluid ? fluid->describeAnswers() : missing);
         const string flow = fluid ? fluid->describeFlow() : "";
         set("driven flow", !flow.empty(),
@@ -191,16 +196,24 @@ private:
                  : counted(numFree, "massive particle is", "massive particles are")) +
                 " in no body");
         set("constraints of free particles", constraints > 0,
-            counted(constraints, "constraint", "constraints"));
+            counted(constraints, "constraint", "constraints") +
+                (scene.stock.numFreeWaters == 0
+                     ? string()
+                     : ", also of " +
+                           counted(scene.stock.numFreeWaters, "rigid water that is",
+                                   "rigid waters that are") +
+                           " in no body (openmmrigidhi.app.addRigidWater() makes bodies)"));
         set("centre-of-mass motion removal", scene.stock.hasCMMotionRemover,
             !scene.stock.hasCMMotionRemover ? "the System has no CMMotionRemover"
             : massesAreTheSystems(scene)
                 ? "the System has a CMMotionRemover"
                 : "the System has a CMMotionRemover; the momentum that is removed is computed with "
                   "the bodies' own masses, which are not all those of the System");
-        set("barostat", !scene.stock.barostat.empty(),
-            scene.stock.barostat.empty() ? "the System has none"
-                                         : "the System has a " + scene.stock.barostat);
+        set("barostat", !scene.stock.barostat.empty(), describeBarostat(scene));
+        const string later = bodiesWithoutContext(scene);
+        set("bodies", scene.definitions.getNumBodies() > 0,
+            counted(scene.definitions.getNumBodies(), "body", "bodies") +
+                (later.empty() ? "" : "; " + later));
         const int groups = scene.integrator.getIntegrationForceGroups();
         set("body forces", scene.bodyForces.isOn(groups), scene.bodyForces.describe(groups));
     }

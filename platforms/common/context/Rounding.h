@@ -36,7 +36,7 @@ inline bool isRounded(const OpenMM::Vec3& read, const OpenMM::Vec3& given, doubl
                       double beside = 0) {
     double largest = beside;
     for (int k = 0; k < 3; k++) largest = std::max(largest, std::abs(given[k]));
-    bool within = true;
+    bool within = std::isfinite(largest);  // infinity is no rounding of anything
     for (int k = 0; k < 3; k++)
         within = within && std::abs(read[k] - given[k]) <= relative * largest;
     return within;

@@ -1,15 +1,25 @@
 #include "context/Scene.h"
 
 #include <random>
+#include <string>
+
+#include "context/Messages.h"
 
 using namespace OpenMM;
 using namespace std;
 
 namespace RigidHIPlugin {
 
+uint32_t seedOrFresh(int seed) {
+    uint32_t key = seed;
+    while (key == 0) key = random_device()();
+    return key;
+}
+
 Scene::Scene(ContextImpl& context, const CustomRigidHIIntegrator& integrator,
              unique_ptr<ContextArrays> arraysToUse, unique_ptr<PlatformLoops> loopsToUse)
-    : integrator(integrator), system(context.getSystem()), arrays(move(arraysToUse)),
+    : integrator(integrator), system(context.getSystem()),
+      contextParameters(context.getParameters()), arrays(move(arraysToUse)),
       loops(move(loopsToUse)), definitions(integrator, system),
       stock(takeStock(context, definitions.underPresentScheme())), bodyForces(context),
       fluid(*this, stock.mobilityForce) {
@@ -18,13 +28,13 @@ Scene::Scene(ContextImpl& context, const CustomRigidHIIntegrator& integrator,
     checkScheme(system, definitions.underPresentScheme(), stock);
     stock.mobilityForce = fluid.getParameters();
     freeParticles.reset(new FreeParticles(system, stock.freeParticles, arrays->constraints()));
+    getBox();  // throws where it is not finite
     definitions.takeFromSystem();
     if (definitions.areAllKnown())
         build(definitions.geometries());
     else
         fluid.check();
-    settings.noise.seed = integrator.getRandomNumberSeed();
-    while (settings.noise.seed == 0) settings.noise.seed = random_device()();
+    settings.noise.seed = seedOrFresh(integrator.getRandomNumberSeedAsSet());
 }
 
 void Scene::build(const vector<BodyGeometry>& geometries) {
@@ -65,6 +75,12 @@ void Scene::adoptInertiaScale() {
 BoxVectors Scene::getBox() const {
     Vec3 box[3];
     arrays->getBox(box);
+    const char* const names[3] = {"a", "b", "c"};
+    for (int k = 0; k < 3; k++)
+        if (!isFinite(box[k]))
+            fail(string("the Context's box vector ") + names[k] + " is " + text(box[k]) +
+                 " nm, which is not finite; set finite vectors by setPeriodicBoxVectors() on the "
+                 "Context, or by setDefaultPeriodicBoxVectors() on the System before");
     return {box[0], box[1], box[2]};
 }
 

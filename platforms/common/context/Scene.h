@@ -4,7 +4,10 @@
 #include <openmm/System.h>
 #include <openmm/internal/ContextImpl.h>
 
+#include <cstdint>
+#include <map>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "context/BodyDefinitions.h"
@@ -20,6 +23,9 @@
 #include "rigidbody/BodySet.h"
 
 namespace RigidHIPlugin {
+
+/** The key of random numbers that a seed stands for. A seed of 0 stands for a fresh key. */
+uint32_t seedOrFresh(int seed);
 
 /**
  * The moving parts of one Context: bodies, free particles, the fluid between them, and the settings
@@ -57,7 +63,7 @@ public:
      */
     void adoptInertiaScale();
 
-    /** The Context's periodic box at present. */
+    /** The Context's periodic box at present. @throws OpenMMException if it is not finite */
     BoxVectors getBox() const;
 
     /**
@@ -70,6 +76,7 @@ public:
 
     const CustomRigidHIIntegrator& integrator;
     const OpenMM::System& system;
+    const std::map<std::string, double>& contextParameters;
     const std::unique_ptr<ContextArrays> arrays;
     const std::unique_ptr<PlatformLoops> loops;
     BodyDefinitions definitions;

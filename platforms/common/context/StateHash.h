@@ -5,7 +5,6 @@
 
 #include <cstdint>
 #include <cstring>
-#include <limits>
 #include <string>
 #include <vector>
 
@@ -17,11 +16,6 @@ inline uint64_t hashOf(const std::string& bytes) {
     for (unsigned char c : bytes) hash = (hash ^ c) * 0x100000001b3u;
     return hash;
 }
-
-/** A value that no array holds. It differs from every value, so that it counts as changed. */
-const OpenMM::Vec3 unsetVec3(std::numeric_limits<double>::quiet_NaN(),
-                             std::numeric_limits<double>::quiet_NaN(),
-                             std::numeric_limits<double>::quiet_NaN());
 
 /**
  * A hash by which an array of positions or velocities is recognised after a checkpoint or State was

@@ -8,6 +8,7 @@
 #include <openmm/System.h>
 #include <openmm/VirtualSite.h>
 
+#include <map>
 #include <set>
 #include <typeinfo>
 
@@ -82,6 +83,32 @@ void checkMolecules(const ContextImpl& context, const CustomRigidHIIntegrator& i
     }
 }
 
+/**
+ * Rigid waters that are in no body: molecules of three massive particles with three constraints,
+ * in which two light particles are alike.
+ */
+void findFreeWaters(const System& system, SystemInventory& stock) {
+    map<int, map<int, double> > tied;  // particle, partner, distance
+    for (int i = 0; i < system.getNumConstraints(); i++) {
+        int a, b;
+        double distance;
+        system.getConstraintParameters(i, a, b, distance);
+        if (stock.bodyOfParticle[a] >= 0) continue;
+        tied[a][b] = tied[b][a] = distance;
+    }
+    for (const auto& entry : tied) {
+        const int heavy = entry.first;
+        if (entry.second.size() != 2) continue;
+        const int a = entry.second.begin()->first, b = entry.second.rbegin()->first;
+        const double mass = system.getParticleMass(a);
+        if (tied[a].size() != 2 || tied[b].size() != 2 || tied[a].count(b) == 0 || !(mass > 0) ||
+            system.getParticleMass(b) != mass || !(system.getParticleMass(heavy) > mass) ||
+            entry.second.at(a) != entry.second.at(b))
+            continue;
+        if (stock.numFreeWaters++ == 0) stock.firstFreeWater = heavy;
+    }
+}
+
 bool seenByFluid(const SystemInventory& stock, int particle) {
     return stock.mobilityForce && particle < stock.mobilityForce->getNumParticles() &&
            stock.mobilityForce->getParticleRadius(particle) > 0;
@@ -140,17 +167,23 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
             stock.hasCMMotionRemover = true;
             stock.removalFrequencies.push_back(remover->getFrequency());
         }
-        if (dynamic_cast<const MonteCarloBarostat*>(&force)) stock.barostat = "MonteCarloBarostat";
+        const auto barostat = [&](const char* name, const string& temperature) {
+            stock.barostat = name;
+            stock.barostatTemperature = temperature;
+        };
+        if (dynamic_cast<const MonteCarloBarostat*>(&force))
+            barostat("MonteCarloBarostat", MonteCarloBarostat::Temperature());
         if (dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force))
-            stock.barostat = "MonteCarloAnisotropicBarostat";
+            barostat("MonteCarloAnisotropicBarostat", MonteCarloAnisotropicBarostat::Temperature());
         if (dynamic_cast<const MonteCarloMembraneBarostat*>(&force))
-            stock.barostat = "MonteCarloMembraneBarostat";
+            barostat("MonteCarloMembraneBarostat", MonteCarloMembraneBarostat::Temperature());
         if (string(typeid(force).name()).find("MonteCarloFlexibleBarostat") != string::npos)
             fail("force " + to_string(i) +
                  ", a MonteCarloFlexibleBarostat, may deform rigid bodies; use a "
                  "MonteCarloBarostat, MonteCarloAnisotropicBarostat or MonteCarloMembraneBarostat");
     }
     checkMolecules(context, integrator, stock.barostat);
+    findFreeWaters(system, stock);
     return stock;
 }
 

@@ -21,6 +21,9 @@ struct SystemInventory {
     bool hasCMMotionRemover = false;
     std::vector<int> removalFrequencies;  // of every CMMotionRemover, steps
     std::string barostat;                 // its class name, or empty
+    std::string barostatTemperature;      // the parameter of the Context that has it, or empty
+    int numFreeWaters = 0;                // rigid waters in no body
+    int firstFreeWater = -1;              // its first particle
     std::string
         velocityDependentForce;  // a CustomBodyForce whose expressions use velocities, or empty
     const class MobilityForce* mobilityForce = nullptr;

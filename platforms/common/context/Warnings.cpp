@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "context/Messages.h"
+#include "context/Mismatches.h"
 #include "context/Scene.h"
 #include "openmmrigidhi/internal/Messages.h"
 
@@ -230,6 +231,7 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
             " about 1, above " + number(driftFactorLimit) +
             ", so that the step is too large for the drift; take a smaller step, or "
             "RandomFiniteDifference or TrapezoidalSlip";
+    addMismatches(scene, result);
     return result;
 }
 

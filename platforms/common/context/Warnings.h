@@ -23,7 +23,11 @@ enum class WarningCause {
     SpinUnderLangevinA,
     DrivenSpin,
     FastRelaxation,
-    ManyRejections
+    ManyRejections,
+    BodiesWithoutContext,
+    UnboundedFluid,
+    WatersWithoutBodies,
+    BarostatTemperature
 };
 /** The spread of drift factors above which they are not a small correction any more. */
 constexpr double driftFactorLimit = 0.3;

@@ -221,7 +221,7 @@ public:
                force.getBoundary() == MobilityForce::SlipChannel;
     }
     /** Whether the fluid has a periodic box. In other fluids nothing changes with the box. */
-    bool isPeriodic() const { return force.usesPeriodicBoundaryConditions(); }
+    bool isPeriodic() const { return !isFreeDraining() && force.usesPeriodicBoundaryConditions(); }
     /** @throws OpenMMException if a body of a periodic fluid does not fit into the box, naming it,
      * its length, the box and the remedy */
     void checkBox();
@@ -262,7 +262,10 @@ public:
      * Whether a body that is alone in its group feels only the fluid around it: no wall, and no
      * images of its own.
      */
-    bool isUniform() const { return force.getBoundary() == MobilityForce::Unbounded; }
+    bool isUniform() const {
+        return isFreeDraining() || force.getBoundary() == MobilityForce::Unbounded;
+    }
+    bool isFreeDraining() const { return force.getModel() == MobilityForce::FreeDraining; }
     int getNumGroups() const { return groups.size(); }
     /** The number of bodies and free particles that are not alone in their group. */
     int numInteracting() const;

@@ -220,6 +220,8 @@ string Fluid::describe(const SchemeTraits& scheme) const {
                      ? " with all images along x and z in "
                      : " with all images in ")
              << describeBox();
+    if (isFreeDraining() && force.getBoundary() == MobilityForce::Periodic)
+        text << " in a periodic box, where bodies feel neither others nor images, as if unbounded";
     FluidGroup* largest = nullptr;
     for (const auto& group : groups)
         if (!largest || group->bodies.getNumParticleRows() > largest->bodies.getNumParticleRows())

@@ -18,7 +18,8 @@ constexpr ErrorsOf fail{"MobilityForce"};
 }  // namespace
 
 UserFlow::UserFlow(const MobilityForce& force)
-    : boundary(force.getBoundary()), viscosity(force.getViscosity()),
+    : isFreeDraining(force.getModel() == MobilityForce::FreeDraining),
+      boundary(force.getBoundary()), viscosity(force.getViscosity()),
       wallHeight(force.getWallHeight()) {
     force.getSinusoidalForceDensity(f0, forceAxis, waveAxis, waveVectorIndex);
     force.getBackgroundFlow(velocity, gradient);
@@ -43,6 +44,11 @@ DrivenFlow UserFlow::inBox(const BoxVectors& box) const {
 }
 
 void UserFlow::check() const {
+    if (hasWave() && isFreeDraining)
+        fail(
+            "a sinusoidal force density drives a fluid that bodies share, and under FreeDraining "
+            "each body has a fluid of its own; use setModel(RotnePragerYamakawa), or "
+            "setSinusoidalForceDensity() with f0 = 0");
     if (hasWave() && boundary != MobilityForce::Periodic && boundary != MobilityForce::SlipChannel)
         fail("a sinusoidal force density needs a periodic fluid, and the boundary is " +
              string(boundaryName(boundary)) +
@@ -54,6 +60,8 @@ void UserFlow::check() const {
              ", and a SlipChannel has its walls across axis 1; both must be along the walls: give "
              "axes 0 and 2");
     if (!hasBackground()) return;
+    const bool isUniform = gradient == vector<double>(gradient.size(), 0.0);
+    if (isFreeDraining && isUniform) return;
     if (boundary == MobilityForce::Periodic || boundary == MobilityForce::SlipChannel)
         fail("a background flow cannot be used with boundary " + string(boundaryName(boundary)) +
              ", because the mean velocity of a periodic fluid is 0 and a velocity gradient is not "

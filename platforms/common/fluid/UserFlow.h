@@ -28,6 +28,7 @@ struct UserFlow {
     std::vector<double> gradient;
 
 private:
+    const bool isFreeDraining;
     const MobilityForce::Boundary boundary;
     const double viscosity, wallHeight;
 };

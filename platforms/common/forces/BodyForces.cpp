@@ -7,6 +7,7 @@
 
 #include "forces/Expression.h"
 #include "openmmrigidhi/internal/CustomBodyForceImpl.h"
+#include "openmmrigidhi/internal/Errors.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -14,6 +15,8 @@ using namespace std;
 namespace RigidHIPlugin {
 
 namespace {
+
+constexpr ErrorsOf fail{"CustomBodyForce"};
 
 // The places of variables among the values of a force. Parameters follow
 // (CustomBodyForce::variableNames()).
@@ -108,7 +111,14 @@ void BodyForces::addOnce(ContextImpl& context, BodySet& bodies, int groups, doub
         if (!force->isIn(groups)) continue;
         double* values = force->values.data();
         double* globalValues = values + firstParameter + force->numPerBody;
-        for (const string& name : force->globals) *globalValues++ = globals.at(name);
+        for (const string& name : force->globals) {
+            // Functions such as step() and min() would make finite forces of NaN.
+            const double value = globals.at(name);
+            if (!isfinite(value))
+                fail("the Context's parameter '" + name + "' of force " + to_string(force->index) +
+                     " is " + text(value) + "; set a finite value by setParameter()");
+            *globalValues++ = value;
+        }
         values[T] = t;
         const double* parameters = force->impl.getParameters().data();
         for (int b : force->impl.getBodies()) {

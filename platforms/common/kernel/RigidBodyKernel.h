@@ -41,6 +41,10 @@ public:
     void resetBodyGeometry(OpenMM::ContextImpl& context) override;
     void requireGeometry(OpenMM::ContextImpl& context) override;
     int getNumBodies() const override { return scene->definitions.getNumBodies(); }
+    int getRandomNumberSeed() const override {
+        return static_cast<int>(scene->settings.noise.seed);
+    }
+    void setRandomNumberSeed(int seed) override { scene->settings.noise.seed = seedOrFresh(seed); }
     std::vector<OpenMM::Vec3> getBodyPositions(OpenMM::ContextImpl& context) override;
     std::vector<QuaternionArray> getBodyOrientations(OpenMM::ContextImpl& context) override;
     std::vector<OpenMM::Vec3> getBodyVelocities(OpenMM::ContextImpl& context) override;

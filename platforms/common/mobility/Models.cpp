@@ -65,15 +65,21 @@ unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force
                                     force.getGridSpacing(), gridFluid(own)));
 }
 
+unique_ptr<MobilityModel> unboundedRotnePragerYamakawa(const MobilityForce& force,
+                                                       const HydrodynamicParticles& particles,
+                                                       const PlatformModels& own) {
+    const double eta = force.getViscosity();
+    if (own.rotnePragerYamakawa) return own.rotnePragerYamakawa(particles, eta, {});
+    return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, eta));
+}
+
 unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
                                               const MobilityScene& scene,
                                               const HydrodynamicParticles& particles,
                                               const PlatformModels& own) {
     const double eta = force.getViscosity();
     switch (force.getBoundary()) {
-        case MobilityForce::Unbounded:
-            if (own.rotnePragerYamakawa) return own.rotnePragerYamakawa(particles, eta, {});
-            return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, eta));
+        case MobilityForce::Unbounded: return unboundedRotnePragerYamakawa(force, particles, own);
         case MobilityForce::NoSlipWall: {
             const NoSlipPlane wall(force.getWallHeight(), scene.crossingAllowed);
             return withSphereWallMobility(
@@ -132,8 +138,9 @@ unique_ptr<MobilityModel> createMobility(const MobilityForce& force, const Mobil
                 particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
         case MobilityForce::ForceCoupling: return forceCoupling(force, scene, particles, own);
         // Particles that do not feel others still feel themselves: the blobs of one body make its
-        // tensor.
+        // tensor. They do not feel images.
         case MobilityForce::FreeDraining:
+            return unboundedRotnePragerYamakawa(force, particles, own);
         case MobilityForce::RotnePragerYamakawa:
             return rotnePragerYamakawa(force, scene, particles, own);
     }
@@ -156,9 +163,7 @@ bool hasBoundary(MobilityForce::Model model, MobilityForce::Boundary boundary) {
             return *modelName(model) != 0 && model != MobilityForce::ForceCoupling;
         case MobilityForce::NoSlipWall: return model == MobilityForce::RotnePragerYamakawa;
         case MobilityForce::Periodic:
-            return model == MobilityForce::RotnePragerYamakawa ||
-                   model == MobilityForce::StokesianDynamics ||
-                   model == MobilityForce::ForceCoupling;
+            return *modelName(model) != 0;  // FreeDraining has no images, and takes the box
         case MobilityForce::SlipChannel: return model == MobilityForce::ForceCoupling;
     }
     return false;

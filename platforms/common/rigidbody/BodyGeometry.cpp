@@ -272,17 +272,6 @@ BodyGeometry BodyGeometryBuilder::update(const BodyGeometry& known) const {
 }
 
 BodyGeometry BodyGeometryBuilder::build(const vector<Vec3>& members) const {
-    if (needsPositions())
-        for (size_t i = 0; i < particles.size(); i++)
-            if (!system.isVirtualSite(particles[i]) && !isFinite(members[i])) {
-                const string who =
-                    "CustomRigidHIIntegrator: " + name + ": particle " + to_string(particles[i]);
-                if (hasRedundantConstraints())
-                    throw OpenMMException(who + " starts at NaN or infinity" +
-                                          whatMakesNanOfBodies);
-                throw OpenMMException(
-                    who + " has a non-finite position; set finite positions before stepping");
-            }
     vector<Vec3> actual(massive.size());
     if (needsPositions())
         for (size_t i = 0; i < massive.size(); i++) actual[i] = members[massive[i]];

@@ -1,5 +1,9 @@
 #include "stepping/Stepper.h"
 
+#include <cmath>
+
+#include "context/Messages.h"
+
 using namespace OpenMM;
 
 namespace RigidHIPlugin {
@@ -52,9 +56,14 @@ void Stepper::evaluateForces() {
 
 void Stepper::takeStep() {
     mirror.requirePositions("step()");
+    if (!std::isfinite(scene.arrays->getTime()))
+        fail("the Context's time is " + text(scene.arrays->getTime()) +
+             " ps, which is not finite; set a finite time by setTime()");
     if (scene.isBuilt()) scene.updateSettings();
-    if (mirror.awaitsTakingIn())
-        takeInChanges();  // before Forces that change the state (barostats) see it
+    // Before Forces that change the state (barostats) see it:
+    mirror.takeInBox();
+    if (mirror.awaitsTakingIn()) takeInChanges();
+    scene.settings.warnOfBarostat(scene);
     const bool removal = momentum.isToBeUndone(), removesMomentum = removal && momentum.isDue();
     if (removal) {
         mirror.takeInChanges(true);

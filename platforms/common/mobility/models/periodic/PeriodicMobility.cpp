@@ -18,17 +18,19 @@ using Eigen::Vector3d;
 PeriodicMobility::PeriodicMobility(const HydrodynamicParticles& particles, double viscosity,
                                    int largestRows)
     : MobilityModel(particles, viscosity) {
-    checkPeriodicRows(particles.numRows, largestRows);
+    checkPeriodicRows(particles.numRows, largestRows, true);
 }
 
-void checkPeriodicRows(int rows, int largestRows) {
+void checkPeriodicRows(int rows, int largestRows, bool hasGrid) {
     if (rows <= largestRows) return;
     throw OpenMM::OpenMMException(
         "MobilityForce: a periodic fluid without a grid uses dense matrices of at most " +
         text(largestRows) + " rows, but these particles need " + text(rows) +
         " rows: six for each sphere (StokesianDynamics: eleven), three for each blob or particle "
-        "in no body, and in a SlipChannel as many again for its image; use fewer particles, or "
-        "divide the bodies into groups by setGroups()");
+        "in no body, and in a SlipChannel as many again for its image; use fewer particles, or " +
+        (hasGrid ? "the grid, by setSolver(MatrixFree), which needs a box with edges along the axes"
+                 : "setModel(RotnePragerYamakawa) or setModel(ForceCoupling), which have a grid "
+                   "and no such limit"));
 }
 
 void PeriodicMobility::checkWave(const BoxVectors& box, int axis, int periods) const {

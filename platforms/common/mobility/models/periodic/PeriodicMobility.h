@@ -41,8 +41,11 @@ public:
  *     which is then triclinic
  */
 void checkPeriodicWave(const BoxVectors& box, int axis, int periods);
-/** @throws OpenMMException for more rows than a dense matrix may have */
-void checkPeriodicRows(int rows, int largestRows);
+/**
+ * @param hasGrid  whether the model can do without matrices
+ * @throws OpenMMException for more rows than a dense matrix may have
+ */
+void checkPeriodicRows(int rows, int largestRows, bool hasGrid);
 
 /** A model that is a lattice sum and nothing else, at a placement. */
 class LatticeSumAt : public MobilityAt {

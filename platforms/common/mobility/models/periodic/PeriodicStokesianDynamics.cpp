@@ -198,7 +198,7 @@ PeriodicStokesianDynamics::PeriodicStokesianDynamics(const HydrodynamicParticles
                                                      double viscosity, bool lubrication,
                                                      double minimumGap)
     : StokesianDynamics(particles, viscosity, lubrication, minimumGap, true) {
-    checkPeriodicRows(11 * particles.size(), largestRows);
+    checkPeriodicRows(11 * particles.size(), largestRows, false);
 }
 
 WaveFactors PeriodicStokesianDynamics::waveFactors(double radius, double k) const {

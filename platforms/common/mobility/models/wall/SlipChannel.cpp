@@ -37,6 +37,16 @@ public:
         periodic->applyRoughly(bothForces, bothVelocities);
         fold(model, bothVelocities, 0.5, velocities);
     }
+    void applyWithin(double error, const MatrixXd& forces, MatrixXd& velocities) override {
+        mirror(forces);
+        periodic->applyWithin(error, bothForces, bothVelocities);
+        fold(model, bothVelocities, 0.5, velocities);
+    }
+    void applyForDifference(double error, const MatrixXd& forces, MatrixXd& velocities) override {
+        mirror(forces);
+        periodic->applyForDifference(error, bothForces, bothVelocities);
+        fold(model, bothVelocities, 0.5, velocities);
+    }
     void dense(MatrixXd& mobility) override {
         periodic->dense(bothForces);
         fold(model, bothForces, 1, bothVelocities);
@@ -85,6 +95,12 @@ public:
     }
     void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override {
         mirrored->applyRoughly(forces, velocities);
+    }
+    void applyWithin(double error, const MatrixXd& forces, MatrixXd& velocities) override {
+        mirrored->applyWithin(error, forces, velocities);
+    }
+    void applyForDifference(double error, const MatrixXd& forces, MatrixXd& velocities) override {
+        mirrored->applyForDifference(error, forces, velocities);
     }
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {

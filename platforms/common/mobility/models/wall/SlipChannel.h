@@ -66,6 +66,10 @@ public:
     bool isMatrixFree() const override { return periodic->isMatrixFree(); }
     bool isAnchored() const override { return periodic->isAnchored(); }
     bool hasRoughProducts() const override { return periodic->hasRoughProducts(); }
+    bool hasFastProducts(double error) const override { return periodic->hasFastProducts(error); }
+    std::string describeFastProducts(double error) const override {
+        return periodic->describeFastProducts(error);
+    }
     bool hasOwnRandomField() const override {
         return periodic->isMirrored() && periodic->hasOwnRandomField();
     }

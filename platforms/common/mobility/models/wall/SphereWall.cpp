@@ -151,13 +151,18 @@ public:
     void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     void applyWithin(double error, const Eigen::MatrixXd& forces,
                      Eigen::MatrixXd& velocities) override;
+    void applyForDifference(double error, const Eigen::MatrixXd& forces,
+                            Eigen::MatrixXd& velocities) override;
     void dense(Eigen::MatrixXd& mobility) override;
+    void addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) override;
+    FlowSources sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) override;
     void addFlowAt(const FlowSources& sources, const vector<OpenMM::Vec3>& points, double factor,
                    Velocities& velocities) override {
         FlowSources inModel = sources;
         multiply(inModel.forces, true);
         inner->addFlowAt(inModel, points, factor, velocities);
     }
+    double getSecondsOfGrid() const override { return inner ? inner->getSecondsOfGrid() : 0; }
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override;
@@ -174,8 +179,11 @@ private:
     Eigen::MatrixXd scaled;
 };
 
-void Place::moveTo(const Placement& placement, bool) {
-    model.place(inner, placement);
+void Place::moveTo(const Placement& placement, bool nearby) {
+    if (nearby)
+        model.placeNear(inner, placement);
+    else
+        model.place(inner, placement);
     for (int i = 0; i < particles.size(); i++)
         if (isSingleSphere(particles, i)) {
             const double radius = particles.radii[i], z = placement.positions[i][2];
@@ -227,6 +235,31 @@ void Place::applyWithin(double error, const Eigen::MatrixXd& forces, Eigen::Matr
     multiply(scaled, true);
     inner->applyWithin(error, scaled, velocities);
     multiply(velocities, false);
+}
+
+/** B is a smooth function of the positions, and so the errors of the model stay alike. */
+void Place::applyForDifference(double error, const Eigen::MatrixXd& forces,
+                               Eigen::MatrixXd& velocities) {
+    scaled = forces;
+    multiply(scaled, true);
+    inner->applyForDifference(error, scaled, velocities);
+    multiply(velocities, false);
+}
+
+void Place::addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) {
+    scaled.setZero(slips.rows(), slips.cols());
+    inner->addStressletsOf(flow, scaled);
+    multiply(scaled, false);
+    slips += scaled;
+}
+
+/** The forces stay those on particles, because addFlowAt() scales them. */
+FlowSources Place::sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) {
+    scaled = forces;
+    multiply(scaled, true);
+    FlowSources result = inner->sources(scaled, flow);
+    result.forces = forces;
+    return result;
 }
 
 void Place::applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {

@@ -55,7 +55,25 @@ public:
     std::string objection(const Placement& placement) const override;
     bool mayObject() const override { return true; }
     bool hasProducts() const override { return model->hasProducts(); }
+    bool isMatrixFree() const override { return model->isMatrixFree(); }
+    bool isAnchored() const override { return model->isAnchored(); }
+    bool isMirrored() const override { return model->isMirrored(); }
     bool hasRoughProducts() const override { return model->hasRoughProducts(); }
+    double rowsWorthIterations() const override { return model->rowsWorthIterations(); }
+    bool hasStresslets() const override { return model->hasStresslets(); }
+    OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const override {
+        return model->placeInFormulas(particle, position);
+    }
+    WaveFactors waveFactors(double radius, double k) const override {
+        return model->waveFactors(radius, k);
+    }
+    void checkWave(const BoxVectors& box, int axis, int periods) const override {
+        model->checkWave(box, axis, periods);
+    }
+    double fluidVolume(const BoxVectors& box) const override { return model->fluidVolume(box); }
+    void checkBox(const BoxVectors& box) const override { model->checkBox(box); }
+    std::string describe(const BoxVectors& box) const override { return model->describe(box); }
+    GridSeconds getGridSeconds() const override { return model->getGridSeconds(); }
     bool hasFastProducts(double error) const override { return model->hasFastProducts(error); }
     std::unique_ptr<MobilityModel> forCollectiveModes(
         const HydrodynamicParticles& spheres) const override {

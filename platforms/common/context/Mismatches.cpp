@@ -1,0 +1,106 @@
+#include "context/Mismatches.h"
+
+#include <openmm/MonteCarloAnisotropicBarostat.h>
+#include <openmm/MonteCarloBarostat.h>
+#include <openmm/MonteCarloMembraneBarostat.h>
+
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "context/Messages.h"
+#include "context/Scene.h"
+#include "openmmrigidhi/MobilityForce.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+string bodiesWithoutContext(const Scene& scene) {
+    const int later = scene.integrator.getNumRigidBodies() - scene.definitions.getNumBodies();
+    if (later <= 0) return {};
+    return counted(later, "body was", "bodies were") +
+           " added after this Context was made, and its steps do not move " +
+           (later == 1 ? "it as a rigid body" : "them as rigid bodies") +
+           "; call reinitialize(preserveState=False) on the Context and set "
+           "positions, or add bodies before the Context is made";
+}
+
+string unboundedFluidWithPeriodicForces(const Scene& scene) {
+    const MobilityForce* fluid = scene.fluid.getParameters();
+    if (!fluid || fluid->usesPeriodicBoundaryConditions() ||
+        !scene.system.usesPeriodicBoundaryConditions())
+        return {};
+    // Bodies that do not feel each other need no images of each other.
+    if (!scene.fluid || scene.fluid->numInteracting() == 0) return {};
+    return "the fluid is unbounded, though forces are periodic: bodies feel images of each other "
+           "by forces, but not through the fluid; use setBoundary(Periodic), or forces without "
+           "periodic boundary conditions";
+}
+
+string watersWithoutBodies(const Scene& scene) {
+    const SystemInventory& stock = scene.stock;
+    if (stock.numFreeWaters == 0) return {};
+    return counted(stock.numFreeWaters, "rigid water is in no body, and its",
+                   "rigid waters are in no body, and their") +
+           " constraints are solved in each step (the first one begins with particle " +
+           to_string(stock.firstFreeWater) +
+           "); call openmmrigidhi.app.addRigidWater() before the Context is made to make rigid "
+           "bodies of them";
+}
+
+string barostatAtAnotherTemperature(const Scene& scene) {
+    const CustomRigidHIIntegrator& integrator = scene.integrator;
+    if (scene.stock.barostatTemperature.empty()) return {};
+    const double ofBarostat = scene.contextParameters.at(scene.stock.barostatTemperature),
+                 own = integrator.getTemperature(), rounding = 1e-6;
+    if (abs(ofBarostat - own) <= rounding * own) return {};
+    // Without friction nothing has the integrator's temperature.
+    bool heated = integrator.getFriction() > 0 || integrator.getRotationalFriction() > 0;
+    for (int b = 0; b < scene.definitions.getNumBodies(); b++) {
+        double gamma, Gamma;
+        integrator.getBodyFriction(b, gamma, Gamma);
+        heated = heated || gamma > 0 || Gamma > 0;
+    }
+    if (!heated) return {};
+    return "the " + scene.stock.barostat + " is at " + number(ofBarostat) +
+           " K, but the integrator at " + number(own) +
+           " K: set one temperature by setTemperature() and by the Context's parameter " +
+           scene.stock.barostatTemperature;
+}
+
+void addMismatches(const Scene& scene, map<WarningCause, string>& warnings) {
+    const pair<WarningCause, string> found[] = {
+        {WarningCause::BodiesWithoutContext, bodiesWithoutContext(scene)},
+        {WarningCause::UnboundedFluid, unboundedFluidWithPeriodicForces(scene)},
+        {WarningCause::WatersWithoutBodies, watersWithoutBodies(scene)},
+        {WarningCause::BarostatTemperature, barostatAtAnotherTemperature(scene)}};
+    for (const auto& mismatch : found)
+        if (!mismatch.second.empty()) warnings.insert(mismatch);
+}
+
+string describeBarostat(const Scene& scene) {
+    if (scene.stock.barostat.empty()) return "the System has none";
+    vector<pair<string, string> > pressures;  // name and unit, and parameter of the Context
+    for (int i = 0; i < scene.system.getNumForces(); i++) {
+        const Force& force = scene.system.getForce(i);
+        if (dynamic_cast<const MonteCarloBarostat*>(&force))
+            pressures = {{"bar", MonteCarloBarostat::Pressure()}};
+        if (dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force))
+            pressures = {{"bar along x", MonteCarloAnisotropicBarostat::PressureX()},
+                         {"bar along y", MonteCarloAnisotropicBarostat::PressureY()},
+                         {"bar along z", MonteCarloAnisotropicBarostat::PressureZ()}};
+        if (dynamic_cast<const MonteCarloMembraneBarostat*>(&force))
+            pressures = {
+                {"bar", MonteCarloMembraneBarostat::Pressure()},
+                {"bar nm of surface tension", MonteCarloMembraneBarostat::SurfaceTension()}};
+    }
+    string text = "the System has a " + scene.stock.barostat + " at " +
+                  number(scene.contextParameters.at(scene.stock.barostatTemperature)) + " K";
+    for (const auto& pressure : pressures)
+        text += ", " + number(scene.contextParameters.at(pressure.second)) + " " + pressure.first;
+    return text;
+}
+
+}  // namespace RigidHIPlugin

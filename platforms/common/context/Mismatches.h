@@ -1,0 +1,27 @@
+#ifndef RIGIDHI_MISMATCHES_H_
+#define RIGIDHI_MISMATCHES_H_
+
+#include <map>
+#include <string>
+
+#include "context/Warnings.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Settings of a Context that fit each other only by accident: of integrator, System, fluid and
+ * barostat. Each finder returns a warning, or nothing where all fits.
+ */
+std::string bodiesWithoutContext(const Scene& scene);
+std::string unboundedFluidWithPeriodicForces(const Scene& scene);
+std::string watersWithoutBodies(const Scene& scene);
+/** The temperature of a barostat is a parameter of the Context, which is set apart. */
+std::string barostatAtAnotherTemperature(const Scene& scene);
+
+void addMismatches(const Scene& scene, std::map<WarningCause, std::string>& warnings);
+/** The barostat with its temperature and pressure, for describeEffects(). */
+std::string describeBarostat(const Scene& scene);
+
+}  // namespace RigidHIPlugin
+
+#endif

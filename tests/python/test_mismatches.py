@@ -1,0 +1,280 @@
+"""Settings of integrator, System, fluid and barostat that do not fit each other are named: once,
+and only where they do not fit."""
+import numpy as np
+import openmm
+import pytest
+
+import openmmrigidhi
+from openmmrigidhi import MobilityForce
+
+Integrator = openmmrigidhi.CustomRigidHIIntegrator
+REFERENCE = openmm.Platform.getPlatformByName('Reference')
+
+
+def periodic(system):
+    """A force that knows the box, and does nothing."""
+    bonds = openmm.HarmonicBondForce()
+    bonds.setUsesPeriodicBoundaryConditions(True)
+    system.addForce(bonds)
+
+
+def scene(bodies=2):
+    system, integrator = openmm.System(), Integrator(300, 0.001)
+    for _ in range(bodies):
+        integrator.addRigidBody([system.addParticle(10)], 10, (1, 1, 1), [(0, 0, 0)])
+    system.setDefaultPeriodicBoxVectors((9, 0, 0), (0, 9, 0), (0, 0, 9))
+    return system, integrator
+
+
+def started(system, integrator):
+    context = openmm.Context(system, integrator, REFERENCE)
+    context.setPositions([(3*i, 0, 0) for i in range(system.getNumParticles())])
+    return context
+
+
+# ---- Barostats -----------------------------------------------------------------------------------
+
+BAROSTATS = {
+    'isotropic': (lambda T: openmm.MonteCarloBarostat(1.5, T), 'MonteCarloTemperature',
+                  'at {} K, 1.5 bar'),
+    'anisotropic': (lambda T: openmm.MonteCarloAnisotropicBarostat(openmm.Vec3(1, 2, 3), T),
+                    'AnisotropicMonteCarloTemperature',
+                    'at {} K, 1 bar along x, 2 bar along y, 3 bar along z'),
+    'membrane': (lambda T: openmm.MonteCarloMembraneBarostat(1, 4, T, 0, 0),
+                 'MembraneMonteCarloTemperature', 'at {} K, 1 bar, 4 bar nm of surface'),
+}
+
+
+@pytest.mark.parametrize('make, parameter, shown', BAROSTATS.values(), ids=BAROSTATS.keys())
+def test_a_barostat_at_another_temperature(capfd, make, parameter, shown):
+    system, integrator = scene()
+    periodic(system)
+    system.addForce(make(310))
+    context = started(system, integrator)
+    assert shown.format(310) in integrator.getEffects()['barostat']
+    warning = ('is at 310 K, but the integrator at 300 K: set one temperature by setTemperature() '
+               f"and by the Context's parameter {parameter}")
+    assert warning in integrator.getEffects()['warnings']
+    assert capfd.readouterr().err == '', 'the user may set the other temperature before a step'
+    integrator.step(2)
+    assert capfd.readouterr().err.count(warning) == 1
+    # One temperature after the other, as in annealing.
+    context.setParameter(parameter, 320)
+    assert shown.format(320) in integrator.getEffects()['barostat']
+    integrator.setTemperature(320)
+    integrator.step(1)
+    assert integrator.getEffects()['warnings'] == 'off: none'
+
+
+@pytest.mark.parametrize('make, parameter, shown', BAROSTATS.values(), ids=BAROSTATS.keys())
+def test_a_barostat_at_the_temperature_of_the_integrator(capfd, make, parameter, shown):
+    system, integrator = scene()
+    periodic(system)
+    system.addForce(make(310))
+    context = started(system, integrator)
+    context.setParameter(parameter, 300)
+    for temperature in 300, 295.7, 280:
+        integrator.setTemperature(temperature)
+        context.setParameter(parameter, temperature)
+        integrator.step(1)
+        assert integrator.getEffects()['warnings'] == 'off: none'
+    assert capfd.readouterr().err == ''
+
+
+def test_a_barostat_beside_bodies_without_a_thermostat(capfd):
+    """Without friction nothing has the integrator's temperature."""
+    system, integrator = scene()
+    periodic(system)
+    system.addForce(openmm.MonteCarloBarostat(1, 310))
+    integrator.setFriction(0)
+    integrator.setRotationalFriction(0)
+    _context = started(system, integrator)
+    integrator.step(1)
+    assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
+
+
+# ---- Bodies that are not those of the Context ----------------------------------------------------
+
+
+def test_bodies_that_were_added_after_the_context(capfd):
+    system, integrator = scene(2)
+    particles = [system.addParticle(10) for _ in range(3)]
+    context = started(system, integrator)
+    integrator.step(1)
+    assert integrator.getEffects()['bodies'] == 'on: 2 bodies' and capfd.readouterr().err == ''
+    for particle in particles:
+        integrator.addRigidBody([particle], 10, (1, 1, 1), [(0, 0, 0)])
+    warning = '3 bodies were added after this Context was made'
+    for effect in 'bodies', 'warnings':
+        assert warning in integrator.getEffects()[effect]
+    integrator.step(2)
+    assert capfd.readouterr().err.count(warning) == 1
+    context.reinitialize()
+    context.setPositions([(3*i, 0, 0) for i in range(5)])
+    integrator.step(1)
+    assert integrator.getEffects()['bodies'] == 'on: 5 bodies'
+    assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
+
+
+# ---- Rigid water ---------------------------------------------------------------------------------
+
+WATER = np.array([(0, 0, 0), (0.09572, 0, 0), (-0.0239872, 0.0926627, 0)])
+
+
+def molecule(system, masses, lengths, shape=WATER):
+    """Three particles with constraints 0-1, 0-2, 1-2 of these lengths, as far as there are any."""
+    first = system.getNumParticles()
+    for mass in masses:
+        system.addParticle(mass)
+    for (i, j), length in zip([(0, 1), (0, 2), (1, 2)], lengths):
+        system.addConstraint(first + i, first + j, length)
+    return shape + (0, 0, 0.1*first)
+
+
+RIGID = (0.09572, 0.09572, np.linalg.norm(WATER[1] - WATER[2]))
+
+
+@pytest.mark.parametrize('scheme', [Integrator.LangevinA, Integrator.LangevinC])
+@pytest.mark.parametrize('others', [0, 2])
+def test_rigid_water_that_is_in_no_body(capfd, others, scheme):
+    system, integrator = scene(others)
+    integrator.setScheme(scheme)
+    positions = [(i, 5, 0) for i in range(others)]
+    positions += [row for _ in range(2) for row in molecule(system, (15.999, 1.008, 1.008), RIGID)]
+    context = openmm.Context(system, integrator, REFERENCE)
+    context.setPositions(positions)
+    integrator.step(2)
+    effects = integrator.getEffects()
+    assert '6 constraints, also of 2 rigid waters that are in no body' in effects[
+        'constraints of free particles']
+    warning = '2 rigid waters are in no body, and their constraints are solved in each step ' \
+        f'(the first one begins with particle {others}); call openmmrigidhi.app.addRigidWater()'
+    assert warning in effects['warnings'] and capfd.readouterr().err.count(warning) == 1
+
+
+@pytest.mark.parametrize('masses, lengths, asBody', [((15.999, 1.008, 1.008), RIGID, True),
+                                                     ((15.999, 1.008, 1.008), RIGID[:2], False),
+                                                     ((15.999, 1.008, 1.008), (), False),
+                                                     ((12.011, 12.011, 12.011), RIGID, False),
+                                                     ((16, 12, 1), RIGID, False),],
+                         ids=['a body', 'flexible angle', 'flexible', 'equal masses', 'others'])
+def test_water_that_is_right_as_it_is(capfd, masses, lengths, asBody):
+    system, integrator = openmm.System(), Integrator(300, 0.001)
+    positions = molecule(system, masses, lengths)
+    if asBody:
+        integrator.addRigidBody([0, 1, 2])
+    context = openmm.Context(system, integrator, REFERENCE)
+    context.setPositions(positions)
+    integrator.step(1)
+    assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
+    assert 'water' not in integrator.getEffects()['constraints of free particles']
+
+
+# ---- Fluids --------------------------------------------------------------------------------------
+
+
+def fluidScene(model, boundary, isPeriodic, bodies=2, groups=(), scheme='LangevinHI'):
+    system, integrator = scene(bodies)
+    integrator.setScheme(getattr(integrator, scheme))
+    fluid = MobilityForce()
+    for _ in range(bodies):
+        fluid.addParticle(0.5)
+    fluid.setModel(getattr(fluid, model))
+    fluid.setBoundary(getattr(fluid, boundary))
+    fluid.setWallHeight(-2)
+    fluid.setGroups(list(groups))
+    system.addForce(fluid)
+    if isPeriodic:
+        periodic(system)
+    context = started(system, integrator)
+    integrator.step(1)
+    return integrator, context
+
+
+@pytest.mark.parametrize('scheme', ['LangevinHI', 'EulerMaruyama'])
+@pytest.mark.parametrize('boundary', ['Unbounded', 'NoSlipWall'])
+def test_an_unbounded_fluid_with_periodic_forces(capfd, boundary, scheme):
+    if boundary == 'NoSlipWall' and scheme == 'EulerMaruyama':
+        scheme = 'TrapezoidalSlip'
+    integrator, _context = fluidScene('RotnePragerYamakawa', boundary, True, scheme=scheme)
+    integrator.step(1)
+    warning = 'the fluid is unbounded, though forces are periodic: bodies feel images of each other'
+    assert warning in integrator.getEffects()['warnings']
+    assert integrator.getEffects()['hydrodynamics'].endswith(
+        '; unbounded, though forces are periodic')
+    assert capfd.readouterr().err.count(warning) == 1
+
+
+@pytest.mark.parametrize('model, boundary, isPeriodic, bodies, groups',
+                         [('RotnePragerYamakawa', 'Unbounded', False, 2, ()),
+                          ('RotnePragerYamakawa', 'Periodic', True, 2, ()),
+                          ('FreeDraining', 'Unbounded', True, 2, ()),
+                          ('FreeDraining', 'Periodic', True, 2, ()),
+                          ('RotnePragerYamakawa', 'Unbounded', True, 1, ()),
+                          ('RotnePragerYamakawa', 'Unbounded', True, 2, (0, 1)),])
+def test_fluids_that_fit_the_forces(capfd, model, boundary, isPeriodic, bodies, groups):
+    integrator, _context = fluidScene(model, boundary, isPeriodic, bodies, groups)
+    effects = integrator.getEffects()
+    assert effects['warnings'] == 'off: none' and capfd.readouterr().err == ''
+    assert ('unbounded, though forces' in effects['hydrodynamics']) == (isPeriodic
+                                                                        and boundary == 'Unbounded')
+
+
+# ---- FreeDraining in a periodic box --------------------------------------------------------------
+
+
+@pytest.mark.parametrize('scheme', ['LangevinHI', 'EulerMaruyama', 'TrapezoidalSlip'])
+def test_free_draining_in_a_periodic_box_is_that_in_unbounded_fluid(platform, scheme):
+    """Multiblobs too, which must not feel their own images, in a box shorter than the body."""
+    shape = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (2.5, 0, 0)])
+    found = []
+    for boundary in MobilityForce.Unbounded, MobilityForce.Periodic:
+        system, integrator, fluid = openmm.System(), Integrator(300, 0.01), MobilityForce()
+        integrator.setRandomNumberSeed(3)
+        integrator.setScheme(getattr(integrator, scheme))
+        system.setDefaultPeriodicBoxVectors((3, 0, 0), (0, 3, 0), (0, 0, 3))
+        for sites in shape, shape[:1]:
+            integrator.addRigidBody([system.addParticle(1) for _ in sites], 20, (9, 8, 7), sites)
+            for _ in sites:
+                fluid.addParticle(0.4)
+        fluid.setModel(MobilityForce.FreeDraining)
+        fluid.setBoundary(boundary)
+        fluid.setBackgroundFlow((1, 2, 3), np.zeros((3, 3)))
+        system.addForce(fluid)
+        openmmrigidhi.app.bindBodies(system, integrator)
+        context = openmm.Context(system, integrator, platform)
+        context.setPositions(np.concatenate([shape, shape[:1] + 1]))
+        integrator.step(20)
+        found.append((fluid.getMobilityInContext(context), integrator.getBodyPositions()._value,
+                      integrator.getBodyOrientations()))
+        text = integrator.getEffects()['hydrodynamics']
+        assert ('in a periodic box, where bodies feel neither others nor images, as if unbounded'
+                in text) == (boundary == MobilityForce.Periodic)
+        assert system.usesPeriodicBoundaryConditions() == (boundary == MobilityForce.Periodic)
+        copy = MobilityForce.cast(openmm.XmlSerializer.clone(fluid))
+        assert (copy.getModel(), copy.getBoundary()) == (MobilityForce.FreeDraining, boundary)
+    for unbounded, inBox in zip(*found):
+        assert np.array_equal(unbounded, inBox)
+
+
+@pytest.mark.parametrize('boundary', ['Unbounded', 'Periodic'])
+def test_flows_that_free_draining_does_not_have(boundary):
+    system, integrator = scene(1)
+    integrator.setScheme(integrator.EulerMaruyama)
+    fluid = MobilityForce()
+    fluid.addParticle(0.5)
+    fluid.setModel(fluid.FreeDraining)
+    fluid.setBoundary(getattr(fluid, boundary))
+    fluid.setSinusoidalForceDensity(1, 0, 1, 1)
+    system.addForce(fluid)
+    with pytest.raises(openmm.OpenMMException,
+                       match='under FreeDraining each body has a fluid of its own; use setModel'):
+        openmm.Context(system, integrator, REFERENCE)
+    fluid.setSinusoidalForceDensity(0, 0, 1, 1)
+    fluid.setBackgroundFlow((0, 0, 0), ((0, 1, 0), (0, 0, 0), (0, 0, 0)))
+    integrator = openmm.XmlSerializer.clone(integrator)
+    if boundary == 'Unbounded':
+        openmm.Context(system, integrator, REFERENCE)
+    else:
+        with pytest.raises(openmm.OpenMMException, match='a velocity gradient is not periodic'):
+            openmm.Context(system, integrator, REFERENCE)
