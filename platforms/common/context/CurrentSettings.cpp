@@ -44,6 +44,7 @@ void CurrentSettings::update(Scene& scene) {
     takenOver = wanted;
     printWarnings(scene);
     if (!traits().isOverdamped()) setThermostats(scene);
+    scene.watch.adopt(scene);
 }
 
 void CurrentSettings::setThermostats(Scene& scene) {
@@ -75,6 +76,11 @@ void CurrentSettings::setThermostats(Scene& scene) {
 void CurrentSettings::warnOfDriftFactor(const Scene& scene) {
     if (scene.fluid->getDriftFactorSpread() > driftFactorLimit &&
         printed.count(WarningCause::DriftFactorSpread) == 0)
+        printWarnings(scene);
+}
+
+void CurrentSettings::warnOfTemperatures(const Scene& scene) {
+    if (!scene.watch.getFinding().empty() && printed.count(WarningCause::WrongTemperature) == 0)
         printWarnings(scene);
 }
 

@@ -32,6 +32,8 @@ public:
      * each step.
      */
     void warnOfDriftFactor(const Scene& scene);
+    /** Likewise of temperatures that the watch has found wrong. */
+    void warnOfTemperatures(const Scene& scene);
 
 private:
     void setThermostats(Scene& scene);

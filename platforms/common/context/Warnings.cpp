@@ -56,8 +56,10 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
             counted(unresolved, "body", "bodies") + ", the first of them body " +
             to_string(firstUnresolved) + " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " +
             number(worst) + ", above " + number(resolutionLimit) +
-            "): their temperature will be wrong; take a step of " +
-            number(h * resolutionLimit / worst) + " ps or less";
+            "): their temperature will be wrong; free rotation alone needs a step of " +
+            number(h * resolutionLimit / worst) +
+            " ps or less, and forces may need a far smaller one: watch "
+            "computeMidStepTemperature()";
     if (langevinA &&
         (largestGamma > langevinAGammaLimit || largestRotational > langevinARotationalLimit))
         result[WarningCause::LargeFriction] =
@@ -72,6 +74,8 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
             " about 1, above " + number(driftFactorLimit) +
             ", so that the step is too large for the drift; take a smaller step, or "
             "RandomFiniteDifference or TrapezoidalSlip";
+    if (!scene.watch.getFinding().empty())
+        result[WarningCause::WrongTemperature] = scene.watch.getFinding();
     return result;
 }
 

@@ -12,7 +12,13 @@ class Scene;
  * Warnings about the settings. A user gets each cause once, though its numbers may change from step
  * to step.
  */
-enum class WarningCause { OmittedDrift, UnresolvedRotation, LargeFriction, DriftFactorSpread };
+enum class WarningCause {
+    OmittedDrift,
+    UnresolvedRotation,
+    LargeFriction,
+    DriftFactorSpread,
+    WrongTemperature
+};
 /** The spread of drift factors above which they are not a small correction any more. */
 constexpr double driftFactorLimit = 0.3;
 std::map<WarningCause, std::string> findWarnings(const Scene& scene);
