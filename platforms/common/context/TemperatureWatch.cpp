@@ -136,6 +136,7 @@ void TemperatureWatch::adopt(const Scene& scene) {
     }
     if (!(slowest > 0)) return;
     isOn = true;
+    noise = midStepEnergiesOfNoise(bodies, settings);
     removed = scene.stock.hasCMMotionRemover ? 3 : 0;
     // Whole looks, and a number that an integer takes.
     const double largest = 1e18;
@@ -143,7 +144,7 @@ void TemperatureWatch::adopt(const Scene& scene) {
         ceil(min(largest, max(shortestWindow, relaxationTimes / slowest)) / interval);
     window = interval * (long long)looksOfWindow;
     // A kinetic energy forgets in half a relaxation time. Its mean over n relaxation times has the
-    // relative variance 2/n; the mean of n looks has at least that.
+    // relative variance 2/n, and that of n looks has it, too: the sum is enough for both.
     for (Expectation* motion : {&translation, &rotation})
         if (motion->degrees > 0)
             motion->relativeVariance =
@@ -159,7 +160,7 @@ void TemperatureWatch::restart() {
 
 void TemperatureWatch::look(const Scene& scene) {
     if (steps <= window) return;  // the scene may relax first
-    const MidStepEnergies now = midStepEnergies(scene.bodies, scene.settings);
+    const MidStepEnergies now = midStepEnergiesOfMeans(scene.bodies, scene.settings);
     sum.translational += now.translational;
     sum.rotational += now.rotational;
     sum.momentum += now.momentum;
@@ -169,7 +170,8 @@ void TemperatureWatch::look(const Scene& scene) {
 
 void TemperatureWatch::judge(const Scene& scene) {
     const double mean = 1.0 / looks, kT = scene.settings.kT, bath = kT / BOLTZ;
-    const double translational = mean * sum.translational, rotational = mean * sum.rotational;
+    const double translational = mean * sum.translational + noise.translational,
+                 rotational = mean * sum.rotational + noise.rotational;
     // Bodies that a constant force drives have a mean velocity, which is no heat.
     const Vec3 momentum = sum.momentum * mean;
     const double heat = translational - 0.5 * momentum.dot(momentum) / totalMass;

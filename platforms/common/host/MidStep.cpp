@@ -15,52 +15,79 @@ namespace {
 
 const int width = BodySet::blockSize;
 
-/** Sums over bodies, apart for each place in a block, so that compilers use SIMD instructions. */
-struct Sums {
-    double energy[width] = {0};         // twice
-    double momentum[3][width] = {{0}};  // each component, or that about each axis
-    double twiceTheEnergy() const { return accumulate(energy, energy + width, 0.0); }
-    double total(int k) const { return accumulate(momentum[k], momentum[k] + width, 0.0); }
+/** A sum over bodies, apart for each place in a block, so that compilers use SIMD instructions. */
+struct Sum {
+    double places[width] = {0};
+    double total() const { return accumulate(places, places + width, 0.0); }
 };
 
-/** Add one component of the mid-step momenta of a block. */
-template <class Scheme>
+struct OfMeans {
+    static double square(const MomentumFlow&, double mean) { return mean * mean; }
+};
+struct OfNoise {
+    static double square(const MomentumFlow& flow, double) { return flow.variance(); }
+};
+
+/**
+ * Add one component of the mid-step momenta of a block.
+ * @param energy  twice the kinetic energy
+ * @param total   of the momenta; null: not wanted
+ */
+template <class Part, class Scheme>
 void add(const BodySet::Column& momentum, const BodySet::Column& force,
          const BodySet::Column& decay, const BodySet::Column& noise, const BodySet::Column& inverse,
-         double h, int firstSlot, double* energy, double* total) {
+         double h, int firstSlot, Sum& energy, Sum* total) {
     const double *p = &momentum[firstSlot], *f = &force[firstSlot], *d = &decay[firstSlot],
                  *n = &noise[firstSlot], *inverseInertia = &inverse[firstSlot];
     for (int i = 0; i < width; i++) {
         const auto flow = MomentumFlow::upToDrift<Scheme>(d[i], n[i], h);
-        const double atDrift = flow.factor * p[i] + flow.time * f[i];
-        energy[i] += inverseInertia[i] * (atDrift * atDrift + flow.variance());
-        total[i] += atDrift;
+        const double mean = flow.factor * p[i] + flow.time * f[i];
+        energy.places[i] += inverseInertia[i] * Part::square(flow, mean);
+        if (total) total->places[i] += mean;
     }
 }
 
-template <class Scheme>
+template <class Part, class Scheme>
 MidStepEnergies energiesOf(const BodySet& bodies, double h) {
-    Sums translation, rotation;
+    Sum translational, rotational, momentum[3];
     for (int slot = 0; slot < bodies.getNumBlocks() * width; slot += width)
         for (int k = 0; k < 3; k++) {
-            add<Scheme>(bodies.p[k], bodies.force_lab[k], bodies.decay_p, bodies.noise_p,
-                        bodies.inverseMass, h, slot, translation.energy, translation.momentum[k]);
-            add<Scheme>(bodies.l[k], bodies.torque_body[k], bodies.decay_l[k], bodies.noise_l[k],
-                        bodies.inverseMoments[k], h, slot, rotation.energy, rotation.momentum[k]);
+            add<Part, Scheme>(bodies.p[k], bodies.force_lab[k], bodies.decay_p, bodies.noise_p,
+                              bodies.inverseMass, h, slot, translational, &momentum[k]);
+            add<Part, Scheme>(bodies.l[k], bodies.torque_body[k], bodies.decay_l[k],
+                              bodies.noise_l[k], bodies.inverseMoments[k], h, slot, rotational,
+                              nullptr);
         }
     MidStepEnergies result;
-    result.translational = translation.twiceTheEnergy() / 2;
-    result.rotational = rotation.twiceTheEnergy() / 2;
-    for (int k = 0; k < 3; k++) result.momentum[k] = translation.total(k);
+    result.translational = translational.total() / 2;
+    result.rotational = rotational.total() / 2;
+    for (int k = 0; k < 3; k++) result.momentum[k] = momentum[k].total();
     return result;
+}
+
+template <class Part>
+MidStepEnergies energiesOf(const BodySet& bodies, const StepSettings& settings) {
+    return scalar::withThermostat(settings.scheme, [&](auto scheme) {
+        return energiesOf<Part, decltype(scheme)>(bodies, settings.h);
+    });
 }
 
 }  // namespace
 
+MidStepEnergies midStepEnergiesOfMeans(const BodySet& bodies, const StepSettings& settings) {
+    return energiesOf<OfMeans>(bodies, settings);
+}
+
+MidStepEnergies midStepEnergiesOfNoise(const BodySet& bodies, const StepSettings& settings) {
+    return energiesOf<OfNoise>(bodies, settings);
+}
+
 MidStepEnergies midStepEnergies(const BodySet& bodies, const StepSettings& settings) {
-    return scalar::withThermostat(settings.scheme, [&](auto scheme) {
-        return energiesOf<decltype(scheme)>(bodies, settings.h);
-    });
+    MidStepEnergies result = midStepEnergiesOfMeans(bodies, settings);
+    const MidStepEnergies noise = midStepEnergiesOfNoise(bodies, settings);
+    result.translational += noise.translational;
+    result.rotational += noise.rotational;
+    return result;
 }
 
 FreeMomentum freeMomentum(const StepSettings& settings, double inertia, double decay,

@@ -26,6 +26,12 @@ struct MidStepEnergies {
  * Those of free particles are FreeParticles::midStepKineticEnergy().
  */
 MidStepEnergies midStepEnergies(const BodySet& bodies, const StepSettings& settings);
+/**
+ * The two parts of midStepEnergies(): that of the mean momenta, and that of the noise about them.
+ * The second part does not change from step to step.
+ */
+MidStepEnergies midStepEnergiesOfMeans(const BodySet& bodies, const StepSettings& settings);
+MidStepEnergies midStepEnergiesOfNoise(const BodySet& bodies, const StepSettings& settings);
 
 /** A momentum of one component that no force acts upon, in its stationary state. */
 struct FreeMomentum {
