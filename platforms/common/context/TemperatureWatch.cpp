@@ -80,7 +80,8 @@ struct FluidRates {
     }
 };
 
-string temperatureText(double T) { return text(T, 3); }
+/** Three digits, and more where the last would not be that of one kelvin. */
+string temperatureText(double T) { return text(T, max(3, 1 + (int)log10(max(T, 1.0)))); }
 
 }  // namespace
 
