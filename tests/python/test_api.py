@@ -428,6 +428,7 @@ NEEDS_CONTEXT = [('getBodyPositions', ()), ('getBodyOrientations', ()), ('getBod
                  ('computeTranslationalKineticEnergy', ()),
                  ('computeRotationalKineticEnergies', ()), ('computeFreeParticleKineticEnergy', ()),
                  ('getDegreesOfFreedom', ()), ('computeSystemTemperature', ()),
+                 ('computeMidStepTemperature', ()), ('computeMidStepTemperatures', ()),
                  ('describeEffects', ()), ('getEffects', ()), ('getStepStatistics', ()),
                  ('step', (1,))]
 
