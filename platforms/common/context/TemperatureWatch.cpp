@@ -183,19 +183,19 @@ void TemperatureWatch::judge(const Scene& scene) {
     finding.clear();
     const auto report = [&](const char* motion, double degrees, double energy, double expected) {
         const double T = 2 * energy / (BOLTZ * degrees);
-        finding += (finding.empty() ? "" : ", and ") + string(motion) + " at " +
-                   temperatureText(T) + " K instead of " + temperatureText(bath * expected) + " K";
+        finding += (finding.empty() ? "" : ", and ") + string(motion) + temperatureText(T) +
+                   " K instead of " + temperatureText(bath * expected) + " K";
     };
     const double expected_t = 2 * translation.energy / (kT * translation.degrees);
     if (translation.isTooHigh(heat, translationalBand))
-        report("translations of bodies have been", translation.degrees, heat, expected_t);
+        report("translations of bodies have been at ", translation.degrees, heat, expected_t);
     else if (translation.isTooLow(translational * translation.degrees / max(least, 1.0),
                                   translationalBand) &&
              least > 0)
-        report("translations of bodies have been", least, translational, expected_t);
+        report("translations of bodies have been at ", least, translational, expected_t);
     if (rotation.isTooHigh(rotational, rotationalBand) ||
         rotation.isTooLow(rotational, rotationalBand))
-        report("rotations of bodies have been", rotation.degrees, rotational,
+        report("rotations of bodies have been at ", rotation.degrees, rotational,
                2 * rotation.energy / (kT * rotation.degrees));
     if (!finding.empty())
         finding = "over the last " + to_string(window) + " steps (" +
