@@ -354,6 +354,8 @@ public:
     double computeFreeParticleKineticEnergy() const;
     std::map<std::string, int> getDegreesOfFreedom() const;
     double computeSystemTemperature();
+    double computeMidStepTemperature() const;
+    std::map<std::string, double> computeMidStepTemperatures() const;
 
     std::string describeEffects() const;
     std::map<std::string, std::string> getEffects() const;

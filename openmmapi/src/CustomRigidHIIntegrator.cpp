@@ -596,17 +596,33 @@ double CustomRigidHIIntegrator::computeKineticEnergy() {
            computeFreeParticleKineticEnergy();
 }
 
-double CustomRigidHIIntegrator::computeSystemTemperature() {
-    requireContext("computeSystemTemperature()");
+int CustomRigidHIIntegrator::requireDegreesOfFreedom(const char* method) const {
+    requireContext(method);
     if (!traitsOf(scheme).hasMomenta)
-        fail("computeSystemTemperature()", "the scheme has no momenta",
-             "a temperature needs momenta",
+        fail(method, "the scheme has no momenta", "a temperature needs momenta",
              "use a Langevin scheme, or report n/a as openmmrigidhi.app.StateDataReporter does");
     const int degrees = getDegreesOfFreedom()["total"];
     if (degrees <= 0)
-        fail("computeSystemTemperature()", "there are " + text(degrees) + " degrees of freedom",
+        fail(method, "there are " + text(degrees) + " degrees of freedom",
              "a temperature needs at least one", "give some bodies or free particles a mass");
+    return degrees;
+}
+
+double CustomRigidHIIntegrator::computeSystemTemperature() {
+    const int degrees = requireDegreesOfFreedom("computeSystemTemperature()");
     return 2 * computeKineticEnergy() / (boltzmann * degrees);
+}
+
+double CustomRigidHIIntegrator::computeMidStepTemperature() const {
+    requireDegreesOfFreedom("computeMidStepTemperature()");
+    return boundKernel("computeMidStepTemperature()")
+        .computeMidStepTemperatures(*context)
+        .at("total");
+}
+
+map<string, double> CustomRigidHIIntegrator::computeMidStepTemperatures() const {
+    requireDegreesOfFreedom("computeMidStepTemperatures()");
+    return boundKernel("computeMidStepTemperatures()").computeMidStepTemperatures(*context);
 }
 
 // ---- What the scene costs ----

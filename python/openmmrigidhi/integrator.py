@@ -836,6 +836,58 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return _units.TEMPERATURE.attach(super().computeSystemTemperature())
 
+    def computeMidStepTemperature(self):
+        """Get the mid-step temperature of bodies and free particles.
+
+        It is that of the momenta with which the first drift of the next step moves bodies and
+        particles, averaged over the noise that this step draws before the drift. It tells right
+        runs from wrong ones at long steps, where :meth:`computeSystemTemperature` reads low.
+
+        Returns
+        -------
+        Quantity
+            K; the degrees of freedom are those of :meth:`getDegreesOfFreedom`
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if the scheme has no momenta, nothing moves, or positions were not set
+
+        Notes
+        -----
+        The mean is expected to be, in a right run:
+
+        - LangevinC and LangevinHI: the temperature of the bath;
+        - LangevinB: that of the bath, times the factor by which the step makes mean squares of
+          positions in a harmonic well wrong, 1/(1 - h^2 omega^2/4);
+        - LangevinA: that of the bath, times about 1 - gamma h/2, with the rate of the axis for
+          rotations.
+
+        Forces are evaluated if they are out of date. The steps that follow are the same as without
+        this call.
+        """
+        return _units.TEMPERATURE.attach(super().computeMidStepTemperature())
+
+    def computeMidStepTemperatures(self):
+        """Get the mid-step temperatures of bodies and free particles, apart.
+
+        Returns
+        -------
+        dict of Quantity
+            K: "translational" and "rotational" of bodies, "free" of free particles, "total". Names
+            without degrees of freedom are left out. What a CMMotionRemover removes is divided
+            between bodies and free particles by their masses.
+
+        Raises
+        ------
+        openmm.OpenMMException
+            as :meth:`computeMidStepTemperature`
+        """
+        return {
+            name: _units.TEMPERATURE.attach(temperature)
+            for name, temperature in super().computeMidStepTemperatures().items()
+        }
+
     # ---- What the scene costs --------------------------------------------------------------------
 
     def describeEffects(self):

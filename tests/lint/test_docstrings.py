@@ -96,6 +96,7 @@ WITHOUT_UNIT = {
         'getRandomNumberSeedAsSet': 'an integer',
         'getBodyOrientations': 'unit quaternions',
         'getDegreesOfFreedom': 'numbers of degrees of freedom',
+        'computeMidStepTemperatures': 'a dict of quantities',
         'getEffects': 'text',
         'getStepStatistics': 'counters, and seconds that say so in their names',
         'getConstraintTolerance': 'relative',
@@ -161,6 +162,7 @@ UNITS = {
         'computeRotationalKineticEnergies': unit.kilojoule_per_mole,
         'computeFreeParticleKineticEnergy': unit.kilojoule_per_mole,
         'computeSystemTemperature': unit.kelvin,
+        'computeMidStepTemperature': unit.kelvin,
     },
     'MobilityForce': {
         'getViscosity': unit.dalton/(unit.nanometer*unit.picosecond),

@@ -165,5 +165,14 @@ TEST(Allocations, NoneWithoutAFluid) {
         Context context(system, integrator, testPlatform());
         context.setPositions(positions);
         EXPECT_EQ(countInSteps(integrator, context), 0) << traits.name;
+        if (!traits.hasMomenta) continue;
+        // Steps after which temperatures are watched: one that adds up, and the end of a window.
+        integrator.setFriction(90);
+        integrator.setRotationalFriction(90);
+        const int inForces = ForceEvaluation().count(context);
+        integrator.step(4099);
+        EXPECT_EQ(countIn([&] { integrator.step(1); }), inForces) << traits.name;
+        integrator.step(3899);
+        EXPECT_EQ(countIn([&] { integrator.step(1); }), inForces) << traits.name;
     }
 }

@@ -482,6 +482,7 @@ NEEDS_CONTEXT = [('getBodyPositions', ()), ('getBodyOrientations', ()), ('getBod
                  ('computeTranslationalKineticEnergy', ()),
                  ('computeRotationalKineticEnergies', ()), ('computeFreeParticleKineticEnergy', ()),
                  ('getDegreesOfFreedom', ()), ('computeSystemTemperature', ()),
+                 ('computeMidStepTemperature', ()), ('computeMidStepTemperatures', ()),
                  ('describeEffects', ()), ('getEffects', ()), ('getStepStatistics', ()),
                  ('step', (1,))]
 

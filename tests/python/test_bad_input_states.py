@@ -349,9 +349,10 @@ def test_a_force_too_large_to_add_up():
 
 def test_a_temperature_without_momenta(scene):
     scene.start().integrator.setScheme(Integrator.GradientThermostat)
-    with refused('computeSystemTemperature(): the scheme has no momenta',
-                 'a temperature needs momenta'):
-        scene.integrator.computeSystemTemperature()
+    for method in ('computeSystemTemperature', 'computeMidStepTemperature',
+                   'computeMidStepTemperatures'):
+        with refused(f'{method}(): the scheme has no momenta', 'a temperature needs momenta'):
+            getattr(scene.integrator, method)()
 
 
 def test_a_temperature_of_nothing(platform):
@@ -360,8 +361,21 @@ def test_a_temperature_of_nothing(platform):
     integrator = Integrator(300, 0.001)
     context = openmm.Context(system, integrator, platform)
     context.setPositions([(0, 0, 0)])
-    with refused('there are 0 degrees of freedom', 'a temperature needs at least one'):
-        integrator.computeSystemTemperature()
+    for method in ('computeSystemTemperature', 'computeMidStepTemperature',
+                   'computeMidStepTemperatures'):
+        with refused(f'{method}(): there are 0 degrees of freedom',
+                     'a temperature needs at least one'):
+            getattr(integrator, method)()
+
+
+def test_a_mid_step_temperature_without_positions(platform):
+    system = openmm.System()
+    system.addParticle(1)
+    integrator = Integrator(300, 0.001)
+    integrator.addRigidBody([0], 1, (1, 1, 1), [(0, 0, 0)])
+    _context = openmm.Context(system, integrator, platform)
+    with refused('computeMidStepTemperature() needs positions', 'call setPositions()'):
+        integrator.computeMidStepTemperature()
 
 
 def test_bodies_that_were_added_later_wait_for_the_next_context(scene):

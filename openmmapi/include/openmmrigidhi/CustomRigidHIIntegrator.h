@@ -468,6 +468,30 @@ public:
      * @throws OpenMMException if the scheme has no momenta
      */
     double computeSystemTemperature();
+    /**
+     * Get the mid-step temperature of bodies and free particles, K: that of the momenta with which
+     * the first drift of the next step moves them, averaged over the noise that this step draws
+     * before. It tells right runs from wrong ones at long steps, where computeSystemTemperature()
+     * reads low. Its mean is expected to be
+     *   - LangevinC, LangevinHI: the temperature of the bath,
+     *   - LangevinB: that of the bath, times the factor by which the step makes mean squares of
+     *     positions in a harmonic well wrong, 1/(1 - h^2 omega^2/4),
+     *   - LangevinA: that of the bath, times about 1 - gamma h/2 (for rotation the rate of the
+     *     axis; docs/THEORY.md).
+     *
+     * The degrees of freedom are those of getDegreesOfFreedom(). Forces are evaluated if they are
+     * out of date; the steps that follow are the same as without this call.
+     * @throws OpenMMException if the scheme has no momenta, if nothing moves, or if positions were
+     *     not set
+     */
+    double computeMidStepTemperature() const;
+    /**
+     * Get mid-step temperatures, K, by name: "translational" and "rotational" of bodies, "free" of
+     * free particles, "total". Names without degrees of freedom are left out. What a
+     * CMMotionRemover removes is divided between bodies and free particles by their masses. Errors
+     * as in computeMidStepTemperature().
+     */
+    std::map<std::string, double> computeMidStepTemperatures() const;
 
     /** Get which effects are on, and why, as text. Needs a Context. */
     std::string describeEffects() const;
@@ -545,6 +569,8 @@ private:
                           const std::vector<OpenMM::Vec3>& sitePositions, int index) const;
     int appendBody(const Body& body);
     void requireContext(const char* method) const;
+    /** @return the total; an error if the scheme has no momenta or nothing moves */
+    int requireDegreesOfFreedom(const char* method) const;
     class IntegrateRigidBodiesKernel& boundKernel(const char* method) const;
 
     Scheme scheme;

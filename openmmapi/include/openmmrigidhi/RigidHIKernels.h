@@ -71,6 +71,8 @@ public:
     virtual OpenMM::Vec3 computeRotationalKineticEnergies(OpenMM::ContextImpl& context) = 0;
     virtual double computeFreeParticleKineticEnergy(OpenMM::ContextImpl& context) = 0;
     virtual std::map<std::string, int> getDegreesOfFreedom(OpenMM::ContextImpl& context) = 0;
+    virtual std::map<std::string, double> computeMidStepTemperatures(
+        OpenMM::ContextImpl& context) = 0;
     virtual std::map<std::string, std::string> getEffects(OpenMM::ContextImpl& context) = 0;
     virtual std::string describeEffects(OpenMM::ContextImpl& context) = 0;
     virtual std::map<std::string, double> getStepStatistics(OpenMM::ContextImpl& context) = 0;

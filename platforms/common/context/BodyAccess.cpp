@@ -54,6 +54,12 @@ void BodyAccess::posesWereSet() {
     if (scene.fluid) scene.fluid->forgetMemory();
     mirror.writePoses();
     scene.noteChange();
+    scene.watch.restart();
+}
+
+void BodyAccess::twistsWereSet() {
+    mirror.writeTwists();
+    scene.watch.restart();
 }
 
 void BodyAccess::setPositions(const vector<Vec3>& rows) {
@@ -90,14 +96,14 @@ void BodyAccess::setVelocities(const vector<Vec3>& rows) {
         state.p = rows[b] * scene.bodies.inertia(b).mass;
         scene.bodies.setState(b, state);
     }
-    mirror.writeTwists();
+    twistsWereSet();
 }
 
 void BodyAccess::setAngularVelocities(const vector<Vec3>& rows) {
     prepare("setBodyAngularVelocities()");
     for (int b = 0; b < scene.bodies.getNumBodies(); b++)
         scene.bodies.setAngularVelocity_lab(b, rows[b]);
-    mirror.writeTwists();
+    twistsWereSet();
 }
 
 double BodyAccess::getPoseResidual() {

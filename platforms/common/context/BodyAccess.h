@@ -55,6 +55,7 @@ private:
     Fluid& prepareFluid(const char* method);
     Fluid::FlowQuestion askForFlow() const;
     void posesWereSet();
+    void twistsWereSet();
     bool hasMomenta() const;
     template <class Of>
     auto ofBodies(Of of) const;

@@ -43,6 +43,7 @@ void ContextMirror::forgetWritten() {
 }
 
 void ContextMirror::positionsWereSet() {
+    scene.watch.restart();
     positionsAreSet = true;
     if (loaded) {
         // OpenMM reads the positions of a checkpoint after its bodies. Where positions and bodies
@@ -56,6 +57,7 @@ void ContextMirror::positionsWereSet() {
 }
 
 void ContextMirror::velocitiesWereSet() {
+    scene.watch.restart();
     setSinceStep = true;
     scene.arrays->pullVelocities();
     // OpenMM then applies velocity constraints. Their changes are taken in as usual.
@@ -63,6 +65,7 @@ void ContextMirror::velocitiesWereSet() {
 }
 
 void ContextMirror::stateWasLoaded(const SavedState& saved, const vector<int>& toBeFitted) {
+    scene.watch.restart();
     // Arrays that are not the saved ones count as changed by the user.
     lastPositions.forgetAll();
     lastVelocities.forgetAll();

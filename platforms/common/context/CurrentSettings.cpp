@@ -45,6 +45,7 @@ void CurrentSettings::update(Scene& scene) {
     takenOver = wanted;
     printWarnings(scene);
     if (!traits().isOverdamped()) setThermostats(scene);
+    scene.watch.adopt(scene);
 }
 
 void CurrentSettings::setThermostats(Scene& scene) {

@@ -16,6 +16,7 @@
 #include "context/CurrentSettings.h"
 #include "context/StepCounters.h"
 #include "context/SystemCheck.h"
+#include "context/TemperatureWatch.h"
 #include "forces/BodyForces.h"
 #include "host/FreeParticles.h"
 #include "host/PlatformLoops.h"
@@ -87,6 +88,7 @@ public:
     ContextFluid fluid;
     /** The noise has the seed, and the number of the step that is next or in progress. */
     CurrentSettings settings;
+    TemperatureWatch watch;
     StepCounters counters;
 
 private:

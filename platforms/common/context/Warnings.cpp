@@ -166,9 +166,10 @@ void warnOfRejections(const Scene& scene, map<WarningCause, string>& result) {
 }  // namespace
 
 bool stepsHaveWarnings(const Scene& scene, const set<WarningCause>& printed) {
+    const auto isNew = [&](WarningCause cause) { return printed.count(cause) == 0; };
+    if (isNew(WarningCause::WrongTemperature) && !scene.watch.getFinding().empty()) return true;
     const ContextFluid& fluid = scene.fluid;
     if (!fluid) return false;
-    const auto isNew = [&](WarningCause cause) { return printed.count(cause) == 0; };
     return (isNew(WarningCause::DriftFactorSpread) &&
             fluid->getDriftFactorSpread() > driftFactorLimit) ||
            (isNew(WarningCause::ManyRejections) && partRedone(scene) > largestPartRedone) ||
@@ -208,8 +209,10 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
             counted(unresolved, "body", "bodies") + ", the first of them body " +
             to_string(firstUnresolved) + " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " +
             number(worst) + ", above " + number(resolutionLimit) +
-            "): their temperature will be wrong; take a step of " +
-            number(h * resolutionLimit / worst) + " ps or less";
+            "): their temperature will be wrong; free rotation alone needs a step of " +
+            number(h * resolutionLimit / worst) +
+            " ps or less, and forces may need a far smaller one: watch "
+            "computeMidStepTemperature()";
     if (langevinA &&
         (largestGamma > langevinAGammaLimit || largestRotational > langevinARotationalLimit))
         result[WarningCause::LargeFriction] =
@@ -232,6 +235,8 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
             ", so that the step is too large for the drift; take a smaller step, or "
             "RandomFiniteDifference or TrapezoidalSlip";
     addMismatches(scene, result);
+    if (!scene.watch.getFinding().empty())
+        result[WarningCause::WrongTemperature] = scene.watch.getFinding();
     return result;
 }
 

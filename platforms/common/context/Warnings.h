@@ -27,7 +27,8 @@ enum class WarningCause {
     BodiesWithoutContext,
     UnboundedFluid,
     WatersWithoutBodies,
-    BarostatTemperature
+    BarostatTemperature,
+    WrongTemperature
 };
 /** The spread of drift factors above which they are not a small correction any more. */
 constexpr double driftFactorLimit = 0.3;

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "host/BodyLoops-inl.h"
+#include "schemes/MomentumFlow.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -78,6 +79,27 @@ double FreeParticles::kineticEnergy(const vector<Vec3>& velocities) const {
     for (size_t i = 0; i < particles.size(); i++)
         sum += masses[i] * velocities[particles[i]].dot(velocities[particles[i]]);
     return 0.5 * sum;
+}
+
+double FreeParticles::midStepKineticEnergy(const StepSettings& settings, vector<Vec3>& positions,
+                                           vector<Vec3> velocities, double constraintTolerance) {
+    if (particles.empty()) return 0;
+    double noise = 0;
+    scalar::withThermostat(settings.scheme, [&](auto scheme) {
+        for (size_t i = 0; i < particles.size(); i++) {
+            const auto flow = MomentumFlow::upToDrift<decltype(scheme)>(
+                thermostats[i].decay_p, thermostats[i].noise_p, settings.h);
+            Vec3& v = velocities[particles[i]];
+            v = v * flow.factor + forces[i] * (flow.time / masses[i]);
+            noise += 1.5 * flow.variance() / masses[i];
+        }
+    });
+    // The moves keep velocities along constraints 0, one after the other or all at once. Each
+    // constraint takes the noise of one degree of freedom.
+    if (constraints)
+        constraints->applyToVelocities(positions, velocities, inverseMasses, constraintTolerance);
+    const double degrees = 3.0 * particles.size();
+    return kineticEnergy(velocities) + noise * (degrees - numConstraints) / degrees;
 }
 
 void FreeParticles::save(Snapshot& snapshot, const vector<Vec3>& positions,

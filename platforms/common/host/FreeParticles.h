@@ -62,6 +62,12 @@ public:
     bool gatherForces(const std::vector<OpenMM::Vec3>& contextForces);
     void setThermostats(const std::vector<Thermostat>& perParticle);
     double kineticEnergy(const std::vector<OpenMM::Vec3>& velocities) const;
+    /**
+     * The kinetic energy of the mid-step momenta (MidStep.h), from the forces gathered last.
+     * @param velocities  at the end of a step
+     */
+    double midStepKineticEnergy(const StepSettings& settings, std::vector<OpenMM::Vec3>& positions,
+                                std::vector<OpenMM::Vec3> velocities, double constraintTolerance);
     double mass(int i) const { return masses[i]; }
     OpenMM::Vec3 getForce(int i) const { return forces[i]; }
 

@@ -6,6 +6,7 @@
 
 #include "context/Effects.h"
 #include "context/Messages.h"
+#include "context/MidStepTemperatures.h"
 #include "context/Resuming.h"
 
 using namespace OpenMM;
@@ -84,6 +85,10 @@ double RigidBodyKernel::computeFreeParticleKineticEnergy(ContextImpl&) {
 map<string, int> RigidBodyKernel::getDegreesOfFreedom(ContextImpl&) {
     if (traitsOf(scene->integrator.getScheme()).hasMomenta) access->requireGeometry();
     return countDegreesOfFreedom(*scene);
+}
+
+map<string, double> RigidBodyKernel::computeMidStepTemperatures(ContextImpl&) {
+    return midStepTemperatures(*scene, stepper->findMidStepEnergies());
 }
 
 map<string, string> RigidBodyKernel::getEffects(ContextImpl&) {

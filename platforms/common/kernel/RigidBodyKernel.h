@@ -64,6 +64,7 @@ public:
     OpenMM::Vec3 computeRotationalKineticEnergies(OpenMM::ContextImpl& context) override;
     double computeFreeParticleKineticEnergy(OpenMM::ContextImpl& context) override;
     std::map<std::string, int> getDegreesOfFreedom(OpenMM::ContextImpl& context) override;
+    std::map<std::string, double> computeMidStepTemperatures(OpenMM::ContextImpl& context) override;
     std::map<std::string, std::string> getEffects(OpenMM::ContextImpl& context) override;
     std::string describeEffects(OpenMM::ContextImpl& context) override;
     std::map<std::string, double> getStepStatistics(OpenMM::ContextImpl& context) override;

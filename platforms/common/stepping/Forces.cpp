@@ -4,14 +4,14 @@
 #include "stepping/NonFinite.h"
 
 using namespace OpenMM;
+using namespace std;
 
 namespace RigidHIPlugin {
 
 void Forces::prepare() {
     const StepSettings& settings = scene.settings;
     const double time = scene.arrays->getTime();
-    if (scene.bodyForces.usesTime() && bodyForcesTime != time) drop();
-    if (choice.changed(scene.system, scene.integrator.getIntegrationForceGroups())) drop();
+    dropIfOutOfDate(time);
     const bool overdamped = settings.traits().isOverdamped();
     if (overdamped && !overdampedScheme(settings.scheme).needsForces(0)) return;
     if (!areCurrent()) {
@@ -19,6 +19,31 @@ void Forces::prepare() {
         evaluatedAfter = scene.numChanges();
     } else if (!overdamped)
         renewVelocityDependent(time);
+}
+
+void Forces::dropIfOutOfDate(double time) {
+    if (scene.bodyForces.usesTime() && bodyForcesTime != time) drop();
+    if (choice.changed(scene.system, scene.integrator.getIntegrationForceGroups())) drop();
+}
+
+void Forces::withThoseOfNextStep(const function<void()>& work) {
+    const double time = scene.arrays->getTime();
+    dropIfOutOfDate(time);
+    const bool atHand = areCurrent();
+    scene.bodies.saveForces(shown);
+    try {
+        if (atHand)
+            renewVelocityDependent(time);
+        else
+            evaluate(time);
+        work();
+    } catch (...) {
+        drop();
+        scene.bodies.restoreForces(shown);
+        throw;
+    }
+    if (!atHand) drop();
+    scene.bodies.restoreForces(shown);
 }
 
 void Forces::calculate() {

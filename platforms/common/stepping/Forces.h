@@ -3,6 +3,8 @@
 
 #include <openmm/internal/ContextImpl.h>
 
+#include <functional>
+
 #include "context/ContextMirror.h"
 #include "stepping/ForceChoice.h"
 
@@ -34,6 +36,12 @@ public:
      * stay.
      */
     void renewVelocityDependent(double time);
+    /**
+     * Call work() while bodies and free particles have the forces that the next step begins with at
+     * the present state. Bodies then have again those that they had. The next step evaluates what
+     * had to be evaluated here once more, so that it is the same.
+     */
+    void withThoseOfNextStep(const std::function<void()>& work);
     /** The forces belong to no configuration that a step may begin with. */
     void drop() { evaluatedAfter = -1; }
     /** A step is given up. Bodies and free particles get the forces that it began with. */
@@ -41,12 +49,14 @@ public:
 
 private:
     bool areCurrent() const { return evaluatedAfter == scene.numChanges(); }
+    void dropIfOutOfDate(double time);
     void calculate();
     void addBodyForces(double time, double lookAhead);
     OpenMM::ContextImpl& context;
     Scene& scene;
     ContextMirror& mirror;
     ForceChoice choice;
+    BodySet::Snapshot shown;
     double bodyForcesTime = 0;      // of the forces that the bodies have
     long long evaluatedAfter = -1;  // as many changes by others; -1: not current
 };

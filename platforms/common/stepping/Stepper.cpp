@@ -54,6 +54,22 @@ void Stepper::evaluateForces() {
     });
 }
 
+MidStepEnergies Stepper::findMidStepEnergies() {
+    mirror.requirePositions("computeMidStepTemperature()");
+    MidStepEnergies result;
+    withArrays([&] {
+        if (scene.isBuilt()) scene.updateSettings();
+        mirror.takeInChanges();
+        forces.withThoseOfNextStep([&] {
+            result = midStepEnergies(scene.bodies, scene.settings);
+            result.free = scene.freeParticles->midStepKineticEnergy(
+                scene.settings, scene.arrays->positions(), scene.arrays->velocities(),
+                scene.integrator.getConstraintTolerance());
+        });
+    });
+    return result;
+}
+
 void Stepper::takeStep() {
     mirror.requirePositions("step()");
     if (!std::isfinite(scene.arrays->getTime()))
@@ -120,6 +136,7 @@ void Stepper::advance() {
     arrays.setTime(arrays.getTime() + scene.settings.h);
     arrays.setStepCount(arrays.getStepCount() + 1);
     scene.settings.noise.step++;
+    scene.watch.stepEnded(scene);
 }
 
 }  // namespace RigidHIPlugin

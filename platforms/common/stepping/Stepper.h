@@ -2,6 +2,7 @@
 #define RIGIDHI_STEPPER_H_
 
 #include "context/MomentumRemoval.h"
+#include "host/MidStep.h"
 #include "stepping/BrownianStep.h"
 #include "stepping/FluidStep.h"
 #include "stepping/PlainStep.h"
@@ -22,6 +23,11 @@ public:
      * Evaluate forces at the present poses and time, and gather them for bodies and free particles.
      */
     void evaluateForces();
+    /**
+     * The mid-step kinetic energies of the present state (MidStep.h). Forces are evaluated if they
+     * are out of date; the next step evaluates its own, so that this call does not change it.
+     */
+    MidStepEnergies findMidStepEnergies();
 
 private:
     template <class Work>

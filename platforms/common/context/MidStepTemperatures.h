@@ -1,0 +1,23 @@
+#ifndef RIGIDHI_MID_STEP_TEMPERATURES_H_
+#define RIGIDHI_MID_STEP_TEMPERATURES_H_
+
+#include <map>
+#include <string>
+
+#include "host/MidStep.h"
+
+namespace RigidHIPlugin {
+
+class Scene;
+
+/**
+ * Temperatures, K, from mid-step energies: "translational", "rotational", "free", "total", those of
+ * them that have degrees of freedom. Degrees that a CMMotionRemover takes are divided between
+ * bodies and free particles by their masses, as the kinetic energy of their common motion is.
+ */
+std::map<std::string, double> midStepTemperatures(const Scene& scene,
+                                                  const MidStepEnergies& energies);
+
+}  // namespace RigidHIPlugin
+
+#endif

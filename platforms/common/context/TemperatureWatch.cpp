@@ -1,0 +1,207 @@
+#include "context/TemperatureWatch.h"
+
+#include <openmm/reference/SimTKOpenMMRealType.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "context/Scene.h"
+#include "openmmrigidhi/internal/Messages.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+// A window: at least so many steps, and so many relaxation times.
+const double shortestWindow = 4000, relaxationTimes = 20;
+// Relative errors of temperatures that right steps may have. In water at 7 fs, where energies are
+// right, translation is 2 % cold and rotation 4 % hot; at 9 fs, where the energy is 3 % off,
+// rotation is 13 to 19 % hot (docs/THEORY.md). Rotors are not harmonic.
+const double translationalBand = 0.05, rotationalBand = 0.10;
+// Beyond the band. A right run goes beyond one of the four bounds of a window less often than once
+// in 10^6 windows.
+const double standardErrors = 5;
+// Bodies that move together in a fluid feel less friction than each of them alone.
+const double together = 0.5;
+
+/**
+ * A bound of a mean of squares of Gaussian numbers, relative to its expected value (Wilson and
+ * Hilferty 1931). With many numbers it is 1 + errors sqrt(variance).
+ */
+double boundOfSquares(double relativeVariance, double errors) {
+    const double x = relativeVariance / 9;
+    return pow(max(0.0, 1 - x + errors * sqrt(x)), 3);
+}
+
+/**
+ * Low estimates of the rates, 1/ps, at which a fluid damps a body that it couples to others: its
+ * friction is at least that of its largest particle, and rotation is damped like translation where
+ * friction is distributed like mass.
+ */
+struct FluidRates {
+    double translation = 0, rotation[3] = {0, 0, 0};
+    FluidRates(const Scene& scene, int b) {
+        const MobilityForce& force = scene.fluid->getForce();
+        const BodyInertia& inertia = scene.bodies.inertia(b);
+        double drag_t = 0, drag_r[3] = {0, 0, 0};
+        if (force.getBodyHasOwnTensor(b)) {
+            const vector<double> tensor = force.getBodyFriction(b);
+            Vec3 t, r;
+            for (int k = 0; k < 3; k++) {
+                t[k] = tensor[7 * k];
+                r[k] = tensor[7 * (k + 3)];
+            }
+            drag_t = min({t[0], t[1], t[2]});
+            for (double& drag : drag_r) drag = min({r[0], r[1], r[2]});
+        } else {
+            const vector<int>& particles = scene.definitions.particles(b);
+            const vector<Vec3>& sites = scene.definitions.geometries()[b].sites;
+            double largest = 0, across[3] = {0, 0, 0};
+            int number = 0;
+            for (size_t i = 0; i < particles.size(); i++) {
+                const double radius = force.getParticleRadius(particles[i]);
+                if (radius == 0) continue;
+                number++;
+                largest = max(largest, radius);
+                const Vec3 site = scene.bodies.toInner(b, sites[i]);
+                for (int k = 0; k < 3; k++) across[k] += site.dot(site) - site[k] * site[k];
+            }
+            drag_t = 6 * M_PI * force.getViscosity() * largest;
+            for (int k = 0; k < 3 && number > 0; k++)
+                drag_r[k] = drag_t * (across[k] / number + 4.0 / 3 * largest * largest);
+        }
+        translation = together * drag_t / inertia.mass;
+        for (int k = 0; k < 3; k++)
+            if (inertia.isLive(k)) rotation[k] = together * drag_r[k] / inertia.moments[k];
+    }
+};
+
+/** Three digits, and more where the last would not be that of one kelvin. */
+string temperatureText(double T) { return text(T, max(3, 1 + (int)log10(max(T, 1.0)))); }
+
+}  // namespace
+
+void TemperatureWatch::Expectation::add(int number, double relaxation, double energyOfEach) {
+    degrees += number;
+    energy += number * energyOfEach;
+    perRate += number / relaxation;
+}
+
+bool TemperatureWatch::Expectation::isTooHigh(double found, double band) const {
+    return found > energy * (band + boundOfSquares(relativeVariance, standardErrors));
+}
+
+bool TemperatureWatch::Expectation::isTooLow(double found, double band) const {
+    return found < energy * (boundOfSquares(relativeVariance, -standardErrors) - band);
+}
+
+void TemperatureWatch::adopt(const Scene& scene) {
+    restart();
+    isOn = false;
+    const StepSettings& settings = scene.settings;
+    const BodySet& bodies = scene.bodies;
+    const bool inFluid = settings.traits().needsFluid();
+    if (!settings.hasMomenta() || settings.kT == 0 || bodies.getNumBodies() == 0 ||
+        scene.bodyForces.usesTime() || scene.bodyForces.usesVelocities() ||
+        (inFluid && !scene.fluid->describeFlow().empty()))
+        return;
+    translation = rotation = Expectation();
+    totalMass = 0;
+    double slowest = numeric_limits<double>::infinity();
+    const auto expect = [&](Expectation& motion, int number, double inertia, double decay,
+                            double noise, double rateInFluid) {
+        FreeMomentum momentum = freeMomentum(settings, inertia, decay, noise);
+        if (momentum.relaxation == 0) momentum.relaxation = rateInFluid * settings.h;
+        slowest = min(slowest, momentum.relaxation);
+        motion.add(number, momentum.relaxation, 0.5 * settings.kT * momentum.ratio);
+    };
+    for (int b = 0; b < bodies.getNumBodies(); b++) {
+        const BodyInertia& inertia = bodies.inertia(b);
+        const int s = bodies.slot(b);
+        double rate = 0, rates[3] = {0, 0, 0};
+        if (inFluid && bodies.decay_p[s] == 1) {
+            const FluidRates own(scene, b);
+            rate = own.translation;
+            copy_n(own.rotation, 3, rates);
+        }
+        totalMass += inertia.mass;
+        expect(translation, 3, inertia.mass, bodies.decay_p[s], bodies.noise_p[s], rate);
+        for (int k = 0; k < 3; k++)
+            if (inertia.isLive(k))
+                expect(rotation, 1, inertia.moments[k], bodies.decay_l[k][s], bodies.noise_l[k][s],
+                       rates[k]);
+    }
+    if (!(slowest > 0)) return;
+    isOn = true;
+    noise = midStepEnergiesOfNoise(bodies, settings);
+    removed = scene.stock.hasCMMotionRemover ? 3 : 0;
+    // Whole looks, and a number that an integer takes.
+    const double largest = 1e18;
+    const double looksOfWindow =
+        ceil(min(largest, max(shortestWindow, relaxationTimes / slowest)) / interval);
+    window = interval * (long long)looksOfWindow;
+    // A kinetic energy forgets in half a relaxation time. Its mean over n relaxation times has the
+    // relative variance 2/n, and that of n looks has it, too: the sum is enough for both.
+    for (Expectation* motion : {&translation, &rotation})
+        if (motion->degrees > 0)
+            motion->relativeVariance =
+                2 * (motion->perRate / window + motion->degrees / looksOfWindow) /
+                ((double)motion->degrees * motion->degrees);
+}
+
+void TemperatureWatch::restart() {
+    steps = looks = 0;
+    sum = MidStepEnergies();
+    finding.clear();
+}
+
+void TemperatureWatch::look(const Scene& scene) {
+    if (steps <= window) return;  // the scene may relax first
+    const MidStepEnergies now = midStepEnergiesOfMeans(scene.bodies, scene.settings);
+    sum.translational += now.translational;
+    sum.rotational += now.rotational;
+    sum.momentum += now.momentum;
+    looks++;
+    if (steps % window == 0) judge(scene);
+}
+
+void TemperatureWatch::judge(const Scene& scene) {
+    const double mean = 1.0 / looks, kT = scene.settings.kT, bath = kT / BOLTZ;
+    const double translational = mean * sum.translational + noise.translational,
+                 rotational = mean * sum.rotational + noise.rotational;
+    // Bodies that a constant force drives have a mean velocity, which is no heat.
+    const Vec3 momentum = sum.momentum * mean;
+    const double heat = translational - 0.5 * momentum.dot(momentum) / totalMass;
+    // A CMMotionRemover takes some motion away, but between two removals there may be all.
+    const double least = translation.degrees - removed;
+    looks = 0;
+    sum = MidStepEnergies();
+    finding.clear();
+    const auto report = [&](const char* motion, double degrees, double energy, double expected) {
+        const double T = 2 * energy / (BOLTZ * degrees);
+        finding += (finding.empty() ? "" : ", and ") + string(motion) + temperatureText(T) +
+                   " K instead of " + temperatureText(bath * expected) + " K";
+    };
+    const double expected_t = 2 * translation.energy / (kT * translation.degrees);
+    if (translation.isTooHigh(heat, translationalBand))
+        report("translations of bodies have been at ", translation.degrees, heat, expected_t);
+    else if (translation.isTooLow(translational * translation.degrees / max(least, 1.0),
+                                  translationalBand) &&
+             least > 0)
+        report("translations of bodies have been at ", least, translational, expected_t);
+    if (rotation.isTooHigh(rotational, rotationalBand) ||
+        rotation.isTooLow(rotational, rotationalBand))
+        report("rotations of bodies have been at ", rotation.degrees, rotational,
+               2 * rotation.energy / (kT * rotation.degrees));
+    if (!finding.empty())
+        finding = "over the last " + to_string(window) + " steps (" +
+                  text(window * scene.settings.h, 4) + " ps) " + finding +
+                  ": the step is too long, or forces are not conservative or drive bodies; take a "
+                  "smaller step (computeMidStepTemperature() shows the temperature that tells)";
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,76 @@
+#ifndef RIGIDHI_TEMPERATURE_WATCH_H_
+#define RIGIDHI_TEMPERATURE_WATCH_H_
+
+#include <string>
+
+#include "host/MidStep.h"
+
+namespace RigidHIPlugin {
+
+class Scene;
+
+/**
+ * Watches the mid-step temperatures of bodies while they take steps, and finds bodies that stay
+ * hotter or colder than their scheme lets them be at the temperature of the bath. Then the step is
+ * too long, or forces are not conservative.
+ *
+ * Translation and rotation are watched apart, over one window of steps after another. A window
+ * lasts 20 relaxation times of the slowest thermostatted axis. The first one begins as long after
+ * the start, or after the last change from outside, so that a scene may relax. A temperature counts
+ * as wrong if it is off by more than a band and five standard errors.
+ *
+ * Only a fluid, friction and a temperature above 0 make a temperature that can be expected. There
+ * is no watch without them, in a driven flow, and where a CustomBodyForce depends on time or
+ * velocities. What the watch knows is not saved, and no step depends on it.
+ */
+class TemperatureWatch {
+public:
+    /** Settings or bodies have changed. Find what is to be expected, and begin anew. */
+    void adopt(const Scene& scene);
+    /** Positions, velocities or the state were set from outside. Begin anew. */
+    void restart();
+    /** A step has ended, and the forces that bodies have belong to its end. */
+    void stepEnded(const Scene& scene) {
+        if (isOn && ++steps % interval == 0) look(scene);
+    }
+    /** What the last whole window has found, as a sentence for users; empty: nothing wrong. */
+    const std::string& getFinding() const { return finding; }
+    /** The length of a window in steps; 0: there is no watch. */
+    long long getWindow() const { return isOn ? window : 0; }
+
+    /** The kinetic temperature of one kind of motion in a window. */
+    struct Expectation {
+        int degrees = 0;
+        double energy = 0;            // expected of a right run, kJ/mol
+        double perRate = 0;           // sum over degrees of freedom of 1/(their relaxation a step)
+        double relativeVariance = 0;  // of the mean energy of a window
+        void add(int degrees, double relaxation, double energy);
+        /** Whether the mean energy of a window is out of the band. */
+        bool isTooHigh(double energy, double band) const;
+        bool isTooLow(double energy, double band) const;
+    };
+
+private:
+    /**
+     * Every so many steps the kinetic energies are added up. A look takes 4 ns a body, and a step
+     * of a free body 59 ns. Momenta stay alike over 100 steps at usual frictions, so that more
+     * looks would tell little more.
+     */
+    static const int interval = 100;
+    void look(const Scene& scene);
+    void judge(const Scene& scene);
+    bool isOn = false;
+    Expectation translation, rotation;
+    int removed = 0;       // degrees of freedom that a CMMotionRemover may take
+    double totalMass = 0;  // of the bodies
+    long long window = 0;  // steps
+    // Since the start, and of the present window.
+    long long steps = 0, looks = 0;
+    MidStepEnergies sum;    // of the parts that change
+    MidStepEnergies noise;  // the part that does not change
+    std::string finding;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
