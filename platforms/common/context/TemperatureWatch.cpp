@@ -37,49 +37,6 @@ double boundOfSquares(double relativeVariance, double errors) {
     return pow(max(0.0, 1 - x + errors * sqrt(x)), 3);
 }
 
-/**
- * Low estimates of the rates, 1/ps, at which a fluid damps a body that it couples to others: its
- * friction is at least that of its largest particle, and rotation is damped like translation where
- * friction is distributed like mass.
- */
-struct FluidRates {
-    double translation = 0, rotation[3] = {0, 0, 0};
-    FluidRates(const Scene& scene, int b) {
-        const MobilityForce& force = scene.fluid->getForce();
-        const BodyInertia& inertia = scene.bodies.inertia(b);
-        double drag_t = 0, drag_r[3] = {0, 0, 0};
-        if (force.getBodyHasOwnTensor(b)) {
-            const vector<double> tensor = force.getBodyFriction(b);
-            Vec3 t, r;
-            for (int k = 0; k < 3; k++) {
-                t[k] = tensor[7 * k];
-                r[k] = tensor[7 * (k + 3)];
-            }
-            drag_t = min({t[0], t[1], t[2]});
-            for (double& drag : drag_r) drag = min({r[0], r[1], r[2]});
-        } else {
-            const vector<int>& particles = scene.definitions.particles(b);
-            const vector<Vec3>& sites = scene.definitions.geometries()[b].sites;
-            double largest = 0, across[3] = {0, 0, 0};
-            int number = 0;
-            for (size_t i = 0; i < particles.size(); i++) {
-                const double radius = force.getParticleRadius(particles[i]);
-                if (radius == 0) continue;
-                number++;
-                largest = max(largest, radius);
-                const Vec3 site = scene.bodies.toInner(b, sites[i]);
-                for (int k = 0; k < 3; k++) across[k] += site.dot(site) - site[k] * site[k];
-            }
-            drag_t = 6 * M_PI * force.getViscosity() * largest;
-            for (int k = 0; k < 3 && number > 0; k++)
-                drag_r[k] = drag_t * (across[k] / number + 4.0 / 3 * largest * largest);
-        }
-        translation = together * drag_t / inertia.mass;
-        for (int k = 0; k < 3; k++)
-            if (inertia.isLive(k)) rotation[k] = together * drag_r[k] / inertia.moments[k];
-    }
-};
-
 /** Three digits, and more where the last would not be that of one kelvin. */
 string temperatureText(double T) { return text(T, max(3, 1 + (int)log10(max(T, 1.0)))); }
 
@@ -122,18 +79,15 @@ void TemperatureWatch::adopt(const Scene& scene) {
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         const BodyInertia& inertia = bodies.inertia(b);
         const int s = bodies.slot(b);
-        double rate = 0, rates[3] = {0, 0, 0};
-        if (inFluid && bodies.decay_p[s] == 1) {
-            const FluidRates own(scene, b);
-            rate = own.translation;
-            copy_n(own.rotation, 3, rates);
-        }
+        BodyRates fluid;
+        if (inFluid && bodies.decay_p[s] == 1) fluid = scene.fluid->findRates(b, inertia);
         totalMass += inertia.mass;
-        expect(translation, 3, inertia.mass, bodies.decay_p[s], bodies.noise_p[s], rate);
+        expect(translation, 3, inertia.mass, bodies.decay_p[s], bodies.noise_p[s],
+               together * fluid.translation);
         for (int k = 0; k < 3; k++)
             if (inertia.isLive(k))
                 expect(rotation, 1, inertia.moments[k], bodies.decay_l[k][s], bodies.noise_l[k][s],
-                       rates[k]);
+                       together * fluid.rotation[k]);
     }
     if (!(slowest > 0)) return;
     isOn = true;

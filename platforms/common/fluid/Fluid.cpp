@@ -39,15 +39,18 @@ Fluid::Fluid(const MobilityForce& forceToUse, const FluidSettings& settings,
       particlesOfBodies(particlesOfBodiesToUse),
       groups(GroupBuilder(force, settings, system, particlesOfBodies, freeParticles, loops)
                  .build(geometries, bodies)),
-      groupOfBody(particlesOfBodies.size(), -1), groupOfFree(freeParticles.getNumParticles(), -1) {
+      elementOfBody(particlesOfBodies.size(), -1), groupOfBody(particlesOfBodies.size(), -1),
+      groupOfFree(freeParticles.getNumParticles(), -1) {
     for (size_t g = 0; g < groups.size(); g++) {
         FluidGroup& group = *groups[g];
         const auto& elements = group.bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++)
-            if (elements[e].isFree())
+            if (elements[e].isFree()) {
                 groupOfFree[group.freeIndex[e]] = g;
-            else
+            } else {
                 groupOfBody[elements[e].body] = g;
+                elementOfBody[elements[e].body] = e;
+            }
         if (group.isThermostat) continue;
         coupledGroups.push_back(&group);
         const double rows = group.relaxation->getNumRows(),

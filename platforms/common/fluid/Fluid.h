@@ -128,6 +128,8 @@ public:
     StepResolution resolveOverdamped(double h, double kT) const;
     /** Whether the steps so far show such forces. */
     bool drivesSlowedSpins() const;
+    /** The rates at which the fluid damps the momenta of a body by itself, at least. */
+    BodyRates findRates(int body, const BodyInertia& inertia) const;
     /** How far momenta relax in a step of LangevinHI. */
     StepResolution resolveRelaxation(double h, const BodySet& bodies,
                                      const FreeParticles& freeParticles) const;
@@ -329,6 +331,7 @@ private:
     mutable std::map<std::vector<double>, std::shared_ptr<const CoupledBodies::Alone>>
         aloneOfShapes;
     double operationsPerStep = 0;               // of the coupled groups, roughly
+    std::vector<int> elementOfBody;             // in its group
     std::vector<int> groupOfBody, groupOfFree;  // free: by place in FreeParticles, -1: not seen
     CustomRigidHIIntegrator::Scheme overdampedScheme_ =
         CustomRigidHIIntegrator::EulerMaruyama;  // of the groups' schemes

@@ -1,6 +1,7 @@
 // Fluid: what a step resolves of the motion of each body.
 
 #include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 
 #include <cmath>
 
@@ -163,6 +164,27 @@ StepResolution Fluid::resolveOverdamped(double h, double kT) const {
         }
     }
     return result;
+}
+
+BodyRates Fluid::findRates(int body, const BodyInertia& inertia) const {
+    FluidGroup& group = *groups[groupOfBody[body]];
+    findAlone(group);
+    BodyRates rates;
+    const MatrixXd& friction = group.alone[elementOfBody[body]]->friction;
+    const SelfAdjointEigenSolver<Matrix3d> drag(Matrix3d(friction.topLeftCorner<3, 3>()),
+                                                EigenvaluesOnly);
+    rates.translation = drag.eigenvalues()[0] / inertia.mass;
+    Matrix3d drag_r = friction.bottomRightCorner<3, 3>();
+    for (int k = 0; k < 3; k++)
+        if (!inertia.isLive(k)) {  // blobs on a line do not resist rotation about it
+            drag_r.row(k).setZero();
+            drag_r.col(k).setZero();
+            drag_r(k, k) = 1;
+        }
+    const Matrix3d inverse = drag_r.inverse();
+    for (int k = 0; k < 3; k++)
+        if (inertia.isLive(k)) rates.rotation[k] = 1 / (inertia.moments[k] * inverse(k, k));
+    return rates;
 }
 
 StepResolution Fluid::resolveRelaxation(double h, const BodySet& bodies,

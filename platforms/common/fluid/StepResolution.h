@@ -29,6 +29,12 @@ struct StepResolution {
     std::string fastestToRelax;
 };
 
+/** The rates at which the fluid damps a body by itself, 1/ps; 0 for axes without inertia. */
+struct BodyRates {
+    double translation = 0;          // of the direction that is damped least
+    double rotation[3] = {0, 0, 0};  // about the body's axes
+};
+
 }  // namespace RigidHIPlugin
 
 #endif
