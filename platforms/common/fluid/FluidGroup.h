@@ -82,6 +82,7 @@ struct FluidGroup {
         alone;                            // of the elements; empty: not asked for yet
     std::vector<BodyRotation> rotations;  // of the elements, in steps of this energy
     double doubleEnergy = -1;             // 2 kT h of `rotations`
+    double energyOfMobility = -1;         // 2 kT h that overdamped.mobility was chosen for
     double slowedEnergy = -1;             // 2 kT h that `slowed` was made for
     std::vector<DrivenSpin> drivenSpins;  // of the elements
     MobilityCosts costsOfFormerSlowed;

@@ -69,6 +69,11 @@ void Fluid::findRotations(FluidGroup& group, double doubleEnergy) const {
 
 /** Slow the spins that a step of the energy 2 kT h does not resolve; 0: have the real ones. */
 void Fluid::slowSpins(FluidGroup& group, double doubleEnergy) const {
+    // Questions about other steps may have found the rotations of other energies since.
+    if (group.energyOfMobility == doubleEnergy &&
+        (doubleEnergy == 0 || group.doubleEnergy == doubleEnergy))
+        return;
+    group.energyOfMobility = doubleEnergy;
     BodyMobility* wanted = group.overdamped.realMobility;
     if (doubleEnergy > 0) findRotations(group, doubleEnergy);
     vector<SlowedSpin> spins;
