@@ -198,18 +198,20 @@ vector<double> BodyAccess::applyMobility(const vector<double>& wrenches) {
 
 bool BodyAccess::flowNeedsForces(const char* method) {
     Fluid& fluid = prepareFluid(method);
-    return !hasMomenta() && !fluid.findFlowOfLastStep(scene.bodies, scene.arrays->positions(),
-                                                      scene.integrator.getScheme());
+    return !hasMomenta() &&
+           !fluid.getFlowReader().findLastStep(scene.bodies, scene.arrays->positions(),
+                                               scene.integrator.getScheme());
 }
 
-Fluid::FlowQuestion BodyAccess::askForFlow() const {
+FlowQuestion BodyAccess::askForFlow() const {
     scene.arrays->pullVelocities();
     return {scene.bodies, *scene.freeParticles, scene.arrays->positions(),
             scene.arrays->velocities(), scene.integrator.getScheme()};
 }
 
 vector<Vec3> BodyAccess::getFlow(const vector<Vec3>& points) {
-    const Velocities velocities = prepareFluid("getFlowInContext()").flowAt(points, askForFlow());
+    const Velocities velocities =
+        prepareFluid("getFlowInContext()").getFlowReader().flowAt(points, askForFlow());
     vector<Vec3> result;
     for (int p = 0; p < velocities.cols(); p++)
         result.push_back(Vec3(velocities(0, p), velocities(1, p), velocities(2, p)));
@@ -219,9 +221,10 @@ vector<Vec3> BodyAccess::getFlow(const vector<Vec3>& points) {
 vector<double> BodyAccess::getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,
                                        bool randomOnly) {
     Fluid& fluid = prepareFluid("getFlowModeInContext()");
-    const auto amplitudes =
-        randomOnly ? fluid.randomFlowMode(forceAxis, waveAxis, waveVectorIndex, askForFlow())
-                   : fluid.flowMode(forceAxis, waveAxis, waveVectorIndex, askForFlow());
+    const auto amplitudes = randomOnly ? fluid.getFlowReader().randomFlowMode(
+                                             forceAxis, waveAxis, waveVectorIndex, askForFlow())
+                                       : fluid.getFlowReader().flowMode(
+                                             forceAxis, waveAxis, waveVectorIndex, askForFlow());
     return {amplitudes[0], amplitudes[1]};
 }
 

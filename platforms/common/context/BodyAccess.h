@@ -53,7 +53,7 @@ public:
 private:
     void prepare(const char* method);
     Fluid& prepareFluid(const char* method);
-    Fluid::FlowQuestion askForFlow() const;
+    FlowQuestion askForFlow() const;
     void posesWereSet();
     void twistsWereSet();
     bool hasMomenta() const;

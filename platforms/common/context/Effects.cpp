@@ -9,6 +9,8 @@
 #include "context/Mismatches.h"
 #include "context/MomentumRemoval.h"
 #include "context/Scene.h"
+#include "fluid/FluidReport.h"
+#include "fluid/StepResolution.h"
 #include "openmmrigidhi/internal/Messages.h"
 
 using namespace std;
@@ -83,10 +85,11 @@ private:
         const bool unbounded = hasForce && scene.system.usesPeriodicBoundaryConditions() &&
                                !fluid.getParameters()->usesPeriodicBoundaryConditions();
         set("hydrodynamics", hasForce,
-            (fluid ? fluid->describe(scheme) : missing) +
+            (fluid ? FluidReport(*fluid.get()).describe(scheme) : missing) +
                 (unbounded ? "; unbounded, though forces are periodic" : ""));
-        set("mobilities asked for", hasForce, fluid ? fluid->describeAnswers() : missing);
-        const string flow = fluid ? fluid->describeFlow() : "";
+        set("mobilities asked for", hasForce,
+            fluid ? FluidReport(*fluid.get()).describeAnswers() : missing);
+        const string flow = fluid ? FluidReport(*fluid.get()).describeFlow() : "";
         set("driven flow", !flow.empty(),
             !fluid ? missing
             : flow.empty()
@@ -109,8 +112,10 @@ private:
     /** The drift of schemes without momenta, and how it is computed. */
     void findDrift() {
         if (scheme.isOverdamped() && fluid) {
-            for (const auto& effect : fluid->describeDrift(
-                     scheme, BOLTZ * temperature, scene.integrator.getFiniteDifferenceStep()))
+            for (const auto& effect :
+                 FluidReport(*fluid.get())
+                     .describeDrift(scheme, BOLTZ * temperature,
+                                    scene.integrator.getFiniteDifferenceStep()))
                 effects.insert(effect);
             return;
         }
@@ -133,7 +138,7 @@ private:
             return;
         }
         const StepResolution step =
-            fluid->resolveOverdamped(scene.integrator.getStepSize(), BOLTZ * temperature);
+            resolveOverdamped(*fluid.get(), scene.integrator.getStepSize(), BOLTZ * temperature);
         set(name, step.numSlowed > 0,
             temperature == 0 ? string("the temperature is 0")
             : step.numSlowed == 0

@@ -136,7 +136,7 @@ SavedState collectState(Scene& scene, ContextMirror& mirror) {
     }
     if (scene.fluid) {
         saved.memory = scene.fluid->getMemory();
-        if (scene.fluid->lastStepIsPresent(scene.bodies, scene.arrays->positions()))
+        if (scene.fluid->getFlowReader().lastStepIsPresent(scene.bodies, scene.arrays->positions()))
             saved.lastStep = scene.fluid->getLastStep();
     }
     saved.rounding = scene.arrays->rounding();

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "context/Scene.h"
+#include "fluid/StepResolution.h"
 #include "openmmrigidhi/internal/Messages.h"
 
 using namespace OpenMM;
@@ -64,7 +65,7 @@ void TemperatureWatch::adopt(const Scene& scene) {
     const bool inFluid = settings.traits().needsFluid();
     if (!settings.hasMomenta() || settings.kT == 0 || bodies.getNumBodies() == 0 ||
         scene.bodyForces.usesTime() || scene.bodyForces.usesVelocities() ||
-        (inFluid && !scene.fluid->describeFlow().empty()))
+        (inFluid && scene.fluid->getFlow()))
         return;
     translation = rotation = Expectation();
     totalMass = 0;
@@ -80,7 +81,7 @@ void TemperatureWatch::adopt(const Scene& scene) {
         const BodyInertia& inertia = bodies.inertia(b);
         const int s = bodies.slot(b);
         BodyRates fluid;
-        if (inFluid && bodies.decay_p[s] == 1) fluid = scene.fluid->findRates(b, inertia);
+        if (inFluid && bodies.decay_p[s] == 1) fluid = findRates(*scene.fluid.get(), b, inertia);
         totalMass += inertia.mass;
         expect(translation, 3, inertia.mass, bodies.decay_p[s], bodies.noise_p[s],
                together * fluid.translation);

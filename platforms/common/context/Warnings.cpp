@@ -8,6 +8,8 @@
 #include "context/Messages.h"
 #include "context/Mismatches.h"
 #include "context/Scene.h"
+#include "fluid/FluidReport.h"
+#include "fluid/StepResolution.h"
 #include "openmmrigidhi/internal/Messages.h"
 
 using namespace std;
@@ -60,7 +62,7 @@ string longTurn(double h, const string& body, double turn) {
 
 /** What a step without momenta does to each body, beside what it should see. */
 void warnOfLeaps(const Scene& scene, double h, double kT, map<WarningCause, string>& result) {
-    const StepResolution step = scene.fluid->resolveOverdamped(h, kT);
+    const StepResolution step = resolveOverdamped(*scene.fluid.get(), h, kT);
     if (step.displacement > largestDisplacement * step.smallestRadius)
         result[WarningCause::LongDisplacement] =
             "in a step of " + number(h) + " ps " + step.mover + " moves at random by " +
@@ -130,7 +132,7 @@ void warnOfSpinUnderLangevinA(const Scene& scene, double h, double kT,
  */
 void warnOfRelaxation(const Scene& scene, double h, map<WarningCause, string>& result) {
     const StepResolution step =
-        scene.fluid->resolveRelaxation(h, scene.bodies, *scene.freeParticles);
+        resolveRelaxation(*scene.fluid.get(), h, scene.bodies, *scene.freeParticles);
     const double x = step.relaxation;
     if (!(x > largestRelaxation)) return;
     result[WarningCause::FastRelaxation] =
@@ -149,7 +151,7 @@ double partRedone(const Scene& scene) {
     if (redone < enoughRedone || !scene.fluid) return 0;
     const bool separately = scene.settings.traits().isOverdamped();
     const double steps =
-        double(scene.counters.steps) * (separately ? scene.fluid->getNumGroups() : 1);
+        double(scene.counters.steps) * (separately ? int(scene.fluid->getGroups().size()) : 1);
     return redone / (steps + redone);
 }
 
@@ -171,9 +173,9 @@ bool stepsHaveWarnings(const Scene& scene, const set<WarningCause>& printed) {
     const ContextFluid& fluid = scene.fluid;
     if (!fluid) return false;
     return (isNew(WarningCause::DriftFactorSpread) &&
-            fluid->getDriftFactorSpread() > driftFactorLimit) ||
+            driftFactorSpread(*fluid.get()) > driftFactorLimit) ||
            (isNew(WarningCause::ManyRejections) && partRedone(scene) > largestPartRedone) ||
-           (isNew(WarningCause::DrivenSpin) && fluid->drivesSlowedSpins());
+           (isNew(WarningCause::DrivenSpin) && drivesSlowedSpins(*fluid.get()));
 }
 
 map<WarningCause, string> findWarnings(const Scene& scene) {
@@ -197,7 +199,8 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
         if (turn > resolutionLimit && unresolved++ == 0) firstUnresolved = b;
         worst = max(worst, turn);
     }
-    if (traits.omitsDrift() && kT > 0 && scene.fluid && scene.fluid->hasStochasticDrift())
+    if (traits.omitsDrift() && kT > 0 && scene.fluid &&
+        FluidReport(*scene.fluid.get()).hasStochasticDrift())
         result[WarningCause::OmittedDrift] =
             string(traits.name) +
             " omits the stochastic drift kT div N, which is not 0 here, and samples a wrong "
@@ -227,7 +230,7 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
     if (scene.fluid && traits.kind == SchemeKind::FluidThermostat && kT > 0)
         warnOfRelaxation(scene, h, result);
     if (scene.fluid) warnOfRejections(scene, result);
-    const double spread = scene.fluid ? scene.fluid->getDriftFactorSpread() : 0;
+    const double spread = scene.fluid ? driftFactorSpread(*scene.fluid.get()) : 0;
     if (traits.isOverdamped() && spread > driftFactorLimit)
         result[WarningCause::DriftFactorSpread] =
             "the drift factor nu of " + string(traits.name) + " fluctuates by " + number(spread) +

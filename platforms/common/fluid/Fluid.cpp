@@ -25,6 +25,16 @@ const double torqueTolerance = 1e-9;
 
 }  // namespace
 
+string textOf(const BoxVectors& box) {
+    ostringstream text;
+    text << "the periodic box";
+    for (int k = 0; k < 3; k++)
+        text << (k == 0 ? " (" : ", (") << box[k][0] << ", " << box[k][1] << ", " << box[k][2]
+             << ")";
+    text << " nm";
+    return text.str();
+}
+
 void Fluid::check(const MobilityForce& force, const FluidSettings& settings,
                   const OpenMM::System& system, const vector<vector<int>>& particlesOfBodies,
                   const FreeParticles& freeParticles, PlatformLoops& loops) {
@@ -46,7 +56,7 @@ Fluid::Fluid(const MobilityForce& forceToUse, const FluidSettings& settings,
         const auto& elements = group.bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++)
             if (elements[e].isFree()) {
-                groupOfFree[group.freeIndex[e]] = g;
+                groupOfFree[group.members.freeIndex[e]] = g;
             } else {
                 groupOfBody[elements[e].body] = g;
                 elementOfBody[elements[e].body] = e;
@@ -144,26 +154,16 @@ void Fluid::checkTorques(const BodySet& bodies, const vector<OpenMM::Vec3>& forc
     }
 }
 
-void FluidGroup::readPoses(const BodySet& bodies, const vector<OpenMM::Vec3>& positions,
-                           vector<Pose>& to) const {
-    const auto& elements = this->bodies.getElements();
-    for (size_t e = 0; e < elements.size(); e++)
-        if (elements[e].isFree())
-            to[e].R = toEigen(positions[elements[e].particles[0]]);
-        else
-            to[e] = poseOf(bodies, elements[e].body);
-}
-
 void Fluid::setBox(const BoxVectors& newBox) {
     box = newBox;
     boxIsChecked = false;
     for (auto& group : groups) {
         group->bodies.setBox(box);
-        if (group->slowed) group->slowed->bodies.setBox(box);
+        group->brownian->setBox(box);
     }
-    flowOfLastStep.reset();
+    flowReader.forget();
     flow = userFlow.inBox(box);
-    isDriven = !flow.isZero();
+    driven = flow.isZero() ? nullptr : &flow;
 }
 
 void Fluid::checkBox() {
@@ -180,7 +180,7 @@ void Fluid::checkBox() {
                                       : "body " + to_string(element.body))
                  << " has the length " << length
                  << " nm, hydrodynamic radii included, and would overlap its own image: in "
-                 << describeBox() << " the shortest lattice vector has the length " << shortest
+                 << textOf(box) << " the shortest lattice vector has the length " << shortest
                  << " nm; make the box larger by setPeriodicBoxVectors() on the Context (or "
                     "setDefaultPeriodicBoxVectors() on the System before), or use the boundary "
                     "Unbounded";
@@ -209,17 +209,16 @@ void Fluid::continueFrom(const Fluid& before) {
     gridSecondsBefore = before.getGridSeconds();
     gridSecondsBefore.add(own, -1);
     secondsOfSolverBefore = before.getSecondsOfSolver();
-    if (!traitsOf(before.overdampedScheme_).isOverdamped() || groups.size() != before.groups.size())
+    if (!traitsOf(before.schemeOfSteps).isOverdamped() || groups.size() != before.groups.size())
         return;
-    setMemory(before.getMemory(), before.overdampedScheme_);
+    setMemory(before.getMemory(), before.schemeOfSteps);
 }
 
 MobilityCosts Fluid::costs() const {
     MobilityCosts sum;
     for (const auto& group : groups) {
         sum.add(group->mobilities.getCosts());
-        sum.add(group->costsOfFormerSlowed);
-        if (group->slowed) sum.add(group->slowed->mobilities.getCosts());
+        sum.add(group->brownian->getCostsOfSlowed());
     }
     return sum;
 }

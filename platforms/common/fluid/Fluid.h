@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "fluid/FlowReader.h"
 #include "fluid/FluidGroup.h"
 #include "fluid/FluidSettings.h"
-#include "fluid/StepResolution.h"
 #include "fluid/UserFlow.h"
 #include "host/FreeParticles.h"
 #include "host/PlatformLoops.h"
@@ -21,6 +21,9 @@
 #include "schemes/SchemeMemory.h"
 
 namespace RigidHIPlugin {
+
+/** "the periodic box (…) …, nm", for messages. */
+std::string textOf(const BoxVectors& box);
 
 /**
  * The fluid of one Context: which bodies feel each other (groups), the mobility of each group, and
@@ -122,23 +125,6 @@ public:
      */
     void showStage(int stage, BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;
     /**
-     * What a step of a scheme without momenta does to each body by itself (at kT = 0 nothing), and
-     * whether forces turn bodies whose spin is slowed.
-     */
-    StepResolution resolveOverdamped(double h, double kT) const;
-    /** Whether the steps so far show such forces. */
-    bool drivesSlowedSpins() const;
-    /** The rates at which the fluid damps the momenta of a body by itself, at least. */
-    BodyRates findRates(int body, const BodyInertia& inertia) const;
-    /** How far momenta relax in a step of LangevinHI. */
-    StepResolution resolveRelaxation(double h, const BodySet& bodies,
-                                     const FreeParticles& freeParticles) const;
-    /**
-     * The root mean square of nu - 1 of drift-correctors over steps so far, for the group where it
-     * is largest; 0 before there are enough steps to tell.
-     */
-    double getDriftFactorSpread() const;
-    /**
      * Vectors that the scheme keeps between steps (OverdampedScheme::memory()): restored as they
      * were when the step began; forgotten; returned for saving.
      */
@@ -164,44 +150,8 @@ public:
     Eigen::VectorXd applyToBlobs(const Eigen::VectorXd& forces, const BodySet& bodies,
                                  const std::vector<OpenMM::Vec3>& positions);
 
-    /**
-     * Poses of bodies and free particles, and what acts on them, when a user asks for the flow of
-     * the fluid.
-     */
-    struct FlowQuestion {
-        const BodySet& bodies;
-        const FreeParticles& freeParticles;
-        const std::vector<OpenMM::Vec3>& positions;
-        const std::vector<OpenMM::Vec3>& velocities;
-        CustomRigidHIIntegrator::Scheme scheme;  // of the integrator at present
-        bool hasMomenta() const { return traitsOf(scheme).hasMomenta; }
-    };
-    /**
-     * Whether the last step without momenta led to the present poses of bodies and particles, in
-     * the present box.
-     */
-    bool lastStepIsPresent(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
-    /**
-     * Whether lastStepIsPresent(), and the last step leads to the same poses when it is done again.
-     * If so, the flow of that step is given. If not, the flow is that of the forces last gathered.
-     */
-    bool findFlowOfLastStep(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions,
-                            CustomRigidHIIntegrator::Scheme scheme);
-    /**
-     * Velocities of the fluid at points: of the last step, at the poses where its forces were
-     * evaluated; or of the present forces or (LangevinHI) velocities.
-     * @throws OpenMMException for several groups, FreeDraining, and points beyond walls
-     */
-    Velocities flowAt(const std::vector<OpenMM::Vec3>& points, const FlowQuestion& question);
-    /**
-     * The amplitudes of sin(k x_b) e_a and cos(k x_b) e_a of the same flow. @throws OpenMMException
-     * as flowAt(), and for a boundary without such modes
-     */
-    std::array<double, 2> flowMode(int forceAxis, int waveAxis, int waveVectorIndex,
-                                   const FlowQuestion& question);
-    /** The amplitudes for the model's random field alone, for nu = 1; 0 where there is none. */
-    std::array<double, 2> randomFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,
-                                         const FlowQuestion& question);
+    /** Reads the flow of the fluid for users. */
+    FlowReader& getFlowReader() { return flowReader; }
     /**
      * Data from which the last step can be done again, for saving; empty where no step is known.
      */
@@ -237,24 +187,16 @@ public:
     /** Whether objection() can ever return a reason. */
     bool mayObject() const;
 
-    /** For describeEffects(): the flow that users drive; empty: there is none. */
-    std::string describeFlow() const;
-    /** For describeEffects(): what the fluid is, and how many groups are solved in which way. */
-    std::string describe(const SchemeTraits& scheme) const;
-    /**
-     * For describeEffects(): the method by which mobility(), friction() and apply() are computed,
-     * whatever the scheme.
-     */
-    std::string describeAnswers() const;
-    /**
-     * For describeEffects(), for a scheme without momenta: "stochastic drift" and "finite
-     * differences".
-     */
-    std::map<std::string, std::string> describeDrift(const SchemeTraits& scheme, double kT,
-                                                     double difference) const;
-    /** Whether div N is not 0 somewhere, so that a scheme without momenta that omits it is wrong.
-     */
-    bool hasStochasticDrift() const;
+    // ---- What the fluid consists of, for reports
+    const std::vector<std::unique_ptr<FluidGroup>>& getGroups() const { return groups; }
+    int getGroupOfBody(int body) const { return groupOfBody[body]; }
+    int getElementOfBody(int body) const { return elementOfBody[body]; }
+    const FluidSettings& getSettings() const { return settings; }
+    /** The flow that users drive, in the box; null: none. */
+    const DrivenFlow* getFlow() const { return driven; }
+    /** The number of bodies that the fluid sees, and of free particles. */
+    int getNumBodies() const;
+    int getNumFree() const;
     /**
      * The number of bodies whose hydrodynamic particles are on a line, about which the fluid does
      * not turn them.
@@ -268,7 +210,6 @@ public:
         return isFreeDraining() || force.getBoundary() == MobilityForce::Unbounded;
     }
     bool isFreeDraining() const { return force.getModel() == MobilityForce::FreeDraining; }
-    int getNumGroups() const { return groups.size(); }
     /** The number of bodies and free particles that are not alone in their group. */
     int numInteracting() const;
     /** Times of the grid, and of Krylov methods without its products. */
@@ -284,36 +225,21 @@ public:
     void continueFrom(const Fluid& before);
 
 private:
-    /** Groups by what their stochastic drift is. */
-    struct Drifts {
-        std::vector<FluidGroup*> differenced;  // by finite differences, where the scheme has them
-        int known = 0, zero = 0,
-            ofSpheres = 0;  // known for a body alone in a uniform fluid; the same, and 0; 0 for
-                            // spheres that feel each other
-        int numNotZero() const { return differenced.size() + known; }
-    };
-    Drifts findDrifts() const;
-    void findAlone(FluidGroup& group) const;
-    void findRotations(FluidGroup& group, double doubleEnergy) const;
-    void slowSpins(FluidGroup& group, double doubleEnergy) const;
-    void noteDrivenSpins(FluidGroup& group, double h, double kT) const;
     void checkTorque(const FluidGroup& group, int element,
                      const Eigen::Matrix<double, 6, 1>& wrench_body, double siteForces) const;
-    OverdampedMove& moveOf(FluidGroup& group) const;
-    OverdampedScheme& schemeOf(FluidGroup& group) const;
-    void restoreMemory(FluidGroup& group) const;
-    bool differencesIterate(FluidGroup& group, const SchemeTraits& scheme) const;
-    double differenceOf(FluidGroup& group, const SchemeTraits& scheme, double wanted) const;
-    void takeForces(FluidGroup& group, const BodySet& bodies,
-                    const FreeParticles& freeParticles) const;
-    bool writePlaces(const FluidGroup& group, const std::vector<Pose>& places, BodySet& bodies,
-                     std::vector<OpenMM::Vec3>& positions) const;
     std::string objection(FluidGroup& group, const BodySet& bodies,
                           const std::vector<OpenMM::Vec3>& positions) const;
     /** The mobility that answers users, to their tolerance, at the present poses. */
     BodyMobility& answering(FluidGroup& group, const BodySet& bodies,
                             const std::vector<OpenMM::Vec3>& positions) const;
     MobilityCosts costs() const;
+    /**
+     * Whether there is one fluid that bodies share, so that its flow can be asked for. Otherwise no
+     * data of steps are kept.
+     */
+    bool hasOneFlow() const {
+        return groups.size() == 1 && force.getModel() != MobilityForce::FreeDraining;
+    }
 
     /**
      * Groups are spread over threads where they cost more than waking the threads, about 1e-4 s
@@ -328,55 +254,20 @@ private:
     const std::vector<std::vector<int>> particlesOfBodies;
     const std::vector<std::unique_ptr<FluidGroup>> groups;
     std::vector<FluidGroup*> coupledGroups;
-    mutable std::map<std::vector<double>, std::shared_ptr<const CoupledBodies::Alone>>
-        aloneOfShapes;
     double operationsPerStep = 0;               // of the coupled groups, roughly
     std::vector<int> elementOfBody;             // in its group
     std::vector<int> groupOfBody, groupOfFree;  // free: by place in FreeParticles, -1: not seen
-    CustomRigidHIIntegrator::Scheme overdampedScheme_ =
-        CustomRigidHIIntegrator::EulerMaruyama;  // of the groups' schemes
+    CustomRigidHIIntegrator::Scheme schemeOfSteps =
+        CustomRigidHIIntegrator::EulerMaruyama;  // of the groups
     long long productsBefore = 0,
               matricesBefore = 0;  // of the fluids before this one in the Context
     GridSeconds gridSecondsBefore;
     double secondsOfSolverBefore = 0;
     BoxVectors box = {};
     bool boxIsChecked = false;
-    DrivenFlow flow;  // in this box
-    bool isDriven = false;
-    const DrivenFlow* flowIfAny() const { return isDriven ? &flow : nullptr; }
-    void setTolerance(FluidGroup& group, const SchemeTraits& scheme,
-                      const OverdampedStep& step) const;
-    /** The flow of one group: its sources, and the move that has its random field. */
-    struct FlowOfGroup {
-        FlowOfStep made;
-        std::unique_ptr<OverdampedMove> move;
-        bool isOfLastStep = false;
-        double randomFlow =
-            0;  // what a random field of unit temperature and time is multiplied by in the step
-    };
-    std::unique_ptr<FlowOfGroup>
-        flowOfLastStep;  // the last answer; forgotten where anything changes
-    void replay(FluidGroup& group, FlowOfGroup& flowOfGroup) const;
-    void flowOfForces(FluidGroup& group, const BodySet& bodies, const FreeParticles& freeParticles,
-                      const std::vector<OpenMM::Vec3>& positions, FlowOfGroup& flowOfGroup) const;
-    void flowOfVelocities(FluidGroup& group, const BodySet& bodies,
-                          const std::vector<OpenMM::Vec3>& positions,
-                          const std::vector<OpenMM::Vec3>& velocities,
-                          FlowOfGroup& flowOfGroup) const;
-    template <class Add>
-    void forSources(FluidGroup& group, FlowOfGroup& flowOfGroup, const Add& add) const;
-    /**
-     * Whether there is one fluid that bodies share, so that its flow can be asked for. Otherwise no
-     * data of steps are kept.
-     */
-    bool hasOneFlow() const {
-        return groups.size() == 1 && force.getModel() != MobilityForce::FreeDraining;
-    }
-    FluidGroup& onlyGroup(const char* method) const;
-    FluidGroup& groupWithWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex,
-                              DrivenFlow& wave) const;
-    FlowOfGroup& findFlow(FluidGroup& group, const FlowQuestion& question);
-    std::string describeBox() const;
+    DrivenFlow flow;                     // in this box
+    const DrivenFlow* driven = nullptr;  // the flow, if there is one
+    FlowReader flowReader{{force, groups, driven, box, hasOneFlow()}};
 };
 
 }  // namespace RigidHIPlugin

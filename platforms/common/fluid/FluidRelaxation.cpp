@@ -33,7 +33,7 @@ LoopResult Fluid::relax(double h, double kT, const NoiseStream& noise, BodySet& 
                         const FreeParticles& freeParticles, const vector<OpenMM::Vec3>& positions,
                         vector<OpenMM::Vec3>& velocities) {
     const OneBlasThread single;
-    const RelaxationStep step{h, kT, noise, bodies, freeParticles, velocities, loops, flowIfAny()};
+    const RelaxationStep step{h, kT, noise, bodies, freeParticles, velocities, loops, driven};
     const auto task = [&](int i) {
         FluidGroup& group = *coupledGroups[i];
         group.relaxation->relax(group.readPoses(bodies, positions), step);

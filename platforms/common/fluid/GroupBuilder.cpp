@@ -195,12 +195,12 @@ unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& eleme
         [&](const HydrodynamicParticles& particles) {
             return makeModel(particles, mayUseThreads, choice);
         },
-        force.getSolverTolerance()));
+        force.getSolverTolerance(), shapes));
     group->gridChoice = choice.text();
     group->dependsOnScheme = choice.isEstimated();
     for (size_t e = 0; e < elements.size(); e++) {
-        group->freeIndex.push_back(elements[e].isFree() ? indexOfFree[elements[e].particles[0]]
-                                                        : -1);
+        group->members.freeIndex.push_back(
+            elements[e].isFree() ? indexOfFree[elements[e].particles[0]] : -1);
         group->hasNullVectors = group->hasNullVectors || group->bodies.hasNullVector(e);
     }
     chooseStrategies(*group, bodies);
@@ -233,9 +233,9 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
                (wanted || productsOnly || (force.getSolver() == MobilityForce::Auto && large));
     };
     const int particleRows = coupled.getNumParticleRows();
-    group.overdamped.realMobility =
-        &strategy(takesKrylov(particleRows > largestDenseOverdampedRows));
-    group.overdamped.mobility = group.overdamped.realMobility;
+    group.brownian.reset(new BrownianGroup(
+        group.members, strategy(takesKrylov(particleRows > largestDenseOverdampedRows)),
+        group.alone, force.getSolverTolerance()));
     // Answers to users do not depend on inertia. They are computed as with masses that fit the
     // fluid, whatever masses the bodies have.
     int rows = coupled.getNumRows();
@@ -244,7 +244,7 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
         &strategy(coupled.multipliesWithoutIterations() ||
                   takesKrylov(rows > largestDenseRows || particleRows > largestDenseParticleRows));
     if (group.isThermostat) return;
-    const MomentumScaling scaling(coupled, group.freeIndex, bodies);
+    const MomentumScaling scaling(coupled, group.members.freeIndex, bodies);
     const bool large =
         scaling.getNumRows() > largestDenseRows || particleRows > largestDenseParticleRows;
     group.relaxation = makeRelaxation(strategy(scaling.deadAxesAreNull() && takesKrylov(large)),

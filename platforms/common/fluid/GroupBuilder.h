@@ -63,6 +63,8 @@ private:
     std::map<int, std::vector<FluidElement>>
         elementsOfGroups;          // by label; elements lack sites and own tensors
     std::vector<int> indexOfFree;  // of particles in FreeParticles
+    const std::shared_ptr<BodiesAlone::Shapes> shapes{
+        new BodiesAlone::Shapes()};  // shared by all groups
 };
 
 }  // namespace RigidHIPlugin

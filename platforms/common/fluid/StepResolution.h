@@ -5,6 +5,11 @@
 
 namespace RigidHIPlugin {
 
+class BodySet;
+class Fluid;
+class FreeParticles;
+struct BodyInertia;
+
 /**
  * What one step does to bodies and free particles, each by itself in unbounded fluid. The names are
  * those of messages, such as "body 3".
@@ -34,6 +39,24 @@ struct BodyRates {
     double translation = 0;          // of the direction that is damped least
     double rotation[3] = {0, 0, 0};  // about the body's axes
 };
+
+/**
+ * What a step of a scheme without momenta does to each body by itself (at kT = 0 nothing), and
+ * whether forces turn bodies whose spin is slowed.
+ */
+StepResolution resolveOverdamped(const Fluid& fluid, double h, double kT);
+/** Whether the steps so far show such forces. */
+bool drivesSlowedSpins(const Fluid& fluid);
+/**
+ * The root mean square of nu - 1 of drift-correctors over steps so far, for the group where it is
+ * largest; 0 before there are enough steps to tell.
+ */
+double driftFactorSpread(const Fluid& fluid);
+/** The rates at which the fluid damps the momenta of a body by itself, at least. */
+BodyRates findRates(const Fluid& fluid, int body, const BodyInertia& inertia);
+/** How far momenta relax in a step of LangevinHI. */
+StepResolution resolveRelaxation(const Fluid& fluid, double h, const BodySet& bodies,
+                                 const FreeParticles& freeParticles);
 
 }  // namespace RigidHIPlugin
 

@@ -1,0 +1,35 @@
+#ifndef RIGIDHI_BODIES_ALONE_H_
+#define RIGIDHI_BODIES_ALONE_H_
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "rigid/CoupledBodies.h"
+
+namespace RigidHIPlugin {
+
+/** The name of an element in messages, such as "body 3". */
+std::string nameOf(const FluidElement& element);
+
+/**
+ * The mobility and the friction of each element of a group by itself, computed when first asked
+ * for. Elements of one shape share them, in all groups that share `shapes`.
+ */
+class BodiesAlone {
+public:
+    typedef std::map<std::vector<double>, std::shared_ptr<const CoupledBodies::Alone>> Shapes;
+    BodiesAlone(const CoupledBodies& bodies, std::shared_ptr<Shapes> shapes)
+        : bodies(bodies), shapes(shapes) {}
+    const CoupledBodies::Alone& of(int element);
+
+private:
+    const CoupledBodies& bodies;
+    const std::shared_ptr<Shapes> shapes;
+    std::vector<std::shared_ptr<const CoupledBodies::Alone>> known;  // of elements
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

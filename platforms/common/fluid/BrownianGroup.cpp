@@ -1,0 +1,327 @@
+#include "fluid/BrownianGroup.h"
+
+#include <cmath>
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/**
+ * The default of setFiniteDifferenceStep(), a balance of rounding of 1e-16 and the error of the
+ * difference.
+ */
+const double denseDifference = 1e-5;
+
+/**
+ * For solves of a tolerance t the difference has an error of t/step, beside step^2. The step is
+ * therefore t^(1/3). It is not so large that bodies leave the neighbourhood in which the mobility
+ * is smooth. Until the differences are taken, iterations go to a part of the tolerance.
+ */
+const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
+
+/**
+ * Differences of roots that follow one course (KrylovMobility::applyFunction()) have an error that
+ * does not depend on the step. In tolerances of the iteration it grows about as the square of the
+ * number of products; up to 120 was measured (TestLanczos). Such a difference is for drifts and is
+ * right enough at this relative error.
+ */
+const double errorOfFollowing = 100, enoughForDrifts = 1e-4;
+
+/** Whether the roots that a scheme differences follow one course. */
+bool follow(const BodyMobility& mobility, const SchemeTraits& scheme) {
+    return scheme.differenced == Differenced::Roots && !mobility.productsIterate() &&
+           !mobility.slipsAreOfField();
+}
+
+/** Drifts below this part of mobility/length are rounding errors of a symmetric body. */
+const double zeroDrift = 1e-12;
+
+/** The standard deviation of so many drift factors is known to a tenth. */
+const int enoughDriftFactors = 50;
+
+/**
+ * A body that forces keep turning about an axis is told from one that noise turns as far by so many
+ * standard deviations. A body that relaxes to its place turns by pi at most, which is fewer of them
+ * from `leastSteps` on.
+ */
+const double surelyDriven = 6;
+const int leastSteps = 100;
+
+/** Those of a step with a constant tensor. */
+const double operationsOfConstantTensor = 1000;
+
+}  // namespace
+
+BrownianGroup::BrownianGroup(const GroupMembers& members, BodyMobility& mobility,
+                             BodiesAlone& alone, double tolerance)
+    : members(members), bodies(members.getBodies()), realMobility(&mobility), alone(alone),
+      tolerance(tolerance), mobility(&mobility) {}
+
+OverdampedMove& BrownianGroup::theMove() {
+    if (!move) move.reset(new OverdampedMove(*mobility));
+    return *move;
+}
+
+OverdampedScheme& BrownianGroup::theScheme() {
+    if (!scheme) scheme = overdampedScheme(kind).make();
+    return *scheme;
+}
+
+// ---- Steps
+
+void BrownianGroup::begin(Scheme wanted) {
+    if (wanted != kind) scheme.reset();
+    kind = wanted;
+    stage = 0;
+    attempt = 0;
+    const auto memory = theScheme().memory();
+    memoryAtStart.resize(memory.size());
+    for (size_t i = 0; i < memory.size(); i++) memoryAtStart[i] = *memory[i];
+    placesOfForces.resize(overdampedScheme(kind).numStages());
+}
+
+void BrownianGroup::end() {
+    if (presentIsRemembered) swap(last, present);
+}
+
+void BrownianGroup::prepare(const StepSettings& settings) {
+    mobilityFor(2 * settings.kT * settings.h);
+    theMove();
+    outcome = Outcome();
+}
+
+double BrownianGroup::getOperations() const {
+    const double rows = bodies.getNumRows(), particleRows = bodies.getNumParticleRows();
+    return bodies.isConstantInBodyFrame()
+               ? operationsOfConstantTensor
+               : rows * rows * rows + particleRows * particleRows * particleRows;
+}
+
+/** Read where the step starts, and set what holds for the whole step. */
+void BrownianGroup::startStep(const StepSettings& settings, const Surroundings& around,
+                              const BodySet& set, const vector<OpenMM::Vec3>& positions) {
+    OverdampedStep own;
+    own.h = settings.h;
+    own.kT = settings.kT;
+    own.noise = settings.noise;
+    own.flow = around.flow;
+    own.driftFactorScalesAll = settings.driftCorrectorScaling == CustomRigidHIIntegrator::Whole;
+    own.noise.attempt = attempt;
+    own.difference = differenceOf(settings.traits(), settings.difference);
+    setTolerance(settings.traits(), own);
+    members.readPoses(set, positions, move->start);
+    move->begin(own);
+    presentIsRemembered = around.stepIsRemembered;
+    if (!presentIsRemembered) return;
+    present.isKnown = false;
+    present.scheme = settings.scheme;
+    present.step = own;
+    present.box = around.box;
+    present.start = move->start;
+    present.forces.resize(overdampedScheme(settings.scheme).numStages());
+    present.memory = memoryAtStart;
+}
+
+bool BrownianGroup::runStage(int wanted, const StepSettings& settings, const Surroundings& around,
+                             BodySet& set, const FreeParticles& freeParticles,
+                             vector<OpenMM::Vec3>& positions) {
+    if (stage != wanted) {
+        if (wanted > 0) members.writePoses(move->present, set, positions);
+        return false;
+    }
+    const OverdampedEntry& entry = overdampedScheme(settings.scheme);
+    const MobilityCosts before = mobility->getCosts();
+    move->randomNumbers = 0;
+    if (stage == 0) startStep(settings, around, set, positions);
+    if (entry.needsForces(stage)) {
+        members.readForces(set, freeParticles, move->force);
+        if (presentIsRemembered) present.forces[stage] = move->force;
+        if (settings.kT > 0) noteDrivenSpins(settings.h, settings.kT);
+    }
+    scheme->run(stage, *move);
+    stage++;
+    if (stage == entry.numStages() && presentIsRemembered) {
+        present.end = move->present;
+        present.isKnown = true;
+    }
+    if (stage < entry.numStages()) placesOfForces[stage] = move->present;
+    outcome.isFinite = members.writePoses(move->present, set, positions);
+    outcome.randomNumbers = move->randomNumbers;
+    outcome.squareRoots = mobility->getCosts().roots - before.roots;
+    outcome.iterations = mobility->getCosts().iterations - before.iterations;
+    return true;
+}
+
+void BrownianGroup::reject() {
+    stage = 0;
+    attempt++;
+    restoreMemory();
+}
+
+void BrownianGroup::showStage(int wanted, BodySet& set, vector<OpenMM::Vec3>& positions) const {
+    if (stage > wanted) members.writePoses(placesOfForces[wanted], set, positions);
+}
+
+// ---- Memory
+
+vector<MatrixXd*> BrownianGroup::getMemory() const {
+    return scheme ? scheme->memory() : vector<MatrixXd*>();
+}
+
+void BrownianGroup::restoreMemory() {
+    const auto memory = getMemory();
+    for (size_t i = 0; i < memory.size() && i < memoryAtStart.size(); i++)
+        *memory[i] = memoryAtStart[i];
+}
+
+void BrownianGroup::forgetMemory() {
+    for (MatrixXd* vectors : getMemory()) vectors->resize(0, 0);
+}
+
+// ---- Differences and drift
+
+bool BrownianGroup::differencesIterate(const SchemeTraits& traits) {
+    if (theMove().driftIsKnown()) return false;
+    switch (traits.differenced) {
+        case Differenced::Products: return mobility->productsIterate();
+        case Differenced::Solves: return mobility->solvesIterate();
+        // The divergence of a random field needs no differences of roots.
+        case Differenced::Roots:
+            return mobility->rootsIterate() && !mobility->divergenceIsOfField();
+        case Differenced::Nothing: break;
+    }
+    return false;
+}
+
+/** Set the tolerance of iterations in this step. Without noise there are no differences. */
+void BrownianGroup::setTolerance(const SchemeTraits& traits, const OverdampedStep& step) {
+    const bool iterate = step.kT > 0 && differencesIterate(traits);
+    BodyMobility::ForDifferences needed;
+    needed.exactProducts = iterate && step.difference < largestDifference;
+    needed.coarseProducts = !iterate;
+    needed.exactSolves =
+        step.kT > 0 && !theMove().driftIsKnown() && traits.differenced != Differenced::Nothing;
+    needed.differencedSolves = needed.exactSolves && traits.differenced == Differenced::Solves;
+    if (iterate) needed.partOfTolerance = toleranceOfDifferences;
+    if (iterate && follow(*mobility, traits)) {
+        needed.partOfTolerance =
+            max(toleranceOfDifferences, min(1.0, enoughForDrifts / (errorOfFollowing * tolerance)));
+        // Rounding may do as much to the difference as the tolerance does.
+        needed.shareOfRough =
+            errorOfFollowing * needed.partOfTolerance * tolerance * step.difference;
+    }
+    mobility->setTolerance(tolerance, needed);
+}
+
+double BrownianGroup::differenceOf(const SchemeTraits& traits, double wanted) {
+    if (wanted > 0) return wanted;
+    if (!differencesIterate(traits)) return denseDifference;
+    // Where products may be of single precision at once, small differences would need exact ones.
+    if (follow(*mobility, traits) && tolerance < MobilityAt::leastRoughTolerance)
+        return denseDifference;
+    return min(largestDifference, max(denseDifference, cbrt(tolerance)));
+}
+
+BrownianGroup::Drift BrownianGroup::getDrift() {
+    const OverdampedMove& here = theMove();
+    if (!here.driftIsKnown()) return Drift::Differenced;
+    if (here.driftIsZero()) return Drift::ZeroOfSpheres;
+    const bool isKnown = bodies.isConstantInBodyFrame() &&
+                         mobility->uniformDivergence().norm() >
+                             zeroDrift * mobility->mobility()(0, 0) / bodies.length(0);
+    return isKnown ? Drift::Known : Drift::Zero;
+}
+
+double BrownianGroup::getDriftFactorSpread() const {
+    return move && move->getNumDriftFactors() >= enoughDriftFactors ? move->driftFactorSpread() : 0;
+}
+
+const MatrixXd& BrownianGroup::readForces(const BodySet& set, const FreeParticles& freeParticles) {
+    members.readForces(set, freeParticles, theMove().force);
+    return move->force;
+}
+
+// ---- Spins that a step does not resolve
+
+const vector<BodyRotation>& BrownianGroup::findRotations(double doubleEnergy) {
+    if (energyOfRotations == doubleEnergy) return rotations;
+    const auto& elements = bodies.getElements();
+    rotations.assign(elements.size(), BodyRotation());
+    for (size_t e = 0; e < elements.size(); e++)
+        if (!elements[e].isFree() &&
+            !(elements[e].isSphere() && elements[e].ownMobility.size() == 0))
+            rotations[e] = findRotation(alone.of(e).mobility, doubleEnergy);
+    drivenSpins.assign(elements.size(), DrivenSpin());
+    energyOfRotations = doubleEnergy;
+    return rotations;
+}
+
+BodyMobility& BrownianGroup::mobilityFor(double doubleEnergy) {
+    // Questions about other steps may have found the rotations of other energies since.
+    if (energyOfMobility == doubleEnergy &&
+        (doubleEnergy == 0 || energyOfRotations == doubleEnergy))
+        return *mobility;
+    energyOfMobility = doubleEnergy;
+    vector<SlowedSpin> spins;
+    bool any = false;
+    if (doubleEnergy > 0)
+        for (const BodyRotation& rotation : findRotations(doubleEnergy)) {
+            spins.push_back(rotation.spin);
+            any = any || rotation.spin.isSlowed();
+        }
+    BodyMobility* wanted = realMobility;
+    if (any) {
+        if (energyOfSlowed != doubleEnergy) {
+            if (slowed) costsOfFormerSlowed.add(slowed->mobilities.getCosts());
+            move.reset();
+            slowed.reset(new SlowedBodies(bodies, spins, tolerance));
+            energyOfSlowed = doubleEnergy;
+        }
+        wanted = &slowed->mobilities.get(realMobility->getWay());
+    }
+    if (mobility != wanted) move.reset();  // made anew when first needed
+    mobility = wanted;
+    return *mobility;
+}
+
+/** Note how the forces of this step turn slowed bodies. */
+void BrownianGroup::noteDrivenSpins(double h, double kT) {
+    for (size_t e = 0; e < rotations.size(); e++) {
+        const BodyRotation& rotation = rotations[e];
+        if (!rotation.spin.isSlowed()) continue;
+        const Matrix3d A = move->present[e].rotation();
+        const auto wrench = move->force.col(0).segment<6>(bodies.firstRow(e));
+        const double torque = (A * rotation.spin.screw.head<3>()).dot(wrench.head<3>()) +
+                              (A * rotation.spin.screw.tail<3>()).dot(wrench.tail<3>());
+        DrivenSpin& driven = drivenSpins[e];
+        driven.turn += h * rotation.fastestInStep() * torque;
+        driven.variance += 2 * kT * h * rotation.fastestInStep();
+        driven.steps++;
+    }
+}
+
+bool BrownianGroup::isDriven(int e) const {
+    return drivenSpins[e].steps >= leastSteps &&
+           abs(drivenSpins[e].turn) > surelyDriven * sqrt(drivenSpins[e].variance);
+}
+
+bool BrownianGroup::drivesSlowedSpins() const {
+    for (size_t e = 0; e < drivenSpins.size(); e++)
+        if (isDriven(e)) return true;
+    return false;
+}
+
+MobilityCosts BrownianGroup::getCostsOfSlowed() const {
+    MobilityCosts sum = costsOfFormerSlowed;
+    if (slowed) sum.add(slowed->mobilities.getCosts());
+    return sum;
+}
+
+void BrownianGroup::setBox(const BoxVectors& box) {
+    if (slowed) slowed->bodies.setBox(box);
+}
+
+}  // namespace RigidHIPlugin

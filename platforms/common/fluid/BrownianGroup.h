@@ -1,0 +1,168 @@
+#ifndef RIGIDHI_BROWNIAN_GROUP_H_
+#define RIGIDHI_BROWNIAN_GROUP_H_
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "fluid/BodiesAlone.h"
+#include "fluid/GroupMembers.h"
+#include "fluid/SavedStep.h"
+#include "host/StepSettings.h"
+#include "rigid/BodyMobilities.h"
+#include "rigid/SlowedSpin.h"
+#include "schemes/OverdampedSchemes.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * A group of bodies in a scheme without momenta: the mobility of its steps, the scheme with its
+ * memory, and the progress of the present step. A group whose step leads to where the model has no
+ * mobility is redone by itself.
+ *
+ * A step: begin(); runStage() until no stage is left, each followed by reject() where its poses are
+ * not accepted; end().
+ */
+class BrownianGroup {
+public:
+    typedef CustomRigidHIIntegrator::Scheme Scheme;
+
+    /**
+     * @param mobility   that of answers with the real spins, of `members`
+     * @param tolerance  of iterations, as the user has set it
+     */
+    BrownianGroup(const GroupMembers& members, BodyMobility& mobility, BodiesAlone& alone,
+                  double tolerance);
+
+    // ---- Steps
+    void begin(Scheme scheme);
+    /** The step is done. What was recorded of it becomes the last step, where it is remembered. */
+    void end();
+    /** The stages of the present step that are done, and how often it was begun anew. */
+    int getStage() const { return stage; }
+    uint32_t getAttempt() const { return attempt; }
+    /** What all groups have in common. */
+    struct Surroundings {
+        const DrivenFlow* flow;  // null: none
+        const BoxVectors& box;
+        bool stepIsRemembered;  // for users who ask for the flow of the fluid
+    };
+    /**
+     * Make what the steps of these settings need. To be called before runStage(), which may run in
+     * a thread.
+     */
+    void prepare(const StepSettings& settings);
+    /** Arithmetic operations of a stage, roughly. */
+    double getOperations() const;
+    /**
+     * Run a stage, if it is this group's next one: from the present poses of the members to where
+     * the next stage wants forces, or to the end. If the group is further on, its members return to
+     * where they were.
+     * @return whether the stage was run
+     */
+    bool runStage(int stage, const StepSettings& settings, const Surroundings& around,
+                  BodySet& bodies, const FreeParticles& freeParticles,
+                  std::vector<OpenMM::Vec3>& positions);
+    /** Of the last runStage(). */
+    struct Outcome {
+        bool isFinite = true;
+        long long squareRoots = 0, iterations = 0, randomNumbers = 0;
+    };
+    const Outcome& getOutcome() const { return outcome; }
+    /** The step is to begin anew, with other random numbers. */
+    void reject();
+    /** Move the members to where the forces of a stage were evaluated. */
+    void showStage(int stage, BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;
+
+    // ---- What the scheme keeps between steps (OverdampedScheme::memory())
+    std::vector<Eigen::MatrixXd*> getMemory() const;
+    void restoreMemory();
+    void forgetMemory();
+    bool hasScheme() const { return scheme != nullptr; }
+
+    // ---- The last step, and what to do it again
+    const LastStep& getLastStep() const { return last; }
+    void setLastStep(const LastStep& step) { last = step; }
+    void forgetLastStep() { last.isKnown = false; }
+    /** The mobility of steps of the energy 2 kT h; 0: with the real spins. */
+    BodyMobility& mobilityFor(double doubleEnergy);
+    /** The mobility chosen last. */
+    BodyMobility& getMobility() const { return *mobility; }
+    /** The step's mobility with its tolerances. */
+    void setTolerance(const SchemeTraits& traits, const OverdampedStep& step);
+    /** The forces last gathered, at the present poses of the members. */
+    const Eigen::MatrixXd& readForces(const BodySet& bodies, const FreeParticles& freeParticles);
+
+    // ---- Drift and differences
+    enum class Drift { Differenced, Known, Zero, ZeroOfSpheres };
+    Drift getDrift();
+    /** Whether a scheme differences results of iterations, which have a tolerance. */
+    bool differencesIterate(const SchemeTraits& traits);
+    /** The finite-difference step: as set, or chosen by the errors of the differenced results. */
+    double differenceOf(const SchemeTraits& traits, double wanted);
+    /** The root mean square of nu - 1 over steps so far; 0 before there are enough to tell. */
+    double getDriftFactorSpread() const;
+
+    // ---- Spins that a step does not resolve
+    /** Of each element, in steps of the energy 2 kT h. */
+    const std::vector<BodyRotation>& findRotations(double doubleEnergy);
+    /** Whether forces have kept turning an element, or any, whose spin is slowed. */
+    bool isDriven(int element) const;
+    bool drivesSlowedSpins() const;
+
+    MobilityCosts getCostsOfSlowed() const;
+    void setBox(const BoxVectors& box);
+
+private:
+    /** The bodies with slowed spins. */
+    struct SlowedBodies {
+        SlowedBodies(const CoupledBodies& real, const std::vector<SlowedSpin>& spins,
+                     double tolerance)
+            : bodies(real, spins), mobilities(bodies, tolerance) {}
+        CoupledBodies bodies;
+        BodyMobilities mobilities;
+    };
+    /**
+     * How forces have turned a slowed body about its fastest axis, beside what noise does. Where
+     * forces have a potential, the two are of one size, since the body goes nowhere (THEORY.md).
+     */
+    struct DrivenSpin {
+        double turn = 0, variance = 0;  // rad, rad^2
+        long long steps = 0;
+    };
+    OverdampedMove& theMove();
+    OverdampedScheme& theScheme();
+    void startStep(const StepSettings& settings, const Surroundings& around, const BodySet& bodies,
+                   const std::vector<OpenMM::Vec3>& positions);
+    void noteDrivenSpins(double h, double kT);
+
+    const GroupMembers& members;
+    const CoupledBodies& bodies;
+    BodyMobility* const realMobility;
+    BodiesAlone& alone;
+    const double tolerance;
+
+    BodyMobility* mobility;                // of the step: the real one, or that of slowed spins
+    double energyOfMobility = -1;          // 2 kT h that `mobility` was chosen for
+    std::unique_ptr<OverdampedMove> move;  // made at the first step
+    std::unique_ptr<OverdampedScheme> scheme;
+    Scheme kind = CustomRigidHIIntegrator::EulerMaruyama;  // of the scheme
+    std::vector<Eigen::MatrixXd> memoryAtStart;
+    LastStep present, last;  // what is recorded of the present step; the last whole step
+    bool presentIsRemembered = false;
+    int stage = 0;
+    uint32_t attempt = 0;
+    Outcome outcome;
+    std::vector<std::vector<Pose>> placesOfForces;  // where those of each stage are evaluated
+
+    std::vector<BodyRotation> rotations;  // of the elements
+    double energyOfRotations = -1;        // 2 kT h that they were found for
+    std::vector<DrivenSpin> drivenSpins;  // of the elements
+    std::unique_ptr<SlowedBodies> slowed;
+    double energyOfSlowed = -1;
+    MobilityCosts costsOfFormerSlowed;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,278 @@
+#include "fluid/FlowReader.h"
+
+#include <cmath>
+#include <string>
+
+#include "linearalgebra/OneBlasThread.h"
+#include "mobility/Models.h"
+#include "openmmrigidhi/internal/Errors.h"
+#include "rigidbody/EigenVec3.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+constexpr ErrorsOf fail{"MobilityForce"};
+
+bool samePoses(const vector<Pose>& a, const vector<Pose>& b) {
+    bool same = a.size() == b.size();
+    for (size_t e = 0; same && e < a.size(); e++)
+        same = a[e].R == b[e].R && a[e].q.w == b[e].q.w && a[e].q.x == b[e].q.x &&
+               a[e].q.y == b[e].q.y && a[e].q.z == b[e].q.z;
+    return same;
+}
+
+/** How far a step that is done again may end from where it ended, relative to its largest move: a
+ * state may come from another platform, or from another fluid. */
+const double replayTolerance = 1e-2;
+
+/** In lengths of the body, and half radians. */
+double distance(const Pose& a, const Pose& b, double length) {
+    const Vector4d p(a.q.w, a.q.x, a.q.y, a.q.z), q(b.q.w, b.q.x, b.q.y, b.q.z);
+    return (a.R - b.R).norm() / length + min((p - q).norm(), (p + q).norm());
+}
+
+}  // namespace
+
+bool FlowReader::lastStepIsPresent(const BodySet& bodies,
+                                   const vector<OpenMM::Vec3>& positions) const {
+    vector<Pose> poses;
+    for (const auto& group : fluid.groups) {
+        const LastStep& last = group->brownian->getLastStep();
+        if (!last.isKnown || last.box != fluid.box) return false;
+        poses.resize(group->poses.size());
+        group->members.readPoses(bodies, positions, poses);
+        if (!samePoses(poses, last.end)) return false;
+    }
+    return true;
+}
+
+FluidGroup& FlowReader::onlyGroup(const char* method) const {
+    if (force.getModel() == MobilityForce::FreeDraining)
+        fail(method,
+             "model FreeDraining has a separate fluid for each body, and no flow between bodies; "
+             "use RotnePragerYamakawa");
+    if (!fluid.hasOneFlow)
+        fail(method,
+             "there are " + to_string(fluid.groups.size()) +
+                 " groups of bodies, each in a fluid of its own; ask in a Context with one group");
+    return *fluid.groups[0];
+}
+
+/** The last step once more, from what is known of it, on vectors of its own. */
+void FlowReader::replay(FluidGroup& group, Answer& result) const {
+    BrownianGroup& brownian = *group.brownian;
+    const LastStep& last = brownian.getLastStep();
+    const OverdampedEntry& entry = overdampedScheme(last.scheme);
+    result.move.reset(new OverdampedMove(brownian.mobilityFor(2 * last.step.kT * last.step.h)));
+    OverdampedStep step = last.step;
+    step.flow = fluid.flow;
+    brownian.setTolerance(traitsOf(last.scheme), step);
+    OverdampedMove& move = *result.move;
+    move.start = last.start;
+    move.begin(step);
+    move.record(&result.made);
+    const unique_ptr<OverdampedScheme> scheme = entry.make();
+    const auto memory = scheme->memory();
+    for (size_t i = 0; i < memory.size(); i++) *memory[i] = last.memory[i];
+    for (int stage = 0; stage < entry.numStages(); stage++) {
+        if (entry.needsForces(stage)) move.force = last.forces[stage];
+        scheme->run(stage, move);
+    }
+    move.record(nullptr);
+    result.made.check(traitsOf(last.scheme).name);
+    if (step.kT > 0) result.randomFlow = sqrt(2 * step.kT / step.h);
+}
+
+/** Without noise, under the forces as last gathered. */
+void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
+                              Answer& result) const {
+    BrownianGroup& brownian = *group.brownian;
+    result.move.reset(new OverdampedMove(brownian.mobilityFor(0)));
+    OverdampedMove& move = *result.move;
+    OverdampedStep step;
+    step.flow = fluid.flow;
+    brownian.getMobility().setTolerance(force.getSolverTolerance());
+    group.members.readPoses(question.bodies, question.positions, move.start);
+    move.begin(step);
+    move.force = brownian.readForces(question.bodies, question.freeParticles);
+    move.record(&result.made);
+    MatrixXd slips, twists;
+    move.atStart();
+    move.addFlow(slips);
+    move.solve(move.force, slips, twists);
+    move.recordSolve(1);
+    move.record(nullptr);
+}
+
+/** LangevinHI: of the friction forces, with which bodies are held at the velocities that they have.
+ */
+void FlowReader::flowOfVelocities(FluidGroup& group, const FlowQuestion& question,
+                                  Answer& result) const {
+    const BodySet& bodies = question.bodies;
+    const auto& elements = group.bodies.getElements();
+    MatrixXd twists(group.bodies.getNumRows(), 1), forces;
+    for (size_t e = 0; e < elements.size(); e++) {
+        const int row = group.bodies.firstRow(e);
+        if (elements[e].isFree()) {
+            twists.block<3, 1>(row, 0) = toEigen(question.velocities[elements[e].particles[0]]);
+            continue;
+        }
+        const int body = elements[e].body;
+        twists.block<3, 1>(row, 0) = toEigen(bodies.getState(body).p) / bodies.inertia(body).mass;
+        twists.block<3, 1>(row + 3, 0) = toEigen(bodies.getAngularVelocity_lab(body));
+    }
+    BodyMobility& mobility = group.brownian->mobilityFor(0);
+    mobility.setTolerance(force.getSolverTolerance());
+    const vector<Pose>& poses = group.readPoses(bodies, question.positions);
+    mobility.setPoses(poses);
+    mobility.forcesOfTwists(twists, fluid.flow, forces);
+    result.made.shares.push_back({1, poses, forces, fluid.flow != nullptr});
+}
+
+bool FlowReader::findLastStep(const BodySet& bodies, const vector<OpenMM::Vec3>& positions,
+                              CustomRigidHIIntegrator::Scheme scheme) {
+    if (!fluid.hasOneFlow || !lastStepIsPresent(bodies, positions)) return false;
+    FluidGroup& group = *fluid.groups[0];
+    const LastStep& last = group.brownian->getLastStep();
+    if (last.scheme != scheme) return false;
+    if (answer && answer->isOfLastStep) return true;
+    answer.reset(new Answer());
+    answer->isOfLastStep = true;
+    replay(group, *answer);
+    double largest = 0, off = 0;
+    for (size_t e = 0; e < last.end.size(); e++) {
+        const double length = group.bodies.length(e);
+        largest = max(largest, distance(last.start[e], last.end[e], length));
+        off = max(off, distance(last.end[e], answer->move->present[e], length));
+    }
+    if (off <= replayTolerance * largest) return true;
+    answer.reset();
+    group.brownian->forgetLastStep();
+    return false;
+}
+
+FlowReader::Answer& FlowReader::find(FluidGroup& group, const FlowQuestion& question) {
+    if (!question.hasMomenta() &&
+        findLastStep(question.bodies, question.positions, question.scheme))
+        return *answer;
+    answer.reset(new Answer());
+    Answer& result = *answer;
+    if (question.hasMomenta())
+        flowOfVelocities(group, question, result);
+    else
+        flowOfForces(group, question, result);
+    return result;
+}
+
+/** Call add(mobility at its poses, sources, weight) for each share of the flow. */
+template <class Add>
+void FlowReader::forSources(FluidGroup& group, Answer& of, const Add& add) const {
+    BodyMobility& mobility = group.brownian->getMobility();
+    mobility.setTolerance(force.getSolverTolerance());  // others may have asked since
+    for (const FlowOfStep::Share& share : of.made.shares) {
+        // Displaced poses may reach a little beyond what the model accepts.
+        mobility.setPoses(share.poses, !mobility.objection(share.poses).empty());
+        const FlowSources sources =
+            mobility.flowSources(share.forces, share.inFlow ? fluid.flow : nullptr);
+        add(mobility, sources, share.weight);
+    }
+}
+
+Velocities FlowReader::flowAt(const vector<OpenMM::Vec3>& points, const FlowQuestion& question) {
+    const OneBlasThread single;
+    const char* const method = "getFlowInContext()";
+    FluidGroup& group = onlyGroup(method);
+    for (size_t p = 0; p < points.size(); p++) {
+        const OpenMM::Vec3& x = points[p];
+        double low = -INFINITY, high = INFINITY;
+        const bool channel = force.getBoundary() == MobilityForce::SlipChannel;
+        if (channel) force.getChannelWalls(low, high);
+        if (force.getBoundary() == MobilityForce::NoSlipWall) low = force.getWallHeight();
+        const double coordinate = channel ? x[1] : x[2];
+        if (coordinate < low || coordinate > high)
+            fail(method, "point " + to_string(p) + " at " + text(x) +
+                             " nm is behind a wall, where there is no fluid; give points above the "
+                             "wall or between the walls");
+    }
+    Answer& made = find(group, question);
+    Velocities velocities = Velocities::Zero(3, points.size());
+    if (fluid.flow)
+        for (size_t p = 0; p < points.size(); p++)
+            velocities.col(p) =
+                made.made.flowWeight * fluid.flow->velocityAt(toEigen(points[p]), {});
+    forSources(group, made, [&](BodyMobility& at, const FlowSources& sources, double weight) {
+        at.addFlowAt(sources, points, weight, velocities);
+    });
+    if (made.made.fieldWeight != 0 && made.move->getField())
+        made.move->getField()->addFlowAt(points, made.made.fieldWeight, velocities);
+    return velocities;
+}
+
+FluidGroup& FlowReader::groupWithWave(const char* method, int forceAxis, int waveAxis,
+                                      int waveVectorIndex, DrivenFlow& wave) const {
+    FluidGroup& group = onlyGroup(method);
+    const BoxVectors& box = fluid.box;
+    const MobilityModel& model = group.bodies.getModel();
+    if (!(model.fluidVolume(box) > 0))
+        fail(method,
+             "the flow has no Fourier modes with the boundary " +
+                 string(boundaryName(force.getBoundary())) +
+                 "; ask with the boundary Periodic or SlipChannel, or use getFlowInContext()");
+    if (force.getBoundary() == MobilityForce::SlipChannel && (forceAxis == 1 || waveAxis == 1))
+        fail(method,
+             "the axes are " + to_string(forceAxis) + " and " + to_string(waveAxis) +
+                 ", and in a SlipChannel both must be along the walls; give the axes 0 and 2");
+    model.checkWave(box, waveAxis, waveVectorIndex);
+    wave.forceAxis = forceAxis;
+    wave.waveAxis = waveAxis;
+    wave.k = 2 * M_PI * waveVectorIndex / box[waveAxis][waveAxis];
+    wave.waveVelocity = 1;
+    return group;
+}
+
+array<double, 2> FlowReader::flowMode(int forceAxis, int waveAxis, int waveVectorIndex,
+                                      const FlowQuestion& question) {
+    const OneBlasThread single;
+    DrivenFlow wave;
+    FluidGroup& group =
+        groupWithWave("getFlowModeInContext()", forceAxis, waveAxis, waveVectorIndex, wave);
+    const double volume = group.bodies.getModel().fluidVolume(fluid.box);
+    Answer& made = find(group, question);
+    const double unit = 2 / (force.getViscosity() * wave.k * wave.k * volume);
+    array<double, 2> amplitudes = {0, 0};
+    for (int part = 0; part < 2; part++) {
+        wave.phase = part * M_PI / 2;
+        forSources(group, made, [&](BodyMobility& at, const FlowSources& sources, double weight) {
+            amplitudes[part] += weight * unit * at.powerOn(wave, sources);
+        });
+        if (made.made.fieldWeight != 0 && made.move->getField())
+            amplitudes[part] += made.made.fieldWeight * made.move->getField()->amplitudeOf(wave);
+    }
+    const DrivenFlow* flow = fluid.flow;
+    if (flow && flow->waveVelocity != 0 && flow->forceAxis == forceAxis &&
+        flow->waveAxis == waveAxis && flow->k == wave.k)
+        amplitudes[0] += made.made.flowWeight * flow->waveVelocity;
+    return amplitudes;
+}
+
+array<double, 2> FlowReader::randomFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,
+                                            const FlowQuestion& question) {
+    const OneBlasThread single;
+    DrivenFlow wave;
+    FluidGroup& group =
+        groupWithWave("getRandomFlowModeInContext()", forceAxis, waveAxis, waveVectorIndex, wave);
+    Answer& made = find(group, question);
+    array<double, 2> amplitudes = {0, 0};
+    RandomField* field = made.move ? made.move->getField() : nullptr;
+    for (int part = 0; field && part < 2; part++) {
+        wave.phase = part * M_PI / 2;
+        amplitudes[part] = made.randomFlow * field->amplitudeOf(wave);
+    }
+    return amplitudes;
+}
+
+}  // namespace RigidHIPlugin

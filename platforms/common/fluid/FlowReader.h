@@ -1,0 +1,99 @@
+#ifndef RIGIDHI_FLOW_READER_H_
+#define RIGIDHI_FLOW_READER_H_
+
+#include <array>
+#include <memory>
+#include <vector>
+
+#include "fluid/FluidGroup.h"
+#include "openmmrigidhi/MobilityForce.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Poses of bodies and free particles, and what acts on them, when a user asks for the flow of the
+ * fluid.
+ */
+struct FlowQuestion {
+    const BodySet& bodies;
+    const FreeParticles& freeParticles;
+    const std::vector<OpenMM::Vec3>& positions;
+    const std::vector<OpenMM::Vec3>& velocities;
+    CustomRigidHIIntegrator::Scheme scheme;  // of the integrator at present
+    bool hasMomenta() const { return traitsOf(scheme).hasMomenta; }
+};
+
+/**
+ * Reads the flow of the fluid: that of the last step, which is done again from what is known of it
+ * on vectors of its own, or that of the present forces or (LangevinHI) velocities.
+ *
+ * There must be one fluid that bodies share. The last answer is kept until forget().
+ */
+class FlowReader {
+public:
+    /** What the fluid of a Context consists of. */
+    struct Parts {
+        const MobilityForce& force;
+        const std::vector<std::unique_ptr<FluidGroup>>& groups;
+        const DrivenFlow* const& flow;  // null: none
+        const BoxVectors& box;
+        /** Whether there is one flow that can be asked for. Otherwise no data of steps are kept. */
+        bool hasOneFlow;
+    };
+    explicit FlowReader(const Parts& fluid) : fluid(fluid), force(fluid.force) {}
+    /** Poses, box or settings have changed. */
+    void forget() { answer.reset(); }
+    /**
+     * Whether the last step without momenta led to the present poses of bodies and particles, in
+     * the present box.
+     */
+    bool lastStepIsPresent(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
+    /**
+     * Whether lastStepIsPresent(), and the last step leads to the same poses when it is done again.
+     * If so, the flow of that step is given. If not, the flow is that of the forces last gathered.
+     */
+    bool findLastStep(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions,
+                      CustomRigidHIIntegrator::Scheme scheme);
+    /**
+     * Velocities of the fluid at points: of the last step, at the poses where its forces were
+     * evaluated; or of the present forces or (LangevinHI) velocities.
+     * @throws OpenMMException for several groups, FreeDraining, and points beyond walls
+     */
+    Velocities flowAt(const std::vector<OpenMM::Vec3>& points, const FlowQuestion& question);
+    /**
+     * The amplitudes of sin(k x_b) e_a and cos(k x_b) e_a of the same flow. @throws OpenMMException
+     * as flowAt(), and for a boundary without such modes
+     */
+    std::array<double, 2> flowMode(int forceAxis, int waveAxis, int waveVectorIndex,
+                                   const FlowQuestion& question);
+    /** The amplitudes for the model's random field alone, for nu = 1; 0 where there is none. */
+    std::array<double, 2> randomFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,
+                                         const FlowQuestion& question);
+
+private:
+    /** The flow of a group: its sources, and the move that has its random field. */
+    struct Answer {
+        FlowOfStep made;
+        std::unique_ptr<OverdampedMove> move;
+        bool isOfLastStep = false;
+        double randomFlow =
+            0;  // what a random field of unit temperature and time is multiplied by in the step
+    };
+    void replay(FluidGroup& group, Answer& result) const;
+    void flowOfForces(FluidGroup& group, const FlowQuestion& question, Answer& result) const;
+    void flowOfVelocities(FluidGroup& group, const FlowQuestion& question, Answer& result) const;
+    template <class Add>
+    void forSources(FluidGroup& group, Answer& of, const Add& add) const;
+    FluidGroup& onlyGroup(const char* method) const;
+    FluidGroup& groupWithWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex,
+                              DrivenFlow& wave) const;
+    Answer& find(FluidGroup& group, const FlowQuestion& question);
+
+    const Parts fluid;
+    const MobilityForce& force;
+    std::unique_ptr<Answer> answer;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

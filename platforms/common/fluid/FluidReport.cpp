@@ -1,0 +1,248 @@
+#include "fluid/FluidReport.h"
+
+#include <sstream>
+
+#include "mobility/Models.h"
+#include "openmmrigidhi/internal/Messages.h"
+#include "rigidbody/EigenVec3.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/**
+ * How iterations make their products, where they are not plain sums over all pairs. In schemes of
+ * several stages the last one follows the differences (OverdampedMove::atPresent()).
+ */
+string describeProducts(BodyMobility& mobility, bool differenced, const SchemeTraits& scheme) {
+    const string products = mobility.describeProducts(!differenced);
+    string text = products;
+    if (differenced && overdampedScheme(scheme.scheme).numStages() > 1) {
+        const string later = mobility.describeProducts(true);
+        if (later != products)
+            text = (products.empty() ? "over all pairs" : products) + " for differences, then " +
+                   later;
+    }
+    return text.empty() ? text : ", products in iterations " + text;
+}
+
+}  // namespace
+
+FluidReport::FluidReport(const Fluid& fluid)
+    : fluid(fluid), force(fluid.getForce()), groups(fluid.getGroups()) {}
+
+const FluidGroup* FluidReport::findLargest() const {
+    const FluidGroup* largest = nullptr;
+    for (const auto& group : groups)
+        if (!largest || group->bodies.getNumParticleRows() > largest->bodies.getNumParticleRows())
+            largest = group.get();
+    return largest;
+}
+
+string FluidReport::describe(const SchemeTraits& scheme) const {
+    const bool overdamped = scheme.isOverdamped();
+    const auto mobilityOf = [&](const FluidGroup& group) -> BodyMobility& {
+        return overdamped ? group.brownian->getMobility() : group.relaxation->getMobility();
+    };
+    int thermostats = 0, ways[3] = {0, 0, 0};
+    for (const auto& group : groups)
+        if (!overdamped && !group->relaxation)
+            thermostats++;
+        else
+            ways[mobilityOf(*group).getWay()]++;
+    ostringstream text;
+    text << modelName(force.getModel());
+    if (force.getBoundary() == MobilityForce::NoSlipWall)
+        text << " above a no-slip wall at z = " << force.getWallHeight()
+             << " nm (a step is redone if after it a particle "
+             << (fluid.getSettings().wallRejection == CustomRigidHIIntegrator::Crossing
+                     ? "has its centre behind the wall)"
+                     : "overlaps the wall)");
+    if (force.getBoundary() == MobilityForce::SlipChannel) {
+        double low, high;
+        force.getChannelWalls(low, high);
+        text << " between slip walls at y = " << low << " and " << high
+             << " nm (a step is redone if after it a particle "
+             << (fluid.getSettings().wallRejection == CustomRigidHIIntegrator::Crossing
+                     ? "has its centre behind a wall)"
+                     : "overlaps a wall)");
+    }
+    if (fluid.isPeriodic())
+        text << (force.getBoundary() == MobilityForce::SlipChannel
+                     ? " with all images along x and z in "
+                     : " with all images in ")
+             << textOf(fluid.getBox());
+    if (fluid.isFreeDraining() && force.getBoundary() == MobilityForce::Periodic)
+        text << " in a periodic box, where bodies feel neither others nor images, as if unbounded";
+    const FluidGroup* largest = findLargest();
+    if (largest && largest->bodies.hasModel()) {
+        const string grid = largest->bodies.getModel().describe(fluid.getBox());
+        if (!grid.empty()) text << " on " << grid;
+        if (!largest->gridChoice.empty())
+            text << (grid.empty() ? " by matrices of lattice sums (" : " (") << largest->gridChoice
+                 << ")";
+    }
+    text << ", " << counted(fluid.getNumBodies(), "body", "bodies") << " and "
+         << counted(fluid.getNumFree(), "free particle", "free particles") << "; ";
+    if (!overdamped) text << thermostats << " alone with constant isotropic drag (no matrices), ";
+    text << ways[BodyMobility::Constant] << " alone with a constant tensor (computed once), "
+         << counted(ways[BodyMobility::Dense], "group", "groups") << " with dense matrices, "
+         << counted(ways[BodyMobility::Krylov], "group", "groups") << " matrix-free";
+    if (largest && largest->bodies.hasModel() && (overdamped || largest->relaxation))
+        text << describeProducts(mobilityOf(*largest),
+                                 overdamped && largest->brownian->differencesIterate(scheme),
+                                 scheme);
+    return text.str();
+}
+
+string FluidReport::describeFlow() const {
+    if (!fluid.getFlow()) return {};
+    const DrivenFlow& flow = *fluid.getFlow();
+    ostringstream text;
+    const char* const axes = "xyz";
+    const auto row = [&](int k) {
+        return RigidHIPlugin::text(toVec3(flow.gradient.row(k).transpose()));
+    };
+    if (flow.waveVelocity != 0)
+        text << "a sinusoidal force density along " << axes[flow.forceAxis] << " with "
+             << 2 * M_PI / flow.k << " nm along " << axes[flow.waveAxis]
+             << ", which without bodies drives a flow of up to " << abs(flow.waveVelocity)
+             << " nm/ps";
+    else
+        text << "velocity " << RigidHIPlugin::text(toVec3(flow.velocity))
+             << " nm/ps at the origin, gradient in rows " << row(0) << ", " << row(1) << ", "
+             << row(2) << "/ps";
+    if (!flow.hasGradient()) return text.str();
+    bool stresslets = true, own = false;
+    for (const auto& group : groups) {
+        stresslets =
+            stresslets && group->bodies.hasModel() && group->bodies.getModel().hasStresslets();
+        for (const FluidElement& element : group->bodies.getElements())
+            own = own || element.ownMobility.size() > 0;
+    }
+    text
+        << (stresslets
+                ? "; spheres resist its strain by stresslets, without lubrication of the strain"
+                : "; multiblobs resist its strain by their blobs, single spheres and blobs do not");
+    if (own) text << "; bodies with tensors of their own resist it as their blobs do";
+    return text.str();
+}
+
+string FluidReport::describeAnswers() const {
+    int constant = 0, dense = 0, products = 0, iterations = 0, columns = 0;
+    string fast;
+    for (const auto& group : groups) {
+        if (group->bodies.hasModel() && fast.empty())
+            fast = group->bodies.getModel().describeFastProducts(force.getSolverTolerance());
+        const bool krylov = group->answering->getWay() == BodyMobility::Krylov;
+        columns += krylov && group->bodies.isWorthIterations();
+        (group->answering->getWay() == BodyMobility::Constant ? constant
+         : !krylov                                            ? dense
+         : group->bodies.multipliesWithoutIterations()        ? products
+                                                              : iterations)++;
+    }
+    const auto list = [](const vector<pair<int, string> >& ways) {
+        string all;
+        for (const auto& way : ways)
+            if (way.first > 0)
+                all += (all.empty() ? "" : ", ") + counted(way.first, "group", "groups") + " " +
+                       way.second;
+        return all.empty() ? string("no groups") : all;
+    };
+    ostringstream tolerance;
+    tolerance << "by iterations to " << force.getSolverTolerance();
+    const string known = "by a constant tensor", matrices = "by dense matrices";
+    return "applyMobilityInContext() does " +
+           list(
+               {{constant, known},
+                {products, "by products without a matrix" + (fast.empty() ? string() : " " + fast)},
+                {iterations, tolerance.str()},
+                {dense, matrices}}) +
+           "; getMobilityInContext() " +
+           list({{constant, known},
+                 {columns, tolerance.str() + ", column by column"},
+                 {int(groups.size()) - constant - columns, matrices}}) +
+           "; getFrictionInContext() " +
+           list({{constant, known}, {int(groups.size()) - constant, matrices}});
+}
+
+FluidReport::Drifts FluidReport::findDrifts() const {
+    Drifts drifts;
+    for (const auto& group : groups) switch (group->brownian->getDrift()) {
+            case BrownianGroup::Drift::Differenced:
+                drifts.differenced.push_back(group->brownian.get());
+                break;
+            case BrownianGroup::Drift::Known: drifts.known++; break;
+            case BrownianGroup::Drift::Zero: drifts.zero++; break;
+            case BrownianGroup::Drift::ZeroOfSpheres: drifts.ofSpheres++; break;
+        }
+    return drifts;
+}
+
+bool FluidReport::hasStochasticDrift() const { return findDrifts().numNotZero() > 0; }
+
+map<string, string> FluidReport::describeDrift(const SchemeTraits& scheme, double kT,
+                                               double difference) const {
+    const Drifts drifts = findDrifts();
+    const int others = drifts.differenced.size(), known = drifts.known,
+              zero = drifts.zero + drifts.ofSpheres;
+    double smallest = 0, largest = 0;
+    bool byFields = scheme.differenced == Differenced::Roots;
+    for (BrownianGroup* group : drifts.differenced) {
+        byFields = byFields && group->getMobility().divergenceIsOfField();
+        const double step = group->differenceOf(scheme, difference);
+        smallest = smallest == 0 ? step : min(smallest, step);
+        largest = max(largest, step);
+    }
+    const string uniform = "every body is alone in a uniform fluid",
+                 spheres = string("the mobility of spheres in ") +
+                           (fluid.isPeriodic() ? "a periodic" : "an unbounded") +
+                           " fluid has no divergence",
+                 alone = ", and other bodies are alone in a uniform fluid";
+    const auto count = [](int n) { return counted(n, "group of bodies", "groups of bodies"); };
+    ostringstream drift, differences;
+    if (kT == 0)
+        drift << "off: the temperature is 0";
+    else if (known + others == 0)
+        drift << "off: "
+              << (drifts.ofSpheres == 0 ? uniform + ", and the drift is 0 about their origins"
+                  : drifts.zero == 0
+                      ? spheres
+                      : spheres + alone + ", where the drift is 0 about their origins");
+    else if (!*scheme.drift)
+        drift << "off: " << scheme.name << " omits it, so averages are wrong for "
+              << count(known + others);
+    else {
+        const int asWritten = scheme.differenced != Differenced::Nothing ? others : known + others;
+        drift << "on: ";
+        if (asWritten > 0) drift << scheme.drift << " for " << count(asWritten);
+        if (asWritten < known + others)
+            drift << (asWritten > 0 ? ", " : "") << "without differences for " << count(known)
+                  << " alone in a uniform fluid";
+    }
+    if (kT > 0 && known + others > 0 && zero > 0) drift << "; the drift is 0 for " << count(zero);
+    if (scheme.differenced == Differenced::Nothing)
+        differences << "off: the scheme has none";
+    else if (kT == 0)
+        differences << "off: the temperature is 0";
+    else if (others == 0)
+        differences << "off: "
+                    << (drifts.ofSpheres == 0 ? uniform + ", whose divergence is known"
+                        : drifts.ofSpheres == zero + known
+                            ? spheres
+                            : spheres + alone + ", whose divergence is known");
+    else if (byFields)
+        differences << "off: the divergence is computed from the gradient of the random field; "
+                       "setFiniteDifferenceStep() has no effect";
+    else {
+        differences << "on: steps of " << smallest;
+        if (largest > smallest) differences << " (dense) and " << largest << " (matrix-free)";
+        differences << " body lengths, and radians";
+    }
+    return {{"stochastic drift", drift.str()}, {"finite differences", differences.str()}};
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,48 @@
+#ifndef RIGIDHI_FLUID_REPORT_H_
+#define RIGIDHI_FLUID_REPORT_H_
+
+#include <map>
+#include <string>
+
+#include "fluid/Fluid.h"
+
+namespace RigidHIPlugin {
+
+/** What the fluid of a Context is and does, in words for describeEffects(). */
+class FluidReport {
+public:
+    explicit FluidReport(const Fluid& fluid);
+    /** What the fluid is, and how many groups are solved in which way. */
+    std::string describe(const SchemeTraits& scheme) const;
+    /** The flow that users drive; empty: there is none. */
+    std::string describeFlow() const;
+    /**
+     * The method by which mobility(), friction() and apply() are computed, whatever the scheme.
+     */
+    std::string describeAnswers() const;
+    /** For a scheme without momenta: "stochastic drift" and "finite differences". */
+    std::map<std::string, std::string> describeDrift(const SchemeTraits& scheme, double kT,
+                                                     double difference) const;
+    /** Whether div N is not 0 somewhere, so that a scheme without momenta that omits it is wrong.
+     */
+    bool hasStochasticDrift() const;
+
+private:
+    /** Groups by what their stochastic drift is. */
+    struct Drifts {
+        std::vector<BrownianGroup*> differenced;  // by finite differences, where the scheme has any
+        int known = 0, zero = 0, ofSpheres = 0;   // known for a body alone in a uniform fluid; the
+                                                  // same, and 0; 0 for spheres that feel each other
+        int numNotZero() const { return differenced.size() + known; }
+    };
+    Drifts findDrifts() const;
+    const FluidGroup* findLargest() const;
+
+    const Fluid& fluid;
+    const MobilityForce& force;
+    const std::vector<std::unique_ptr<FluidGroup>>& groups;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,72 @@
+#include "fluid/GroupMembers.h"
+
+#include <cmath>
+
+#include "rigidbody/BodyPoses.h"
+#include "rigidbody/EigenVec3.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+void GroupMembers::readPoses(const BodySet& set, const vector<OpenMM::Vec3>& positions,
+                             vector<Pose>& poses) const {
+    const auto& elements = bodies.getElements();
+    for (size_t e = 0; e < elements.size(); e++)
+        if (elements[e].isFree())
+            poses[e].R = toEigen(positions[elements[e].particles[0]]);
+        else
+            poses[e] = poseOf(set, elements[e].body);
+}
+
+void GroupMembers::readForces(const BodySet& set, const FreeParticles& freeParticles,
+                              MatrixXd& forces) const {
+    const auto& elements = bodies.getElements();
+    for (size_t e = 0; e < elements.size(); e++) {
+        double* to = &forces(bodies.firstRow(e), 0);
+        if (elements[e].isFree()) {
+            const OpenMM::Vec3 force = freeParticles.getForce(freeIndex[e]);
+            for (int k = 0; k < 3; k++) to[k] = force[k];
+            continue;
+        }
+        const int s = set.slot(elements[e].body);
+        const scalar::Rotation<double> turn({set.q[0][s], set.q[1][s], set.q[2][s], set.q[3][s]});
+        const auto torque_lab =
+            turn.toLab({set.torque_body[0][s], set.torque_body[1][s], set.torque_body[2][s]});
+        for (int k = 0; k < 3; k++) to[k] = set.force_lab[k][s];
+        to[3] = torque_lab.x;
+        to[4] = torque_lab.y;
+        to[5] = torque_lab.z;
+    }
+}
+
+bool GroupMembers::writePoses(const vector<Pose>& poses, BodySet& set,
+                              vector<OpenMM::Vec3>& positions) const {
+    const auto& elements = bodies.getElements();
+    double sum = 0;
+    for (size_t e = 0; e < elements.size(); e++) {
+        const Pose& place = poses[e];
+        sum += place.R.sum();
+        if (elements[e].isFree()) {
+            positions[elements[e].particles[0]] = toVec3(place.R);
+            continue;
+        }
+        const int s = set.slot(elements[e].body);
+        const scalar::Rotation<double> before({set.q[0][s], set.q[1][s], set.q[2][s], set.q[3][s]});
+        const auto torque_body = scalar::Rotation<double>(place.q).toBody(
+            before.toLab({set.torque_body[0][s], set.torque_body[1][s], set.torque_body[2][s]}));
+        for (int k = 0; k < 3; k++) set.R[k][s] = place.R[k];
+        set.q[0][s] = place.q.w;
+        set.q[1][s] = place.q.x;
+        set.q[2][s] = place.q.y;
+        set.q[3][s] = place.q.z;
+        set.torque_body[0][s] = torque_body.x;
+        set.torque_body[1][s] = torque_body.y;
+        set.torque_body[2][s] = torque_body.z;
+        sum += place.q.w + place.q.x + place.q.y + place.q.z;
+    }
+    return isfinite(sum);
+}
+
+}  // namespace RigidHIPlugin

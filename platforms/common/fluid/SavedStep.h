@@ -1,0 +1,38 @@
+#ifndef RIGIDHI_SAVED_STEP_H_
+#define RIGIDHI_SAVED_STEP_H_
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "schemes/OverdampedSchemes.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * The last step of a group without momenta. Users who ask for the flow of the fluid in this step
+ * have it done again from these data.
+ */
+struct LastStep {
+    bool isKnown = false;
+    CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::EulerMaruyama;
+    OverdampedStep step;
+    BoxVectors box = {};
+    std::vector<Pose> start, end;
+    std::vector<Eigen::MatrixXd> forces;  // of each stage; empty: the stage has none
+    std::vector<Eigen::MatrixXd> memory;  // of the scheme, at the start of the step
+};
+
+// The codec of a last step: matrices of numbers, as checkpoints and States hold them.
+std::vector<Eigen::MatrixXd> numbersOf(const LastStep& step);
+/**
+ * Whether numbers can be those of a step of a scheme, for a group with so many elements and rows.
+ */
+bool areOfAStep(const std::vector<Eigen::MatrixXd>& numbers, const OverdampedEntry& scheme,
+                int numElements, int numRows);
+/** The step of numbers that areOfAStep(). */
+LastStep stepOf(const std::vector<Eigen::MatrixXd>& numbers,
+                CustomRigidHIIntegrator::Scheme scheme);
+
+}  // namespace RigidHIPlugin
+
+#endif

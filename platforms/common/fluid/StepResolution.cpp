@@ -1,0 +1,130 @@
+#include "fluid/StepResolution.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+
+#include <cmath>
+
+#include "fluid/Fluid.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+StepResolution resolveOverdamped(const Fluid& fluid, double h, double kT) {
+    StepResolution result;
+    result.smallestRadius = INFINITY;
+    if (kT == 0) return result;
+    for (const auto& group : fluid.getGroups()) {
+        const vector<BodyRotation>& rotations = group->brownian->findRotations(2 * kT * h);
+        const auto& elements = group->bodies.getElements();
+        for (size_t e = 0; e < elements.size(); e++) {
+            for (double radius : elements[e].radii)
+                result.smallestRadius = min(result.smallestRadius, radius);
+            // Without turning, so that the origin does not matter.
+            const SelfAdjointEigenSolver<Matrix3d> drag(
+                Matrix3d(group->alone.of(e).friction.topLeftCorner<3, 3>()), EigenvaluesOnly);
+            const double displacement = sqrt(2 * kT * h / drag.eigenvalues()[0]);
+            if (displacement > result.displacement) {
+                result.displacement = displacement;
+                result.mover = nameOf(elements[e]);
+            }
+            if (elements[e].isFree()) continue;
+            const BodyRotation& rotation = rotations[e];
+            const double fastest = rotation.spin.isSlowed() ? rotation.second
+                                   : rotation.fastest > 0
+                                       ? rotation.fastest
+                                       : group->alone.of(e).mobility(3, 3);  // a sphere
+            const double turn = sqrt(2 * kT * h * fastest);
+            if (turn > result.turn) {
+                result.turn = turn;
+                result.turner = nameOf(elements[e]);
+            }
+            if (!rotation.spin.isSlowed()) continue;
+            result.numSlowed++;
+            const double spin = sqrt(2 * kT * h * rotation.fastest);
+            if (spin > result.spin) {
+                result.spin = spin;
+                result.spinner = nameOf(elements[e]);
+                result.longestStepOfSpins = rotation.longestStep(kT);
+            }
+            if (result.driven.empty() && group->brownian->isDriven(e)) {
+                result.driven = nameOf(elements[e]);
+                result.longestStepOfDriven = rotation.longestStep(kT);
+                result.slowing = rotation.spin.factor * rotation.spin.factor;
+            }
+        }
+    }
+    return result;
+}
+
+BodyRates findRates(const Fluid& fluid, int body, const BodyInertia& inertia) {
+    FluidGroup& group = *fluid.getGroups()[fluid.getGroupOfBody(body)];
+    BodyRates rates;
+    const MatrixXd& friction = group.alone.of(fluid.getElementOfBody(body)).friction;
+    const SelfAdjointEigenSolver<Matrix3d> drag(Matrix3d(friction.topLeftCorner<3, 3>()),
+                                                EigenvaluesOnly);
+    rates.translation = drag.eigenvalues()[0] / inertia.mass;
+    Matrix3d drag_r = friction.bottomRightCorner<3, 3>();
+    for (int k = 0; k < 3; k++)
+        if (!inertia.isLive(k)) {  // blobs on a line do not resist rotation about it
+            drag_r.row(k).setZero();
+            drag_r.col(k).setZero();
+            drag_r(k, k) = 1;
+        }
+    const Matrix3d inverse = drag_r.inverse();
+    for (int k = 0; k < 3; k++)
+        if (inertia.isLive(k)) rates.rotation[k] = 1 / (inertia.moments[k] * inverse(k, k));
+    return rates;
+}
+
+StepResolution resolveRelaxation(const Fluid& fluid, double h, const BodySet& bodies,
+                                 const FreeParticles& freeParticles) {
+    StepResolution result;
+    const auto note = [&](double rate, bool rotation, const FluidElement& element) {
+        if (h * rate <= result.relaxation) return;
+        result.relaxation = h * rate;
+        result.relaxationIsOfRotation = rotation;
+        result.fastestToRelax = nameOf(element);
+    };
+    for (const auto& group : fluid.getGroups()) {
+        const auto& elements = group->bodies.getElements();
+        for (size_t e = 0; e < elements.size(); e++) {
+            const MatrixXd& friction = group->alone.of(e).friction;
+            const SelfAdjointEigenSolver<Matrix3d> drag(Matrix3d(friction.topLeftCorner<3, 3>()),
+                                                        EigenvaluesOnly);
+            if (elements[e].isFree()) {
+                note(drag.eigenvalues()[2] / freeParticles.mass(group->members.freeIndex[e]), false,
+                     elements[e]);
+                continue;
+            }
+            const BodyInertia& inertia = bodies.inertia(elements[e].body);
+            note(drag.eigenvalues()[2] / inertia.mass, false, elements[e]);
+            Matrix3d rates = friction.bottomRightCorner<3, 3>();
+            for (int k = 0; k < 3; k++) {
+                const double scale = inertia.isLive(k) ? 1 / sqrt(inertia.moments[k]) : 0;
+                rates.row(k) *= scale;
+                rates.col(k) *= scale;
+            }
+            const SelfAdjointEigenSolver<Matrix3d> solver(rates, EigenvaluesOnly);
+            note(solver.eigenvalues()[2], true, elements[e]);
+        }
+    }
+    return result;
+}
+
+bool drivesSlowedSpins(const Fluid& fluid) {
+    for (const auto& group : fluid.getGroups())
+        if (group->brownian->drivesSlowedSpins()) return true;
+    return false;
+}
+
+double driftFactorSpread(const Fluid& fluid) {
+    double spread = 0;
+    for (const auto& group : fluid.getGroups())
+        spread = max(spread, group->brownian->getDriftFactorSpread());
+    return spread;
+}
+
+}  // namespace RigidHIPlugin
