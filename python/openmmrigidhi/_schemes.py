@@ -71,12 +71,12 @@ def facts(traits):
 EQUATIONS = {
     (True, False): """dR = p/m dt,   dp = f dt - gamma p dt + sqrt(2 m gamma kT) dw,
 dl_k = (l x omega)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(2 Gamma_k I_k kT) dW_k,
-Gamma_k = Gamma M/(4 I'_k),   M = 4/sum_k 1/I'_k over axes k with a moment,
-I'_k = max(I_k, a tenth of the middle moment)""",
+Gamma_k = Gamma M/(4 I_k),   M = 4/sum_k 1/I'_k over axes k with a moment;
+I'_k = I_k, for rods as docs/schemes says""",
     (False, False): """dR = upsilon/m f dt + sqrt(2 upsilon kT/m) dw,
 dq = Upsilon/M F dt + sqrt(2 Upsilon kT/M) sum_k S_k q o dW_k (Stratonovich),
-F = 2 q (0, tau),   M = 4/sum_k 1/I'_k over axes k with a moment,
-I'_k = max(I_k, a tenth of the middle moment)""",
+F = 2 q (0, tau),   M = 4/sum_k 1/I'_k over axes k with a moment;
+I'_k = I_k, for rods as docs/schemes says""",
     (True, True): """dR = p/m dt,   dp = f dt - (xi U)_V dt + noise,
 dL = T dt - (xi U)_W dt + noise,
 noise of covariance 2 kT xi dt, with velocities U of all bodies and their friction matrix xi""",

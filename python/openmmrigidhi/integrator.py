@@ -392,8 +392,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setRotationalFriction(self, Gamma):
         """Set Gamma (eqs. 9, 10), 1/ps; default 1.
 
-        Body axis k relaxes at the rate Gamma / (I'_k sum_j 1/I'_j), where I' is the moment I, but
-        at least a tenth of the middle moment.
+        Body axis k relaxes at the rate Gamma / (I_k sum_j 1/I_j). Where a moment is below a tenth
+        of the middle one, the rates go on to those of a linear body (docs/schemes/LangevinC.md).
         """
         super().setRotationalFriction(
             self._number(Gamma, _units.RATE, 'setRotationalFriction', 'Gamma'))

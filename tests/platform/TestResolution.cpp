@@ -69,8 +69,8 @@ bool holds(const string& text, const string& part) { return text.find(part) != s
  * The axis of a straight rod has <u(t) u(0)> = exp(-2 D t), and its centre moves by 2 tr(D_t) t in
  * the mean square. A rod of rounded coordinates must do the same; its spin is up to 1e13 times as
  * fast. The tracking point is off the line. Standard errors of 1000 rods are 3 % of both numbers;
- * five of them are allowed (56 numbers: 3e-5 of failing by chance), and 2 % for the step, of which
- * FixmanMidpoint has half (D h = 5e-4 rad^2).
+ * five of them are allowed (56 numbers: 3e-5 of failing by chance), and 2 % for the step, which
+ * slows spins so far that this is their largest error (SlowedSpin.h).
  */
 TEST(Resolution, NearlyStraightRodsTumbleAtTheRightRate) {
     const int copies = 1000, steps = 40;
@@ -104,7 +104,10 @@ TEST(Resolution, NearlyStraightRodsTumbleAtTheRightRate) {
             const Estimate cosine = estimate(cosines), square = estimate(squares);
             const double t = steps * h;
             EXPECT_NEAR(-log(cosine.mean) / (2 * D * t), 1, 5 * cosine.error / (2 * D * t) + 0.02);
-            EXPECT_NEAR(square.mean / (2 * D_t * t), 1, 5 * square.error / (2 * D_t * t) + 0.02);
+            // EulerMaruyama omits the drift towards the line, and says so.
+            if (!traits.omitsDrift() || decimals < 0)
+                EXPECT_NEAR(square.mean / (2 * D_t * t), 1,
+                            5 * square.error / (2 * D_t * t) + 0.02);
             const string slowed = rods.integrator.getEffects().at("slowed spins");
             EXPECT_EQ(slowed.substr(0, 3), decimals < 0 ? "off" : "on:") << slowed;
             EXPECT_EQ(rods.warnings().substr(0, 9),
@@ -167,7 +170,7 @@ TEST(Resolution, ThermostatsReachTheTumblingOfNearlyStraightMolecules) {
             integrator.step(10000);  // 100/Gamma
             vector<double> energies;
             for (int s = 0; s < samples; s++) {
-                // The tumbling relaxes at 0.08 Gamma, in 2.4 ps; correlations exp(-2) of squares.
+                // The tumbling relaxes at Gamma/2, in 0.4 ps.
                 integrator.step(1200);
                 const Vec3 e = integrator.computeRotationalKineticEnergies();
                 energies.push_back((e[1] + e[2]) / copies / (300 * boltzmann));
@@ -211,9 +214,9 @@ TEST(Resolution, GradientThermostatTurnsNearlyStraightMoleculesRight) {
         field->addParticle(3 * i + 2, {x * kT / (2 * bond)});
     }
     system.addForce(field);
-    // D = 4 Upsilon kT/M with 4/M = sum 1/I' = 12/I.
+    // D = 4 Upsilon kT/M with 4/M = sum 1/I' = 2/I.
     const double Dh = 0.005;
-    integrator.setGradientRotationalRelaxationTime(Dh * I / (12 * kT));
+    integrator.setGradientRotationalRelaxationTime(Dh * I / (2 * kT));
     integrator.setGradientRelaxationTime(1e-6);
     Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
     context.setPositions(positions);
@@ -277,8 +280,8 @@ TEST(Resolution, TheStepThatIsNamedIsShortEnough) {
     scene.start(testPlatform());
     string warnings = scene.integrator.getEffects().at("warnings");
     ASSERT_TRUE(holds(warnings, "moves at random by")) << warnings;
-    scene.integrator.setStepSize(0.999 * min(stepIn(warnings, "moves at random by"),
-                                             stepIn(warnings, "turns at random by")));
+    scene.integrator.setStepSize(
+        min(stepIn(warnings, "moves at random by"), stepIn(warnings, "turns at random by")));
     EXPECT_EQ(scene.integrator.getEffects().at("warnings"), "off: none");
 
     FluidScene hi(300, 10);
@@ -286,7 +289,7 @@ TEST(Resolution, TheStepThatIsNamedIsShortEnough) {
     hi.start(testPlatform());
     warnings = hi.integrator.getEffects().at("warnings");
     ASSERT_TRUE(holds(warnings, "temperatures are right")) << warnings;
-    hi.integrator.setStepSize(0.999 * stepIn(warnings, "temperatures are right"));
+    hi.integrator.setStepSize(stepIn(warnings, "temperatures are right"));
     EXPECT_EQ(hi.integrator.getEffects().at("warnings"), "off: none");
 }
 

@@ -176,6 +176,7 @@ def test_water_that_is_right_as_it_is(capfd, masses, lengths, asBody):
 def fluidScene(model, boundary, isPeriodic, bodies=2, groups=(), scheme='LangevinHI'):
     system, integrator = scene(bodies)
     integrator.setScheme(getattr(integrator, scheme))
+    integrator.setStepSize(2e-4)  # momenta of spheres of 0.5 nm relax in 1e-3 ps
     fluid = MobilityForce()
     for _ in range(bodies):
         fluid.addParticle(0.5)

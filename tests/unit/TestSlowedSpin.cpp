@@ -47,25 +47,34 @@ TEST(SlowedSpin, IsAPartOfTheMobilityAboutOneScrew) {
         N.row(5) *= fast;
         N.col(5) *= fast;
         const double mu = findRotation(N, 0).fastest, energy = 3 / mu;  // 3 rad^2 in a step
-        const BodyRotation rotation = findRotation(N, energy);
-        const SlowedSpin& spin = rotation.spin;
-        ASSERT_TRUE(spin.isSlowed());
-        const double bound = max(resolvedSpin, leastSpinRatio * energy * rotation.second);
-        EXPECT_NEAR(energy * rotation.fastestInStep(), bound, 1e-14);
-        const MatrixXd slowed = spin.slow(N);
-        const MatrixXd taken =
-            (1 - spin.factor * spin.factor) * mu * spin.screw * spin.screw.transpose();
-        EXPECT_LT((slowed - (N - taken)).cwiseAbs().maxCoeff(), 1e-10 * N.cwiseAbs().maxCoeff());
-        // What is left when the spin is stopped exerts no torque about the axis and has none.
-        const MatrixXd rest = N - mu * spin.screw * spin.screw.transpose();
-        EXPECT_LT((rest.rightCols<3>() * spin.axis).norm(), 1e-10 * mu);
-        EXPECT_GT(Eigen::SelfAdjointEigenSolver<MatrixXd>(slowed).eigenvalues()[0], 0);
-        // A step that resolves the spin is not changed; nor is one without noise, nor a body none
-        // of whose axes is much faster than the next.
-        EXPECT_FALSE(findRotation(N, 0.999 * resolvedSpin / mu).spin.isSlowed());
-        EXPECT_FALSE(findRotation(N, 0).spin.isSlowed());
+        for (const SpinBounds& bounds : {boundsOfStart, boundsOfMidpoint}) {
+            const BodyRotation rotation = findRotation(N, energy, bounds);
+            const SlowedSpin& spin = rotation.spin;
+            ASSERT_TRUE(spin.isSlowed());
+            const double bound = max(bounds.target, bounds.ratio * energy * rotation.second);
+            EXPECT_NEAR(energy * rotation.fastestInStep(), bound, 1e-14);
+            const MatrixXd slowed = spin.slow(N);
+            SlowedSpin::Vector6d whole = spin.screw;
+            whole.head<3>() += spin.advance * spin.axis;
+            const SlowedSpin::Vector6d kept = spin.slowedScrew();
+            const MatrixXd rest = N - mu * whole * whole.transpose(),
+                           expected = rest + mu * kept * kept.transpose();
+            const double rounding = 1e-10 * N.cwiseAbs().maxCoeff();
+            EXPECT_LT((slowed - expected).cwiseAbs().maxCoeff(), rounding);
+            // Without the spin no torque about the axis turns anything. Motion along the axis has
+            // its whole mobility.
+            EXPECT_LT((rest.rightCols<3>() * spin.axis).norm(), 1e-10 * mu);
+            const auto along = [&](const MatrixXd& M) {
+                return spin.axis.dot(M.topLeftCorner<3, 3>() * spin.axis);
+            };
+            EXPECT_NEAR(along(slowed), along(N), rounding);
+            EXPECT_GT(Eigen::SelfAdjointEigenSolver<MatrixXd>(slowed).eigenvalues()[0], 0);
+            // A step that resolves the spin is not changed.
+            EXPECT_FALSE(findRotation(N, 0.999 * bounds.resolved / mu, bounds).spin.isSlowed());
+        }
+        EXPECT_FALSE(findRotation(N, 0).spin.isSlowed());  // no noise
     }
-    const MatrixXd N = tensorWithoutSymmetry(3);
+    // No axis is much faster than the next.
     MatrixXd alike = MatrixXd::Identity(6, 6);
     alike(3, 3) = 0.99 * leastSpinRatio;
     EXPECT_FALSE(findRotation(alike, 1e6).spin.isSlowed());
@@ -128,9 +137,10 @@ TEST(SlowedSpin, NearlyStraightBodiesKeepTheirDigits) {
     };
     const double right = tumbling(straight->alone(0).mobility);
     double spinTimesSquare = 0;
+    const double energy = 1e-2;
     for (double bend : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6}) {
         TestedBodies bodies({rod(0, bend)}, makeRpy);
-        const BodyRotation rotation = findRotation(bodies->alone(0).mobility, 1e-3);
+        const BodyRotation rotation = findRotation(bodies->alone(0).mobility, energy);
         ASSERT_TRUE(rotation.spin.isSlowed()) << bend;
         EXPECT_LT(abs(abs(rotation.spin.axis.dot(line)) - 1), bend * bend + 1e-14);
         if (bend == 1e-3) spinTimesSquare = rotation.fastest * bend * bend;
@@ -144,8 +154,8 @@ TEST(SlowedSpin, NearlyStraightBodiesKeepTheirDigits) {
             << bend;
         const Vector3d axis = rotation.spin.axis;
         EXPECT_NEAR(axis.dot(mobility.mobility().bottomRightCorner<3, 3>() * axis),
-                    max(resolvedSpin / 1e-3, leastSpinRatio * rotation.second),
-                    1e-3 * resolvedSpin / 1e-3)
+                    max(boundsOfStart.target / energy, leastSpinRatio * rotation.second),
+                    1e-3 * boundsOfStart.target / energy)
             << bend;
     }
 }

@@ -56,10 +56,10 @@ typedef std::array<double, 4> QuaternionArray;
  * be any point. Spheres about their centres and free particles have div N = 0 where the fluid is
  * unbounded or periodic, but not under StokesianDynamics; no drift is computed there.
  *
- * The rotational friction of the Langevin schemes relaxes body axis l at the rate Gamma / (I'_l
- * sum_k 1/I'_k), where the sum is over axes with a non-zero moment. I' is the moment I, but at
- * least a tenth of the middle moment, so that the tumbling of an elongated body is thermostatted
- * too.
+ * The rotational friction of the Langevin schemes relaxes body axis l at the rate Gamma / (I_l
+ * sum_k 1/I_k), where the sum is over axes with a non-zero moment. Where a moment is below a tenth
+ * of the middle one, the rates go on continuously to those of a linear body, so that the tumbling
+ * of an elongated body is thermostatted too (docs/THEORY.md).
  *
  * Units are OpenMM's: nm, ps, amu, K, kJ/mol. Every error is an OpenMMException that names the
  * object, the value, the bound and the remedy.
@@ -243,8 +243,8 @@ public:
     /** Get the rotational friction Gamma of the Langevin schemes, 1/ps. */
     double getRotationalFriction() const;
     /**
-     * Set Gamma (Davidchack 2015, eqs. 9 and 10), 1/ps: body axis l relaxes at Gamma / (I'_l sum_k
-     * 1/I'_k), where I' is the moment I, but at least a tenth of the middle moment. Default 1.
+     * Set Gamma (Davidchack 2015, eqs. 9 and 10), 1/ps: body axis l relaxes at Gamma / (I_l sum_k
+     * 1/I_k), where no moment is below a tenth of the middle one. Default 1.
      * @throws OpenMMException if negative or not finite
      */
     void setRotationalFriction(double Gamma);

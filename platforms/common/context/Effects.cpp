@@ -138,7 +138,8 @@ private:
             return;
         }
         const StepResolution step =
-            resolveOverdamped(*fluid.get(), scene.integrator.getStepSize(), BOLTZ * temperature);
+            resolveOverdamped(*fluid.get(), scene.integrator.getScheme(),
+                              scene.integrator.getStepSize(), BOLTZ * temperature);
         set(name, step.numSlowed > 0,
             temperature == 0 ? string("the temperature is 0")
             : step.numSlowed == 0
@@ -146,12 +147,12 @@ private:
                          "fastest axis, or no axis is much faster than another")
                 : counted(step.numSlowed, "body", "bodies") + " would spin at random by up to " +
                       text(step.spin, 3) + " rad a step about the fastest axis (" + step.spinner +
-                      "), which no step turns right: the spin has less of its "
-                      "mobility, about " +
-                      text(sqrt(resolvedSpin), 2) +
-                      " rad a step; averages over configurations and the "
-                      "motion of the axis are not changed, and steps of " +
-                      number(step.longestStepOfSpins) + " ps or less have the real spin");
+                      "), which this step does not resolve: it spins them by " +
+                      text(step.slowedSpin, 3) +
+                      " rad instead. Averages over configurations and the motion of the axis are "
+                      "not changed, but turning about the axis by noise, forces and torques is "
+                      "slower; steps below " +
+                      text(step.longestStepOfSpins, 3) + " ps have the real spin");
     }
 
     void findInertia() {
@@ -230,13 +231,14 @@ private:
         for (int b = 0; scene.isBuilt() && thermostat && b < scene.bodies.getNumBodies(); b++)
             if (scene.bodies.inertia(b).isElongated() && elongated++ == 0) first = b;
         set("elongated bodies", elongated > 0,
-            !thermostat      ? string("the fluid's friction damps rotation")
-            : elongated == 0 ? string("no body has a moment below a tenth of its middle one")
-                             : counted(elongated, "body has", "bodies have") +
-                                   " a moment below a tenth of the middle one (the first is body " +
-                                   to_string(first) +
-                                   "), which counts as a tenth in the rates of rotation, so that "
-                                   "the thermostat reaches the tumbling");
+            !thermostat ? string("the fluid's friction damps rotation")
+            : elongated == 0
+                ? string("no body has a moment below a tenth of its middle one")
+                : counted(elongated, "body has", "bodies have") +
+                      " a moment below a tenth of the middle one (the first is body " +
+                      to_string(first) +
+                      "): the rates of rotation go on to those of a linear body there, so "
+                      "that the thermostat reaches the tumbling");
     }
 
     /** Whether friction is a rate that the integrator sets. */

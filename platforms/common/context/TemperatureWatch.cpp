@@ -49,12 +49,12 @@ void TemperatureWatch::Expectation::add(int number, double relaxation, double en
     perRate += number / relaxation;
 }
 
-bool TemperatureWatch::Expectation::isTooHigh(double found, double band) const {
-    return found > energy * (band + boundOfSquares(relativeVariance, standardErrors));
+bool TemperatureWatch::Expectation::isTooHigh(double found, double band, double windows) const {
+    return found > energy * (band + boundOfSquares(relativeVariance / windows, standardErrors));
 }
 
-bool TemperatureWatch::Expectation::isTooLow(double found, double band) const {
-    return found < energy * (boundOfSquares(relativeVariance, -standardErrors) - band);
+bool TemperatureWatch::Expectation::isTooLow(double found, double band, double windows) const {
+    return found < energy * (boundOfSquares(relativeVariance / windows, -standardErrors) - band);
 }
 
 void TemperatureWatch::adopt(const Scene& scene) {
@@ -109,8 +109,9 @@ void TemperatureWatch::adopt(const Scene& scene) {
 }
 
 void TemperatureWatch::restart() {
-    steps = looks = 0;
+    steps = looks = windows = 0;
     sum = MidStepEnergies();
+    sumOfWindows = MidStepEnergies();
     finding.clear();
 }
 
@@ -121,40 +122,49 @@ void TemperatureWatch::look(const Scene& scene) {
     sum.rotational += now.rotational;
     sum.momentum += now.momentum;
     looks++;
-    if (steps % window == 0) judge(scene);
+    if (steps % window != 0) return;
+    // What changes shows in the last window, and small errors in all of them together.
+    windows++;
+    sumOfWindows.translational += sum.translational;
+    sumOfWindows.rotational += sum.rotational;
+    sumOfWindows.momentum += sum.momentum;
+    finding.clear();
+    judge(scene, sum, 1);
+    if (finding.empty() && windows > 1) judge(scene, sumOfWindows, windows);
+    looks = 0;
+    sum = MidStepEnergies();
 }
 
-void TemperatureWatch::judge(const Scene& scene) {
-    const double mean = 1.0 / looks, kT = scene.settings.kT, bath = kT / BOLTZ;
-    const double translational = mean * sum.translational + noise.translational,
-                 rotational = mean * sum.rotational + noise.rotational;
+/** Judge the energies of so many windows. */
+void TemperatureWatch::judge(const Scene& scene, const MidStepEnergies& energies,
+                             long long number) {
+    const double mean = 1.0 / (looks * number), kT = scene.settings.kT, bath = kT / BOLTZ;
+    const double translational = mean * energies.translational + noise.translational,
+                 rotational = mean * energies.rotational + noise.rotational;
     // Bodies that a constant force drives have a mean velocity, which is no heat.
-    const Vec3 momentum = sum.momentum * mean;
+    const Vec3 momentum = energies.momentum * mean;
     const double heat = translational - 0.5 * momentum.dot(momentum) / totalMass;
     // A CMMotionRemover takes some motion away, but between two removals there may be all.
     const double least = translation.degrees - removed;
-    looks = 0;
-    sum = MidStepEnergies();
-    finding.clear();
     const auto report = [&](const char* motion, double degrees, double energy, double expected) {
         const double T = 2 * energy / (BOLTZ * degrees);
         finding += (finding.empty() ? "" : ", and ") + string(motion) + temperatureText(T) +
                    " K instead of " + temperatureText(bath * expected) + " K";
     };
     const double expected_t = 2 * translation.energy / (kT * translation.degrees);
-    if (translation.isTooHigh(heat, translationalBand))
+    if (translation.isTooHigh(heat, translationalBand, number))
         report("translations of bodies have been at ", translation.degrees, heat, expected_t);
     else if (translation.isTooLow(translational * translation.degrees / max(least, 1.0),
-                                  translationalBand) &&
+                                  translationalBand, number) &&
              least > 0)
         report("translations of bodies have been at ", least, translational, expected_t);
-    if (rotation.isTooHigh(rotational, rotationalBand) ||
-        rotation.isTooLow(rotational, rotationalBand))
+    if (rotation.isTooHigh(rotational, rotationalBand, number) ||
+        rotation.isTooLow(rotational, rotationalBand, number))
         report("rotations of bodies have been at ", rotation.degrees, rotational,
                2 * rotation.energy / (kT * rotation.degrees));
     if (!finding.empty())
-        finding = "over the last " + to_string(window) + " steps (" +
-                  text(window * scene.settings.h, 4) + " ps) " + finding +
+        finding = "over the last " + to_string(number * window) + " steps (" +
+                  text(number * window * scene.settings.h, 4) + " ps) " + finding +
                   ": the step is too long, or forces are not conservative or drive bodies; take a "
                   "smaller step (computeMidStepTemperature() shows the temperature that tells)";
 }

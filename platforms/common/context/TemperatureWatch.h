@@ -33,7 +33,10 @@ public:
     void stepEnded(const Scene& scene) {
         if (isOn && ++steps % interval == 0) look(scene);
     }
-    /** What the last whole window has found, as a sentence for users; empty: nothing wrong. */
+    /**
+     * What the last whole window, or all windows together, have found, as a sentence for users;
+     * empty: nothing wrong.
+     */
     const std::string& getFinding() const { return finding; }
     /** The length of a window in steps; 0: there is no watch. */
     long long getWindow() const { return isOn ? window : 0; }
@@ -45,9 +48,9 @@ public:
         double perRate = 0;           // sum over degrees of freedom of 1/(their relaxation a step)
         double relativeVariance = 0;  // of the mean energy of a window
         void add(int degrees, double relaxation, double energy);
-        /** Whether the mean energy of a window is out of the band. */
-        bool isTooHigh(double energy, double band) const;
-        bool isTooLow(double energy, double band) const;
+        /** Whether the mean energy of so many windows is out of the band. */
+        bool isTooHigh(double energy, double band, double windows = 1) const;
+        bool isTooLow(double energy, double band, double windows = 1) const;
     };
 
 private:
@@ -58,15 +61,15 @@ private:
      */
     static const int interval = 100;
     void look(const Scene& scene);
-    void judge(const Scene& scene);
+    void judge(const Scene& scene, const MidStepEnergies& energies, long long number);
     bool isOn = false;
     Expectation translation, rotation;
     int removed = 0;       // degrees of freedom that a CMMotionRemover may take
     double totalMass = 0;  // of the bodies
     long long window = 0;  // steps
     // Since the start, and of the present window.
-    long long steps = 0, looks = 0;
-    MidStepEnergies sum;    // of the parts that change
+    long long steps = 0, looks = 0, windows = 0;
+    MidStepEnergies sum, sumOfWindows;  // of the parts that change
     MidStepEnergies noise;  // the part that does not change
     std::string finding;
 };

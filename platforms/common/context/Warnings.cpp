@@ -37,6 +37,12 @@ const int enoughRedone = 20;
 
 string percent(double part) { return text(100 * part, 2) + " %"; }
 
+/** A step to recommend: three digits, rounded down, so that the step itself is not warned of. */
+string shorter(double step) {
+    const double digit = pow(10, floor(log10(step)) - 2);
+    return number((floor(step / digit * (1 - 1e-9)) - 1) * digit);
+}
+
 /** A length in the unit in which it is a number from 1 to 1000. */
 string lengthText(double nm) {
     const struct {
@@ -57,19 +63,20 @@ string longTurn(double h, const string& body, double turn) {
     return "in a step of " + number(h) + " ps " + body + " turns at random by " + text(turn, 3) +
            " rad about an axis, above " + number(largestTurn) +
            ": the step does not resolve its rotation; take a step of " +
-           number(stepFor(h, largestTurn, turn)) + " ps or less";
+           shorter(stepFor(h, largestTurn, turn)) + " ps or less";
 }
 
 /** What a step without momenta does to each body, beside what it should see. */
 void warnOfLeaps(const Scene& scene, double h, double kT, map<WarningCause, string>& result) {
-    const StepResolution step = resolveOverdamped(*scene.fluid.get(), h, kT);
+    const StepResolution step =
+        resolveOverdamped(*scene.fluid.get(), scene.integrator.getScheme(), h, kT);
     if (step.displacement > largestDisplacement * step.smallestRadius)
         result[WarningCause::LongDisplacement] =
             "in a step of " + number(h) + " ps " + step.mover + " moves at random by " +
             lengthText(step.displacement) + " along each axis, where the smallest radius is " +
             lengthText(step.smallestRadius) +
             ": bodies leap over each other and over what forces should tell them; take a step of " +
-            number(stepFor(h, largestDisplacement * step.smallestRadius, step.displacement)) +
+            shorter(stepFor(h, largestDisplacement * step.smallestRadius, step.displacement)) +
             " ps or less, and check that radii are in nm, the viscosity in dalton/(nm ps) and the "
             "step in ps";
     if (step.turn > largestTurn)
@@ -78,8 +85,10 @@ void warnOfLeaps(const Scene& scene, double h, double kT, map<WarningCause, stri
         result[WarningCause::DrivenSpin] =
             "forces keep turning " + step.driven + " about its fastest axis, but the step of " +
             number(h) + " ps does not resolve this rotation, which has " + text(step.slowing, 3) +
-            " of its real mobility (describeEffects(), \"slowed spins\"); take a step of " +
-            number(step.longestStepOfDriven) + " ps or less, which has the real one";
+            " of its real mobility (describeEffects(), \"slowed spins\"); take away the torque "
+            "about "
+            "this axis, or take a step of " +
+            shorter(step.longestStepOfDriven) + " ps or less, which has the real one";
 }
 
 /** Turns of the gradient thermostat: q <- q exp(b eta), with b^2 = 2 h Upsilon kT/M, is by 2 b. */
@@ -125,7 +134,7 @@ void warnOfSpinUnderLangevinA(const Scene& scene, double h, double kT,
             ", so that the noise of the two halves of LangevinA's step is not along the same axes: "
             "its other rotations have about " +
             text(noise, 2) + " of the temperature; use LangevinB or LangevinC, or a step of " +
-            number(h * limit / largest) + " ps or less";
+            shorter(h * limit / largest) + " ps or less";
 }
 
 /** Momenta that relax within a step of LangevinHI: temperatures are right, displacements are not.
@@ -141,26 +150,33 @@ void warnOfRelaxation(const Scene& scene, double h, map<WarningCause, string>& r
         step.fastestToRelax + " relaxes: temperatures are right, but its " +
         (step.relaxationIsOfRotation ? "rotational " : "") + "diffusion is " +
         text(x / 2 / tanh(x / 2), 3) + " times as fast as it should be; take a step of " +
-        number(h * largestRelaxation / x) +
-        " ps or less, or a scheme without momenta (such as TrapezoidalSlip)";
+        shorter(h * largestRelaxation / x) +
+        " ps or less, or a scheme without momenta (such as TrapezoidalSlip), whose step has "
+        "limits of its own";
 }
 
-/** The part of steps so far that were redone. Without momenta each group redoes its own. */
+/**
+ * The part of steps so far that were redone, where it is surely too large; else 0. Without momenta
+ * each group redoes its own.
+ */
 double partRedone(const Scene& scene) {
     const double redone = scene.counters.rejectedSteps;
     if (redone < enoughRedone || !scene.fluid) return 0;
-    const bool separately = scene.settings.traits().isOverdamped();
-    const double steps =
-        double(scene.counters.steps) * (separately ? int(scene.fluid->getGroups().size()) : 1);
-    return redone / (steps + redone);
+    if (scene.settings.traits().isOverdamped())
+        return partRedone(*scene.fluid.get(), largestPartRedone);
+    const double part = redone / (scene.counters.steps + redone);
+    return part > largestPartRedone ? part : 0;
 }
 
 void warnOfRejections(const Scene& scene, map<WarningCause, string>& result) {
     const double part = partRedone(scene);
-    if (!(part > largestPartRedone)) return;
+    if (part == 0) return;
+    const bool separately =
+        scene.settings.traits().isOverdamped() && scene.fluid->getGroups().size() > 1;
     result[WarningCause::ManyRejections] =
-        percent(part) + " of steps are redone (" + to_string(scene.counters.rejectedSteps) +
-        " so far), above " + percent(largestPartRedone) +
+        percent(part) + " of steps" + (separately ? " of a group" : "") + " are redone (" +
+        to_string(scene.counters.rejectedSteps) + " so far" + (separately ? " in all" : "") +
+        "), above " + percent(largestPartRedone) +
         ": redoing steps so often biases averages near contact; take a smaller step, or let a "
         "repulsive force keep particles apart";
 }
@@ -174,7 +190,7 @@ bool stepsHaveWarnings(const Scene& scene, const set<WarningCause>& printed) {
     if (!fluid) return false;
     return (isNew(WarningCause::DriftFactorSpread) &&
             driftFactorSpread(*fluid.get()) > driftFactorLimit) ||
-           (isNew(WarningCause::ManyRejections) && partRedone(scene) > largestPartRedone) ||
+           (isNew(WarningCause::ManyRejections) && partRedone(scene) > 0) ||
            (isNew(WarningCause::DrivenSpin) && drivesSlowedSpins(*fluid.get()));
 }
 
@@ -213,7 +229,7 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
             to_string(firstUnresolved) + " (h sqrt(kT I2 I3/I1) (1/I2 - 1/I3) is up to " +
             number(worst) + ", above " + number(resolutionLimit) +
             "): their temperature will be wrong; free rotation alone needs a step of " +
-            number(h * resolutionLimit / worst) +
+            shorter(h * resolutionLimit / worst) +
             " ps or less, and forces may need a far smaller one: watch "
             "computeMidStepTemperature()";
     if (langevinA &&

@@ -44,10 +44,10 @@ const int enoughDriftFactors = 50;
 
 /**
  * A body that forces keep turning about an axis is told from one that noise turns as far by so many
- * standard deviations. A body that relaxes to its place turns by pi at most, which is fewer of them
- * from `leastSteps` on.
+ * standard deviations. A body that relaxes to its place turns by pi at most, and by less than
+ * `leastTurn` where a stiff force makes it overshoot.
  */
-const double surelyDriven = 6;
+const double surelyDriven = 6, leastTurn = 4 * M_PI;
 const int leastSteps = 100;
 
 /** Those of a step with a constant tensor. */
@@ -77,6 +77,7 @@ void BrownianGroup::begin(Scheme wanted) {
     kind = wanted;
     stage = 0;
     attempt = 0;
+    numSteps++;
     const auto memory = theScheme().memory();
     memoryAtStart.resize(memory.size());
     for (size_t i = 0; i < memory.size(); i++) memoryAtStart[i] = *memory[i];
@@ -88,7 +89,7 @@ void BrownianGroup::end() {
 }
 
 void BrownianGroup::prepare(const StepSettings& settings) {
-    mobilityFor(2 * settings.kT * settings.h);
+    mobilityFor(2 * settings.kT * settings.h, settings.scheme);
     theMove();
     outcome = Outcome();
 }
@@ -139,7 +140,8 @@ bool BrownianGroup::runStage(int wanted, const StepSettings& settings, const Sur
     if (entry.needsForces(stage)) {
         members.readForces(set, freeParticles, move->force);
         if (presentIsRemembered) present.forces[stage] = move->force;
-        if (settings.kT > 0) noteDrivenSpins(settings.h, settings.kT);
+        const bool isFirst = stage == 0 || !entry.needsForces(0);
+        if (settings.kT > 0 && isFirst) noteDrivenSpins(settings.h, settings.kT);
     }
     scheme->run(stage, *move);
     stage++;
@@ -158,6 +160,7 @@ bool BrownianGroup::runStage(int wanted, const StepSettings& settings, const Sur
 void BrownianGroup::reject() {
     stage = 0;
     attempt++;
+    numRejections++;
     restoreMemory();
 }
 
@@ -246,39 +249,39 @@ const MatrixXd& BrownianGroup::readForces(const BodySet& set, const FreeParticle
 
 // ---- Spins that a step does not resolve
 
-const vector<BodyRotation>& BrownianGroup::findRotations(double doubleEnergy) {
-    if (energyOfRotations == doubleEnergy) return rotations;
+const vector<BodyRotation>& BrownianGroup::findRotations(double doubleEnergy, Scheme of) {
+    if (stepOfRotations == make_pair(doubleEnergy, of)) return rotations;
+    const SpinBounds& bounds = overdampedScheme(of).spins;
     const auto& elements = bodies.getElements();
     rotations.assign(elements.size(), BodyRotation());
     for (size_t e = 0; e < elements.size(); e++)
         if (!elements[e].isFree() &&
             !(elements[e].isSphere() && elements[e].ownMobility.size() == 0))
-            rotations[e] = findRotation(alone.of(e).mobility, doubleEnergy);
+            rotations[e] = findRotation(alone.of(e).mobility, doubleEnergy, bounds);
     drivenSpins.assign(elements.size(), DrivenSpin());
-    energyOfRotations = doubleEnergy;
+    stepOfRotations = {doubleEnergy, of};
     return rotations;
 }
 
-BodyMobility& BrownianGroup::mobilityFor(double doubleEnergy) {
-    // Questions about other steps may have found the rotations of other energies since.
-    if (energyOfMobility == doubleEnergy &&
-        (doubleEnergy == 0 || energyOfRotations == doubleEnergy))
-        return *mobility;
-    energyOfMobility = doubleEnergy;
+BodyMobility& BrownianGroup::mobilityFor(double doubleEnergy, Scheme of) {
+    const pair<double, Scheme> step(doubleEnergy, of);
+    // Questions about other steps may have found other rotations since.
+    if (stepOfMobility == step && (doubleEnergy == 0 || stepOfRotations == step)) return *mobility;
+    stepOfMobility = step;
     vector<SlowedSpin> spins;
     bool any = false;
     if (doubleEnergy > 0)
-        for (const BodyRotation& rotation : findRotations(doubleEnergy)) {
+        for (const BodyRotation& rotation : findRotations(doubleEnergy, of)) {
             spins.push_back(rotation.spin);
             any = any || rotation.spin.isSlowed();
         }
     BodyMobility* wanted = realMobility;
     if (any) {
-        if (energyOfSlowed != doubleEnergy) {
+        if (stepOfSlowed != step) {
             if (slowed) costsOfFormerSlowed.add(slowed->mobilities.getCosts());
             move.reset();
             slowed.reset(new SlowedBodies(bodies, spins, tolerance));
-            energyOfSlowed = doubleEnergy;
+            stepOfSlowed = step;
         }
         wanted = &slowed->mobilities.get(realMobility->getWay());
     }
@@ -294,18 +297,20 @@ void BrownianGroup::noteDrivenSpins(double h, double kT) {
         if (!rotation.spin.isSlowed()) continue;
         const Matrix3d A = move->present[e].rotation();
         const auto wrench = move->force.col(0).segment<6>(bodies.firstRow(e));
-        const double torque = (A * rotation.spin.screw.head<3>()).dot(wrench.head<3>()) +
-                              (A * rotation.spin.screw.tail<3>()).dot(wrench.tail<3>());
+        const SlowedSpin::Vector6d screw = rotation.spin.slowedScrew();
+        const double torque = (A * screw.head<3>()).dot(wrench.head<3>()) +
+                              (A * screw.tail<3>()).dot(wrench.tail<3>());
         DrivenSpin& driven = drivenSpins[e];
-        driven.turn += h * rotation.fastestInStep() * torque;
+        driven.turn += h * rotation.spin.factor * rotation.fastest * torque;
         driven.variance += 2 * kT * h * rotation.fastestInStep();
         driven.steps++;
     }
 }
 
 bool BrownianGroup::isDriven(int e) const {
-    return drivenSpins[e].steps >= leastSteps &&
-           abs(drivenSpins[e].turn) > surelyDriven * sqrt(drivenSpins[e].variance);
+    const DrivenSpin& driven = drivenSpins[e];
+    return driven.steps >= leastSteps && abs(driven.turn) > leastTurn &&
+           abs(driven.turn) > surelyDriven * sqrt(driven.variance);
 }
 
 bool BrownianGroup::drivesSlowedSpins() const {

@@ -71,6 +71,9 @@ public:
     const Outcome& getOutcome() const { return outcome; }
     /** The step is to begin anew, with other random numbers. */
     void reject();
+    /** The steps that were begun so far, and how often one was begun anew. */
+    long long getNumSteps() const { return numSteps; }
+    long long getNumRejections() const { return numRejections; }
     /** Move the members to where the forces of a stage were evaluated. */
     void showStage(int stage, BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;
 
@@ -84,8 +87,8 @@ public:
     const LastStep& getLastStep() const { return last; }
     void setLastStep(const LastStep& step) { last = step; }
     void forgetLastStep() { last.isKnown = false; }
-    /** The mobility of steps of the energy 2 kT h; 0: with the real spins. */
-    BodyMobility& mobilityFor(double doubleEnergy);
+    /** The mobility of steps of the energy 2 kT h in a scheme; 0: with the real spins. */
+    BodyMobility& mobilityFor(double doubleEnergy, Scheme scheme);
     /** The mobility chosen last. */
     BodyMobility& getMobility() const { return *mobility; }
     /** The step's mobility with its tolerances. */
@@ -104,8 +107,8 @@ public:
     double getDriftFactorSpread() const;
 
     // ---- Spins that a step does not resolve
-    /** Of each element, in steps of the energy 2 kT h. */
-    const std::vector<BodyRotation>& findRotations(double doubleEnergy);
+    /** Of each element, in steps of the energy 2 kT h of a scheme. */
+    const std::vector<BodyRotation>& findRotations(double doubleEnergy, Scheme scheme);
     /** Whether forces have kept turning an element, or any, whose spin is slowed. */
     bool isDriven(int element) const;
     bool drivesSlowedSpins() const;
@@ -142,9 +145,9 @@ private:
     BodiesAlone& alone;
     const double tolerance;
 
-    BodyMobility* mobility;                // of the step: the real one, or that of slowed spins
-    double energyOfMobility = -1;          // 2 kT h that `mobility` was chosen for
-    std::unique_ptr<OverdampedMove> move;  // made at the first step
+    BodyMobility* mobility;  // of the step: the real one, or that of slowed spins
+    std::pair<double, Scheme> stepOfMobility = {-1, {}};  // 2 kT h, and the scheme
+    std::unique_ptr<OverdampedMove> move;                 // made at the first step
     std::unique_ptr<OverdampedScheme> scheme;
     Scheme kind = CustomRigidHIIntegrator::EulerMaruyama;  // of the scheme
     std::vector<Eigen::MatrixXd> memoryAtStart;
@@ -152,14 +155,15 @@ private:
     bool presentIsRemembered = false;
     int stage = 0;
     uint32_t attempt = 0;
+    long long numSteps = 0, numRejections = 0;  // so far
     Outcome outcome;
     std::vector<std::vector<Pose>> placesOfForces;  // where those of each stage are evaluated
 
     std::vector<BodyRotation> rotations;  // of the elements
-    double energyOfRotations = -1;        // 2 kT h that they were found for
+    std::pair<double, Scheme> stepOfRotations = {-1, {}};
     std::vector<DrivenSpin> drivenSpins;  // of the elements
     std::unique_ptr<SlowedBodies> slowed;
-    double energyOfSlowed = -1;
+    std::pair<double, Scheme> stepOfSlowed = {-1, {}};
     MobilityCosts costsOfFormerSlowed;
 };
 

@@ -67,7 +67,8 @@ void FlowReader::replay(FluidGroup& group, Answer& result) const {
     BrownianGroup& brownian = *group.brownian;
     const LastStep& last = brownian.getLastStep();
     const OverdampedEntry& entry = overdampedScheme(last.scheme);
-    result.move.reset(new OverdampedMove(brownian.mobilityFor(2 * last.step.kT * last.step.h)));
+    result.move.reset(
+        new OverdampedMove(brownian.mobilityFor(2 * last.step.kT * last.step.h, last.scheme)));
     OverdampedStep step = last.step;
     step.flow = fluid.flow;
     brownian.setTolerance(traitsOf(last.scheme), step);
@@ -91,7 +92,7 @@ void FlowReader::replay(FluidGroup& group, Answer& result) const {
 void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
                               Answer& result) const {
     BrownianGroup& brownian = *group.brownian;
-    result.move.reset(new OverdampedMove(brownian.mobilityFor(0)));
+    result.move.reset(new OverdampedMove(brownian.mobilityFor(0, question.scheme)));
     OverdampedMove& move = *result.move;
     OverdampedStep step;
     step.flow = fluid.flow;
@@ -125,7 +126,7 @@ void FlowReader::flowOfVelocities(FluidGroup& group, const FlowQuestion& questio
         twists.block<3, 1>(row, 0) = toEigen(bodies.getState(body).p) / bodies.inertia(body).mass;
         twists.block<3, 1>(row + 3, 0) = toEigen(bodies.getAngularVelocity_lab(body));
     }
-    BodyMobility& mobility = group.brownian->mobilityFor(0);
+    BodyMobility& mobility = group.brownian->mobilityFor(0, question.scheme);
     mobility.setTolerance(force.getSolverTolerance());
     const vector<Pose>& poses = group.readPoses(bodies, question.positions);
     mobility.setPoses(poses);

@@ -12,12 +12,28 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-StepResolution resolveOverdamped(const Fluid& fluid, double h, double kT) {
+double partRedone(const Fluid& fluid, double bound) {
+    // Beside this bound of the part, chance makes three standard deviations of the number.
+    const double errors = 3;
+    const int enough = 20;
+    double largest = 0;
+    for (const auto& group : fluid.getGroups()) {
+        const double redone = group->brownian->getNumRejections(),
+                     all = group->brownian->getNumSteps() + redone;
+        if (redone >= enough && redone - errors * sqrt(redone) > bound * all)
+            largest = max(largest, redone / all);
+    }
+    return largest;
+}
+
+StepResolution resolveOverdamped(const Fluid& fluid, CustomRigidHIIntegrator::Scheme scheme,
+                                 double h, double kT) {
+    const SpinBounds& bounds = overdampedScheme(scheme).spins;
     StepResolution result;
     result.smallestRadius = INFINITY;
     if (kT == 0) return result;
     for (const auto& group : fluid.getGroups()) {
-        const vector<BodyRotation>& rotations = group->brownian->findRotations(2 * kT * h);
+        const vector<BodyRotation>& rotations = group->brownian->findRotations(2 * kT * h, scheme);
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++) {
             for (double radius : elements[e].radii)
@@ -46,12 +62,13 @@ StepResolution resolveOverdamped(const Fluid& fluid, double h, double kT) {
             const double spin = sqrt(2 * kT * h * rotation.fastest);
             if (spin > result.spin) {
                 result.spin = spin;
+                result.slowedSpin = spin * rotation.spin.factor;
                 result.spinner = nameOf(elements[e]);
-                result.longestStepOfSpins = rotation.longestStep(kT);
+                result.longestStepOfSpins = rotation.longestStep(kT, bounds);
             }
             if (result.driven.empty() && group->brownian->isDriven(e)) {
                 result.driven = nameOf(elements[e]);
-                result.longestStepOfDriven = rotation.longestStep(kT);
+                result.longestStepOfDriven = rotation.longestStep(kT, bounds);
                 result.slowing = rotation.spin.factor * rotation.spin.factor;
             }
         }

@@ -3,6 +3,8 @@
 
 #include <string>
 
+#include "openmmrigidhi/CustomRigidHIIntegrator.h"
+
 namespace RigidHIPlugin {
 
 class BodySet;
@@ -20,8 +22,8 @@ struct StepResolution {
     std::string mover;
     double turn = 0;  // about the fastest axis of those that are not slowed, rad
     std::string turner;
-    int numSlowed = 0;  // bodies whose spin is slowed
-    double spin = 0;    // the largest real one, rad
+    int numSlowed = 0;                // bodies whose spin is slowed
+    double spin = 0, slowedSpin = 0;  // the largest real one and what the step has of it, rad
     std::string spinner;
     double longestStepOfSpins = 0;  // that slows none of them, ps
     /** The body that forces keep turning about an axis whose spin is slowed; empty: none. */
@@ -44,7 +46,13 @@ struct BodyRates {
  * What a step of a scheme without momenta does to each body by itself (at kT = 0 nothing), and
  * whether forces turn bodies whose spin is slowed.
  */
-StepResolution resolveOverdamped(const Fluid& fluid, double h, double kT);
+StepResolution resolveOverdamped(const Fluid& fluid, CustomRigidHIIntegrator::Scheme scheme,
+                                 double h, double kT);
+/**
+ * The largest part of a group's steps that were redone, where that is surely more than `bound`;
+ * else 0.
+ */
+double partRedone(const Fluid& fluid, double bound);
 /** Whether the steps so far show such forces. */
 bool drivesSlowedSpins(const Fluid& fluid);
 /**

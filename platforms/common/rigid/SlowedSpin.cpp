@@ -21,17 +21,26 @@ SlowedSpin::Matrix6d SlowedSpin::slow(const Matrix6d& mobility) const {
     return B * mobility * B.transpose();
 }
 
-BodyRotation findRotation(const MatrixXd& mobility, double doubleEnergy) {
+SlowedSpin::Vector6d SlowedSpin::slowedScrew() const {
+    Vector6d result = factor * screw;
+    result.head<3>() += advance * axis;
+    return result;
+}
+
+BodyRotation findRotation(const MatrixXd& mobility, double doubleEnergy, const SpinBounds& bounds) {
     const SelfAdjointEigenSolver<Matrix3d> solver(Matrix3d(mobility.bottomRightCorner<3, 3>()));
     BodyRotation result;
     result.fastest = solver.eigenvalues()[2];
     result.second = solver.eigenvalues()[1];
-    const double spin = doubleEnergy * result.fastest;
-    const double bound = max(resolvedSpin, leastSpinRatio * doubleEnergy * result.second);
-    if (!(spin > bound)) return result;
-    result.spin.axis = solver.eigenvectors().col(2);
-    result.spin.screw = mobility.rightCols<3>() * result.spin.axis / result.fastest;
-    result.spin.factor = sqrt(bound / spin);
+    const double v1 = doubleEnergy * result.fastest, v2 = doubleEnergy * result.second;
+    const double target = max(bounds.target, bounds.ratio * v2);
+    if (!(v1 > bounds.resolved && v1 > leastSpinRatio * v2 && v1 > target)) return result;
+    SlowedSpin& spin = result.spin;
+    spin.axis = solver.eigenvectors().col(2);
+    spin.screw = mobility.rightCols<3>() * spin.axis / result.fastest;
+    spin.advance = spin.axis.dot(spin.screw.head<3>());
+    spin.screw.head<3>() -= spin.advance * spin.axis;
+    spin.factor = sqrt(target / v1);
     return result;
 }
 

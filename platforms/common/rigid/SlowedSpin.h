@@ -16,42 +16,55 @@ namespace RigidHIPlugin {
  * v_1 is huge and the tumbling is lost.
  *
  * Equation:  N = N_rest + mu_1 t t^T, where t = N e_1/mu_1 is the screw (twist) that a torque about
- *            axis 1 causes, and N_rest e_1 = 0. The step has N' = N_rest + factor^2 mu_1 t t^T in
- *            place of N, that is N' = B N B^T with B = 1 - (1 - factor) t e_1^T, which turns with
- *            the body. In terms of particles K' = K B^-1, B^-1 = 1 + (1/factor - 1) t e_1^T.
+ *            axis 1 causes, and N_rest e_1 = 0. With t = s + p, where p is the advance of the screw
+ *            along axis 1 and s turns about the axis, the step has N' = N_rest + mu_1 t' t'^T, t' =
+ *            factor s + p, in place of N. That is N' = B N B^T with B = 1 - (1 - factor) s e_1^T,
+ *            which turns with the body. In terms of particles K' = K B^-1, B^-1 = 1 + (1/factor -
+ *            1) s e_1^T.
  * Limits:    averages over configurations are those of any positive definite mobility. The fast
  *            spin averages what the rest of the body does over angles about axis 1, whatever its
- *            rate. Only the spin itself diffuses more slowly.
+ *            rate. Only the angle itself diffuses more slowly, and forces turn the body less.
  */
 struct SlowedSpin {
     typedef Eigen::Matrix<double, 6, 1> Vector6d;
     typedef Eigen::Matrix<double, 6, 6> Matrix6d;
 
     Eigen::Vector3d axis = Eigen::Vector3d::Zero();  // e_1, body frame
-    Vector6d screw = Vector6d::Zero();               // t = (V, W), body frame, with W = e_1
+    Vector6d screw = Vector6d::Zero();               // s = (V, W), body frame, with W = e_1
+    double advance = 0;                              // p = advance (e_1, 0), nm
     double factor = 1;                               // 1: the spin is not slowed
 
     bool isSlowed() const { return factor < 1; }
     bool operator==(const SlowedSpin& other) const {
         return axis == other.axis && screw == other.screw && factor == other.factor;
     }
+    /** t', body frame: what a torque about axis 1 causes, in parts of mu_1. */
+    Vector6d slowedScrew() const;
     /** B, body frame. */
     Matrix6d congruence() const;
     /** B N B^T, body frame. */
     Matrix6d slow(const Matrix6d& mobility) const;
 };
 
+/** Which spins a scheme slows, and to which variance in a step. */
+struct SpinBounds {
+    /** Variances below this are not slowed, rad^2. */
+    double resolved;
+    /** Larger ones are slowed to the larger of `target` and `ratio` v_2. */
+    double target, ratio;
+};
 /**
- * The variance of the spin in a step, rad^2, below which no spin is slowed. The rate of tumbling
- * then has an error of 0.1 %, by v_1/12. FixmanMidpoint, whose mid-point turns spin into tumbling,
- * has one of 1.2 v_1 (measured; docs/THEORY.md).
- */
-constexpr double resolvedSpin = 0.01;
-/**
- * No spin is slowed below this multiple of the next rotation. With v_1 = 3 v_2 the error of
- * tumbling, (2 v_2 - v_1)/12, is that of a sphere with the other sign.
+ * No spin of a body with mu_1 < 3 mu_2 is slowed: with v_1 = 3 v_2 the error of tumbling, (2 v_2 -
+ * v_1)/12, is that of a sphere with the other sign. Spins of up to half a radian are real; the rate
+ * of tumbling then has an error of 2 %.
  */
 constexpr double leastSpinRatio = 3;
+constexpr SpinBounds boundsOfStart = {0.25, 0.25, leastSpinRatio};
+/**
+ * A scheme whose noise is that of the start and whose mobility that of the mid-point turns spin
+ * into tumbling, which has an error of 1.2 (v_1 - v_2) (measured; THEORY.md).
+ */
+constexpr SpinBounds boundsOfMidpoint = {0.02, 0.02, 1};
 
 /** The two largest rotational mobilities of a body, and how its spin is slowed in a step. */
 struct BodyRotation {
@@ -60,14 +73,17 @@ struct BodyRotation {
     /** The fastest mobility of the step. */
     double fastestInStep() const { return spin.factor * spin.factor * fastest; }
     /** The longest step that has the real spin, ps. */
-    double longestStep(double kT) const { return resolvedSpin / (2 * kT * fastest); }
+    double longestStep(double kT, const SpinBounds& bounds) const {
+        return bounds.resolved / (2 * kT * fastest);
+    }
 };
 
 /**
  * @param mobility      6 x 6 of the body alone, body frame
  * @param doubleEnergy  2 kT h, kJ ps/mol; 0: nothing is slowed
  */
-BodyRotation findRotation(const Eigen::MatrixXd& mobility, double doubleEnergy);
+BodyRotation findRotation(const Eigen::MatrixXd& mobility, double doubleEnergy,
+                          const SpinBounds& bounds = boundsOfStart);
 
 }  // namespace RigidHIPlugin
 

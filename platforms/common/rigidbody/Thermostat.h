@@ -14,37 +14,35 @@ struct BodyInertia {
     double moments[3] = {0, 0, 0};
     bool isLive(int k) const { return moments[k] > 0; }
     /**
-     * The moment I'_k that stands for I_k in M and in the rates of the thermostats. It is I_k, but
-     * at least a part of the middle moment. Any constant rates keep equipartition. With the moments
-     * themselves, a body that is straight to the decimals of its file has M of about 4 I_1: then
-     * its tumbling is not damped at all, and no step resolves its motion under the gradient
-     * thermostat.
+     * M = 4 / sum 1/I'_k over live axes (Davidchack 2015, eq. 10); 0 if there are none. I'_k is the
+     * moment I_k, but for a moment below I_0, a tenth of the middle one, it is I_0^2/I_k, so that a
+     * body with a vanishing moment has the M of a linear one. With I_k itself, M would be about 4
+     * I_1: the tumbling of a body that is straight to the decimals of its file would not be damped
+     * at all, and no step would resolve its motion under the gradient thermostat. Any constant
+     * rates keep equipartition.
      */
-    double momentForRates(int k) const {
-        const double least = leastMomentForRates * middleMoment();
-        return moments[k] < least ? least : moments[k];
-    }
-    /** M = 4 / sum 1/I' over live axes (Davidchack 2015, eq. 10); 0 if there are none. */
     double M() const {
         double sum = 0;
         for (int k = 0; k < 3; k++)
-            if (isLive(k)) sum += 1 / momentForRates(k);
+            if (isLive(k))
+                sum += isThin(k) ? moments[k] / (thinMoment() * thinMoment()) : 1 / moments[k];
         return sum > 0 ? 4 / sum : 0;
     }
-    /** The rate Gamma M/(4 I'_k) at which l_k relaxes. */
+    /** The rate Gamma M/(4 I_k) at which l_k relaxes; about a thin axis that of the moment I_0. */
     double rotationalRate(int k, double Gamma) const {
-        return Gamma * M() / (4 * momentForRates(k));
+        if (!isThin(k)) return Gamma * M() / (4 * moments[k]);
+        double others = 0;
+        for (int i = 0; i < 3; i++)
+            if (isLive(i) && i != k) others += 1 / moments[i];
+        return Gamma / (1 + thinMoment() * others);
     }
     /** Whether the rates are not those of the moments themselves. */
-    bool isElongated() const {
-        for (int k = 0; k < 3; k++)
-            if (isLive(k) && momentForRates(k) != moments[k]) return true;
-        return false;
-    }
-    /** Water has 0.46 and benzene 1, so that only rods are changed. */
-    static constexpr double leastMomentForRates = 0.1;
+    bool isElongated() const { return isThin(0) || isThin(1) || isThin(2); }
 
 private:
+    /** I_0. Water has a smallest moment of 0.46, benzene of 1, so that only rods are changed. */
+    double thinMoment() const { return 0.1 * middleMoment(); }
+    bool isThin(int k) const { return isLive(k) && moments[k] < thinMoment(); }
     double middleMoment() const {
         const double* I = moments;
         return std::fmax(std::fmin(I[0], I[1]), std::fmin(std::fmax(I[0], I[1]), I[2]));
@@ -95,7 +93,7 @@ inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, double 
     return c;
 }
 
-/** The same factors with a heat bath's frictions: gamma, and Gamma M/(4 I'_k). */
+/** The same factors with a heat bath's frictions: gamma, and and those of rotationalRate(). */
 inline Thermostat ornsteinUhlenbeckCoefficients(const BodyInertia& body, const HeatBath& bath,
                                                 double t) {
     double rates[3] = {0, 0, 0};

@@ -21,6 +21,9 @@ class OverdampedScheme {
 public:
     typedef OverdampedMove::Vectors Vectors;
     static constexpr double noForces = -1;
+    /** Whether the noise is that of the start, and the mobility that of a mid-point (SpinBounds).
+     */
+    static constexpr bool hasMobilityOfMidpoint = false;
 
     virtual ~OverdampedScheme() {}
     /** @param stage  0 begins a step: `move` is at its start */

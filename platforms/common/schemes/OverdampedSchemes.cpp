@@ -11,7 +11,8 @@ namespace {
 template <class Scheme>
 OverdampedEntry entry() {
     return {vector<double>(Scheme::forcesAt.begin(), Scheme::forcesAt.end()),
-            []() { return unique_ptr<OverdampedScheme>(new Scheme()); }};
+            []() { return unique_ptr<OverdampedScheme>(new Scheme()); },
+            Scheme::hasMobilityOfMidpoint ? boundsOfMidpoint : boundsOfStart};
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "openmmrigidhi/SchemeTraits.h"
+#include "rigid/SlowedSpin.h"
 #include "schemes/OverdampedScheme.h"
 
 namespace RigidHIPlugin {
@@ -13,6 +14,7 @@ namespace RigidHIPlugin {
 struct OverdampedEntry {
     std::vector<double> forcesAt;  // OverdampedScheme
     std::unique_ptr<OverdampedScheme> (*make)();
+    SpinBounds spins = boundsOfStart;
 
     int numStages() const { return forcesAt.size(); }
     bool needsForces(int stage) const { return forcesAt[stage] >= 0; }

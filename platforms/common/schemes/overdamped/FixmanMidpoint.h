@@ -30,6 +30,7 @@ namespace RigidHIPlugin {
 class FixmanMidpoint : public OverdampedScheme {
 public:
     static constexpr std::array<double, 2> forcesAt = {0, 0.5};
+    static constexpr bool hasMobilityOfMidpoint = true;
     void run(int stage, OverdampedMove& m) override { stage == 0 ? predict(m) : correct(m); }
 
 private:

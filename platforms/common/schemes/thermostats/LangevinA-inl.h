@@ -2,9 +2,9 @@
 //
 // Equation:  dR = P/m dt,  dP = f dt - gamma P dt + sqrt(2 m gamma kT) dw;
 //            dl_k = (l x w)_k dt + tau_k dt - Gamma_k l_k dt + sqrt(2 Gamma_k I_k kT) dW_k,
-//            Gamma_k = Gamma M/(4 I'_k), M = 4 / sum_k 1/I'_k over the axes with a non-zero moment
-//            (body frame; the paper's pi is 2 S(q)(0, l)). I'_k is the moment I_k, but at least a
-//            tenth of the middle one, so that an elongated body tumbles at the right temperature.
+//            Gamma_k = Gamma M/(4 I_k), M = 4 / sum_k 1/I'_k over the axes with a non-zero moment
+//            (body frame; the paper's pi is 2 S(q)(0, l)). I'_k is the moment I_k, but for rods
+//            (Thermostat.h), so that an elongated body tumbles at the right temperature.
 // Method:    (Hamiltonian + noise) between two half steps of exact damping. The same random numbers
 //            serve both kicks.
 // Order:     weak 2.   Cost: one force evaluation a step.
@@ -45,9 +45,10 @@ struct LangevinA {
         for (int k = 0; k < 3; k++) {
             if (!body.isLive(k)) continue;
             c.decay_l[k] = std::exp(-body.rotationalRate(k, bath.Gamma) * h / 2);
-            const double part = body.moments[k] / body.momentForRates(k);
-            c.noise_l[k] =
-                0.25 * std::sqrt(h) * std::sqrt(2 * body.M() * bath.Gamma * bath.kT * part);
+            c.noise_l[k] = 0.25 * std::sqrt(h) * std::sqrt(2 * body.M() * bath.Gamma * bath.kT);
+            if (body.isElongated())  // 2 Gamma_k I_k kT in place of M Gamma kT/2
+                c.noise_l[k] = std::sqrt(0.5 * h * body.rotationalRate(k, bath.Gamma) *
+                                         body.moments[k] * bath.kT);
         }
         return c;
     }
