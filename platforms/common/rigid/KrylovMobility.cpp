@@ -291,14 +291,13 @@ void KrylovMobility::applyFunction(Function kind, const MatrixXd& W, MatrixXd& r
     vector<Lanczos::Outer> outers;
     if (modes.any()) outers.push_back({outer, false});
     if (scaledSolver && kind != Inverse) outers.push_back({rigid, kind == SquareRoot});
-    lanczos->setOuter(outers);
     MatrixXd transformed;
     if (kind == Inverse && modes.any()) {
         transformed = W;
         modes.solve(transformed);
     }
     lanczos->apply(product(0), transformed.size() > 0 ? transformed : W, functions, result,
-                   Lanczos::OwnNorm, rough, follows ? course : nullptr);
+                   Lanczos::OwnNorm, rough, follows ? course : nullptr, outers);
     outer(result);
     if (course && !follows) *course = lanczos->getCourse();
     costs.products += lanczos->getNumProducts();
