@@ -227,78 +227,126 @@ void KrylovMobility::findCollectiveModes() {
 }
 
 /**
- * result = f(S) W for a matrix that stands for M, S of MultiblobSolver, or ownScale M ownScale for
- * spheres. Roots are those of B S'^(1/2) or B^-T S'^(-1/2) with S = B S' B^T (CollectiveModes).
+ * A function of a matrix that stands for M: S of MultiblobSolver, or ownScale M ownScale for
+ * spheres. Lanczos sees S' with S = B S' B^T (CollectiveModes). Roots are B S'^(1/2) or
+ * B^-T S'^(-1/2), and the inverse is B^-T S'^-1 B^-1.
  */
+class KrylovMobility::ScaledFunction {
+public:
+    ScaledFunction(KrylovMobility& mobility, Function kind)
+        : mobility(mobility), kind(kind), modes(mobility.modes), blobs(mobility.here.particles()),
+          solver(mobility.spheres ? nullptr : &mobility.solverAt(mobility.here)) {}
+    SpectralFunction ofEigenvalues() const;
+    /** y = S' x; `error` as in MobilityAt::applyWithin(). */
+    void multiply(double error, const MatrixXd& x, MatrixXd& y);
+    /** multiply() with this error. */
+    Lanczos::Product within(double error) {
+        return [this, error](const MatrixXd& x, MatrixXd& y) { multiply(error, x, y); };
+    }
+    vector<Lanczos::Rough> roughProducts();
+    /** What the vectors of an iteration for W are. */
+    const MatrixXd& before(const MatrixXd& W);
+    /** Make results of the iteration into the function of S. */
+    void after(MatrixXd& x) const;
+    /** The parts of results of the iteration that move bodies. */
+    void rigidParts(MatrixXd& x);
+    /** What is to be right relative to itself. */
+    vector<Lanczos::Outer> outers();
+
+private:
+    KrylovMobility& mobility;
+    const Function kind;
+    const CollectiveModes& modes;
+    MobilityAt& blobs;
+    MultiblobSolver* const solver;  // null for spheres
+    MatrixXd transformed;
+};
+
+SpectralFunction KrylovMobility::ScaledFunction::ofEigenvalues() const {
+    switch (kind) {
+        case SquareRoot: return SpectralFunction::squareRoot();
+        case InverseSquareRoot: return SpectralFunction::inverseSquareRoot();
+        case Inverse: break;
+    }
+    return SpectralFunction::inverse();
+}
+
+void KrylovMobility::ScaledFunction::multiply(double error, const MatrixXd& x, MatrixXd& y) {
+    const MatrixXd* from = &x;
+    if (modes.any()) {
+        mobility.inner = x;
+        modes.solveTransposed(mobility.inner);
+        from = &mobility.inner;
+    }
+    if (solver) {
+        solver->multiplyScaled(blobs, error, *from, y);
+    } else {
+        const VectorXd& ownScale = mobility.ownScale;
+        mobility.scaled = ownScale.asDiagonal() * *from;
+        blobs.applyWithin(error, mobility.scaled, y);
+        y = ownScale.asDiagonal() * y;
+    }
+    modes.solve(y);
+}
+
+vector<Lanczos::Rough> KrylovMobility::ScaledFunction::roughProducts() {
+    // Errors of products of single precision are those of S, and not relative to the norm of S'.
+    // Terms of a sum have independent errors, which are relative to products with any vector
+    // without a preferred direction.
+    const double termsOfSums = 3;
+    const double ofModes = modes.any() ? termsOfSums * MobilityAt::roughError : 0;
+    const MobilityModel& model = mobility.bodies.getModel();
+    if (!mobility.exactProducts)
+        return RigidHIPlugin::roughProducts(model, mobility.tolerance, mobility.coarseProducts,
+                                            solver ? solver->getAmplification() : 1, ofModes,
+                                            [this](double error) { return within(error); });
+    if (mobility.shareOfRough == 0 || !model.hasRoughProducts()) return {};
+    return {{within(MobilityAt::roughError), MobilityAt::roughError, ofModes, false,
+             mobility.shareOfRough}};
+}
+
+const MatrixXd& KrylovMobility::ScaledFunction::before(const MatrixXd& W) {
+    if (kind != Inverse || !modes.any()) return W;
+    transformed = W;
+    modes.solve(transformed);
+    return transformed;
+}
+
+void KrylovMobility::ScaledFunction::after(MatrixXd& x) const {
+    if (kind == SquareRoot)
+        modes.multiply(x);
+    else
+        modes.solveTransposed(x);
+}
+
+void KrylovMobility::ScaledFunction::rigidParts(MatrixXd& x) {
+    modes.solveTransposed(x);
+    solver->rigidParts(x, mobility.inner);
+    x.swap(mobility.inner);
+}
+
+vector<Lanczos::Outer> KrylovMobility::ScaledFunction::outers() {
+    vector<Lanczos::Outer> outers;
+    if (modes.any()) outers.push_back({[this](MatrixXd& x) { after(x); }, false});
+    // What moves bodies is a small part of many blobs. Slips move bodies by K^T M^-1 s.
+    if (solver && kind != Inverse)
+        outers.push_back({[this](MatrixXd& x) { rigidParts(x); }, kind == SquareRoot});
+    return outers;
+}
+
 void KrylovMobility::applyFunction(Function kind, const MatrixXd& W, MatrixXd& result,
                                    Lanczos::Course* course) {
     const Solving timed(*this);
     if (!lanczos)
         lanczos.reset(new Lanczos(tolerance, Lanczos::defaultIterations, wantedTolerance));
     findCollectiveModes();
-    const SpectralFunction f = kind == SquareRoot          ? SpectralFunction::squareRoot()
-                               : kind == InverseSquareRoot ? SpectralFunction::inverseSquareRoot()
-                                                           : SpectralFunction::inverse();
-    const vector<SpectralFunction> functions(W.cols(), f);
-    MobilityAt& blobs = here.particles();
-    MultiblobSolver* scaledSolver = spheres ? nullptr : &solverAt(here);
-    const auto product = [&](double error) {
-        return [&, error](const MatrixXd& x, MatrixXd& y) {
-            const MatrixXd* from = &x;
-            if (modes.any()) {
-                inner = x;
-                modes.solveTransposed(inner);
-                from = &inner;
-            }
-            if (scaledSolver) {
-                scaledSolver->multiplyScaled(blobs, error, *from, y);
-            } else {
-                scaled = ownScale.asDiagonal() * *from;
-                blobs.applyWithin(error, scaled, y);
-                y = ownScale.asDiagonal() * y;
-            }
-            modes.solve(y);
-        };
-    };
-    // Errors of products of single precision are those of S, and not relative to the norm of S'.
-    // Terms of a sum have independent errors, which are relative to products with any vector
-    // without a preferred direction.
-    const double termsOfSums = 3;
-    const double ofModes = modes.any() ? termsOfSums * MobilityAt::roughError : 0;
-    vector<Lanczos::Rough> rough;
-    if (!exactProducts)
-        rough =
-            roughProducts(bodies.getModel(), tolerance, coarseProducts,
-                          scaledSolver ? scaledSolver->getAmplification() : 1, ofModes, product);
-    else if (shareOfRough > 0 && bodies.getModel().hasRoughProducts())
-        rough.push_back({product(MobilityAt::roughError), MobilityAt::roughError, ofModes, false,
-                         shareOfRough});
+    ScaledFunction function(*this, kind);
+    const vector<SpectralFunction> functions(W.cols(), function.ofEigenvalues());
     const bool follows =
         course && here.isNearby() && static_cast<int>(course->products.size()) == W.cols();
-    const auto outer = [&](MatrixXd& x) {
-        if (kind == SquareRoot)
-            modes.multiply(x);
-        else
-            modes.solveTransposed(x);
-    };
-    // What moves bodies is to be right relative to itself: of many blobs it is a small part. Slips
-    // move them by K^T M^-1 s.
-    const auto rigid = [&](MatrixXd& x) {
-        modes.solveTransposed(x);
-        scaledSolver->rigidParts(x, inner);
-        x.swap(inner);
-    };
-    vector<Lanczos::Outer> outers;
-    if (modes.any()) outers.push_back({outer, false});
-    if (scaledSolver && kind != Inverse) outers.push_back({rigid, kind == SquareRoot});
-    MatrixXd transformed;
-    if (kind == Inverse && modes.any()) {
-        transformed = W;
-        modes.solve(transformed);
-    }
-    lanczos->apply(product(0), transformed.size() > 0 ? transformed : W, functions, result,
-                   Lanczos::OwnNorm, rough, follows ? course : nullptr, outers);
-    outer(result);
+    lanczos->apply(function.within(0), function.before(W), functions, result, Lanczos::OwnNorm,
+                   function.roughProducts(), follows ? course : nullptr, function.outers());
+    function.after(result);
     if (course && !follows) *course = lanczos->getCourse();
     costs.products += lanczos->getNumProducts();
     costs.iterations += lanczos->getNumIterations();

@@ -64,6 +64,7 @@ protected:
 
 private:
     enum Function { SquareRoot, InverseSquareRoot, Inverse };
+    class ScaledFunction;
     void setTolerances(double relative, const ForDifferences& needed);
     double errorOfDifferences() const;
     double coarseErrorInSolves(double toleranceOfSolves);
