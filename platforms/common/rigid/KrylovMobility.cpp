@@ -1,7 +1,6 @@
 #include "rigid/KrylovMobility.h"
 
 #include "linearalgebra/Symmetrise.h"
-#include "rigid/RoughProducts.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;
@@ -11,7 +10,7 @@ namespace RigidHIPlugin {
 
 KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
     : BodyMobility(bodies), spheres(bodies.getMotion().isIdentity()), wantedTolerance(tolerance),
-      toleranceOfStep(tolerance), tolerance(tolerance), here(bodies, costs),
+      toleranceOfStep(tolerance), budget(ErrorBudget::beforeSteps(tolerance)), here(bodies, costs),
       elsewhere(bodies, costs) {
     if (!spheres) return;
     const HydrodynamicParticles& particles = bodies.getParticles();
@@ -28,34 +27,14 @@ void KrylovMobility::setTolerance(double relative, const ForDifferences& needed)
     toleranceOfStep = relative;
     courseOfWrench = courseOfSlip = Lanczos::Course();
     modesAreKnown = false;
-    setTolerances(relative * needed.partOfTolerance, needed);
+    setBudget(ErrorBudget(relative, needed));
 }
 
-void KrylovMobility::endDifferences() {
-    ForDifferences none;
-    none.exactSolves = false;
-    setTolerances(toleranceOfStep, none);
-}
+void KrylovMobility::endDifferences() { setBudget(ErrorBudget::afterDifferences(toleranceOfStep)); }
 
-/** The relative error of differences of products, which make drifts. */
-double KrylovMobility::errorOfDifferences() const {
-    const double part = 0.1, most = 1e-4;
-    return min(most, part * toleranceOfStep);
-}
-
-void KrylovMobility::setTolerances(double relative, const ForDifferences& needed) {
-    // The tolerance is in the norm of the friction. In this norm errors of products were up to a
-    // hundred times as large.
-    const double part = 0.01;
-    exactProducts = needed.exactProducts;
-    shareOfRough = needed.shareOfRough;
-    coarseProducts = needed.coarseProducts && !exactProducts;
-    const bool fast = !needed.exactSolves && bodies.getModel().hasFastProducts(part * relative);
-    errorOfSolves = fast ? part * relative : 0;
-    differencedSolves = needed.differencedSolves;
-    if (relative == tolerance) return;
-    tolerance = relative;
-    lanczos.reset();
+void KrylovMobility::setBudget(const ErrorBudget& newBudget) {
+    if (newBudget.ofIterations() != budget.ofIterations()) lanczos.reset();
+    budget = newBudget;
 }
 
 void KrylovMobility::beginSolving() {
@@ -84,31 +63,22 @@ MultiblobSolver& KrylovMobility::solverAt(const BodiesAt& at) {
     return *solver;
 }
 
-/** The error of fast products in solves, if there are any; else 0. */
-double KrylovMobility::coarseErrorInSolves(double toleranceOfSolves) {
-    const double error = min(coarsestError, theSolver().errorFor(toleranceOfSolves));
-    return error > MobilityAt::roughError && bodies.getModel().hasFastProducts(error) ? error : 0;
-}
-
-/** The error of products in solves; 0: none. */
+/** The error of products in solves; 0: exact ones. */
 double KrylovMobility::errorInSolves() {
-    if (exactProducts) return 0;
-    const double coarse = coarseProducts ? coarseErrorInSolves(tolerance) : 0;
-    return max(coarse, MobilityAt::roughError);
+    return budget.inSolves(bodies.getModel(), theSolver().errorFor(budget.ofIterations()));
 }
 
 string KrylovMobility::describeProducts(bool coarse) {
     const MobilityModel& model = bodies.getModel();
+    ForDifferences needed;
+    needed.coarseProducts = coarse;
+    const ErrorBudget described(toleranceOfStep, needed);
     const double amplification = spheres ? 1 : theSolver().getAmplification();
-    vector<double> inRoots;
-    if (coarse) inRoots = coarseErrors(model, toleranceOfStep, amplification);
-    const double fine =
-        toleranceOfStep >= MobilityAt::leastRoughTolerance ? MobilityAt::roughError : 0;
-    inRoots.push_back(fine);
-    const double inSolves = coarse && !spheres ? coarseErrorInSolves(toleranceOfStep) : 0;
-    const string roots = model.describeFastProducts(inRoots[0]),
-                 solves = model.describeFastProducts(max(inSolves, fine));
-    if (spheres || roots == solves) return roots;
+    const string roots = model.describeFastProducts(described.firstInRoots(model, amplification));
+    if (spheres) return roots;
+    const string solves = model.describeFastProducts(
+        described.firstInSolves(model, theSolver().errorFor(toleranceOfStep)));
+    if (roots == solves) return roots;
     const auto text = [](const string& way) { return way.empty() ? "over all pairs" : way; };
     return "of roots " + text(roots) + ", of solves " + text(solves);
 }
@@ -127,8 +97,8 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         at.particles().applyWithin(errorOfProducts, *forces, twists);
         costs.products += wrenches.cols();
     } else {
-        const int iterations = solverAt(at).solve(at.particles(), *forces, MatrixXd(), tolerance,
-                                                  errorInSolves(), twists);
+        const int iterations = solverAt(at).solve(at.particles(), *forces, MatrixXd(),
+                                                  budget.ofIterations(), errorInSolves(), twists);
         costs.iterations += iterations;
         costs.products += solver->getNumProducts();
     }
@@ -137,8 +107,9 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
 
 void KrylovMobility::iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
                              bool fromGuess) {
-    costs.iterations += solverAt(here).solve(here.particles(), wrenches, slips, tolerance,
-                                             errorInSolves(), twists, fromGuess);
+    costs.iterations +=
+        solverAt(here).solve(here.particles(), wrenches, slips, budget.ofIterations(),
+                             errorInSolves(), twists, fromGuess);
     costs.products += solver->getNumProducts();
 }
 
@@ -148,11 +119,11 @@ void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matr
         iterate(wrenches, slips, twists);
         return;
     }
-    if (differencedSolves && !bodies.getOwnTensors().any()) {
-        here.particles().applyForDifference(errorOfDifferences(), wrenches, twists);
+    if (budget.solvesAreDifferenced() && !bodies.getOwnTensors().any()) {
+        here.particles().applyForDifference(budget.ofDifferences(), wrenches, twists);
         costs.products += wrenches.cols();
     } else
-        multiply(wrenches, twists, errorOfSolves);
+        multiply(wrenches, twists, budget.ofProductsAsSolves(bodies.getModel()));
     wrenchesOfSolve = wrenches;
     if (slips.size() > 0) twists += slips;
 }
@@ -191,7 +162,7 @@ void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& f
         multiplyAt(elsewhere, forces, slips, 0);
         return;
     }
-    elsewhere.particles().applyForDifference(errorOfDifferences(), forces, slips);
+    elsewhere.particles().applyForDifference(budget.ofDifferences(), forces, slips);
     costs.products += forces.cols();
 }
 
@@ -295,14 +266,12 @@ vector<Lanczos::Rough> KrylovMobility::ScaledFunction::roughProducts() {
     // without a preferred direction.
     const double termsOfSums = 3;
     const double ofModes = modes.any() ? termsOfSums * MobilityAt::roughError : 0;
-    const MobilityModel& model = mobility.bodies.getModel();
-    if (!mobility.exactProducts)
-        return RigidHIPlugin::roughProducts(model, mobility.tolerance, mobility.coarseProducts,
-                                            solver ? solver->getAmplification() : 1, ofModes,
-                                            [this](double error) { return within(error); });
-    if (mobility.shareOfRough == 0 || !model.hasRoughProducts()) return {};
-    return {{within(MobilityAt::roughError), MobilityAt::roughError, ofModes, false,
-             mobility.shareOfRough}};
+    vector<Lanczos::Rough> rough;
+    for (const InexactProduct& product : mobility.budget.inRoots(
+             mobility.bodies.getModel(), solver ? solver->getAmplification() : 1, ofModes))
+        rough.push_back({within(product.error), product.ofNorm, product.ofVector, product.atOnce,
+                         product.share});
+    return rough;
 }
 
 const MatrixXd& KrylovMobility::ScaledFunction::before(const MatrixXd& W) {
@@ -338,7 +307,8 @@ void KrylovMobility::applyFunction(Function kind, const MatrixXd& W, MatrixXd& r
                                    Lanczos::Course* course) {
     const Solving timed(*this);
     if (!lanczos)
-        lanczos.reset(new Lanczos(tolerance, Lanczos::defaultIterations, wantedTolerance));
+        lanczos.reset(
+            new Lanczos(budget.ofIterations(), Lanczos::defaultIterations, wantedTolerance));
     findCollectiveModes();
     ScaledFunction function(*this, kind);
     const vector<SpectralFunction> functions(W.cols(), function.ofEigenvalues());
