@@ -16,6 +16,7 @@
 #include "kernel/RigidBodyKernel.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "openmmrigidhi/SchemeTraits.h"
+#include "rigid/ErrorBudget.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;
@@ -377,4 +378,74 @@ TEST(ErrorBudget, EverySchemeHasTheseProducts) {
         }
     testing::internal::GetCapturedStderr();
     EXPECT_EQ(found.str(), expected);
+}
+
+/** Steps of differences that are not set, and what such differences need of iterations. */
+TEST(ErrorBudget, DifferencesTakeTheirPartOfTheTolerance) {
+    const Differencing nothing, products = {Differenced::Products, false, false},
+                                solves = {Differenced::Solves, true, false},
+                                roots = {Differenced::Roots, true, true};
+    const struct {
+        Differencing of;
+        double tolerance, step, part, share;
+        bool exact, coarse, exactSolves, differencedSolves;
+    } rows[] = {
+        // Without iterations there is only rounding.
+        {nothing, 1e-3, 1e-5, 1, 0, false, true, false, false},
+        {products, 1e-3, 1e-5, 1, 0, false, true, true, false},
+        // The error of t/step is balanced with that of step^2, up to the longest step.
+        {solves, 1e-3, 1e-2, 0.1, 0, false, false, true, true},
+        {solves, 1e-9, 1e-3, 0.1, 0, true, false, true, true},
+        {solves, 1e-15, 1e-5, 0.1, 0, true, false, true, true},
+        // Roots of one course: a hundred tolerances of the iteration are to be 1e-4.
+        {roots, 1e-3, 1e-2, 0.1, 1e-4, false, false, true, false},
+        {roots, 1e-4, 1e-2, 0.1, 1e-5, false, false, true, false},
+        {roots, 2e-6, 1e-5, 0.5, 1e-9, true, false, true, false},
+        {roots, 1e-8, 1e-5, 1, 1e-11, true, false, true, false},
+    };
+    for (const auto& row : rows) {
+        SCOPED_TRACE(row.tolerance);
+        const double step = ErrorBudget::differenceStep(row.tolerance, row.of);
+        EXPECT_NEAR(step, row.step, 1e-12 * row.step);
+        const auto needed = ErrorBudget::forDifferences(row.tolerance, row.of, row.step);
+        EXPECT_NEAR(needed.partOfTolerance, row.part, 1e-12);
+        EXPECT_NEAR(needed.shareOfRough, row.share, 1e-12 * row.share);
+        EXPECT_EQ(needed.exactProducts, row.exact);
+        EXPECT_EQ(needed.coarseProducts, row.coarse);
+        EXPECT_EQ(needed.exactSolves, row.exactSolves);
+        EXPECT_EQ(needed.differencedSolves, row.differencedSolves);
+    }
+}
+
+TEST(ErrorBudget, ProductsBecomeFinerOneAfterTheOther) {
+    HydrodynamicParticles none;
+    const RecordingModel fast({"fast", true, true, false}, none, 1);
+    const auto errorsOf = [&](const ErrorBudget& budget, double amplification) {
+        vector<double> errors;
+        for (const auto& product : budget.inRoots(fast, amplification, 0))
+            errors.push_back(product.error);
+        return errors;
+    };
+    EXPECT_EQ(errorsOf(ErrorBudget(1e-3), 1), (vector<double>{1e-4, 1e-5, 1e-6}));
+    EXPECT_EQ(errorsOf(ErrorBudget(1e-1), 1), (vector<double>{1e-3, 1e-3, 1e-6}));
+    EXPECT_EQ(errorsOf(ErrorBudget(1e-3), 20), (vector<double>{5e-6, 1e-6}));
+    EXPECT_EQ(errorsOf(ErrorBudget(1e-8), 1), (vector<double>{1e-6}));
+    EXPECT_EQ(errorsOf(ErrorBudget::beforeSteps(1e-3), 1), (vector<double>{1e-6}));
+    // From this tolerance on, single precision is right from the first product on.
+    EXPECT_TRUE(ErrorBudget(5e-5).inRoots(fast, 1, 0).back().atOnce);
+    EXPECT_FALSE(ErrorBudget(4.9e-5).inRoots(fast, 1, 0).back().atOnce);
+    // The longest difference leaves single precision, shorter ones a share of it.
+    BodyMobility::ForDifferences needed;
+    needed.coarseProducts = false;
+    EXPECT_EQ(errorsOf(ErrorBudget(1e-3, needed), 1), (vector<double>{1e-6}));
+    EXPECT_EQ(ErrorBudget(1e-3, needed).inSolves(fast, 1e-4), 1e-6);
+    needed.exactProducts = true;
+    EXPECT_TRUE(errorsOf(ErrorBudget(1e-3, needed), 1).empty());
+    EXPECT_EQ(ErrorBudget(1e-3, needed).inSolves(fast, 1e-4), 0);
+    needed.shareOfRough = 1e-7;
+    EXPECT_EQ(errorsOf(ErrorBudget(1e-3, needed), 1), (vector<double>{1e-6}));
+    // Solves take what is useful to them, between both limits.
+    EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-2), 1e-3);
+    EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-5), 1e-5);
+    EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-8), 1e-6);
 }

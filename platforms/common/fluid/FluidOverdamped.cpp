@@ -9,6 +9,7 @@
 #include "fluid/Fluid.h"
 #include "linearalgebra/OneBlasThread.h"
 #include "openmmrigidhi/internal/Messages.h"
+#include "rigid/ErrorBudget.h"
 #include "rigidbody/BodyPoses.h"
 #include "rigidbody/EigenVec3.h"
 
@@ -19,31 +20,9 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/**
- * The default of setFiniteDifferenceStep(), a balance of rounding of 1e-16 and the error of the
- * difference.
- */
-const double denseDifference = 1e-5;
-
-/**
- * For solves of a tolerance t the difference has an error of t/step, beside step^2. The step is
- * therefore t^(1/3). It is not so large that bodies leave the neighbourhood in which the mobility
- * is smooth. Until the differences are taken, iterations go to a part of the tolerance.
- */
-const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
-
-/**
- * Differences of roots that follow one course (KrylovMobility::applyFunction()) have an error that
- * does not depend on the step. In tolerances of the iteration it grows about as the square of the
- * number of products; up to 120 was measured (TestLanczos). Such a difference is for drifts and is
- * right enough at this relative error.
- */
-const double errorOfFollowing = 100, enoughForDrifts = 1e-4;
-
-/** Whether the roots that a scheme differences follow one course. */
-bool follow(const BodyMobility& mobility, const SchemeTraits& scheme) {
-    return scheme.differenced == Differenced::Roots && !mobility.productsIterate() &&
-           !mobility.slipsAreOfField();
+Differencing differencing(const SchemeTraits& scheme, const OverdampedMove& move,
+                          const BodyMobility& mobility) {
+    return Differencing::of(scheme, mobility, move.driftIsKnown());
 }
 
 /** Drifts below this part of mobility/length are rounding errors of a symmetric body. */
@@ -59,50 +38,26 @@ OverdampedMove& Fluid::moveOf(FluidGroup& group) const {
 
 /** Whether a scheme differences results of iterations, which have a tolerance. */
 bool Fluid::differencesIterate(FluidGroup& group, const SchemeTraits& scheme) const {
-    const BodyMobility& mobility = *group.overdamped.mobility;
-    if (moveOf(group).driftIsKnown()) return false;
-    switch (scheme.differenced) {
-        case Differenced::Products: return mobility.productsIterate();
-        case Differenced::Solves: return mobility.solvesIterate();
-        // The divergence of a random field needs no differences of roots.
-        case Differenced::Roots: return mobility.rootsIterate() && !mobility.divergenceIsOfField();
-        case Differenced::Nothing: break;
-    }
-    return false;
+    return differencing(scheme, moveOf(group), *group.overdamped.mobility).iterate;
 }
 
 /** Set the tolerance of iterations in this step. Without noise there are no differences. */
 void Fluid::setTolerance(FluidGroup& group, const SchemeTraits& scheme,
                          const OverdampedStep& step) const {
     BodyMobility& mobility = *group.overdamped.mobility;
-    const bool iterate = step.kT > 0 && differencesIterate(group, scheme);
-    BodyMobility::ForDifferences needed;
-    needed.exactProducts = iterate && step.difference < largestDifference;
-    needed.coarseProducts = !iterate;
-    needed.exactSolves = step.kT > 0 && !group.overdamped.move->driftIsKnown() &&
-                         scheme.differenced != Differenced::Nothing;
-    needed.differencedSolves = needed.exactSolves && scheme.differenced == Differenced::Solves;
     const double tolerance = force.getSolverTolerance();
-    if (iterate) needed.partOfTolerance = toleranceOfDifferences;
-    if (iterate && follow(mobility, scheme)) {
-        needed.partOfTolerance =
-            max(toleranceOfDifferences, min(1.0, enoughForDrifts / (errorOfFollowing * tolerance)));
-        // Rounding may do as much to the difference as the tolerance does.
-        needed.shareOfRough =
-            errorOfFollowing * needed.partOfTolerance * tolerance * step.difference;
-    }
-    mobility.setTolerance(tolerance, needed);
+    Differencing differences;
+    if (step.kT > 0) differences = differencing(scheme, moveOf(group), mobility);
+    mobility.setTolerance(tolerance,
+                          ErrorBudget::forDifferences(tolerance, differences, step.difference));
 }
 
 /** The finite-difference step: as set, or chosen by the errors of the differenced results. */
 double Fluid::differenceOf(FluidGroup& group, const SchemeTraits& scheme, double wanted) const {
     if (wanted > 0) return wanted;
-    if (!differencesIterate(group, scheme)) return denseDifference;
-    // Where products may be of single precision at once, small differences would need exact ones.
-    if (follow(*group.overdamped.mobility, scheme) &&
-        force.getSolverTolerance() < MobilityAt::leastRoughTolerance)
-        return denseDifference;
-    return min(largestDifference, max(denseDifference, cbrt(force.getSolverTolerance())));
+    return ErrorBudget::differenceStep(
+        force.getSolverTolerance(),
+        differencing(scheme, moveOf(group), *group.overdamped.mobility));
 }
 
 Fluid::Drifts Fluid::findDrifts() const {

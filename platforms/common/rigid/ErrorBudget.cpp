@@ -1,6 +1,7 @@
 #include "rigid/ErrorBudget.h"
 
 #include <algorithm>
+#include <cmath>
 
 using namespace std;
 
@@ -15,7 +16,72 @@ namespace {
  */
 const double coarsestError = 1e-3;
 
+/**
+ * The default of setFiniteDifferenceStep(), a balance of rounding of 1e-16 and the error of the
+ * difference.
+ */
+const double denseDifference = 1e-5;
+
+/**
+ * For solves of a tolerance t the difference has an error of t/step, beside step^2. The step is
+ * therefore t^(1/3). It is not so large that bodies leave the neighbourhood in which the mobility
+ * is smooth. Until the differences are taken, iterations go to a part of the tolerance.
+ */
+const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
+
+/**
+ * Differences of roots that follow one course (Lanczos::apply()) have an error that
+ * does not depend on the step. In tolerances of the iteration it grows about as the square of the
+ * number of products; up to 120 was measured (TestLanczos). Such a difference is for drifts and is
+ * right enough at this relative error.
+ */
+const double errorOfFollowing = 100, enoughForDrifts = 1e-4;
+
 }  // namespace
+
+Differencing Differencing::of(const SchemeTraits& scheme, const BodyMobility& mobility,
+                              bool driftIsKnown) {
+    Differencing found;
+    if (driftIsKnown) return found;
+    found.results = scheme.differenced;
+    switch (scheme.differenced) {
+        case Differenced::Nothing: break;
+        case Differenced::Products: found.iterate = mobility.productsIterate(); break;
+        case Differenced::Solves: found.iterate = mobility.solvesIterate(); break;
+        case Differenced::Roots:
+            // The divergence of a random field needs no differences of roots.
+            found.iterate = mobility.rootsIterate() && !mobility.divergenceIsOfField();
+            found.follow =
+                found.iterate && !mobility.productsIterate() && !mobility.slipsAreOfField();
+            break;
+    }
+    return found;
+}
+
+double ErrorBudget::differenceStep(double tolerance, const Differencing& differencing) {
+    if (!differencing.iterate) return denseDifference;
+    // Where products may be of single precision at once, small differences would need exact ones.
+    if (differencing.follow && tolerance < MobilityAt::leastRoughTolerance) return denseDifference;
+    return min(largestDifference, max(denseDifference, cbrt(tolerance)));
+}
+
+BodyMobility::ForDifferences ErrorBudget::forDifferences(double tolerance,
+                                                         const Differencing& differencing,
+                                                         double step) {
+    BodyMobility::ForDifferences needed;
+    needed.coarseProducts = !differencing.iterate;
+    needed.exactSolves = differencing.results != Differenced::Nothing;
+    needed.differencedSolves = differencing.results == Differenced::Solves;
+    if (!differencing.iterate) return needed;
+    needed.exactProducts = step < largestDifference;
+    needed.partOfTolerance = toleranceOfDifferences;
+    if (!differencing.follow) return needed;
+    needed.partOfTolerance =
+        max(toleranceOfDifferences, min(1.0, enoughForDrifts / (errorOfFollowing * tolerance)));
+    // Rounding may do as much to the difference as the tolerance does.
+    needed.shareOfRough = errorOfFollowing * needed.partOfTolerance * tolerance * step;
+    return needed;
+}
 
 ErrorBudget ErrorBudget::beforeSteps(double tolerance) {
     BodyMobility::ForDifferences needed;

@@ -3,9 +3,20 @@
 
 #include <vector>
 
+#include "openmmrigidhi/SchemeTraits.h"
 #include "rigid/BodyMobility.h"
 
 namespace RigidHIPlugin {
+
+/** What a scheme takes finite differences of in one group of bodies. */
+struct Differencing {
+    Differenced results = Differenced::Nothing;  // nothing also where the drift is known
+    bool iterate = false;  // whether these results come from iterations, and so have a tolerance
+    bool follow = false;   // whether they are roots that follow one course of iterations
+
+    static Differencing of(const SchemeTraits& scheme, const BodyMobility& mobility,
+                           bool driftIsKnown);
+};
 
 /** A product within an iteration that is not exact. */
 struct InexactProduct {
@@ -43,6 +54,17 @@ public:
     static ErrorBudget beforeSteps(double tolerance);
     /** For the rest of a step whose differences have been taken. */
     static ErrorBudget afterDifferences(double tolerance);
+
+    /** The finite-difference step where the user has set none, body lengths and radians. */
+    static double differenceStep(double tolerance, const Differencing& differencing);
+    /**
+     * What the differences of a step need.
+     *
+     * @param step  of the differences
+     */
+    static BodyMobility::ForDifferences forDifferences(double tolerance,
+                                                       const Differencing& differencing,
+                                                       double step);
 
     /** The tolerance of iterations. */
     double ofIterations() const { return tolerance * needed.partOfTolerance; }
