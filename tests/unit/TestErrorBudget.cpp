@@ -158,19 +158,24 @@ string choices(const Kind& kind, const SchemeTraits& scheme, bool multiblobs, do
  * have.
  */
 const string expected = R"(spheres, exact products
-  LangevinHI, EulerMaruyama, FixmanMidpoint
+  LangevinHI
+  EulerMaruyama
+  FixmanMidpoint
     0.01: 0
     0.0001: 0
     5e-05: 0
     1e-06: 0
     1e-08: 0
-  RandomFiniteDifference, TractionEulerMaruyama, TrapezoidalSlip
+  RandomFiniteDifference
+  TractionEulerMaruyama
+  TrapezoidalSlip
     0.01: step 1e-05, 0 d0.0001
     0.0001: step 1e-05, 0 d1e-05
     5e-05: step 1e-05, 0 d5e-06
     1e-06: step 1e-05, 0 d1e-07
     1e-08: step 1e-05, 0 d1e-09
-  DriftCorrectorFD, DriftCorrectorRFD
+  DriftCorrectorFD
+  DriftCorrectorRFD
     0.01: step 0.01, 0
     0.0001: step 0.01, 0
     5e-05: step 0.01, 0
@@ -183,7 +188,8 @@ spheres, products of single precision
     5e-05: 1e-06
     1e-06: 0 1e-06
     1e-08: 0 1e-06
-  EulerMaruyama, FixmanMidpoint
+  EulerMaruyama
+  FixmanMidpoint
     0.01: 1e-06 0
     0.0001: 1e-06 0
     5e-05: 1e-06 0
@@ -195,13 +201,15 @@ spheres, products of single precision
     5e-05: step 1e-05, 1e-06 d5e-06
     1e-06: step 1e-05, 0 1e-06 d1e-07
     1e-08: step 1e-05, 0 1e-06 d1e-09
-  TractionEulerMaruyama, TrapezoidalSlip
+  TractionEulerMaruyama
+  TrapezoidalSlip
     0.01: step 1e-05, 1e-06 0 d0.0001
     0.0001: step 1e-05, 1e-06 0 d1e-05
     5e-05: step 1e-05, 1e-06 0 d5e-06
     1e-06: step 1e-05, 0 1e-06 d1e-07
     1e-08: step 1e-05, 0 1e-06 d1e-09
-  DriftCorrectorFD, DriftCorrectorRFD
+  DriftCorrectorFD
+  DriftCorrectorRFD
     0.01: step 0.01, 1e-06 0
     0.0001: step 0.01, 0 1e-06
     5e-05: step 0.01, 0 1e-06
@@ -214,7 +222,8 @@ spheres, fast products
     5e-05: 5e-06
     1e-06: 0 1e-06
     1e-08: 0 1e-06
-  EulerMaruyama, FixmanMidpoint
+  EulerMaruyama
+  FixmanMidpoint
     0.01: 0.001 0.0001
     0.0001: 1e-05 1e-06
     5e-05: 5e-06 5e-07
@@ -238,7 +247,8 @@ spheres, fast products
     5e-05: step 1e-05, 5e-06 0 d5e-06 5e-07
     1e-06: step 1e-05, 0 1e-06 d1e-07
     1e-08: step 1e-05, 0 1e-06 d1e-09
-  DriftCorrectorFD, DriftCorrectorRFD
+  DriftCorrectorFD
+  DriftCorrectorRFD
     0.01: step 0.01, 1e-06 0.001 0.0001
     0.0001: step 0.01, 0 1e-06 1e-05
     5e-05: step 0.01, 0 1e-06 5e-06 5e-07
@@ -251,14 +261,22 @@ spheres, fast products without drift
     5e-05: 5e-06
     1e-06: 0 1e-06
     1e-08: 0 1e-06
-  EulerMaruyama, FixmanMidpoint, RandomFiniteDifference, TractionEulerMaruyama, TrapezoidalSlip, DriftCorrectorFD, DriftCorrectorRFD
+  EulerMaruyama
+  FixmanMidpoint
+  RandomFiniteDifference
+  TractionEulerMaruyama
+  TrapezoidalSlip
+  DriftCorrectorFD
+  DriftCorrectorRFD
     0.01: 0.001 0.0001
     0.0001: 1e-05 1e-06
     5e-05: 5e-06 5e-07
     1e-06: 0 1e-06
     1e-08: 0 1e-06
 multiblobs, exact products
-  LangevinHI, EulerMaruyama, FixmanMidpoint
+  LangevinHI
+  EulerMaruyama
+  FixmanMidpoint
     0.01: 0
     0.0001: 0
     5e-05: 0
@@ -270,13 +288,15 @@ multiblobs, exact products
     5e-05: step 0.01, 0
     1e-06: step 0.01, 0
     1e-08: step 0.00215443, 0
-  TractionEulerMaruyama, TrapezoidalSlip
+  TractionEulerMaruyama
+  TrapezoidalSlip
     0.01: step 1e-05, 0 d0.0001
     0.0001: step 1e-05, 0 d1e-05
     5e-05: step 1e-05, 0 d5e-06
     1e-06: step 1e-05, 0 d1e-07
     1e-08: step 1e-05, 0 d1e-09
-  DriftCorrectorFD, DriftCorrectorRFD
+  DriftCorrectorFD
+  DriftCorrectorRFD
     0.01: step 0.01, 0
     0.0001: step 0.01, 0
     5e-05: step 0.01, 0
@@ -289,7 +309,8 @@ multiblobs, products of single precision
     5e-05: 1e-06 0
     1e-06: 1e-06 0
     1e-08: 1e-06 0
-  EulerMaruyama, FixmanMidpoint
+  EulerMaruyama
+  FixmanMidpoint
     0.01: 1e-06
     0.0001: 1e-06
     5e-05: 1e-06
@@ -301,13 +322,15 @@ multiblobs, products of single precision
     5e-05: step 0.01, 0 1e-06
     1e-06: step 0.01, 0 1e-06
     1e-08: step 0.00215443, 0
-  TractionEulerMaruyama, TrapezoidalSlip
+  TractionEulerMaruyama
+  TrapezoidalSlip
     0.01: step 1e-05, 1e-06 d0.0001
     0.0001: step 1e-05, 1e-06 d1e-05
     5e-05: step 1e-05, 1e-06 d5e-06
     1e-06: step 1e-05, 0 1e-06 d1e-07
     1e-08: step 1e-05, 0 1e-06 d1e-09
-  DriftCorrectorFD, DriftCorrectorRFD
+  DriftCorrectorFD
+  DriftCorrectorRFD
     0.01: step 0.01, 1e-06
     0.0001: step 0.01, 0 1e-06
     5e-05: step 0.01, 0 1e-06
@@ -320,7 +343,8 @@ multiblobs, fast products
     5e-05: 1e-06 0
     1e-06: 1e-06 0
     1e-08: 1e-06 0
-  EulerMaruyama, FixmanMidpoint
+  EulerMaruyama
+  FixmanMidpoint
     0.01: 0.00041 0.0002
     0.0001: 4.1e-06 2e-06
     5e-05: 2.1e-06 1e-06
@@ -332,13 +356,15 @@ multiblobs, fast products
     5e-05: step 0.01, 0 1e-06
     1e-06: step 0.01, 0 1e-06
     1e-08: step 0.00215443, 0
-  TractionEulerMaruyama, TrapezoidalSlip
+  TractionEulerMaruyama
+  TrapezoidalSlip
     0.01: step 1e-05, 0.00041 0.0002 d0.0001
     0.0001: step 1e-05, 4.1e-06 2e-06 d1e-05
     5e-05: step 1e-05, 2.1e-06 1e-06 d5e-06
     1e-06: step 1e-05, 0 1e-06 d1e-07
     1e-08: step 1e-05, 0 1e-06 d1e-09
-  DriftCorrectorFD, DriftCorrectorRFD
+  DriftCorrectorFD
+  DriftCorrectorRFD
     0.01: step 0.01, 1e-06 0.00041 0.0002
     0.0001: step 0.01, 0 1e-06 4.1e-06 2e-06
     5e-05: step 0.01, 0 1e-06 2.1e-06
@@ -371,7 +397,7 @@ TEST(ErrorBudget, EverySchemeHasTheseProducts) {
                 if (known == groups.end())
                     groups.push_back({text.str(), scheme.name});
                 else
-                    known->second += string(", ") + scheme.name;
+                    known->second += string("\n  ") + scheme.name;
             }
             found << (multiblobs ? "multiblobs, " : "spheres, ") << kind.name << "\n";
             for (const auto& group : groups) found << "  " << group.second << "\n" << group.first;
