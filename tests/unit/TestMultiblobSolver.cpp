@@ -7,6 +7,7 @@
 #include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "rigid/MultiblobSolver.h"
+#include "rigid/StoppingRule.h"
 
 using namespace RigidHIPlugin;
 using namespace RigidHITest;
@@ -134,7 +135,101 @@ struct CoarsePlace : MobilityAt {
     void moveTo(const Placement&, bool) override {}
 };
 
+/** Conjugate gradients for A x = b with a diagonal matrix, from x = 0. */
+struct KnownDescent {
+    const VectorXd A, b;
+    VectorXd x, residual, direction;
+    double gradient = 0, before = 0;
+    ConjugateSteps steps;
+    KnownDescent(const VectorXd& A, const VectorXd& b)
+        : A(A), b(b), x(VectorXd::Zero(A.size())), residual(-b), direction(b),
+          gradient(b.squaredNorm()) {}
+    void step() {
+        const double ratio = before > 0 ? gradient / before : 0;
+        if (before > 0) direction = ratio * direction - residual;
+        const VectorXd product = A.cwiseProduct(direction);
+        const double length = gradient / direction.dot(product);
+        steps.add(length, ratio);
+        x += length * direction;
+        residual += length * product;
+        before = gradient;
+        gradient = residual.squaredNorm();
+    }
+    /** The error in the energy norm, relative to the solution. */
+    double relativeError() const {
+        const VectorXd exact = b.cwiseQuotient(A), error = x - exact;
+        return sqrt(error.dot(A.cwiseProduct(error)) / exact.dot(b));
+    }
+    double energy() const { return x.dot(A.cwiseProduct(x)); }
+};
+
 }  // namespace
+
+TEST(StoppingRule, TheSmallestEigenvalueComesFromTheSteps) {
+    mt19937 random(11);
+    EXPECT_EQ(ConjugateSteps().smallestEigenvalue(), 1);
+    for (double smallest : {1e-3, 0.2}) {
+        const int n = 12;
+        KnownDescent descent(VectorXd::LinSpaced(n, smallest, 3), normal(random, n, 1));
+        double last = 1;
+        for (int k = 0; k < n; k++) {
+            descent.step();
+            // Ritz values lie within the spectrum, and the smallest one falls.
+            const double now = descent.steps.smallestEigenvalue();
+            EXPECT_LE(now, last * (1 + 1e-12));
+            EXPECT_GE(now, smallest * (1 - 1e-9));
+            last = now;
+        }
+        EXPECT_NEAR(last, smallest, 1e-6 * smallest);
+    }
+    // Where all eigenvalues are larger than 1, the residual alone decides.
+    KnownDescent above(VectorXd::LinSpaced(5, 2, 4), normal(random, 5, 1));
+    above.step();
+    EXPECT_EQ(above.steps.smallestEigenvalue(), 1);
+}
+
+TEST(StoppingRule, TheErrorIsBelowTheToleranceAndNotFarBelow) {
+    mt19937 random(12);
+    for (double smallest : {1e-4, 1e-2, 0.5})
+        for (double tolerance : {1e-2, 1e-4, 1e-6}) {
+            const int n = 60;
+            VectorXd A = VectorXd::LinSpaced(n, 0.5, 2);
+            A[0] = smallest;
+            KnownDescent descent(A, normal(random, n, 1));
+            int k = 0;
+            while (!errorIsWithin(tolerance, descent.gradient, descent.energy(), descent.steps)) {
+                ASSERT_LT(k++, n);
+                descent.step();
+            }
+            EXPECT_GT(k, 0);
+            EXPECT_LE(descent.relativeError(), tolerance) << smallest;
+            // The bound is too large by the root of the condition number at most.
+            EXPECT_GE(descent.relativeError(), 0.02 * tolerance * sqrt(smallest)) << smallest;
+        }
+}
+
+TEST(StoppingRule, TheLimitIsTheSquareOfTheTolerance) {
+    const ConjugateSteps none;
+    EXPECT_TRUE(errorIsWithin(0.1, 0.99e-2, 1, none));
+    EXPECT_FALSE(errorIsWithin(0.1, 1.01e-2, 1, none));
+    EXPECT_TRUE(errorIsWithin(0.1, 3.99e-2, 4, none));
+    // One step of length 4 has seen the eigenvalue 1/4.
+    ConjugateSteps one;
+    one.add(4, 0);
+    EXPECT_TRUE(errorIsWithin(0.1, 0.249e-2, 1, one));
+    EXPECT_FALSE(errorIsWithin(0.1, 0.251e-2, 1, one));
+    // Without forces there is nothing to do, and what is not a number is never small.
+    EXPECT_TRUE(errorIsWithin(0.1, 0, 0, none));
+    EXPECT_FALSE(errorIsWithin(0.1, NAN, 1, none));
+    EXPECT_FALSE(errorIsWithin(0.1, 0, NAN, none));
+}
+
+TEST(StoppingRule, SlipsThatMoveNoBodyDoNotCount) {
+    // A third of the rows are those of bodies: of the energy of slips, nine times a third counts.
+    EXPECT_DOUBLE_EQ(scaleWithSlips(100, 2, 1, 6, 18), 3);
+    EXPECT_DOUBLE_EQ(scaleWithSlips(100, 5, 1, 6, 18), 5);
+    EXPECT_DOUBLE_EQ(scaleWithSlips(1, 5, 1, 6, 18), 1);
+}
 
 TEST(MultiblobSolver, RoughProductsKeepAnyTolerance) {
     mt19937 random(1);

@@ -9,33 +9,6 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/**
- * The default of setFiniteDifferenceStep(), a balance of rounding of 1e-16 and the error of the
- * difference.
- */
-const double denseDifference = 1e-5;
-
-/**
- * For solves of a tolerance t the difference has an error of t/step, beside step^2. The step is
- * therefore t^(1/3). It is not so large that bodies leave the neighbourhood in which the mobility
- * is smooth. Until the differences are taken, iterations go to a part of the tolerance.
- */
-const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
-
-/**
- * Differences of roots that follow one course (KrylovMobility::applyFunction()) have an error that
- * does not depend on the step. In tolerances of the iteration it grows about as the square of the
- * number of products; up to 120 was measured (TestLanczos). Such a difference is for drifts and is
- * right enough at this relative error.
- */
-const double errorOfFollowing = 100, enoughForDrifts = 1e-4;
-
-/** Whether the roots that a scheme differences follow one course. */
-bool follow(const BodyMobility& mobility, const SchemeTraits& scheme) {
-    return scheme.differenced == Differenced::Roots && !mobility.productsIterate() &&
-           !mobility.slipsAreOfField();
-}
-
 /** Drifts below this part of mobility/length are rounding errors of a symmetric body. */
 const double zeroDrift = 1e-12;
 
@@ -186,46 +159,25 @@ void BrownianGroup::forgetMemory() {
 
 // ---- Differences and drift
 
+Differencing BrownianGroup::differencing(const SchemeTraits& traits) {
+    return Differencing::of(traits, *mobility, theMove().driftIsKnown());
+}
+
 bool BrownianGroup::differencesIterate(const SchemeTraits& traits) {
-    if (theMove().driftIsKnown()) return false;
-    switch (traits.differenced) {
-        case Differenced::Products: return mobility->productsIterate();
-        case Differenced::Solves: return mobility->solvesIterate();
-        // The divergence of a random field needs no differences of roots.
-        case Differenced::Roots:
-            return mobility->rootsIterate() && !mobility->divergenceIsOfField();
-        case Differenced::Nothing: break;
-    }
-    return false;
+    return differencing(traits).iterate;
 }
 
 /** Set the tolerance of iterations in this step. Without noise there are no differences. */
 void BrownianGroup::setTolerance(const SchemeTraits& traits, const OverdampedStep& step) {
-    const bool iterate = step.kT > 0 && differencesIterate(traits);
-    BodyMobility::ForDifferences needed;
-    needed.exactProducts = iterate && step.difference < largestDifference;
-    needed.coarseProducts = !iterate;
-    needed.exactSolves =
-        step.kT > 0 && !theMove().driftIsKnown() && traits.differenced != Differenced::Nothing;
-    needed.differencedSolves = needed.exactSolves && traits.differenced == Differenced::Solves;
-    if (iterate) needed.partOfTolerance = toleranceOfDifferences;
-    if (iterate && follow(*mobility, traits)) {
-        needed.partOfTolerance =
-            max(toleranceOfDifferences, min(1.0, enoughForDrifts / (errorOfFollowing * tolerance)));
-        // Rounding may do as much to the difference as the tolerance does.
-        needed.shareOfRough =
-            errorOfFollowing * needed.partOfTolerance * tolerance * step.difference;
-    }
-    mobility->setTolerance(tolerance, needed);
+    Differencing differences;
+    if (step.kT > 0) differences = differencing(traits);
+    mobility->setTolerance(tolerance,
+                           ErrorBudget::forDifferences(tolerance, differences, step.difference));
 }
 
 double BrownianGroup::differenceOf(const SchemeTraits& traits, double wanted) {
     if (wanted > 0) return wanted;
-    if (!differencesIterate(traits)) return denseDifference;
-    // Where products may be of single precision at once, small differences would need exact ones.
-    if (follow(*mobility, traits) && tolerance < MobilityAt::leastRoughTolerance)
-        return denseDifference;
-    return min(largestDifference, max(denseDifference, cbrt(tolerance)));
+    return ErrorBudget::differenceStep(tolerance, differencing(traits));
 }
 
 BrownianGroup::Drift BrownianGroup::getDrift() {

@@ -10,6 +10,7 @@
 #include "fluid/SavedStep.h"
 #include "host/StepSettings.h"
 #include "rigid/BodyMobilities.h"
+#include "rigid/ErrorBudget.h"
 #include "rigid/SlowedSpin.h"
 #include "schemes/OverdampedSchemes.h"
 
@@ -134,6 +135,7 @@ private:
         long long steps = 0;
     };
     OverdampedMove& theMove();
+    Differencing differencing(const SchemeTraits& traits);
     OverdampedScheme& theScheme();
     void startStep(const StepSettings& settings, const Surroundings& around, const BodySet& bodies,
                    const std::vector<OpenMM::Vec3>& positions);

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "rigid/RoughProducts.h"
+#include "rigid/ErrorBudget.h"
 #include "rigidbody/BodyPoses.h"
 #include "rigidbody/EigenVec3.h"
 
@@ -110,7 +110,10 @@ protected:
         // enough.
         vector<Lanczos::Rough> rough;
         if (mobility.getBodies().multipliesWithoutIterations())
-            rough = roughProducts(mobility.getBodies().getModel(), tolerance, true, 1, 0, product);
+            for (const InexactProduct& each :
+                 ErrorBudget(tolerance).inRoots(mobility.getBodies().getModel(), 1, 0))
+                rough.push_back(
+                    {product(each.error), each.ofNorm, each.ofVector, each.atOnce, each.share});
         lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum, rough);
         if (!lanczos.isIncrement(0)) Z.setZero();
         for (int c = 0; c < results.cols(); c++) Z += results.col(c);

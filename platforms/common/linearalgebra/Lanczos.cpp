@@ -32,242 +32,6 @@ double slope(const std::function<double(double)>& f, double a, double f_a, doubl
     return (f(a * (1 + separated)) - f(a * (1 - separated))) / (2 * separated * a);
 }
 
-}  // namespace
-
-SpectralFunction SpectralFunction::decay(double h) {
-    return {[h](double x) { return std::exp(-h / x); },
-            [h](double x) { return std::expm1(-h / x); }};
-}
-SpectralFunction SpectralFunction::decayNoise(double h) {
-    return {[h](double x) { return std::sqrt(-std::expm1(-2 * h / x)); }, {}};
-}
-SpectralFunction SpectralFunction::squareRoot() {
-    return {[](double x) { return std::sqrt(x); }, {}};
-}
-SpectralFunction SpectralFunction::inverseSquareRoot() {
-    return {[](double x) { return 1 / std::sqrt(x); }, {}};
-}
-
-SpectralFunction SpectralFunction::inverse() {
-    return {[](double x) { return 1 / x; }, {}};
-}
-
-Lanczos::Lanczos(double tolerance, int maxIterations, double wanted)
-    : tolerance(tolerance), maxIterations(maxIterations), wanted(wanted) {}
-
-void Lanczos::apply(const Product& multiply, const MatrixXd& x,
-                    const std::vector<SpectralFunction>& functions, MatrixXd& result,
-                    Measure measure, const std::vector<Rough>& kinds, const Course* toFollow) {
-    numProducts = numIterations = 0;
-    const int count = kinds.size();
-    for (int attempt = toFollow ? toFollow->attempt : 0; attempt < count; attempt++) {
-        rough = &kinds[attempt];
-        try {
-            iterate(multiply, x, functions, result, measure, toFollow);
-            course.attempt = attempt;
-            return;
-        } catch (const TooRough&) {
-        }
-    }
-    rough = nullptr;
-    iterate(multiply, x, functions, result, measure, toFollow);
-    course.attempt = count;
-}
-
-void Lanczos::iterate(const Product& multiply, const MatrixXd& x,
-                      const std::vector<SpectralFunction>& functions, MatrixXd& result,
-                      Measure measure, const Course* toFollow) {
-    isRough = rough && rough->atOnce;
-    follows = toFollow;
-    const int n = x.rows(), count = x.cols();
-    result.setZero(n, count);
-    columns.resize(count);
-    int active = 0;
-    for (int c = 0; c < count; c++) {
-        start(columns[c], x.col(c));
-        active += columns[c].active;
-        if (toFollow) columns[c].nextLook = toFollow->products[c];
-    }
-    Course own;
-    own.products.assign(count, 0);
-    for (int k = 1; active > 0; k++) {
-        input.resize(n, active);
-        for (int c = 0, i = 0; c < count; c++)
-            if (columns[c].active) input.col(i++) = columns[c].basis.col(k - 1);
-        if (rough && toFollow && k <= static_cast<int>(toFollow->isRough.size()))
-            isRough = toFollow->isRough[k - 1];
-        own.isRough.push_back(isRough);
-        (isRough ? rough->multiply : multiply)(input, output);
-        numIterations++;
-        numProducts += active;
-        for (int c = 0, i = 0; c < count; c++)
-            if (columns[c].active) extend(columns[c], output.col(i++));
-        // Until the next products may be rough, every iterate is checked for that.
-        const bool mayBecomeRough = rough && !isRough && !toFollow;
-        const bool last = k >= maxIterations;
-        const auto isDue = [&](const Column& column) {
-            return column.active && (column.exact || last || k == column.nextLook);
-        };
-        for (int c = 0; c < count; c++)
-            if (isDue(columns[c]) || (mayBecomeRough && columns[c].active))
-                evaluate(columns[c], functions[c]);
-        for (int c = 0; c < count; c++) {
-            Column& column = columns[c];
-            if (!isDue(column)) continue;
-            if (isConverged(column, functions[c], measure, result)) {
-                put(column, result, c);
-                own.products[c] = k;
-                column.active = false;
-                active--;
-            } else if (last) {
-                if (isRough) throw TooRough();
-                std::ostringstream message;
-                message << "MobilityForce: after " << k
-                        << " products the Lanczos iteration is at a relative error of "
-                        << column.error << ", above " << toleranceText(tolerance, wanted)
-                        << "; raise the tolerance (setSolverTolerance) or use the solver Dense";
-                throw OpenMMException(message.str());
-            }
-        }
-        if (mayBecomeRough)
-            isRough = std::all_of(columns.begin(), columns.end(), [&](const Column& column) {
-                return !column.active || allowsRoughProducts(column);
-            });
-    }
-    course = own;
-}
-
-/** The error of a rough product with a vector of length 1. */
-double Lanczos::errorOfRough(const Column& column) const {
-    return rough ? rough->ofNorm * column.scale + rough->ofVector * column.first : 0;
-}
-
-/**
- * Errors of the products so far enter the result with factors that shrink about as fast as its
- * coefficients. The next products together therefore do not exceed a few times the effect of the
- * last one.
- */
-bool Lanczos::allowsRoughProducts(const Column& column) const {
-    const double ofLast = 0.25;  // the part of the last product
-    const double share = ofLast * (rough->share > 0 ? rough->share : tolerance);
-    const Iterate& iterate = column.iterate[column.form];
-    return errorOfRough(column) * iterate.lastFactor <= share * iterate.norm;
-}
-
-void Lanczos::start(Column& column, const VectorXd& x) {
-    column.norm = x.norm();
-    if (!std::isfinite(column.norm))
-        throw OpenMMException(
-            "MobilityForce: a vector for the Lanczos iteration is not finite; look at the "
-            "positions, forces and torques");
-    column.alpha.clear();
-    column.beta.clear();
-    column.wasRough.clear();
-    column.scale = 0;
-    column.active = column.norm > 0;
-    column.exact = false;
-    column.nextLook = 3;  // before that, Ritz values say too little about the other eigenvalues
-    column.lastLook = 0;
-    column.form = Value;
-    column.error = 0;
-    column.before.resize(0);
-    for (Iterate& iterate : column.iterate) iterate.coefficients.resize(0);
-    const int atFirst = 32;
-    if (column.basis.rows() != x.size())
-        column.basis.resize(x.size(), std::min<int>(atFirst, x.size()));
-    if (column.active) column.basis.col(0) = x / column.norm;
-}
-
-/** The next basis vector and the next row of the tridiagonal matrix. */
-void Lanczos::extend(Column& column, const VectorXd& product) {
-    const int k = column.alpha.size() + 1, n = product.size();
-    VectorXd w = product;
-    double alpha = 0;
-    // Twice is enough: the second pass removes what rounding in the first left.
-    for (int pass = 0; pass < 2; pass++) {
-        overlap.noalias() = column.basis.leftCols(k).transpose() * w;
-        w.noalias() -= column.basis.leftCols(k) * overlap;
-        alpha += overlap[k - 1];
-    }
-    const double beta = w.norm();
-    if (!std::isfinite(alpha + beta) && isRough) throw TooRough();
-    if (!std::isfinite(alpha + beta))
-        throw OpenMMException(
-            "MobilityForce: a product with the mobility is not finite; look at the positions");
-    column.alpha.push_back(alpha);
-    column.scale = std::max(column.scale, std::abs(alpha) + beta);
-    if (k == 1) column.first = std::hypot(alpha, beta);
-    column.wasRough.push_back(isRough);
-    column.exact =
-        k == n || beta <= (isRough ? errorOfRough(column) : roundingError * column.scale);
-    if (column.exact) return;
-    column.beta.push_back(beta);
-    if (column.basis.cols() == k) column.basis.conservativeResize(n, std::min(2 * k, n));
-    column.basis.col(k) = w / beta;
-}
-
-/** f of the tridiagonal matrix. */
-void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
-    const int k = column.alpha.size();
-    // The matrix is scaled to about 1, as Eigen's test for zeros beside the diagonal assumes.
-    Eigen::SelfAdjointEigenSolver<MatrixXd> solver;
-    solver.computeFromTridiagonal(
-        Eigen::Map<const VectorXd>(column.alpha.data(), k) / column.scale,
-        Eigen::Map<const VectorXd>(column.beta.data(), k - 1) / column.scale);
-    ritzValues = column.scale * solver.eigenvalues();
-    column.smallest = ritzValues[0];
-    column.largest = ritzValues[k - 1];
-    if (solver.info() != Eigen::Success || !(column.smallest > 0)) {
-        if (isRough) throw TooRough();
-        std::ostringstream message;
-        message << "MobilityForce: the mobility is not positive definite (eigenvalues from "
-                << column.smallest << " to " << column.largest
-                << "); look for particles at the same place";
-        throw OpenMMException(message.str());
-    }
-    const VectorXd firstRow = solver.eigenvectors().row(0),
-                   lastRow = solver.eigenvectors().row(k - 1);
-    for (Form form : {Value, Increment}) {
-        const auto& function = form == Value ? f.value : f.minusOne;
-        if (!function) continue;
-        VectorXd functionValues(k);
-        for (int i = 0; i < k; i++) functionValues[i] = function(ritzValues[i]);
-        if (!functionValues.allFinite())
-            throw OpenMMException(
-                "MobilityForce: a function of the mobility is not finite; look at the positions");
-        Iterate& iterate = column.iterate[form];
-        iterate.coefficients.noalias() =
-            solver.eigenvectors() * functionValues.cwiseProduct(firstRow);
-        iterate.norm = iterate.coefficients.norm();
-        // To first order a change E of the matrix changes f by f[a, b] E_ab between eigenvectors of
-        // a and b.
-        slopes.resize(k, k);
-        for (int i = 0; i < k; i++)
-            for (int j = 0; j <= i; j++)
-                slopes(i, j) = slopes(j, i) = slope(function, ritzValues[i], functionValues[i],
-                                                    ritzValues[j], functionValues[j]);
-        const double steepest =
-            slopes.cwiseAbs().colwise().maxCoeff().transpose().cwiseProduct(firstRow).norm();
-        // An error of the j-th product only changes what the j-th basis vector becomes.
-        double ofRough = 0;
-        for (int j = 0; j < k; j++) {
-            weights = solver.eigenvectors().row(j).transpose().cwiseProduct(firstRow);
-            iterate.lastFactor = (slopes * weights).cwiseAbs().maxCoeff();
-            if (column.wasRough[j]) ofRough += iterate.lastFactor;
-        }
-        iterate.roundoff = roundingError * (column.scale * steepest + iterate.norm) +
-                           errorOfRough(column) * std::min(ofRough, steepest);
-        iterate.bound =
-            column.exact
-                ? 0
-                : column.beta[k - 1] * largestFactor(function, functionValues, firstRow, lastRow,
-                                                     column.beta[k - 1], column.basis.rows());
-    }
-    column.form = f.minusOne && column.iterate[Increment].norm < column.iterate[Value].norm
-                      ? Increment
-                      : Value;
-}
-
 /**
  * The error's component along an eigenvector u of A, of eigenvalue x, is exactly
  *
@@ -281,9 +45,9 @@ void Lanczos::evaluate(Column& column, const SpectralFunction& f) {
  * eigenvector. In v_k+1 either may be larger by a factor `growth`, where an eigenvalue has not been
  * found yet. How far eigenvalues reach beyond Ritz values comes from the residuals.
  */
-double Lanczos::largestFactor(const std::function<double(double)>& f,
-                              const VectorXd& functionValues, const VectorXd& firstRow,
-                              const VectorXd& lastRow, double beta, int n) const {
+double largestFactor(const std::function<double(double)>& f, const VectorXd& ritzValues,
+                     const VectorXd& functionValues, const VectorXd& firstRow,
+                     const VectorXd& lastRow, double beta, int n) {
     // An eigenvalue lies within one residual of each Ritz value, but the extreme eigenvalue may be
     // farther out. At first residuals say nothing yet; then `least` limits how far the interval
     // reaches towards zero.
@@ -317,8 +81,8 @@ double Lanczos::largestFactor(const std::function<double(double)>& f,
 }
 
 /** T^-1 c, T positive definite with this diagonal and these numbers beside it. */
-static VectorXd solveTridiagonal(const std::vector<double>& diagonal,
-                                 const std::vector<double>& beside, const VectorXd& c) {
+VectorXd solveTridiagonal(const std::vector<double>& diagonal, const std::vector<double>& beside,
+                          const VectorXd& c) {
     const int n = c.size();
     VectorXd pivot(n), x(n);
     for (int i = 0; i < n; i++) {
@@ -331,12 +95,341 @@ static VectorXd solveTridiagonal(const std::vector<double>& diagonal,
     return x;
 }
 
+}  // namespace
+
+SpectralFunction SpectralFunction::decay(double h) {
+    return {[h](double x) { return std::exp(-h / x); },
+            [h](double x) { return std::expm1(-h / x); }};
+}
+SpectralFunction SpectralFunction::decayNoise(double h) {
+    return {[h](double x) { return std::sqrt(-std::expm1(-2 * h / x)); }, {}};
+}
+SpectralFunction SpectralFunction::squareRoot() {
+    return {[](double x) { return std::sqrt(x); }, {}};
+}
+SpectralFunction SpectralFunction::inverseSquareRoot() {
+    return {[](double x) { return 1 / std::sqrt(x); }, {}};
+}
+
+SpectralFunction SpectralFunction::inverse() {
+    return {[](double x) { return 1 / x; }, {}};
+}
+
+Lanczos::Lanczos(double tolerance, int maxIterations, double wanted)
+    : tolerance(tolerance), maxIterations(maxIterations), wanted(wanted) {}
+
+void Lanczos::Column::start(const VectorXd& x) {
+    norm = x.norm();
+    if (!std::isfinite(norm))
+        throw OpenMMException(
+            "MobilityForce: a vector for the Lanczos iteration is not finite; look at the "
+            "positions, forces and torques");
+    alpha.clear();
+    beta.clear();
+    wasRough.clear();
+    scale = 0;
+    active = norm > 0;
+    exact = false;
+    nextLook = 3;  // before that, Ritz values say too little about the other eigenvalues
+    lastLook = 0;
+    form = Value;
+    error = 0;
+    before.resize(0);
+    for (Iterate& each : iterate) each.coefficients.resize(0);
+    const int atFirst = 32;
+    if (basis.rows() != x.size()) basis.resize(x.size(), std::min<int>(atFirst, x.size()));
+    if (active) basis.col(0) = x / norm;
+}
+
+/**
+ * Plan the next check, which costs k^3 operations. Checks are rare while the error is far too
+ * large, but in the end no iteration is one too many. In a large matrix a check takes far less time
+ * than a product, and every iteration has one.
+ *
+ * @param newExcess  error over what is allowed
+ */
+void Lanczos::Column::planNextLook(double newExcess) {
+    const int k = alpha.size(), rowsOfLarge = 8 * k * k;
+    int wait = basis.rows() > rowsOfLarge ? 1 : std::max(1, k / 4);
+    // Errors shrink by about the same factor each iteration, later by more.
+    const double rate = std::log(excess / newExcess) / (k - lastLook), share = 0.6;
+    if (lastLook > 0 && rate > 0)
+        wait = std::min<double>(wait, std::max(1.0, share * std::log(newExcess) / rate));
+    lastLook = k;
+    nextLook = k + wait;
+    excess = newExcess;
+}
+
+/** Write the vector of the last iterate into a column of the results. */
+void Lanczos::Column::put(MatrixXd& result, int c) const {
+    const VectorXd& y = iterate[form].coefficients;
+    result.col(c).noalias() = norm * (basis.leftCols(y.size()) * y);
+}
+
+/** What apply() is asked for. */
+struct Lanczos::Request {
+    const Product& multiply;
+    const MatrixXd& x;
+    const std::vector<SpectralFunction>& functions;
+    const Measure measure;
+    const Course* const course;  // to be followed
+    const std::vector<Outer>& outer;
+};
+
+/** The iteration of all columns with one kind of rough products, or with exact ones alone. */
+class Lanczos::Attempt {
+public:
+    /** @param rough  null: exact products only */
+    Attempt(Lanczos& lanczos, const Request& request, const Rough* rough)
+        : lanczos(lanczos), request(request), rough(rough), isRough(rough && rough->atOnce),
+          columns(lanczos.columns), work(lanczos.work) {}
+    /**
+     * @return whether the results have the tolerance. If not, rough products are not accurate
+     *     enough; without them there is an error.
+     */
+    bool run(MatrixXd& result);
+
+private:
+    enum Verdict { NotYet, Converged, TooRough };
+    void start(MatrixXd& result);
+    bool extendAll(int k);
+    bool judgeAll(int k, MatrixXd& result);
+    bool extend(Column& column, const VectorXd& product);
+    bool evaluate(Column& column, const SpectralFunction& f);
+    Verdict judge(Column& column, const SpectralFunction& f, MatrixXd& result);
+    void magnify(Column& column);
+    double errorOfRough(const Column& column) const;
+    bool allowsRoughProducts(const Column& column) const;
+
+    Lanczos& lanczos;
+    const Request& request;
+    const Rough* const rough;
+    bool isRough;  // whether the next product is rough; without a course, all after it are, too
+    std::vector<Column>& columns;
+    Workspace& work;
+    int numActive = 0;
+    Course course;  // of this attempt
+};
+
+void Lanczos::apply(const Product& multiply, const MatrixXd& x,
+                    const std::vector<SpectralFunction>& functions, MatrixXd& result,
+                    Measure measure, const std::vector<Rough>& rough, const Course* toFollow,
+                    const std::vector<Outer>& outer) {
+    numProducts = numIterations = 0;
+    const Request request = {multiply, x, functions, measure, toFollow, outer};
+    const int count = rough.size();
+    const int first = toFollow ? std::min(toFollow->attempt, count) : 0;
+    for (int kind = first; kind <= count; kind++) {
+        Attempt attempt(*this, request, kind < count ? &rough[kind] : nullptr);
+        if (!attempt.run(result)) continue;
+        course.attempt = kind;
+        return;
+    }
+}
+
+bool Lanczos::Attempt::run(MatrixXd& result) {
+    start(result);
+    for (int k = 1; numActive > 0; k++) {
+        if (!extendAll(k)) return false;
+        if (!judgeAll(k, result)) return false;
+    }
+    lanczos.course = course;
+    return true;
+}
+
+void Lanczos::Attempt::start(MatrixXd& result) {
+    const int count = request.x.cols();
+    result.setZero(request.x.rows(), count);
+    columns.resize(count);
+    for (int c = 0; c < count; c++) {
+        columns[c].start(request.x.col(c));
+        numActive += columns[c].active;
+        if (request.course) columns[c].nextLook = request.course->products[c];
+    }
+    course.products.assign(count, 0);
+}
+
+/**
+ * The k-th product of all columns that have not converged. @return whether rough products are
+ * accurate enough
+ */
+bool Lanczos::Attempt::extendAll(int k) {
+    const int count = columns.size();
+    work.input.resize(request.x.rows(), numActive);
+    for (int c = 0, i = 0; c < count; c++)
+        if (columns[c].active) work.input.col(i++) = columns[c].basis.col(k - 1);
+    if (rough && request.course && k <= static_cast<int>(request.course->isRough.size()))
+        isRough = request.course->isRough[k - 1];
+    course.isRough.push_back(isRough);
+    (isRough ? rough->multiply : request.multiply)(work.input, work.output);
+    lanczos.numIterations++;
+    lanczos.numProducts += numActive;
+    for (int c = 0, i = 0; c < count; c++)
+        if (columns[c].active && !extend(columns[c], work.output.col(i++))) return false;
+    return true;
+}
+
+/**
+ * Look at the columns whose turn it is after k products. @return whether rough products are
+ * accurate enough
+ */
+bool Lanczos::Attempt::judgeAll(int k, MatrixXd& result) {
+    const int count = columns.size();
+    // Until the next products may be rough, every iterate is checked for that.
+    const bool mayBecomeRough = rough && !isRough && !request.course;
+    const bool last = k >= lanczos.maxIterations;
+    const auto isDue = [&](const Column& column) {
+        return column.active && (column.exact || last || k == column.nextLook);
+    };
+    for (int c = 0; c < count; c++)
+        if (isDue(columns[c]) || (mayBecomeRough && columns[c].active))
+            if (!evaluate(columns[c], request.functions[c])) return false;
+    for (int c = 0; c < count; c++) {
+        Column& column = columns[c];
+        if (!isDue(column)) continue;
+        const Verdict verdict = judge(column, request.functions[c], result);
+        if (verdict == TooRough || (verdict == NotYet && last && isRough)) return false;
+        if (verdict == NotYet && last) {
+            std::ostringstream message;
+            message << "MobilityForce: after " << k
+                    << " products the Lanczos iteration is at a relative error of " << column.error
+                    << ", above " << toleranceText(lanczos.tolerance, lanczos.wanted)
+                    << "; raise the tolerance (setSolverTolerance) or use the solver Dense";
+            throw OpenMMException(message.str());
+        }
+        if (verdict == NotYet) continue;
+        column.put(result, c);
+        course.products[c] = k;
+        column.active = false;
+        numActive--;
+    }
+    if (mayBecomeRough)
+        isRough = std::all_of(columns.begin(), columns.end(), [&](const Column& column) {
+            return !column.active || allowsRoughProducts(column);
+        });
+    return true;
+}
+
+/** The error of a rough product with a vector of length 1. */
+double Lanczos::Attempt::errorOfRough(const Column& column) const {
+    return rough ? rough->ofNorm * column.scale + rough->ofVector * column.first : 0;
+}
+
+/**
+ * Errors of the products so far enter the result with factors that shrink about as fast as its
+ * coefficients. The next products together therefore do not exceed a few times the effect of the
+ * last one.
+ */
+bool Lanczos::Attempt::allowsRoughProducts(const Column& column) const {
+    const double ofLast = 0.25;  // the part of the last product
+    const double share = ofLast * (rough->share > 0 ? rough->share : lanczos.tolerance);
+    const Iterate& iterate = column.iterate[column.form];
+    return errorOfRough(column) * iterate.lastFactor <= share * iterate.norm;
+}
+
+/**
+ * The next basis vector and the next row of the tridiagonal matrix. @return whether rough products
+ * are accurate enough
+ */
+bool Lanczos::Attempt::extend(Column& column, const VectorXd& product) {
+    const int k = column.alpha.size() + 1, n = product.size();
+    VectorXd w = product;
+    double alpha = 0;
+    // Twice is enough: the second pass removes what rounding in the first left.
+    for (int pass = 0; pass < 2; pass++) {
+        work.overlap.noalias() = column.basis.leftCols(k).transpose() * w;
+        w.noalias() -= column.basis.leftCols(k) * work.overlap;
+        alpha += work.overlap[k - 1];
+    }
+    const double beta = w.norm();
+    if (!std::isfinite(alpha + beta) && isRough) return false;
+    if (!std::isfinite(alpha + beta))
+        throw OpenMMException(
+            "MobilityForce: a product with the mobility is not finite; look at the positions");
+    column.alpha.push_back(alpha);
+    column.scale = std::max(column.scale, std::abs(alpha) + beta);
+    if (k == 1) column.first = std::hypot(alpha, beta);
+    column.wasRough.push_back(isRough);
+    column.exact =
+        k == n || beta <= (isRough ? errorOfRough(column) : roundingError * column.scale);
+    if (column.exact) return true;
+    column.beta.push_back(beta);
+    if (column.basis.cols() == k) column.basis.conservativeResize(n, std::min(2 * k, n));
+    column.basis.col(k) = w / beta;
+    return true;
+}
+
+/** f of the tridiagonal matrix. @return whether rough products are accurate enough */
+bool Lanczos::Attempt::evaluate(Column& column, const SpectralFunction& f) {
+    const int k = column.alpha.size();
+    // The matrix is scaled to about 1, as Eigen's test for zeros beside the diagonal assumes.
+    Eigen::SelfAdjointEigenSolver<MatrixXd> solver;
+    solver.computeFromTridiagonal(
+        Eigen::Map<const VectorXd>(column.alpha.data(), k) / column.scale,
+        Eigen::Map<const VectorXd>(column.beta.data(), k - 1) / column.scale);
+    VectorXd& ritzValues = work.ritzValues;
+    ritzValues = column.scale * solver.eigenvalues();
+    column.smallest = ritzValues[0];
+    column.largest = ritzValues[k - 1];
+    if (solver.info() != Eigen::Success || !(column.smallest > 0)) {
+        if (isRough) return false;
+        std::ostringstream message;
+        message << "MobilityForce: the mobility is not positive definite (eigenvalues from "
+                << column.smallest << " to " << column.largest
+                << "); look for particles at the same place";
+        throw OpenMMException(message.str());
+    }
+    const VectorXd firstRow = solver.eigenvectors().row(0),
+                   lastRow = solver.eigenvectors().row(k - 1);
+    for (Form form : {Value, Increment}) {
+        const auto& function = form == Value ? f.value : f.minusOne;
+        if (!function) continue;
+        VectorXd functionValues(k);
+        for (int i = 0; i < k; i++) functionValues[i] = function(ritzValues[i]);
+        if (!functionValues.allFinite())
+            throw OpenMMException(
+                "MobilityForce: a function of the mobility is not finite; look at the positions");
+        Iterate& iterate = column.iterate[form];
+        iterate.coefficients.noalias() =
+            solver.eigenvectors() * functionValues.cwiseProduct(firstRow);
+        iterate.norm = iterate.coefficients.norm();
+        // To first order a change E of the matrix changes f by f[a, b] E_ab between eigenvectors of
+        // a and b.
+        MatrixXd& slopes = work.slopes;
+        slopes.resize(k, k);
+        for (int i = 0; i < k; i++)
+            for (int j = 0; j <= i; j++)
+                slopes(i, j) = slopes(j, i) = slope(function, ritzValues[i], functionValues[i],
+                                                    ritzValues[j], functionValues[j]);
+        const double steepest =
+            slopes.cwiseAbs().colwise().maxCoeff().transpose().cwiseProduct(firstRow).norm();
+        // An error of the j-th product only changes what the j-th basis vector becomes.
+        double ofRough = 0;
+        for (int j = 0; j < k; j++) {
+            work.weights = solver.eigenvectors().row(j).transpose().cwiseProduct(firstRow);
+            iterate.lastFactor = (slopes * work.weights).cwiseAbs().maxCoeff();
+            if (column.wasRough[j]) ofRough += iterate.lastFactor;
+        }
+        iterate.roundoff = roundingError * (column.scale * steepest + iterate.norm) +
+                           errorOfRough(column) * std::min(ofRough, steepest);
+        iterate.bound = column.exact
+                            ? 0
+                            : column.beta[k - 1] *
+                                  largestFactor(function, ritzValues, functionValues, firstRow,
+                                                lastRow, column.beta[k - 1], column.basis.rows());
+    }
+    column.form = f.minusOne && column.iterate[Increment].norm < column.iterate[Value].norm
+                      ? Increment
+                      : Value;
+    return true;
+}
+
 /**
  * Outer matrices make errors grow relative to the result. Those of products have no preferred
  * directions, like a basis vector. That of the iteration has the directions of the changes of
  * iterates.
  */
-void Lanczos::magnify(Column& column) {
+void Lanczos::Attempt::magnify(Column& column) {
     Iterate& iterate = column.iterate[column.form];
     const VectorXd& y = iterate.coefficients;
     const int k = y.size();
@@ -346,17 +439,17 @@ void Lanczos::magnify(Column& column) {
         change.head(column.before.size()) -= column.before;
     }
     double ofErrors = 1, ofRounding = 1;
-    for (const Outer& o : outer) {
+    for (const Outer& o : request.outer) {
         const auto growth = [&](const VectorXd& coefficients) {
             const double norm = coefficients.norm();
             if (!(norm > 0)) return 1.0;
             if (o.ofInverse)
-                input.noalias() = column.basis.leftCols(k) *
-                                  solveTridiagonal(column.alpha, column.beta, coefficients);
+                work.input.noalias() = column.basis.leftCols(k) *
+                                       solveTridiagonal(column.alpha, column.beta, coefficients);
             else
-                input.noalias() = column.basis.leftCols(coefficients.size()) * coefficients;
-            o.multiply(input);
-            return input.norm() / norm;
+                work.input.noalias() = column.basis.leftCols(coefficients.size()) * coefficients;
+            o.multiply(work.input);
+            return work.input.norm() / norm;
         };
         const double ofResult = growth(y);
         if (!(ofResult > 0)) continue;  // then nothing can be relative to it
@@ -375,17 +468,18 @@ void Lanczos::magnify(Column& column) {
     iterate.roundoff *= ofRounding;
 }
 
-bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure measure,
-                          MatrixXd& result) {
+Lanczos::Attempt::Verdict Lanczos::Attempt::judge(Column& column, const SpectralFunction& f,
+                                                  MatrixXd& result) {
     // The error must be below five tolerances. This many of them are for the error of the iteration
     // (which the bound exceeds), this many for rounding, and the rest for the estimated interval of
     // the eigenvalues.
     // Where a course is followed, the matrix is another one, and the first apply() may have stopped
     // just below its limit. The limit is then twice as high, so that the number of products stays.
-    const double shareOfIteration = follows ? 6 : 3, shareOfRounding = 1;
+    const double tolerance = lanczos.tolerance;
+    const double shareOfIteration = request.course ? 6 : 3, shareOfRounding = 1;
     // A result this much smaller than its vector counts as zero: squares of its elements underflow.
     const double nothing = 1e-140;
-    if (!outer.empty()) magnify(column);
+    if (!request.outer.empty()) magnify(column);
     const Iterate& iterate = column.iterate[column.form];
     // No bound can be smaller than the rounding error in computing it.
     const auto iterationConverged = [&](double norm) {
@@ -395,23 +489,23 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
         return iterate.roundoff <= shareOfRounding * tolerance * norm;
     };
     double norm = std::max(iterate.norm, nothing);
-    if (measure == NormOfSum && f.minusOne && column.form == Value &&
+    if (request.measure == NormOfSum && f.minusOne && column.form == Value &&
         !(iterationConverged(norm) && roundingIsSmall(norm))) {
         for (int other = 0; other < static_cast<int>(columns.size()); other++)
-            if (columns[other].active) put(columns[other], result, other);
+            if (columns[other].active) columns[other].put(result, other);
         norm = std::max(norm, result.rowwise().sum().norm() / column.norm);
     }
     column.error = (iterate.bound + iterate.roundoff) / norm;
     if (!iterationConverged(norm)) {
         // Errors of the first products count most, so that more products do not help.
-        if (isRough && rough->ofVector > 0 && !roundingIsSmall(norm)) throw TooRough();
-        planNextLook(column, iterate.bound / (shareOfIteration * tolerance * norm));
-        return false;
+        if (isRough && rough->ofVector > 0 && !roundingIsSmall(norm)) return TooRough;
+        column.planNextLook(iterate.bound / (shareOfIteration * tolerance * norm));
+        return NotYet;
     }
     if (!roundingIsSmall(norm)) {
-        if (isRough) throw TooRough();
+        if (isRough) return TooRough;
         std::ostringstream message;
-        message << "MobilityForce: " << toleranceText(tolerance, wanted)
+        message << "MobilityForce: " << toleranceText(tolerance, lanczos.wanted)
                 << " cannot be reached: rounding makes an error of " << column.error
                 << " with a mobility whose eigenvalues go from " << column.smallest << " to "
                 << column.largest
@@ -419,32 +513,7 @@ bool Lanczos::isConverged(Column& column, const SpectralFunction& f, Measure mea
                    "size that make the eigenvalues more alike";
         throw OpenMMException(message.str());
     }
-    return true;
-}
-
-/**
- * Plan the next check, which costs k^3 operations. Checks are rare while the error is far too
- * large, but in the end no iteration is one too many. In a large matrix a check takes far less time
- * than a product, and every iteration has one.
- *
- * @param excess  error over what is allowed
- */
-void Lanczos::planNextLook(Column& column, double excess) const {
-    const int k = column.alpha.size(), rowsOfLarge = 8 * k * k;
-    int wait = column.basis.rows() > rowsOfLarge ? 1 : std::max(1, k / 4);
-    // Errors shrink by about the same factor each iteration, later by more.
-    const double rate = std::log(column.excess / excess) / (k - column.lastLook), share = 0.6;
-    if (column.lastLook > 0 && rate > 0)
-        wait = std::min<double>(wait, std::max(1.0, share * std::log(excess) / rate));
-    column.lastLook = k;
-    column.nextLook = k + wait;
-    column.excess = excess;
-}
-
-/** Write the vector of the last iterate into a column. */
-void Lanczos::put(const Column& column, MatrixXd& result, int c) const {
-    const VectorXd& y = column.iterate[column.form].coefficients;
-    result.col(c).noalias() = column.norm * (column.basis.leftCols(y.size()) * y);
+    return Converged;
 }
 
 }  // namespace RigidHIPlugin

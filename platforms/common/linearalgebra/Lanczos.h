@@ -95,21 +95,13 @@ public:
      *     a part of it; else 0
      */
     explicit Lanczos(double tolerance, int maxIterations = defaultIterations, double wanted = 0);
-    /** What the caller does with results. */
+    /** A matrix B by which the caller multiplies results. */
     struct Outer {
         /** x <- B x, for one column; the number of rows may change. */
         std::function<void(Eigen::MatrixXd& x)> multiply;
         /** B A^-1 in place of B. The inverse is that of the tridiagonal matrix. */
         bool ofInverse = false;
     };
-    /**
-     * The caller multiplies results by matrices B, and the tolerance is also that of each product B
-     * f(A) x. How much larger errors are, relative to them, is measured with the last basis vector,
-     * and with the change of iterates from one check to the next, which has the directions of the
-     * error. Empty: the tolerance is that of the results themselves.
-     */
-    void setOuter(const std::vector<Outer>& ofCaller) { outer = ofCaller; }
-
     /**
      * result.col(c) = f_c(A) x.col(c). If f_c has `minusOne` and the increment (f_c - 1)(A)
      * x.col(c) is smaller, the result is the increment, which isIncrement(c) tells. The increment
@@ -129,6 +121,10 @@ public:
      *
      * @param rough   kinds of rough products, which are tried in this order
      * @param course  to be followed; null: none
+     * @param outer   the tolerance is also that of each product B f(A) x. How much larger errors
+     *     are, relative to these products, is measured with the last basis vector, and with the
+     *     change of iterates from one check to the next, which has the directions of the error.
+     *     Empty: the tolerance is that of the results themselves.
      * @throws OpenMMException  if the tolerance is not reached in maxIterations or because of
      *     rounding (with what was reached and what helps); if A is not positive definite; for
      *     numbers that are not finite
@@ -136,7 +132,7 @@ public:
     void apply(const Product& multiply, const Eigen::MatrixXd& x,
                const std::vector<SpectralFunction>& functions, Eigen::MatrixXd& result,
                Measure measure = OwnNorm, const std::vector<Rough>& rough = {},
-               const Course* course = nullptr);
+               const Course* course = nullptr, const std::vector<Outer>& outer = {});
 
     /** The course of the last apply(). */
     const Course& getCourse() const { return course; }
@@ -150,11 +146,8 @@ public:
     int getNumIterations() const { return numIterations; }
 
 private:
-    /** Thrown where rough products are not accurate enough. */
-    struct TooRough {};
-    void iterate(const Product& multiply, const Eigen::MatrixXd& x,
-                 const std::vector<SpectralFunction>& functions, Eigen::MatrixXd& result,
-                 Measure measure, const Course* toFollow);
+    struct Request;
+    class Attempt;
     enum Form { Value, Increment };
     /** f(A) x or (f - 1)(A) x for x of length 1, as far as it is known. */
     struct Iterate {
@@ -177,34 +170,24 @@ private:
         double excess;           // at the last check: the error over what is allowed
         Form form;
         double error;
-    };
 
-    void start(Column& column, const Eigen::VectorXd& x);
-    void extend(Column& column, const Eigen::VectorXd& product);
-    void evaluate(Column& column, const SpectralFunction& f);
-    double errorOfRough(const Column& column) const;
-    bool allowsRoughProducts(const Column& column) const;
-    double largestFactor(const std::function<double(double)>& f,
-                         const Eigen::VectorXd& functionValues, const Eigen::VectorXd& firstRow,
-                         const Eigen::VectorXd& lastRow, double beta, int n) const;
-    bool isConverged(Column& column, const SpectralFunction& f, Measure measure,
-                     Eigen::MatrixXd& result);
-    void magnify(Column& column);
-    void planNextLook(Column& column, double excess) const;
-    void put(const Column& column, Eigen::MatrixXd& result, int c) const;
+        void start(const Eigen::VectorXd& x);
+        void planNextLook(double newExcess);
+        void put(Eigen::MatrixXd& result, int c) const;
+    };
+    struct Workspace {
+        Eigen::VectorXd ritzValues, overlap, weights;
+        Eigen::MatrixXd input, output, slopes;
+    };
 
     const double tolerance;
     const int maxIterations;
     const double wanted;
-    std::vector<Outer> outer;
-    std::vector<Column> columns;  // kept from call to call, for their memory
-    Eigen::VectorXd ritzValues, overlap, weights;
-    Eigen::MatrixXd input, output, slopes;
-    int numProducts = 0, numIterations = 0;
+    // Kept from call to call, for their memory.
+    std::vector<Column> columns;
+    Workspace work;
+    int numProducts = 0, numIterations = 0;  // of the last apply(), like the course
     Course course;
-    const Rough* rough = nullptr;  // of the present attempt; null: exact products only
-    bool isRough = false;          // whether the present attempt has had rough products
-    bool follows = false;          // whether the present attempt follows a course
 };
 
 }  // namespace RigidHIPlugin

@@ -1,7 +1,6 @@
 #include "rigid/KrylovMobility.h"
 
 #include "linearalgebra/Symmetrise.h"
-#include "rigid/RoughProducts.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;
@@ -11,7 +10,7 @@ namespace RigidHIPlugin {
 
 KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
     : BodyMobility(bodies), spheres(bodies.getMotion().isIdentity()), wantedTolerance(tolerance),
-      toleranceOfStep(tolerance), tolerance(tolerance), here(bodies, costs),
+      toleranceOfStep(tolerance), budget(ErrorBudget::beforeSteps(tolerance)), here(bodies, costs),
       elsewhere(bodies, costs) {
     if (!spheres) return;
     const HydrodynamicParticles& particles = bodies.getParticles();
@@ -28,34 +27,14 @@ void KrylovMobility::setTolerance(double relative, const ForDifferences& needed)
     toleranceOfStep = relative;
     courseOfWrench = courseOfSlip = Lanczos::Course();
     modesAreKnown = false;
-    setTolerances(relative * needed.partOfTolerance, needed);
+    setBudget(ErrorBudget(relative, needed));
 }
 
-void KrylovMobility::endDifferences() {
-    ForDifferences none;
-    none.exactSolves = false;
-    setTolerances(toleranceOfStep, none);
-}
+void KrylovMobility::endDifferences() { setBudget(ErrorBudget::afterDifferences(toleranceOfStep)); }
 
-/** The relative error of differences of products, which make drifts. */
-double KrylovMobility::errorOfDifferences() const {
-    const double part = 0.1, most = 1e-4;
-    return min(most, part * toleranceOfStep);
-}
-
-void KrylovMobility::setTolerances(double relative, const ForDifferences& needed) {
-    // The tolerance is in the norm of the friction. In this norm errors of products were up to a
-    // hundred times as large.
-    const double part = 0.01;
-    exactProducts = needed.exactProducts;
-    shareOfRough = needed.shareOfRough;
-    coarseProducts = needed.coarseProducts && !exactProducts;
-    const bool fast = !needed.exactSolves && bodies.getModel().hasFastProducts(part * relative);
-    errorOfSolves = fast ? part * relative : 0;
-    differencedSolves = needed.differencedSolves;
-    if (relative == tolerance) return;
-    tolerance = relative;
-    lanczos.reset();
+void KrylovMobility::setBudget(const ErrorBudget& newBudget) {
+    if (newBudget.ofIterations() != budget.ofIterations()) lanczos.reset();
+    budget = newBudget;
 }
 
 void KrylovMobility::beginSolving() {
@@ -84,31 +63,22 @@ MultiblobSolver& KrylovMobility::solverAt(const BodiesAt& at) {
     return *solver;
 }
 
-/** The error of fast products in solves, if there are any; else 0. */
-double KrylovMobility::coarseErrorInSolves(double toleranceOfSolves) {
-    const double error = min(coarsestError, theSolver().errorFor(toleranceOfSolves));
-    return error > MobilityAt::roughError && bodies.getModel().hasFastProducts(error) ? error : 0;
-}
-
-/** The error of products in solves; 0: none. */
+/** The error of products in solves; 0: exact ones. */
 double KrylovMobility::errorInSolves() {
-    if (exactProducts) return 0;
-    const double coarse = coarseProducts ? coarseErrorInSolves(tolerance) : 0;
-    return max(coarse, MobilityAt::roughError);
+    return budget.inSolves(bodies.getModel(), theSolver().errorFor(budget.ofIterations()));
 }
 
 string KrylovMobility::describeProducts(bool coarse) {
     const MobilityModel& model = bodies.getModel();
+    ForDifferences needed;
+    needed.coarseProducts = coarse;
+    const ErrorBudget described(toleranceOfStep, needed);
     const double amplification = spheres ? 1 : theSolver().getAmplification();
-    vector<double> inRoots;
-    if (coarse) inRoots = coarseErrors(model, toleranceOfStep, amplification);
-    const double fine =
-        toleranceOfStep >= MobilityAt::leastRoughTolerance ? MobilityAt::roughError : 0;
-    inRoots.push_back(fine);
-    const double inSolves = coarse && !spheres ? coarseErrorInSolves(toleranceOfStep) : 0;
-    const string roots = model.describeFastProducts(inRoots[0]),
-                 solves = model.describeFastProducts(max(inSolves, fine));
-    if (spheres || roots == solves) return roots;
+    const string roots = model.describeFastProducts(described.firstInRoots(model, amplification));
+    if (spheres) return roots;
+    const string solves = model.describeFastProducts(
+        described.firstInSolves(model, theSolver().errorFor(toleranceOfStep)));
+    if (roots == solves) return roots;
     const auto text = [](const string& way) { return way.empty() ? "over all pairs" : way; };
     return "of roots " + text(roots) + ", of solves " + text(solves);
 }
@@ -127,8 +97,8 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         at.particles().applyWithin(errorOfProducts, *forces, twists);
         costs.products += wrenches.cols();
     } else {
-        const int iterations = solverAt(at).solve(at.particles(), *forces, MatrixXd(), tolerance,
-                                                  errorInSolves(), twists);
+        const int iterations = solverAt(at).solve(at.particles(), *forces, MatrixXd(),
+                                                  budget.ofIterations(), errorInSolves(), twists);
         costs.iterations += iterations;
         costs.products += solver->getNumProducts();
     }
@@ -137,8 +107,9 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
 
 void KrylovMobility::iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
                              bool fromGuess) {
-    costs.iterations += solverAt(here).solve(here.particles(), wrenches, slips, tolerance,
-                                             errorInSolves(), twists, fromGuess);
+    costs.iterations +=
+        solverAt(here).solve(here.particles(), wrenches, slips, budget.ofIterations(),
+                             errorInSolves(), twists, fromGuess);
     costs.products += solver->getNumProducts();
 }
 
@@ -148,11 +119,11 @@ void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matr
         iterate(wrenches, slips, twists);
         return;
     }
-    if (differencedSolves && !bodies.getOwnTensors().any()) {
-        here.particles().applyForDifference(errorOfDifferences(), wrenches, twists);
+    if (budget.solvesAreDifferenced() && !bodies.getOwnTensors().any()) {
+        here.particles().applyForDifference(budget.ofDifferences(), wrenches, twists);
         costs.products += wrenches.cols();
     } else
-        multiply(wrenches, twists, errorOfSolves);
+        multiply(wrenches, twists, budget.ofProductsAsSolves(bodies.getModel()));
     wrenchesOfSolve = wrenches;
     if (slips.size() > 0) twists += slips;
 }
@@ -191,7 +162,7 @@ void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& f
         multiplyAt(elsewhere, forces, slips, 0);
         return;
     }
-    elsewhere.particles().applyForDifference(errorOfDifferences(), forces, slips);
+    elsewhere.particles().applyForDifference(budget.ofDifferences(), forces, slips);
     costs.products += forces.cols();
 }
 
@@ -227,79 +198,125 @@ void KrylovMobility::findCollectiveModes() {
 }
 
 /**
- * result = f(S) W for a matrix that stands for M, S of MultiblobSolver, or ownScale M ownScale for
- * spheres. Roots are those of B S'^(1/2) or B^-T S'^(-1/2) with S = B S' B^T (CollectiveModes).
+ * A function of a matrix that stands for M: S of MultiblobSolver, or ownScale M ownScale for
+ * spheres. Lanczos sees S' with S = B S' B^T (CollectiveModes). Roots are B S'^(1/2) or
+ * B^-T S'^(-1/2), and the inverse is B^-T S'^-1 B^-1.
  */
-void KrylovMobility::applyFunction(Function kind, const MatrixXd& W, MatrixXd& result,
-                                   Lanczos::Course* course) {
-    const Solving timed(*this);
-    if (!lanczos)
-        lanczos.reset(new Lanczos(tolerance, Lanczos::defaultIterations, wantedTolerance));
-    findCollectiveModes();
-    const SpectralFunction f = kind == SquareRoot          ? SpectralFunction::squareRoot()
-                               : kind == InverseSquareRoot ? SpectralFunction::inverseSquareRoot()
-                                                           : SpectralFunction::inverse();
-    const vector<SpectralFunction> functions(W.cols(), f);
-    MobilityAt& blobs = here.particles();
-    MultiblobSolver* scaledSolver = spheres ? nullptr : &solverAt(here);
-    const auto product = [&](double error) {
-        return [&, error](const MatrixXd& x, MatrixXd& y) {
-            const MatrixXd* from = &x;
-            if (modes.any()) {
-                inner = x;
-                modes.solveTransposed(inner);
-                from = &inner;
-            }
-            if (scaledSolver) {
-                scaledSolver->multiplyScaled(blobs, error, *from, y);
-            } else {
-                scaled = ownScale.asDiagonal() * *from;
-                blobs.applyWithin(error, scaled, y);
-                y = ownScale.asDiagonal() * y;
-            }
-            modes.solve(y);
-        };
-    };
+class KrylovMobility::ScaledFunction {
+public:
+    ScaledFunction(KrylovMobility& mobility, Function kind)
+        : mobility(mobility), kind(kind), modes(mobility.modes), blobs(mobility.here.particles()),
+          solver(mobility.spheres ? nullptr : &mobility.solverAt(mobility.here)) {}
+    SpectralFunction ofEigenvalues() const;
+    /** y = S' x; `error` as in MobilityAt::applyWithin(). */
+    void multiply(double error, const MatrixXd& x, MatrixXd& y);
+    /** multiply() with this error. */
+    Lanczos::Product within(double error) {
+        return [this, error](const MatrixXd& x, MatrixXd& y) { multiply(error, x, y); };
+    }
+    vector<Lanczos::Rough> roughProducts();
+    /** What the vectors of an iteration for W are. */
+    const MatrixXd& before(const MatrixXd& W);
+    /** Make results of the iteration into the function of S. */
+    void after(MatrixXd& x) const;
+    /** The parts of results of the iteration that move bodies. */
+    void rigidParts(MatrixXd& x);
+    /** What is to be right relative to itself. */
+    vector<Lanczos::Outer> outers();
+
+private:
+    KrylovMobility& mobility;
+    const Function kind;
+    const CollectiveModes& modes;
+    MobilityAt& blobs;
+    MultiblobSolver* const solver;  // null for spheres
+    MatrixXd transformed;
+};
+
+SpectralFunction KrylovMobility::ScaledFunction::ofEigenvalues() const {
+    switch (kind) {
+        case SquareRoot: return SpectralFunction::squareRoot();
+        case InverseSquareRoot: return SpectralFunction::inverseSquareRoot();
+        case Inverse: break;
+    }
+    return SpectralFunction::inverse();
+}
+
+void KrylovMobility::ScaledFunction::multiply(double error, const MatrixXd& x, MatrixXd& y) {
+    const MatrixXd* from = &x;
+    if (modes.any()) {
+        mobility.inner = x;
+        modes.solveTransposed(mobility.inner);
+        from = &mobility.inner;
+    }
+    if (solver) {
+        solver->multiplyScaled(blobs, error, *from, y);
+    } else {
+        const VectorXd& ownScale = mobility.ownScale;
+        mobility.scaled = ownScale.asDiagonal() * *from;
+        blobs.applyWithin(error, mobility.scaled, y);
+        y = ownScale.asDiagonal() * y;
+    }
+    modes.solve(y);
+}
+
+vector<Lanczos::Rough> KrylovMobility::ScaledFunction::roughProducts() {
     // Errors of products of single precision are those of S, and not relative to the norm of S'.
     // Terms of a sum have independent errors, which are relative to products with any vector
     // without a preferred direction.
     const double termsOfSums = 3;
     const double ofModes = modes.any() ? termsOfSums * MobilityAt::roughError : 0;
     vector<Lanczos::Rough> rough;
-    if (!exactProducts)
-        rough =
-            roughProducts(bodies.getModel(), tolerance, coarseProducts,
-                          scaledSolver ? scaledSolver->getAmplification() : 1, ofModes, product);
-    else if (shareOfRough > 0 && bodies.getModel().hasRoughProducts())
-        rough.push_back({product(MobilityAt::roughError), MobilityAt::roughError, ofModes, false,
-                         shareOfRough});
+    for (const InexactProduct& product : mobility.budget.inRoots(
+             mobility.bodies.getModel(), solver ? solver->getAmplification() : 1, ofModes))
+        rough.push_back({within(product.error), product.ofNorm, product.ofVector, product.atOnce,
+                         product.share});
+    return rough;
+}
+
+const MatrixXd& KrylovMobility::ScaledFunction::before(const MatrixXd& W) {
+    if (kind != Inverse || !modes.any()) return W;
+    transformed = W;
+    modes.solve(transformed);
+    return transformed;
+}
+
+void KrylovMobility::ScaledFunction::after(MatrixXd& x) const {
+    if (kind == SquareRoot)
+        modes.multiply(x);
+    else
+        modes.solveTransposed(x);
+}
+
+void KrylovMobility::ScaledFunction::rigidParts(MatrixXd& x) {
+    modes.solveTransposed(x);
+    solver->rigidParts(x, mobility.inner);
+    x.swap(mobility.inner);
+}
+
+vector<Lanczos::Outer> KrylovMobility::ScaledFunction::outers() {
+    vector<Lanczos::Outer> outers;
+    if (modes.any()) outers.push_back({[this](MatrixXd& x) { after(x); }, false});
+    // What moves bodies is a small part of many blobs. Slips move bodies by K^T M^-1 s.
+    if (solver && kind != Inverse)
+        outers.push_back({[this](MatrixXd& x) { rigidParts(x); }, kind == SquareRoot});
+    return outers;
+}
+
+void KrylovMobility::applyFunction(Function kind, const MatrixXd& W, MatrixXd& result,
+                                   Lanczos::Course* course) {
+    const Solving timed(*this);
+    if (!lanczos)
+        lanczos.reset(
+            new Lanczos(budget.ofIterations(), Lanczos::defaultIterations, wantedTolerance));
+    findCollectiveModes();
+    ScaledFunction function(*this, kind);
+    const vector<SpectralFunction> functions(W.cols(), function.ofEigenvalues());
     const bool follows =
         course && here.isNearby() && static_cast<int>(course->products.size()) == W.cols();
-    const auto outer = [&](MatrixXd& x) {
-        if (kind == SquareRoot)
-            modes.multiply(x);
-        else
-            modes.solveTransposed(x);
-    };
-    // What moves bodies is to be right relative to itself: of many blobs it is a small part. Slips
-    // move them by K^T M^-1 s.
-    const auto rigid = [&](MatrixXd& x) {
-        modes.solveTransposed(x);
-        scaledSolver->rigidParts(x, inner);
-        x.swap(inner);
-    };
-    vector<Lanczos::Outer> outers;
-    if (modes.any()) outers.push_back({outer, false});
-    if (scaledSolver && kind != Inverse) outers.push_back({rigid, kind == SquareRoot});
-    lanczos->setOuter(outers);
-    MatrixXd transformed;
-    if (kind == Inverse && modes.any()) {
-        transformed = W;
-        modes.solve(transformed);
-    }
-    lanczos->apply(product(0), transformed.size() > 0 ? transformed : W, functions, result,
-                   Lanczos::OwnNorm, rough, follows ? course : nullptr);
-    outer(result);
+    lanczos->apply(function.within(0), function.before(W), functions, result, Lanczos::OwnNorm,
+                   function.roughProducts(), follows ? course : nullptr, function.outers());
+    function.after(result);
     if (course && !follows) *course = lanczos->getCourse();
     costs.products += lanczos->getNumProducts();
     costs.iterations += lanczos->getNumIterations();

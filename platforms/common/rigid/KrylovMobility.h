@@ -7,6 +7,7 @@
 #include "linearalgebra/Lanczos.h"
 #include "rigid/BodyMobility.h"
 #include "rigid/CollectiveModes.h"
+#include "rigid/ErrorBudget.h"
 #include "rigid/MultiblobSolver.h"
 
 namespace RigidHIPlugin {
@@ -64,9 +65,8 @@ protected:
 
 private:
     enum Function { SquareRoot, InverseSquareRoot, Inverse };
-    void setTolerances(double relative, const ForDifferences& needed);
-    double errorOfDifferences() const;
-    double coarseErrorInSolves(double toleranceOfSolves);
+    class ScaledFunction;
+    void setBudget(const ErrorBudget& newBudget);
     double errorInSolves();
     void iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
                  bool fromGuess = false);
@@ -85,9 +85,8 @@ private:
 
     const bool spheres;  // K = 1, with or without own tensors
     const double wantedTolerance;
-    double toleranceOfStep, tolerance, errorOfSolves = 0;
-    bool exactProducts = false, coarseProducts = false, differencedSolves = false;
-    double shareOfRough = 0;
+    double toleranceOfStep;
+    ErrorBudget budget;
     BodiesAt here, elsewhere;
     std::unique_ptr<MultiblobSolver> solver;  // made when first needed
     std::unique_ptr<Lanczos> lanczos;         // likewise; one for each tolerance

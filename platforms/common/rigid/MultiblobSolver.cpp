@@ -2,7 +2,6 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 
 #include <cmath>
@@ -11,6 +10,7 @@
 #include "linearalgebra/ToleranceText.h"
 #include "rigid/NullTwists.h"
 #include "rigid/RigidMotion.h"
+#include "rigid/StoppingRule.h"
 
 using namespace Eigen;
 using namespace std;
@@ -43,22 +43,6 @@ MatrixXd basisOf(const MatrixXd& A) {
     basis.conservativeResize(NoChange, A.cols());
     basis.rightCols(A.cols() - known).setZero();
     return basis;
-}
-
-/**
- * The smallest Ritz value of the preconditioned matrix, from the steps of conjugate gradients and
- * the ratios of their gradients (Golub, Van Loan, Matrix Computations, section 11.3).
- */
-double smallestRitzValue(const vector<double>& steps, const vector<double>& ratios) {
-    const int k = steps.size();
-    VectorXd diagonal(k), beside(max(0, k - 1));
-    for (int i = 0; i < k; i++) {
-        diagonal[i] = 1 / steps[i] + (i > 0 ? ratios[i] / steps[i - 1] : 0);
-        if (i > 0) beside[i - 1] = sqrt(ratios[i]) / steps[i - 1];
-    }
-    SelfAdjointEigenSolver<MatrixXd> solver;
-    solver.computeFromTridiagonal(diagonal, beside, EigenvaluesOnly);
-    return solver.info() == Success ? solver.eigenvalues()[0] : 0;
 }
 
 /** The limit with rough products. After it the solve is tried with exact ones. */
@@ -198,16 +182,163 @@ void MultiblobSolver::multiply(MobilityAt& blobs, double error, const MatrixXd& 
     turn(OfBlobs, true, labProduct, to);
 }
 
-void MultiblobSolver::multiplyForSolve(MobilityAt& blobs, double error, const MatrixXd& from,
-                                       MatrixXd& to) {
-    multiply(blobs, error, from, to);
-    numProducts += from.cols();
-    if (error == 0) numExactProducts += from.cols();
-}
-
 int MultiblobSolver::apply(MobilityAt& blobs, const MatrixXd& wrenches, double tolerance,
                            MatrixXd& twists) {
     return solve(blobs, wrenches, MatrixXd(), tolerance, MobilityAt::roughError, twists);
+}
+
+/** The iteration of one solve, with products of one error. */
+class MultiblobSolver::Attempt {
+public:
+    Attempt(MultiblobSolver& solver, MobilityAt& blobs, double tolerance, double error)
+        : solver(solver), blobs(blobs), tolerance(tolerance), error(error),
+          wrenches(solver.wrenches_body), slips(solver.slips_body), lambda(solver.lambda),
+          residual(solver.residual), preconditioned(solver.preconditioned),
+          direction(solver.direction), product(solver.product), twists(solver.twists_body),
+          columns(wrenches.cols()), withSlips(slips.size() > 0), gradient(columns), scale(columns),
+          steps(columns) {
+        const double reduction = solver.reductionOf(error);
+        if (error > 0 && tolerance < reduction) stages = ceil(log(tolerance) / log(reduction));
+    }
+    /** @return whether the tolerance is reached. Exact products reach it, or there is an error. */
+    bool run(bool fromGuess) {
+        begin(fromGuess);
+        while (!reachesTolerance()) {
+            if (isGivenUp()) return false;
+            descend();
+        }
+        return true;
+    }
+    /** If the attempt was given up: one more than its limit. */
+    int getNumIterations() const { return numIterations; }
+
+private:
+    void begin(bool fromGuess);
+    bool reachesTolerance();
+    bool isGivenUp();
+    void descend();
+    void multiply(double errorOfProduct, const MatrixXd& from, MatrixXd& to);
+    void findResidual(double errorOfProduct);
+    void measure();
+    bool isWithin(double allowed) const;
+    [[noreturn]] void refuse() const;
+
+    MultiblobSolver& solver;
+    MobilityAt& blobs;
+    const double tolerance, error;
+    // The solver's own, which keeps them for their memory, in the frames of the bodies.
+    const MatrixXd &wrenches, &slips;
+    MatrixXd &lambda, &residual, &preconditioned, &direction, &product, &twists;
+    const int columns;
+    const bool withSlips;
+    // Rough products reduce the residual by equal factors, one stage after the other, with an exact
+    // residual after each.
+    int stage = 1, stages = 1;
+    int numIterations = 0;
+    // Of each column: the energies of the residual now and one iteration before, what the error is
+    // relative to, and the energy of slips.
+    VectorXd gradient, before, scale, slipEnergy, twistEnergy;
+    vector<ConjugateSteps> steps;
+};
+
+void MultiblobSolver::Attempt::begin(bool fromGuess) {
+    if (withSlips) {
+        solver.slipsToScaled(slips, solver.scaled);
+        slipEnergy = solver.scaled.colwise().squaredNorm().transpose();
+    }
+    if (fromGuess)
+        solver.beginFromGuess(wrenches, slips);
+    else
+        solver.begin(wrenches, slips, lambda);
+    findResidual(error);
+}
+
+void MultiblobSolver::Attempt::multiply(double errorOfProduct, const MatrixXd& from, MatrixXd& to) {
+    solver.multiply(blobs, errorOfProduct, from, to);
+    solver.numProducts += columns;
+    if (errorOfProduct == 0) solver.numExactProducts += columns;
+}
+
+void MultiblobSolver::Attempt::findResidual(double errorOfProduct) {
+    multiply(errorOfProduct, lambda, residual);
+    if (withSlips) residual += slips;
+    twists.setZero(solver.numRows, columns);
+    solver.project();
+}
+
+/** Find the energies of the residual, and what errors are relative to. */
+void MultiblobSolver::Attempt::measure() {
+    if (withSlips) solver.findEnergyOfTwists(twistEnergy);
+    for (int c = 0; c < columns; c++) {
+        gradient[c] = residual.col(c).dot(preconditioned.col(c));
+        scale[c] = lambda.col(c).dot(residual.col(c)) + wrenches.col(c).dot(twists.col(c));
+        if (!withSlips) continue;
+        const double ofAll = scale[c] + slipEnergy[c] - lambda.col(c).dot(slips.col(c));
+        scale[c] = scaleWithSlips(ofAll, twistEnergy[c], slipEnergy[c], solver.numRows,
+                                  solver.numBlobRowsTotal);
+    }
+}
+
+bool MultiblobSolver::Attempt::isWithin(double allowed) const {
+    for (int c = 0; c < columns; c++)
+        if (!errorIsWithin(allowed, gradient[c], scale[c], steps[c])) return false;
+    return true;
+}
+
+/** Go to the next stage, as often as the present one has reached its part of the tolerance. */
+bool MultiblobSolver::Attempt::reachesTolerance() {
+    measure();
+    while (stage < stages && isWithin(pow(tolerance, double(stage) / stages))) {
+        stage++;
+        findResidual(0);
+        measure();
+    }
+    return stage == stages && isWithin(tolerance);
+}
+
+/** Whether rough products lead no further. @throws OpenMMException if exact ones do not */
+bool MultiblobSolver::Attempt::isGivenUp() {
+    const int limit = error > 0 ? maxRoughIterations : maxIterations;
+    if (numIterations < limit && gradient.allFinite()) return false;
+    if (error == 0) refuse();
+    numIterations = limit + 1;
+    return true;
+}
+
+void MultiblobSolver::Attempt::refuse() const {
+    double worst = 0;
+    for (int c = 0; c < columns; c++)
+        if (scale[c] > 0) worst = max(worst, sqrt(abs(gradient[c]) / scale[c]));
+    ostringstream text;
+    text << "MobilityForce: the solver of rigid multiblobs has a relative residual of " << worst
+         << " after " << numIterations + 1 << " iterations, above "
+         << toleranceText(tolerance, solver.wantedTolerance)
+         << "; raise setSolverTolerance(), use setSolver(Dense), or look for bodies that overlap "
+            "deeply";
+    throw OpenMM::OpenMMException(text.str());
+}
+
+/** One iteration of conjugate gradients. */
+void MultiblobSolver::Attempt::descend() {
+    VectorXd ratio = VectorXd::Zero(columns);
+    if (numIterations == 0)
+        direction = -preconditioned;
+    else
+        for (int c = 0; c < columns; c++) {
+            ratio[c] = before[c] > 0 ? gradient[c] / before[c] : 0;
+            direction.col(c) = ratio[c] * direction.col(c) - preconditioned.col(c);
+        }
+    multiply(error, direction, product);
+    for (int c = 0; c < columns; c++) {
+        const double curvature = direction.col(c).dot(product.col(c));
+        const double length = curvature > 0 ? gradient[c] / curvature : 0;
+        if (length > 0) steps[c].add(length, ratio[c]);
+        lambda.col(c) += length * direction.col(c);
+        residual.col(c) += length * product.col(c);
+    }
+    before = gradient;
+    solver.project();
+    numIterations++;
 }
 
 int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const MatrixXd& slips,
@@ -224,15 +355,15 @@ int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const Ma
     if (hasRoughProducts && error > 0) errors.push_back(error);
     if (hasRoughProducts && error > MobilityAt::roughError)
         errors.push_back(MobilityAt::roughError);
+    errors.push_back(0);
     int iterations = 0;
-    bool done = false;
-    for (double rough : errors) {
-        if (done || growth * rough >= leastReduction) continue;
-        const int made = iterate(blobs, tolerance, rough, fromGuess);
-        iterations += made;
-        done = made <= maxRoughIterations;
+    for (double ofProducts : errors) {
+        if (growth * ofProducts >= leastReduction) continue;
+        Attempt attempt(*this, blobs, tolerance, ofProducts);
+        const bool done = attempt.run(fromGuess);
+        iterations += attempt.getNumIterations();
+        if (done) break;
     }
-    if (!done) iterations += iterate(blobs, tolerance, 0, fromGuess);
     turn(OfBodies, false, twists_body, twists);
     return iterations;
 }
@@ -299,114 +430,6 @@ void MultiblobSolver::findEnergyOfTwists(VectorXd& energy) {
                 energy[c] +=
                     gatheredTwists.col(i * columns + c).dot(gatheredForces.col(i * columns + c));
     }
-}
-
-/** @return iterations; with rough products, more than their limit if they do not converge */
-int MultiblobSolver::iterate(MobilityAt& blobs, double tolerance, double error, bool fromGuess) {
-    const int columns = wrenches_body.cols();
-    const bool withSlips = slips_body.size() > 0;
-    VectorXd slipEnergy = VectorXd::Zero(columns);
-    if (withSlips) {
-        slipsToScaled(slips_body, scaled);
-        slipEnergy = scaled.colwise().squaredNorm().transpose();
-    }
-    if (fromGuess)
-        beginFromGuess(wrenches_body, slips_body);
-    else
-        begin(wrenches_body, slips_body, lambda);
-    const auto findResidual = [&](double errorOfProduct) {
-        multiplyForSolve(blobs, errorOfProduct, lambda, residual);
-        if (withSlips) residual += slips_body;
-        twists_body.setZero(numRows, columns);
-        project();
-    };
-    // Rough products reduce the residual by these factors, one after the other, with an exact
-    // residual after each.
-    const double reduction = reductionOf(error);
-    const int stages =
-        error > 0 && tolerance < reduction ? ceil(log(tolerance) / log(reduction)) : 1;
-    int stage = 1;
-    findResidual(error);
-    direction = -preconditioned;
-    VectorXd gradient(columns), energy(columns), energyOfTwists;
-    // Of conjugate gradients, for each column.
-    vector<vector<double> > steps(columns), ratios(columns);
-    const auto smallestEigenvalue = [&](int column) {
-        return steps[column].empty() ? 1
-                                     : min(1.0, smallestRitzValue(steps[column], ratios[column]));
-    };
-    // Random velocities may have five tolerances, of which three are for the solve. Of the energy
-    // of random slips, bodies have as large a part as they have of the rows.
-    const double ofRandom = 3;
-    const double partOfBodies = ofRandom * ofRandom * numRows / numBlobRowsTotal;
-    const auto lookAt = [&](double wanted, double& worst) {
-        bool reached = true;
-        worst = 0;
-        if (withSlips) findEnergyOfTwists(energyOfTwists);
-        for (int c = 0; c < columns; c++) {
-            gradient[c] = residual.col(c).dot(preconditioned.col(c));
-            energy[c] = lambda.col(c).dot(residual.col(c)) +
-                        wrenches_body.col(c).dot(twists_body.col(c)) + slipEnergy[c];
-            if (withSlips) {
-                energy[c] -= lambda.col(c).dot(slips_body.col(c));
-                energy[c] = min(energy[c], max(energyOfTwists[c], partOfBodies * slipEnergy[c]));
-            }
-            // The smallest eigenvalue makes a difference only when the rest is small enough.
-            if (!(gradient[c] <= wanted * wanted * energy[c]) ||
-                !(gradient[c] <= wanted * wanted * energy[c] * smallestEigenvalue(c)))
-                reached = false;
-            if (energy[c] > 0) worst = max(worst, sqrt(abs(gradient[c]) / energy[c]));
-        }
-        return reached;
-    };
-    VectorXd before(columns);
-    int iteration = 0;
-    while (true) {
-        double worst;
-        const auto target = [&] {
-            return stage == stages ? tolerance : pow(tolerance, double(stage) / stages);
-        };
-        bool reached = lookAt(target(), worst);
-        while (reached && stage < stages) {
-            stage++;
-            findResidual(0);
-            reached = lookAt(target(), worst);
-        }
-        if (reached) break;
-        if (error > 0 && (iteration == maxRoughIterations || !gradient.allFinite()))
-            return maxRoughIterations + 1;
-        if (iteration++ == maxIterations || !gradient.allFinite()) {
-            ostringstream text;
-            text << "MobilityForce: the solver of rigid multiblobs has a relative residual of "
-                 << worst << " after " << iteration << " iterations, above "
-                 << toleranceText(tolerance, wantedTolerance)
-                 << "; raise setSolverTolerance(), use setSolver(Dense), or look for bodies that "
-                    "overlap deeply";
-            throw OpenMM::OpenMMException(text.str());
-        }
-        VectorXd ratio = VectorXd::Zero(columns);
-        if (iteration > 1)
-            for (int c = 0; c < columns; c++) {
-                ratio[c] = before[c] > 0 ? gradient[c] / before[c] : 0;
-                direction.col(c) = ratio[c] * direction.col(c) - preconditioned.col(c);
-            }
-        else
-            direction = -preconditioned;
-        multiplyForSolve(blobs, error, direction, product);
-        for (int c = 0; c < columns; c++) {
-            const double curvature = direction.col(c).dot(product.col(c));
-            const double step = curvature > 0 ? gradient[c] / curvature : 0;
-            if (step > 0) {
-                steps[c].push_back(step);
-                ratios[c].push_back(ratio[c]);
-            }
-            lambda.col(c) += step * direction.col(c);
-            residual.col(c) += step * product.col(c);
-        }
-        before = gradient;
-        project();
-    }
-    return iteration;
 }
 
 void MultiblobSolver::getBlobForces(MatrixXd& lambda_lab) const {

@@ -115,6 +115,7 @@ public:
     void wrenchesFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& wrenches_lab);
 
 private:
+    class Attempt;
     /** What bodies of one shape share, in the body frame. */
     struct Shape {
         std::vector<Eigen::Vector3d> sites;
@@ -150,14 +151,11 @@ private:
     void slipsToScaled(const Eigen::MatrixXd& slips_body, Eigen::MatrixXd& x);
     void multiply(MobilityAt& blobs, double error, const Eigen::MatrixXd& lambda_body,
                   Eigen::MatrixXd& result_body);
-    void multiplyForSolve(MobilityAt& blobs, double error, const Eigen::MatrixXd& lambda_body,
-                          Eigen::MatrixXd& result_body);
     void begin(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body,
                Eigen::MatrixXd& lambda_body);
     void beginFromGuess(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body);
     double reductionOf(double error) const;
     void findEnergyOfTwists(Eigen::VectorXd& energy);
-    int iterate(MobilityAt& blobs, double tolerance, double error, bool fromGuess);
 
     const bool hasRoughProducts;
     std::vector<int> rows, blobRow, numBlobRows;  // of elements

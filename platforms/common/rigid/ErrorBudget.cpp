@@ -1,0 +1,163 @@
+#include "rigid/ErrorBudget.h"
+
+#include <algorithm>
+#include <cmath>
+
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/**
+ * The largest error of products in iterations. Errors of coarser products were up to four times as
+ * large for the vectors of an iteration as for random forces, errors of finer ones at most as
+ * large.
+ */
+const double coarsestError = 1e-3;
+
+/**
+ * The default of setFiniteDifferenceStep(), a balance of rounding of 1e-16 and the error of the
+ * difference.
+ */
+const double denseDifference = 1e-5;
+
+/**
+ * For solves of a tolerance t the difference has an error of t/step, beside step^2. The step is
+ * therefore t^(1/3). It is not so large that bodies leave the neighbourhood in which the mobility
+ * is smooth. Until the differences are taken, iterations go to a part of the tolerance.
+ */
+const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
+
+/**
+ * Differences of roots that follow one course (Lanczos::apply()) have an error that
+ * does not depend on the step. In tolerances of the iteration it grows about as the square of the
+ * number of products; up to 120 was measured (TestLanczos). Such a difference is for drifts and is
+ * right enough at this relative error.
+ */
+const double errorOfFollowing = 100, enoughForDrifts = 1e-4;
+
+}  // namespace
+
+Differencing Differencing::of(const SchemeTraits& scheme, const BodyMobility& mobility,
+                              bool driftIsKnown) {
+    Differencing found;
+    if (driftIsKnown) return found;
+    found.results = scheme.differenced;
+    switch (scheme.differenced) {
+        case Differenced::Nothing: break;
+        case Differenced::Products: found.iterate = mobility.productsIterate(); break;
+        case Differenced::Solves: found.iterate = mobility.solvesIterate(); break;
+        case Differenced::Roots:
+            // The divergence of a random field needs no differences of roots.
+            found.iterate = mobility.rootsIterate() && !mobility.divergenceIsOfField();
+            found.follow =
+                found.iterate && !mobility.productsIterate() && !mobility.slipsAreOfField();
+            break;
+    }
+    return found;
+}
+
+double ErrorBudget::differenceStep(double tolerance, const Differencing& differencing) {
+    if (!differencing.iterate) return denseDifference;
+    // Where products may be of single precision at once, small differences would need exact ones.
+    if (differencing.follow && tolerance < MobilityAt::leastRoughTolerance) return denseDifference;
+    return min(largestDifference, max(denseDifference, cbrt(tolerance)));
+}
+
+BodyMobility::ForDifferences ErrorBudget::forDifferences(double tolerance,
+                                                         const Differencing& differencing,
+                                                         double step) {
+    BodyMobility::ForDifferences needed;
+    needed.coarseProducts = !differencing.iterate;
+    needed.exactSolves = differencing.results != Differenced::Nothing;
+    needed.differencedSolves = differencing.results == Differenced::Solves;
+    if (!differencing.iterate) return needed;
+    needed.exactProducts = step < largestDifference;
+    needed.partOfTolerance = toleranceOfDifferences;
+    if (!differencing.follow) return needed;
+    needed.partOfTolerance =
+        max(toleranceOfDifferences, min(1.0, enoughForDrifts / (errorOfFollowing * tolerance)));
+    // Rounding may do as much to the difference as the tolerance does.
+    needed.shareOfRough = errorOfFollowing * needed.partOfTolerance * tolerance * step;
+    return needed;
+}
+
+ErrorBudget ErrorBudget::beforeSteps(double tolerance) {
+    BodyMobility::ForDifferences needed;
+    needed.coarseProducts = false;
+    return ErrorBudget(tolerance, needed);
+}
+
+ErrorBudget ErrorBudget::afterDifferences(double tolerance) {
+    BodyMobility::ForDifferences none;
+    none.exactSolves = false;
+    return ErrorBudget(tolerance, none);
+}
+
+double ErrorBudget::ofDifferences() const {
+    const double part = 0.1, most = 1e-4;
+    return min(most, part * tolerance);
+}
+
+double ErrorBudget::ofProductsAsSolves(const MobilityModel& model) const {
+    // The tolerance is in the norm of the friction. In this norm errors of products were up to a
+    // hundred times as large.
+    const double error = 0.01 * ofIterations();
+    return !needed.exactSolves && model.hasFastProducts(error) ? error : 0;
+}
+
+double ErrorBudget::coarseInSolves(const MobilityModel& model, double mostUseful) const {
+    const double error = min(coarsestError, mostUseful);
+    const bool isWorthIt = error > MobilityAt::roughError && model.hasFastProducts(error);
+    return allowsCoarse() && isWorthIt ? error : 0;
+}
+
+double ErrorBudget::inSolves(const MobilityModel& model, double mostUseful) const {
+    if (needed.exactProducts) return 0;
+    return max(coarseInSolves(model, mostUseful), MobilityAt::roughError);
+}
+
+vector<double> ErrorBudget::coarseInRoots(const MobilityModel& model, double amplification) const {
+    vector<double> errors;
+    if (!allowsCoarse()) return errors;
+    // With a tenth of the tolerance the estimate of what such products do to a result rarely
+    // exceeds what is allowed; a hundredth is for badly conditioned matrices.
+    for (double part : {0.1, 0.01}) {
+        const double error = min(coarsestError, part * ofIterations() / amplification);
+        if (error >= MobilityAt::roughError && model.hasFastProducts(error))
+            errors.push_back(error);
+    }
+    return errors;
+}
+
+bool ErrorBudget::allowsSinglePrecision() const {
+    return ofIterations() >= MobilityAt::leastRoughTolerance;
+}
+
+vector<InexactProduct> ErrorBudget::inRoots(const MobilityModel& model, double amplification,
+                                            double ofVector) const {
+    vector<InexactProduct> products;
+    for (double error : coarseInRoots(model, amplification))
+        products.push_back({error, 0, amplification * error, true, 0});
+    if (!model.hasRoughProducts()) return products;
+    const double single = MobilityAt::roughError;
+    if (!needed.exactProducts)
+        products.push_back({single, single, ofVector, allowsSinglePrecision(), 0});
+    else if (needed.shareOfRough > 0)
+        products.push_back({single, single, ofVector, false, needed.shareOfRough});
+    return products;
+}
+
+double ErrorBudget::firstInRoots(const MobilityModel& model, double amplification) const {
+    const vector<double> coarse = coarseInRoots(model, amplification);
+    if (!coarse.empty()) return coarse[0];
+    return allowsSinglePrecision() ? MobilityAt::roughError : 0;
+}
+
+double ErrorBudget::firstInSolves(const MobilityModel& model, double mostUseful) const {
+    return max(coarseInSolves(model, mostUseful),
+               allowsSinglePrecision() ? MobilityAt::roughError : 0);
+}
+
+}  // namespace RigidHIPlugin

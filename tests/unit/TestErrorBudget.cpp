@@ -1,0 +1,477 @@
+// Which products with the particles' mobility a step has, for every scheme in a fluid, kind of
+// model, kind of body and tolerance. Other tests say that these choices are accurate. This one says
+// what they are, so that nobody changes a user's errors and times unawares.
+
+#include <openmm/KernelFactory.h>
+#include <openmm/reference/ReferencePlatform.h>
+
+#include <memory>
+#include <set>
+#include <sstream>
+
+#include "HydrodynamicSupport.h"
+#include "TestSupport.h"
+#include "context/ReferenceArrays.h"
+#include "host/ScalarLoops.h"
+#include "kernel/RigidBodyKernel.h"
+#include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "openmmrigidhi/SchemeTraits.h"
+#include "rigid/ErrorBudget.h"
+
+using namespace OpenMM;
+using namespace RigidHIPlugin;
+using namespace RigidHITest;
+using namespace std;
+
+namespace {
+
+/** What a model says about its products and drifts. */
+struct Kind {
+    const char* name;
+    bool hasRough, hasFast, isDivergenceFree;
+};
+
+/**
+ * The errors that products were allowed, each once, in the order in which they were first needed. d
+ * stands before the error of a difference.
+ */
+vector<string> asked;
+
+void record(const char* kind, double error) {
+    ostringstream text;
+    text.precision(2);
+    text << kind << error;
+    if (find(asked.begin(), asked.end(), text.str()) == asked.end()) asked.push_back(text.str());
+}
+
+/** Exact products, whatever error they may have. */
+class RecordingPlace : public MobilityAt {
+public:
+    explicit RecordingPlace(const MobilityModel& model)
+        : MobilityAt(model), plain(model.getParticles(), model.getViscosity()) {}
+    void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+        record("", 0);
+        at->apply(forces, velocities);
+    }
+    void applyWithin(double error, const MatrixXd& forces, MatrixXd& velocities) override {
+        record("", error);
+        at->apply(forces, velocities);
+    }
+    void applyForDifference(double error, const MatrixXd& forces, MatrixXd& velocities) override {
+        record("d", error);
+        at->apply(forces, velocities);
+    }
+
+protected:
+    void moveTo(const Placement& placement, bool) override { plain.place(at, placement); }
+
+private:
+    const RotnePragerYamakawa plain;
+    unique_ptr<MobilityAt> at;
+};
+
+class RecordingModel : public RotnePragerYamakawa {
+public:
+    RecordingModel(const Kind& kind, const HydrodynamicParticles& particles, double viscosity)
+        : RotnePragerYamakawa(particles, viscosity), kind(kind) {}
+    bool isHomogeneous() const override { return false; }
+    bool isDivergenceFree() const override { return kind.isDivergenceFree; }
+    bool hasRoughProducts() const override { return kind.hasRough; }
+    bool hasFastProducts(double error) const override { return kind.hasFast && error >= 1e-7; }
+
+protected:
+    unique_ptr<MobilityAt> makePlace() const override {
+        return unique_ptr<MobilityAt>(new RecordingPlace(*this));
+    }
+
+private:
+    const Kind kind;
+};
+
+class RecordingLoops : public ScalarLoops {
+public:
+    explicit RecordingLoops(const Kind& kind) : kind(kind) {}
+    unique_ptr<MobilityModel> createMobility(const MobilityForce& force, const MobilityScene&,
+                                             const HydrodynamicParticles& particles,
+                                             bool) override {
+        return unique_ptr<MobilityModel>(new RecordingModel(kind, particles, force.getViscosity()));
+    }
+
+private:
+    const Kind kind;
+};
+
+class RecordingFactory : public KernelFactory {
+public:
+    explicit RecordingFactory(const Kind& kind) : kind(kind) {}
+    KernelImpl* createKernelImpl(string name, const Platform& platform,
+                                 ContextImpl&) const override {
+        const Kind ofLoops = kind;
+        PlatformParts parts;
+        parts.arrays = [](ContextImpl& context) {
+            return unique_ptr<ContextArrays>(new ReferenceArrays(context));
+        };
+        parts.loops = [ofLoops](ContextImpl&) {
+            return unique_ptr<PlatformLoops>(new RecordingLoops(ofLoops));
+        };
+        return new RigidBodyKernel(name, platform, parts);
+    }
+
+private:
+    const Kind kind;
+};
+
+class RecordingPlatform : public ReferencePlatform {
+public:
+    explicit RecordingPlatform(const Kind& kind) {
+        platform("Reference");  // loads the library, which needs a platform for its kernels
+        registerKernelFactory(IntegrateRigidBodiesKernel::Name(), new RecordingFactory(kind));
+    }
+};
+
+/** The finite-difference step and the products of two steps of a few bodies. */
+string choices(const Kind& kind, const SchemeTraits& scheme, bool multiblobs, double tolerance) {
+    RecordingPlatform recording(kind);
+    FluidScene scene(1 / boltzmann, 1e-4);
+    scene.fluid->setSolver(MobilityForce::MatrixFree);
+    scene.fluid->setSolverTolerance(tolerance);
+    scene.integrator.setScheme(scheme.scheme);
+    for (int b = 0; b < 5; b++)
+        scene.add(multiblobs ? boomerangKind() : sphereKind(1 + 0.1 * b),
+                  Vec3(4 * (b % 2), 4 * (b / 2), 0.5 * b));
+    asked.clear();
+    scene.start(recording);
+    scene.integrator.step(2);
+    string text;
+    for (const string& product : asked) text += " " + product;
+    const string step = scene.integrator.getEffects()["finite differences"], before = "steps of ";
+    const size_t place = step.find(before);
+    if (place == string::npos) return text.substr(1);
+    istringstream rest(step.substr(place + before.size()));
+    string length;
+    rest >> length;
+    return "step " + length + "," + text;
+}
+
+/**
+ * For each tolerance: the finite-difference step, if there is one, and the errors that products may
+ * have.
+ */
+const string expected = R"(spheres, exact products
+  LangevinHI
+  EulerMaruyama
+  FixmanMidpoint
+    0.01: 0
+    0.0001: 0
+    5e-05: 0
+    1e-06: 0
+    1e-08: 0
+  RandomFiniteDifference
+  TractionEulerMaruyama
+  TrapezoidalSlip
+    0.01: step 1e-05, 0 d0.0001
+    0.0001: step 1e-05, 0 d1e-05
+    5e-05: step 1e-05, 0 d5e-06
+    1e-06: step 1e-05, 0 d1e-07
+    1e-08: step 1e-05, 0 d1e-09
+  DriftCorrectorFD
+  DriftCorrectorRFD
+    0.01: step 0.01, 0
+    0.0001: step 0.01, 0
+    5e-05: step 0.01, 0
+    1e-06: step 1e-05, 0
+    1e-08: step 1e-05, 0
+spheres, products of single precision
+  LangevinHI
+    0.01: 1e-06
+    0.0001: 1e-06
+    5e-05: 1e-06
+    1e-06: 0 1e-06
+    1e-08: 0 1e-06
+  EulerMaruyama
+  FixmanMidpoint
+    0.01: 1e-06 0
+    0.0001: 1e-06 0
+    5e-05: 1e-06 0
+    1e-06: 0 1e-06
+    1e-08: 0 1e-06
+  RandomFiniteDifference
+    0.01: step 1e-05, 1e-06 d0.0001
+    0.0001: step 1e-05, 1e-06 d1e-05
+    5e-05: step 1e-05, 1e-06 d5e-06
+    1e-06: step 1e-05, 0 1e-06 d1e-07
+    1e-08: step 1e-05, 0 1e-06 d1e-09
+  TractionEulerMaruyama
+  TrapezoidalSlip
+    0.01: step 1e-05, 1e-06 0 d0.0001
+    0.0001: step 1e-05, 1e-06 0 d1e-05
+    5e-05: step 1e-05, 1e-06 0 d5e-06
+    1e-06: step 1e-05, 0 1e-06 d1e-07
+    1e-08: step 1e-05, 0 1e-06 d1e-09
+  DriftCorrectorFD
+  DriftCorrectorRFD
+    0.01: step 0.01, 1e-06 0
+    0.0001: step 0.01, 0 1e-06
+    5e-05: step 0.01, 0 1e-06
+    1e-06: step 1e-05, 0 1e-06
+    1e-08: step 1e-05, 0 1e-06
+spheres, fast products
+  LangevinHI
+    0.01: 0.001
+    0.0001: 1e-05
+    5e-05: 5e-06
+    1e-06: 0 1e-06
+    1e-08: 0 1e-06
+  EulerMaruyama
+  FixmanMidpoint
+    0.01: 0.001 0.0001
+    0.0001: 1e-05 1e-06
+    5e-05: 5e-06 5e-07
+    1e-06: 0 1e-06
+    1e-08: 0 1e-06
+  RandomFiniteDifference
+    0.01: step 1e-05, 0.001 d0.0001
+    0.0001: step 1e-05, 1e-05 d1e-05
+    5e-05: step 1e-05, 5e-06 d5e-06
+    1e-06: step 1e-05, 0 1e-06 d1e-07
+    1e-08: step 1e-05, 0 1e-06 d1e-09
+  TractionEulerMaruyama
+    0.01: step 1e-05, 0.001 0 d0.0001
+    0.0001: step 1e-05, 1e-05 0 d1e-05
+    5e-05: step 1e-05, 5e-06 0 d5e-06
+    1e-06: step 1e-05, 0 1e-06 d1e-07
+    1e-08: step 1e-05, 0 1e-06 d1e-09
+  TrapezoidalSlip
+    0.01: step 1e-05, 0.001 0 d0.0001 0.0001
+    0.0001: step 1e-05, 1e-05 0 d1e-05 1e-06
+    5e-05: step 1e-05, 5e-06 0 d5e-06 5e-07
+    1e-06: step 1e-05, 0 1e-06 d1e-07
+    1e-08: step 1e-05, 0 1e-06 d1e-09
+  DriftCorrectorFD
+  DriftCorrectorRFD
+    0.01: step 0.01, 1e-06 0.001 0.0001
+    0.0001: step 0.01, 0 1e-06 1e-05
+    5e-05: step 0.01, 0 1e-06 5e-06 5e-07
+    1e-06: step 1e-05, 0 1e-06
+    1e-08: step 1e-05, 0 1e-06
+spheres, fast products without drift
+  LangevinHI
+    0.01: 0.001
+    0.0001: 1e-05
+    5e-05: 5e-06
+    1e-06: 0 1e-06
+    1e-08: 0 1e-06
+  EulerMaruyama
+  FixmanMidpoint
+  RandomFiniteDifference
+  TractionEulerMaruyama
+  TrapezoidalSlip
+  DriftCorrectorFD
+  DriftCorrectorRFD
+    0.01: 0.001 0.0001
+    0.0001: 1e-05 1e-06
+    5e-05: 5e-06 5e-07
+    1e-06: 0 1e-06
+    1e-08: 0 1e-06
+multiblobs, exact products
+  LangevinHI
+  EulerMaruyama
+  FixmanMidpoint
+    0.01: 0
+    0.0001: 0
+    5e-05: 0
+    1e-06: 0
+    1e-08: 0
+  RandomFiniteDifference
+    0.01: step 0.01, 0
+    0.0001: step 0.01, 0
+    5e-05: step 0.01, 0
+    1e-06: step 0.01, 0
+    1e-08: step 0.00215443, 0
+  TractionEulerMaruyama
+  TrapezoidalSlip
+    0.01: step 1e-05, 0 d0.0001
+    0.0001: step 1e-05, 0 d1e-05
+    5e-05: step 1e-05, 0 d5e-06
+    1e-06: step 1e-05, 0 d1e-07
+    1e-08: step 1e-05, 0 d1e-09
+  DriftCorrectorFD
+  DriftCorrectorRFD
+    0.01: step 0.01, 0
+    0.0001: step 0.01, 0
+    5e-05: step 0.01, 0
+    1e-06: step 1e-05, 0
+    1e-08: step 1e-05, 0
+multiblobs, products of single precision
+  LangevinHI
+    0.01: 1e-06
+    0.0001: 1e-06 0
+    5e-05: 1e-06 0
+    1e-06: 1e-06 0
+    1e-08: 1e-06 0
+  EulerMaruyama
+  FixmanMidpoint
+    0.01: 1e-06
+    0.0001: 1e-06
+    5e-05: 1e-06
+    1e-06: 0 1e-06
+    1e-08: 0 1e-06
+  RandomFiniteDifference
+    0.01: step 0.01, 1e-06
+    0.0001: step 0.01, 0 1e-06
+    5e-05: step 0.01, 0 1e-06
+    1e-06: step 0.01, 0 1e-06
+    1e-08: step 0.00215443, 0
+  TractionEulerMaruyama
+  TrapezoidalSlip
+    0.01: step 1e-05, 1e-06 d0.0001
+    0.0001: step 1e-05, 1e-06 d1e-05
+    5e-05: step 1e-05, 1e-06 d5e-06
+    1e-06: step 1e-05, 0 1e-06 d1e-07
+    1e-08: step 1e-05, 0 1e-06 d1e-09
+  DriftCorrectorFD
+  DriftCorrectorRFD
+    0.01: step 0.01, 1e-06
+    0.0001: step 0.01, 0 1e-06
+    5e-05: step 0.01, 0 1e-06
+    1e-06: step 1e-05, 0 1e-06
+    1e-08: step 1e-05, 0 1e-06
+multiblobs, fast products
+  LangevinHI
+    0.01: 1e-05
+    0.0001: 1e-06 0
+    5e-05: 1e-06 0
+    1e-06: 1e-06 0
+    1e-08: 1e-06 0
+  EulerMaruyama
+  FixmanMidpoint
+    0.01: 0.00041 0.0002
+    0.0001: 4.1e-06 2e-06
+    5e-05: 2.1e-06 1e-06
+    1e-06: 0 1e-06
+    1e-08: 0 1e-06
+  RandomFiniteDifference
+    0.01: step 0.01, 1e-06
+    0.0001: step 0.01, 0 1e-06
+    5e-05: step 0.01, 0 1e-06
+    1e-06: step 0.01, 0 1e-06
+    1e-08: step 0.00215443, 0
+  TractionEulerMaruyama
+  TrapezoidalSlip
+    0.01: step 1e-05, 0.00041 0.0002 d0.0001
+    0.0001: step 1e-05, 4.1e-06 2e-06 d1e-05
+    5e-05: step 1e-05, 2.1e-06 1e-06 d5e-06
+    1e-06: step 1e-05, 0 1e-06 d1e-07
+    1e-08: step 1e-05, 0 1e-06 d1e-09
+  DriftCorrectorFD
+  DriftCorrectorRFD
+    0.01: step 0.01, 1e-06 0.00041 0.0002
+    0.0001: step 0.01, 0 1e-06 4.1e-06 2e-06
+    5e-05: step 0.01, 0 1e-06 2.1e-06
+    1e-06: step 1e-05, 0 1e-06
+    1e-08: step 1e-05, 0 1e-06
+)";
+
+}  // namespace
+
+TEST(ErrorBudget, EverySchemeHasTheseProducts) {
+    const Kind kinds[] = {{"exact products", false, false, false},
+                          {"products of single precision", true, false, false},
+                          {"fast products", true, true, false},
+                          {"fast products without drift", true, true, true}};
+    ostringstream found;
+    testing::internal::CaptureStderr();  // warnings that EulerMaruyama omits the drift
+    for (bool multiblobs : {false, true})
+        for (const Kind& kind : kinds) {
+            if (multiblobs && kind.isDivergenceFree) continue;  // K depends on the poses
+            vector<pair<string, string>> groups;                // choices, and schemes with them
+            for (const SchemeTraits& scheme : schemeTable) {
+                if (!scheme.needsFluid()) continue;
+                ostringstream text;
+                for (double tolerance : {1e-2, 1e-4, 5e-5, 1e-6, 1e-8})
+                    text << "    " << tolerance << ": "
+                         << choices(kind, scheme, multiblobs, tolerance) << "\n";
+                const auto known = find_if(groups.begin(), groups.end(), [&](const auto& group) {
+                    return group.first == text.str();
+                });
+                if (known == groups.end())
+                    groups.push_back({text.str(), scheme.name});
+                else
+                    known->second += string("\n  ") + scheme.name;
+            }
+            found << (multiblobs ? "multiblobs, " : "spheres, ") << kind.name << "\n";
+            for (const auto& group : groups) found << "  " << group.second << "\n" << group.first;
+        }
+    testing::internal::GetCapturedStderr();
+    EXPECT_EQ(found.str(), expected);
+}
+
+/** Steps of differences that are not set, and what such differences need of iterations. */
+TEST(ErrorBudget, DifferencesTakeTheirPartOfTheTolerance) {
+    const Differencing nothing, products = {Differenced::Products, false, false},
+                                solves = {Differenced::Solves, true, false},
+                                roots = {Differenced::Roots, true, true};
+    const struct {
+        Differencing of;
+        double tolerance, step, part, share;
+        bool exact, coarse, exactSolves, differencedSolves;
+    } rows[] = {
+        // Without iterations there is only rounding.
+        {nothing, 1e-3, 1e-5, 1, 0, false, true, false, false},
+        {products, 1e-3, 1e-5, 1, 0, false, true, true, false},
+        // The error of t/step is balanced with that of step^2, up to the longest step.
+        {solves, 1e-3, 1e-2, 0.1, 0, false, false, true, true},
+        {solves, 1e-9, 1e-3, 0.1, 0, true, false, true, true},
+        {solves, 1e-15, 1e-5, 0.1, 0, true, false, true, true},
+        // Roots of one course: a hundred tolerances of the iteration are to be 1e-4.
+        {roots, 1e-3, 1e-2, 0.1, 1e-4, false, false, true, false},
+        {roots, 1e-4, 1e-2, 0.1, 1e-5, false, false, true, false},
+        {roots, 2e-6, 1e-5, 0.5, 1e-9, true, false, true, false},
+        {roots, 1e-8, 1e-5, 1, 1e-11, true, false, true, false},
+    };
+    for (const auto& row : rows) {
+        SCOPED_TRACE(row.tolerance);
+        const double step = ErrorBudget::differenceStep(row.tolerance, row.of);
+        EXPECT_NEAR(step, row.step, 1e-12 * row.step);
+        const auto needed = ErrorBudget::forDifferences(row.tolerance, row.of, row.step);
+        EXPECT_NEAR(needed.partOfTolerance, row.part, 1e-12);
+        EXPECT_NEAR(needed.shareOfRough, row.share, 1e-12 * row.share);
+        EXPECT_EQ(needed.exactProducts, row.exact);
+        EXPECT_EQ(needed.coarseProducts, row.coarse);
+        EXPECT_EQ(needed.exactSolves, row.exactSolves);
+        EXPECT_EQ(needed.differencedSolves, row.differencedSolves);
+    }
+}
+
+TEST(ErrorBudget, ProductsBecomeFinerOneAfterTheOther) {
+    HydrodynamicParticles none;
+    const RecordingModel fast({"fast", true, true, false}, none, 1);
+    const auto errorsOf = [&](const ErrorBudget& budget, double amplification) {
+        vector<double> errors;
+        for (const auto& product : budget.inRoots(fast, amplification, 0))
+            errors.push_back(product.error);
+        return errors;
+    };
+    EXPECT_EQ(errorsOf(ErrorBudget(1e-3), 1), (vector<double>{1e-4, 1e-5, 1e-6}));
+    EXPECT_EQ(errorsOf(ErrorBudget(1e-1), 1), (vector<double>{1e-3, 1e-3, 1e-6}));
+    EXPECT_EQ(errorsOf(ErrorBudget(1e-3), 20), (vector<double>{5e-6, 1e-6}));
+    EXPECT_EQ(errorsOf(ErrorBudget(1e-8), 1), (vector<double>{1e-6}));
+    EXPECT_EQ(errorsOf(ErrorBudget::beforeSteps(1e-3), 1), (vector<double>{1e-6}));
+    // From this tolerance on, single precision is right from the first product on.
+    EXPECT_TRUE(ErrorBudget(5e-5).inRoots(fast, 1, 0).back().atOnce);
+    EXPECT_FALSE(ErrorBudget(4.9e-5).inRoots(fast, 1, 0).back().atOnce);
+    // The longest difference leaves single precision, shorter ones a share of it.
+    BodyMobility::ForDifferences needed;
+    needed.coarseProducts = false;
+    EXPECT_EQ(errorsOf(ErrorBudget(1e-3, needed), 1), (vector<double>{1e-6}));
+    EXPECT_EQ(ErrorBudget(1e-3, needed).inSolves(fast, 1e-4), 1e-6);
+    needed.exactProducts = true;
+    EXPECT_TRUE(errorsOf(ErrorBudget(1e-3, needed), 1).empty());
+    EXPECT_EQ(ErrorBudget(1e-3, needed).inSolves(fast, 1e-4), 0);
+    needed.shareOfRough = 1e-7;
+    EXPECT_EQ(errorsOf(ErrorBudget(1e-3, needed), 1), (vector<double>{1e-6}));
+    // Solves take what is useful to them, between both limits.
+    EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-2), 1e-3);
+    EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-5), 1e-5);
+    EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-8), 1e-6);
+}
