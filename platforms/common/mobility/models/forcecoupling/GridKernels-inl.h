@@ -412,7 +412,10 @@ struct OwnEnvelopes {
     /** Transform the flow back along x. */
     void scatter(int y, int z) const { columnsBack(work, y, z, flow.data(), channel.modes); }
 
-    /** From the scale, k^2 and k.f: the strength, and what to subtract k times from f. */
+    /**
+     * Set the strength of modes, and turn `along` from k.f into the factor of k that project()
+     * subtracts.
+     */
     template <bool root, class V>
     static HWY_INLINE void respond(const T* keepsX, V scale, V k2, V& strength, V& along) {
         const SlabLanes<T> d;
@@ -422,7 +425,9 @@ struct OwnEnvelopes {
     }
 };
 
-/** Channels, each with its own modes and factors, which have all of the response but 1 - k k/k^2.
+/**
+ * Channels, each with its own modes. The factors of channels have the whole response but for the
+ * projection.
  */
 template <typename T>
 struct SharedEnvelopes {
@@ -513,7 +518,7 @@ void project(const Envelopes<T>& columns, int y, int z, double scale) {
         for (T* component : columns.flow) component[0] = component[1] = 0;
 }
 
-/** Call task with OwnEnvelopes or SharedEnvelopes. */
+/** Call task(columns) with OwnEnvelopes or, for channels with factors, SharedEnvelopes. */
 template <typename T, class Task>
 void withEnvelopes(const GridWork<T>& work, const ChannelWork<T>* channels, int count,
                    GridScratch<T>& scratch, const Task& task) {
