@@ -177,11 +177,14 @@ void noiseByOneRoot(benchmark::State& state) {
     for (int i = 0; i < W.rows(); i++) W(i, 0) = normal(random);
     Lanczos lanczos(tolerance);
     const auto product = [&](double ofProducts) {
-        return [&, ofProducts](const MatrixXd& x, MatrixXd& y) { at->applyFor(ofProducts, x, y); };
+        return
+            [&, ofProducts](const MatrixXd& x, MatrixXd& y) { at->applyWithin(ofProducts, x, y); };
     };
+    const Lanczos::Rough rough = {product(MobilityAt::roughError), MobilityAt::roughError, 0,
+                                  tolerance >= MobilityAt::leastRoughTolerance};
     const auto root = [&] {
         lanczos.apply(product(0), W, {SpectralFunction::squareRoot()}, slips, Lanczos::OwnNorm,
-                      product(tolerance));
+                      {rough});
     };
     root();
     for (auto _ : state) root();

@@ -4,6 +4,7 @@
 #include "simd/SimdTargets.h"  // must precede Highway
 
 #include <atomic>
+#include <bitset>
 
 #include "TestSupport.h"
 #include "hwy/targets.h"
@@ -83,6 +84,9 @@ void onEveryInstructionSet(Test test) {
 }
 
 }  // namespace
+
+// Each set takes minutes to compile. Newer Highways have more sets than the library uses.
+TEST(SimdTargets, AreFourAtMost) { EXPECT_LE(bitset<64>(HWY_TARGETS).count(), 4u); }
 
 TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOne) {
     onEveryInstructionSet([](int64_t) {

@@ -10,6 +10,7 @@
 #include "hwy/contrib/math/math-inl.h"
 #include "hwy/highway.h"
 #include "mobility/fastsum/FastSum.h"
+#include "simd/WithFlags.h"
 
 #undef RIGIDHI_TARGET
 #define RIGIDHI_TARGET HWY_NAMESPACE
@@ -376,17 +377,13 @@ void sumNearOf(const NearTask& task) {
         sumOfPack<Real, wall, columns, false>(task, i, task.end, numSpheres, numAll);
 }
 
-template <class Real>
-void sumNearIn(const NearTask& task) {
-    if (task.hasWall)
-        (task.columns == 1 ? sumNearOf<Real, true, 1> : sumNearOf<Real, true, 2>)(task);
-    else
-        (task.columns == 1 ? sumNearOf<Real, false, 1> : sumNearOf<Real, false, 2>)(task);
-}
-
 /** Velocities of the targets by what is near them. */
 void sumNear(const NearTask& task) {
-    (task.single ? sumNearIn<SinglePack> : sumNearIn<Pack>)(task);
+    withFlags(
+        [&](auto single, auto wall, auto two) {
+            sumNearOf<std::conditional_t<single, SinglePack, Pack>, wall, two ? 2 : 1>(task);
+        },
+        task.single, task.hasWall, task.columns == 2);
 }
 
 }  // namespace HWY_NAMESPACE

@@ -24,7 +24,7 @@ typedef std::function<void(int count, const std::function<void(int, int)>& task)
  * Columns of modes along x, which lie one after the other, are transformed, solved and transformed
  * back at once. The way back is the same, and a particle is averaged over as soon as its rows are
  * there. So results do not depend on the number of threads. The transforms are those of
- * FourierPlan.
+ * FourierPlan. GridKernels are the steps, and GridEngine has their order.
  *
  * Cost: a product takes three transforms there and three back, and a random field takes three back.
  * Spreading and averaging take about n P^3 pi/4 nodes each, with P the stencil's width.
@@ -56,12 +56,14 @@ protected:
                       const ModeNoise& noise, std::vector<GridField>& fields) override;
 
 private:
+    /** The engine, which is made when it is first used, for that many channels. */
     template <typename T>
-    GridEngine<T>& prepare(std::unique_ptr<GridEngine<T> >& engine, const GridStencils& stencils);
+    GridEngine<T>& engineOf(std::unique_ptr<GridEngine<T> >& engine, const GridStencils& stencils,
+                            int channels = 1);
 
     const GridThreads threads;
     std::unique_ptr<GridEngine<double> > exact;
-    std::unique_ptr<GridEngine<float> > rough;  // made when first asked for
+    std::unique_ptr<GridEngine<float> > rough;
 };
 
 /** CounterModeNoise by packs of modes. The numbers are the same to a few roundings. */

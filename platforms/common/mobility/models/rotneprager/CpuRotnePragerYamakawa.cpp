@@ -14,6 +14,7 @@
 #include "mobility/models/rotneprager/PairSums.h"
 #include "mobility/models/rotneprager/PairTournament.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
+#include "simd/WithFlags.h"
 
 #undef RIGIDHI_TARGET
 #define RIGIDHI_TARGET HWY_NAMESPACE
@@ -163,13 +164,12 @@ HWY_NOINLINE void fillColumns(const Arrays& arrays, int j) {
 
 /** Fill the columns of the matrix that belong to some sources. */
 void fillMatrix(const Arrays& arrays, int firstSource, int endSource) {
-    const bool wall = arrays.hasWall;
-    for (int j = firstSource; j < endSource; j++) {
-        const bool torque = j < arrays.numSpheres;
-        (wall     ? torque ? fillColumns<WallPairs, true> : fillColumns<WallPairs, false>
-             : torque ? fillColumns<FreePairs, true>
-                  : fillColumns<FreePairs, false>)(arrays, j);
-    }
+    for (int j = firstSource; j < endSource; j++)
+        withFlags(
+            [&](auto wall, auto torque) {
+                fillColumns<std::conditional_t<wall, WallPairs, FreePairs>, torque>(arrays, j);
+            },
+            arrays.hasWall, j < arrays.numSpheres);
 }
 
 }  // namespace HWY_NAMESPACE

@@ -13,6 +13,7 @@
 #include "hwy/contrib/math/math-inl.h"
 #include "hwy/highway.h"
 #include "mobility/models/rotneprager/PairSums.h"
+#include "simd/WithFlags.h"
 
 #undef RIGIDHI_TARGET
 #define RIGIDHI_TARGET HWY_NAMESPACE
@@ -505,29 +506,18 @@ void addRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* se
     }
 }
 
-template <class Real, bool wall, int columns>
-void addKinds(const Arrays& arrays, const SlotRange& first, const SlotRange* second,
-              double* firstSums, double* secondSums, std::size_t stride) {
-    const bool torque_j = second ? second->hasTorque : first.hasTorque;
-    (!first.hasTorque ? addRanges<Real, wall, columns, false, false>
-     : torque_j       ? addRanges<Real, wall, columns, true, true>
-                : addRanges<Real, wall, columns, true, false>)(arrays, first, second, firstSums,
-                                                               secondSums, stride);
-}
-template <class Real>
-void addBoundaries(const Arrays& arrays, const SlotRange& first, const SlotRange* second,
-                   double* firstSums, double* secondSums, std::size_t stride) {
-    (arrays.hasWall ? arrays.columns == 1 ? addKinds<Real, true, 1> : addKinds<Real, true, 2>
-     : arrays.columns == 1
-         ? addKinds<Real, false, 1>
-         : addKinds<Real, false, 2>)(arrays, first, second, firstSums, secondSums, stride);
-}
 /** Spheres with torque come first, if kinds differ. */
 void addPairsOfRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* second,
                       double* firstSums, double* secondSums, std::size_t stride) {
-    (arrays.singleLoads ? addBoundaries<SinglePack> : addBoundaries<Pack>)(arrays, first, second,
-                                                                           firstSums, secondSums,
-                                                                           stride);
+    withFlags(
+        [&](auto single, auto wall, auto two, auto torque_i, auto torque_j) {
+            typedef std::conditional_t<single, SinglePack, Pack> Real;
+            if constexpr (torque_i || !torque_j)
+                addRanges<Real, wall, two ? 2 : 1, torque_i, torque_j>(
+                    arrays, first, second, firstSums, secondSums, stride);
+        },
+        arrays.singleLoads != nullptr, arrays.hasWall, arrays.columns == 2, first.hasTorque,
+        second ? second->hasTorque : first.hasTorque);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -543,10 +533,11 @@ HWY_EXPORT(addPairsOfRanges);
 void addPairs(const PairSumArrays& arrays, const SlotRange& first, const SlotRange& second,
               double* firstSums, double* secondSums, std::size_t sumsStride) {
     const bool same = first.first == second.first;
-    if (second.hasTorque && !first.hasTorque) HWY_DYNAMIC_DISPATCH(addPairsOfRanges)
-    (arrays, second, &first, secondSums, firstSums, sumsStride);
-    else HWY_DYNAMIC_DISPATCH(addPairsOfRanges)(arrays, first, same ? nullptr : &second, firstSums,
-                                                secondSums, sumsStride);
+    const auto add = HWY_DYNAMIC_DISPATCH(addPairsOfRanges);
+    if (second.hasTorque && !first.hasTorque)
+        add(arrays, second, &first, secondSums, firstSums, sumsStride);
+    else
+        add(arrays, first, same ? nullptr : &second, firstSums, secondSums, sumsStride);
 }
 
 }  // namespace RigidHIPlugin

@@ -4,6 +4,7 @@
 
 #include "mobility/models/rotneprager/FreeFlow.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall-inl.h"
+#include "simd/WithFlags.h"
 
 using namespace OpenMM;
 
@@ -143,14 +144,11 @@ void Place::dense(Eigen::MatrixXd& mobility) {
             const int row = particles.firstRow[i];
             const double factor = scale * (weights[i] * weights[j]);
             const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
-            if (particles.hasTorque[i])
-                particles.hasTorque[j]
-                    ? placePair<true, true>(mobility, row, column, pair, factor)
-                    : placePair<true, false>(mobility, row, column, pair, factor);
-            else
-                particles.hasTorque[j]
-                    ? placePair<false, true>(mobility, row, column, pair, factor)
-                    : placePair<false, false>(mobility, row, column, pair, factor);
+            withFlags(
+                [&](auto torque_i, auto torque_j) {
+                    placePair<torque_i, torque_j>(mobility, row, column, pair, factor);
+                },
+                particles.hasTorque[i], particles.hasTorque[j]);
         }
     }
 }

@@ -1,0 +1,60 @@
+// The tables of GridKernels.h, compiled once for each instruction set.
+
+#include "simd/SimdTargets.h"  // must precede foreach_target.h
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "mobility/models/forcecoupling/GridKernels.cpp"
+#include "hwy/foreach_target.h"  // must precede highway.h
+
+#include "hwy/cache_control.h"
+#include "hwy/contrib/math/math-inl.h"
+#include "hwy/highway.h"
+#include "mobility/models/forcecoupling/GridKernels.h"
+
+#undef RIGIDHI_TARGET
+#define RIGIDHI_TARGET HWY_NAMESPACE
+
+HWY_BEFORE_NAMESPACE();
+#include "mobility/models/forcecoupling/GridKernels-inl.h"
+
+namespace RigidHIPlugin {
+namespace HWY_NAMESPACE {
+
+const GridKernels<double>& exactKernels() {
+    static constexpr GridKernels<double> table = gridKernels<double>();
+    return table;
+}
+const GridKernels<float>& roughKernels() {
+    static constexpr GridKernels<float> table = gridKernels<float>();
+    return table;
+}
+const FieldKernels& kernelsOfFields() {
+    static constexpr FieldKernels table = fieldKernels();
+    return table;
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace RigidHIPlugin
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+
+namespace RigidHIPlugin {
+
+HWY_EXPORT(exactKernels);
+HWY_EXPORT(roughKernels);
+HWY_EXPORT(kernelsOfFields);
+
+template <>
+const GridKernels<double>& GridKernels<double>::best() {
+    return HWY_DYNAMIC_DISPATCH(exactKernels)();
+}
+template <>
+const GridKernels<float>& GridKernels<float>::best() {
+    return HWY_DYNAMIC_DISPATCH(roughKernels)();
+}
+const FieldKernels& FieldKernels::best() { return HWY_DYNAMIC_DISPATCH(kernelsOfFields)(); }
+
+}  // namespace RigidHIPlugin
+
+#endif

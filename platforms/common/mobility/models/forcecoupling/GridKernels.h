@@ -1,0 +1,65 @@
+#ifndef RIGIDHI_GRID_KERNELS_H_
+#define RIGIDHI_GRID_KERNELS_H_
+
+#include "mobility/models/forcecoupling/GridModes.h"
+#include "mobility/models/forcecoupling/GridWork.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * The steps of a product on a grid, in their order, compiled for one instruction set. A step is for
+ * a slab of planes across x, or for the columns along x of one y.
+ */
+template <typename T>
+struct GridKernels {
+    /**
+     * Spread forces to the nodes of a slab. Each row of nodes becomes a row of modes along z as
+     * soon as no more particles reach it.
+     */
+    void (*spread)(const GridWork<T>& work, const GridStencils& stencils, int slab,
+                   const double* forces, const GridSlab<T>& nodes, GridScratch<T>& scratch);
+    /** Transform a slab along y, to the modes of a channel. */
+    void (*transform)(const GridWork<T>& work, T* const* modes, int slab, const GridSlab<T>& nodes,
+                      GridScratch<T>& scratch);
+    /** Transform along x, let the fluid respond to the forces of all channels, and transform back.
+     */
+    void (*solve)(const GridWork<T>& work, const ChannelWork<T>* channels, int count, int y,
+                  double viscosity, GridScratch<T>& scratch);
+    /** Transform the modes of a channel back along y, to a slab. */
+    void (*transformBack)(const GridWork<T>& work, T* const* modes, int slab,
+                          const GridSlab<T>& nodes, GridScratch<T>& scratch);
+    /**
+     * Average over the nodes of a slab. Each row of modes along z becomes a row of nodes as soon as
+     * a particle needs it.
+     *
+     * @param averages  numbersOfPart for each slice
+     */
+    void (*average)(const GridWork<T>& work, const GridStencils& stencils, int slab,
+                    const GridSlab<T>& nodes, double* averages, GridScratch<T>& scratch);
+
+    /** Those of the best instruction set that this machine has. */
+    static const GridKernels& best();
+};
+
+/** The steps of random fields, beside GridKernels::transformBack. They are in double precision. */
+struct FieldKernels {
+    /** Draw modes by the root of the fluid's response, and transform them back along x. */
+    void (*draw)(const GridWork<double>& work, const ChannelWork<double>* channels, int count,
+                 int y, double viscosity, const ModeNoise& noise, GridScratch<double>& scratch);
+    /** Transform all rows of a slab back along z. */
+    void (*fill)(const GridWork<double>& work, const GridSlab<double>& nodes,
+                 GridScratch<double>& scratch);
+    /** Average over nodes that are all there: velocities, or gradients. */
+    void (*average)(const GridWork<double>& work, const GridStencils& stencils, int slab,
+                    const GridSlab<double>& nodes, bool gradients, double* averages,
+                    GridScratch<double>& scratch);
+    /** CounterModeNoise::fill(). */
+    void (*fillModes)(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny,
+                      int nz, std::complex<double>* numbers);
+
+    static const FieldKernels& best();
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
