@@ -214,14 +214,22 @@ TEST(Schemes, RotationalErrorsAreOfSecondOrder) {
             Dipoles dipoles(scheme, h, Vec3(1, 1, 1), Vec3(0, 0, 1), k, 4000);
             dipoles.integrator.setRotationalFriction(3);
             dipoles.integrator.step(100);
-            vector<double> energies;
-            for (int s = 0; s < (i == 0 ? 40 : 120); s++) {
-                dipoles.integrator.step(i == 0 ? 8 : 16);
-                // Body axes 1 and 2 are perpendicular to the dipole.
-                const Vec3 e = dipoles.integrator.computeRotationalKineticEnergies();
-                energies.push_back((e[0] + e[1]) / dipoles.copies);
+            // Samples are a third of the relaxation time of energies apart, which is I sum 1/I over
+            // the friction, 1.
+            MeanOverBodies energy;
+            for (int s = 0; s < (i == 0 ? 110 : 300); s++) {
+                dipoles.integrator.step(i == 0 ? 2 : 4);
+                // Of the two axes perpendicular to the dipole; moments are 1.
+                const vector<Vec3> omega = dipoles.integrator.getBodyAngularVelocities();
+                const vector<QuaternionArray> q = dipoles.integrator.getBodyOrientations();
+                vector<double> energies;
+                for (size_t b = 0; b < q.size(); b++) {
+                    const double along = omega[b].dot(rotate(q[b], Vec3(0, 0, 1)));
+                    energies.push_back((omega[b].dot(omega[b]) - along * along) / 2);
+                }
+                energy.add(energies);
             }
-            const Estimate estimated = estimate(energies);
+            const Estimate estimated = energy.estimated();
             bias[i] = estimated.mean - 1;
             error[i] = estimated.error;
             cout << "h = " << h << ": bias " << bias[i] << " +- " << error[i] << endl;
