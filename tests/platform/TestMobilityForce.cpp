@@ -124,7 +124,7 @@ TEST_P(EveryModel, IsSymmetricAndPositiveOverRandomConfigurations) {
         ASSERT_LT((N - N.transpose()).cwiseAbs().maxCoeff(), 1e-15 * N.cwiseAbs().maxCoeff());
         const VectorXd d = N.diagonal().cwiseSqrt().cwiseInverse();
         const double least =
-            Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * N * d.asDiagonal())
+            Eigen::SelfAdjointEigenSolver<MatrixXd>(MatrixXd(d.asDiagonal() * N * d.asDiagonal()))
                 .eigenvalues()[0];
         ASSERT_GT(least, 0) << "configuration " << trial;
         smallest = min(smallest, least);

@@ -3,6 +3,7 @@
 
 #include <openmm/CustomExternalForce.h>
 
+#include "Sampling.h"
 #include "TestSupport.h"
 #include "openmmrigidhi/SchemeTraits.h"
 
@@ -56,7 +57,7 @@ struct Trap {
 void sampleTrap(Trap& trap, int burnIn, int apart, int samples, double mass, Estimate& x2,
                 Estimate& p2) {
     trap.integrator.step(burnIn);
-    vector<double> xs, ps;
+    MeanOverBodies ofX2, ofP2;
     for (int s = 0; s < samples; s++) {
         trap.integrator.step(apart);
         vector<Vec3> R, V;
@@ -67,13 +68,16 @@ void sampleTrap(Trap& trap, int burnIn, int apart, int samples, double mass, Est
             R = positionsOf(*trap.context);
             V = velocitiesOf(*trap.context);
         }
+        vector<double> xs, ps;
         for (size_t i = 0; i < R.size(); i++) {
             xs.push_back(R[i].dot(R[i]) / 3);
             ps.push_back(V[i].dot(V[i]) * mass * mass / 3);
         }
+        ofX2.add(xs);
+        ofP2.add(ps);
     }
-    x2 = estimate(xs);
-    p2 = estimate(ps);
+    x2 = ofX2.estimated();
+    p2 = ofP2.estimated();
 }
 
 }  // namespace
@@ -102,7 +106,7 @@ TEST(Schemes, LangevinAHarmonicWellMatchesItsExactCovariance) {
     Trap trap(A, 0.2, Shape{"ball", {1.0}, {Vec3()}}, 4000, 1.0);
     trap.integrator.setFriction(1.0);
     Estimate x2, p2;
-    sampleTrap(trap, 100, 40, 60, 1.0, x2, p2);
+    sampleTrap(trap, 100, 10, 80, 1.0, x2, p2);
     expectMean("A <x^2>", x2, 1.0034317880);
     expectMean("A <p^2>", p2, 0.9834306706);
 }
@@ -173,10 +177,6 @@ struct Dipoles {
     }
 };
 
-void append(vector<double>& to, const vector<double>& more) {
-    to.insert(to.end(), more.begin(), more.end());
-}
-
 }  // namespace
 
 TEST(Schemes, DipolesInAFieldReachTheLangevinFunction) {
@@ -187,18 +187,19 @@ TEST(Schemes, DipolesInAFieldReachTheLangevinFunction) {
     for (Scheme scheme : thermostats()) {
         // Where the order is 1 a smaller step keeps the bias below the statistical error.
         const bool isCrude = traitsOf(scheme).weakOrder == 1;
-        const double h = isCrude ? 0.005 : 0.02;
+        // Elsewhere it is (h w)^2/12 of the mean with w^2 = k/I, below 3e-4.
+        const double h = isCrude ? 0.005 : 0.04;
         Dipoles dipoles(scheme, h, Vec3(2.5, 1.0, 1.9), direction, k, isCrude ? 500 : 1000);
         dipoles.integrator.setFriction(2);
         dipoles.integrator.setRotationalFriction(2);
         dipoles.integrator.setGradientRotationalRelaxationTime(0.5);
         dipoles.integrator.step(static_cast<int>(8 / h));
-        vector<double> n;
-        for (int s = 0; s < 20; s++) {
-            dipoles.integrator.step(static_cast<int>(3 / h));
-            append(n, dipoles.cosines(direction));
+        MeanOverBodies n;
+        for (int s = 0; s < (isCrude ? 30 : 80); s++) {
+            dipoles.integrator.step(static_cast<int>(0.6 / h));
+            n.add(dipoles.cosines(direction));
         }
-        expectMean("scheme " + to_string(scheme) + " <n_z>", estimate(n), 1 / tanh(k) - 1 / k);
+        expectMean("scheme " + to_string(scheme) + " <n_z>", n.estimated(), 1 / tanh(k) - 1 / k);
     }
 }
 
@@ -213,14 +214,22 @@ TEST(Schemes, RotationalErrorsAreOfSecondOrder) {
             Dipoles dipoles(scheme, h, Vec3(1, 1, 1), Vec3(0, 0, 1), k, 4000);
             dipoles.integrator.setRotationalFriction(3);
             dipoles.integrator.step(100);
-            vector<double> energies;
-            for (int s = 0; s < (i == 0 ? 40 : 120); s++) {
-                dipoles.integrator.step(i == 0 ? 8 : 16);
-                // Body axes 1 and 2 are perpendicular to the dipole.
-                const Vec3 e = dipoles.integrator.computeRotationalKineticEnergies();
-                energies.push_back((e[0] + e[1]) / dipoles.copies);
+            // Samples are a third of the relaxation time of energies apart, which is I sum 1/I over
+            // the friction, 1.
+            MeanOverBodies energy;
+            for (int s = 0; s < (i == 0 ? 110 : 300); s++) {
+                dipoles.integrator.step(i == 0 ? 2 : 4);
+                // Of the two axes perpendicular to the dipole; moments are 1.
+                const vector<Vec3> omega = dipoles.integrator.getBodyAngularVelocities();
+                const vector<QuaternionArray> q = dipoles.integrator.getBodyOrientations();
+                vector<double> energies;
+                for (size_t b = 0; b < q.size(); b++) {
+                    const double along = omega[b].dot(rotate(q[b], Vec3(0, 0, 1)));
+                    energies.push_back((omega[b].dot(omega[b]) - along * along) / 2);
+                }
+                energy.add(energies);
             }
-            const Estimate estimated = estimate(energies);
+            const Estimate estimated = energy.estimated();
             bias[i] = estimated.mean - 1;
             error[i] = estimated.error;
             cout << "h = " << h << ": bias " << bias[i] << " +- " << error[i] << endl;
@@ -245,7 +254,8 @@ TEST(Schemes, IsotropicRotationalDiffusionOfTheGradientThermostat) {
     Dipoles dipoles(Gradient, h, moments, Vec3(0, 0, 1), 0, 20000);
     dipoles.integrator.setGradientRotationalRelaxationTime(Upsilon);
     const auto q0 = dipoles.integrator.getBodyOrientations();
-    const int steps = 200;
+    // The relative error of D is 1.03/sqrt(copies), as it is in twice the time.
+    const int steps = 100;
     dipoles.integrator.step(steps);
     const auto q1 = dipoles.integrator.getBodyOrientations();
     for (int k = 0; k < 3; k++) {
@@ -276,26 +286,37 @@ TEST(Schemes, EquipartitionPerAxis) {
         integrator.setRandomNumberSeed(3);
         Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
         context.setPositions(randomPoses(water, copies, 1, 2));
-        // Equilibration takes ten times the slowest relaxation time. Translation has 1/gamma = 0.2
-        // ps, and the slowest axis relaxes at about 1.9/ps, so this is 5.3 ps.
-        integrator.step(2700);
+        // Momenta relax at the rates gamma and Gamma/(I sum 1/I), from zero: after four times the
+        // slowest relaxation time energies lack exp(-8). The slowest rate is about 1.9/ps. It
+        // counts for all axes, since free rotation takes energy from one to another.
+        vector<int> particles;
+        double mass;
+        Vec3 moments;
+        vector<Vec3> sites;
+        integrator.getRigidBodyParameters(0, particles, mass, moments, sites);
+        const double sum = 1 / moments[0] + 1 / moments[1] + 1 / moments[2], apart = 0.36;
+        const double slowest = 10 / (max({moments[0], moments[1], moments[2]}) * sum);
+        integrator.step(1100);
         vector<double> translational, rotational[3];
-        for (int s = 0; s < 8; s++) {
-            integrator.step(700);
+        for (int s = 0; s < 15; s++) {
+            integrator.step(static_cast<int>(apart / 0.002));
             translational.push_back(integrator.computeTranslationalKineticEnergy());
             for (int k = 0; k < 3; k++)
                 rotational[k].push_back(integrator.computeRotationalKineticEnergies()[k]);
         }
         // The error is that of a chi^2 variable with copies * samples degrees of freedom for each
-        // axis.
+        // axis, of samples that are correlated.
         const double kT = boltzmann * 300, n = copies * translational.size();
-        auto check = [&](const string& what, const vector<double>& energies, double axes) {
+        auto check = [&](const string& what, const vector<double>& energies, double axes,
+                         double rate) {
             Estimate e = estimate(energies);
             expectMean("scheme " + to_string(scheme) + " " + what,
-                       {e.mean / copies / axes / (kT / 2), sqrt(2 / (n * axes))}, 1);
+                       {e.mean / copies / axes / (kT / 2),
+                        sqrt(2 / (n * axes)) * errorOfCorrelatedSquares(rate * apart)},
+                       1);
         };
-        check("translation", translational, 3);
-        for (int k = 0; k < 3; k++) check("axis " + to_string(k + 1), rotational[k], 1);
+        check("translation", translational, 3, 5);
+        for (int k = 0; k < 3; k++) check("axis " + to_string(k + 1), rotational[k], 1, slowest);
     }
 }
 

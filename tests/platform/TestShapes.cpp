@@ -3,6 +3,7 @@
 
 #include <openmm/CustomExternalForce.h>
 
+#include "Sampling.h"
 #include "TestSupport.h"
 
 using namespace OpenMM;
@@ -17,8 +18,8 @@ const double rigidity = 1e-12;
 
 void checkShape(const Shape& shape, int copies, int steps) {
     System system;
-    // Gamma is such that the slowest axis relaxes at 1/ps. Needles need a large Gamma, because the
-    // rate is Gamma/(I sum 1/I).
+    // Gamma is such that the slowest axis relaxes at 2/ps at least. Needles need a large Gamma,
+    // because the rate is Gamma/(I sum 1/I).
     CustomRigidHIIntegrator integrator(300, 0.002);
     addBodies(system, integrator, shape, copies);
     // A force that turns bodies and pulls them back.
@@ -47,15 +48,15 @@ void checkShape(const Shape& shape, int copies, int steps) {
         }
     const double Gamma = max(10.0, 2 * largest * sum);
     integrator.setRotationalFriction(Gamma);
-    const double slowest = largest > 0 ? largest * sum / Gamma : 0.5;
 
-    const int relax = static_cast<int>(10 * max(slowest, 0.5) / 0.002);
+    // From rest; after four relaxation times energies lack exp(-8).
+    const int relax = 1000, apart = 250;
     integrator.step(relax);
     const map<string, int> dof = integrator.getDegreesOfFreedom();
     vector<double> rotational[3];
-    const int samples = max(4, (steps - relax) / 1000);
+    const int samples = (steps - relax) / apart;
     for (int s = 0; s < samples; s++) {
-        integrator.step(1000);
+        integrator.step(apart);
         const Vec3 e = integrator.computeRotationalKineticEnergies();
         for (int k = 0; k < 3; k++) rotational[k].push_back(e[k]);
     }
@@ -69,11 +70,11 @@ void checkShape(const Shape& shape, int copies, int steps) {
             for (double e : rotational[k]) ASSERT_EQ(e, 0.0) << shape.name;
             continue;
         }
-        // Samples are 2 ps apart, at least 2 relaxation times. The correlation exp(-4) of their
-        // squares adds 4 % to the error.
-        const Estimate e = estimate(rotational[k]);
+        // The slowest axis counts for all, since free rotation takes energy from one to another.
+        const double relaxations = Gamma / (largest * sum) * apart * 0.002;
         expectMean(shape.name + " axis " + to_string(k + 1),
-                   {e.mean / copies / (kT / 2), 1.04 * sqrt(2.0 / (copies * rotational[k].size()))},
+                   {estimate(rotational[k]).mean / copies / (kT / 2),
+                    errorOfCorrelatedSquares(relaxations) * sqrt(2.0 / (copies * samples))},
                    1);
     }
 }
@@ -82,7 +83,7 @@ void checkShape(const Shape& shape, int copies, int steps) {
 
 TEST(Shapes, AreRigidFiniteAndThermal) {
     for (const Shape& shape : allShapes())
-        checkShape(shape, shape.sites.size() > 100 ? 8 : 64, 12000);
+        checkShape(shape, shape.sites.size() > 100 ? 8 : 64, 6000);
 }
 
 TEST(Shapes, FullAThousandOrientationsAHundredThousandSteps) {
@@ -110,18 +111,22 @@ TEST(Shapes, ExplicitMomentsInEveryAxisOrder) {
         integrator.setRandomNumberSeed(4);
         Context context(system, integrator, testPlatform(), threads(testPlatformName(), 1));
         context.setPositions(randomPoses({"", {1, 1}, {site, site * -1}}, copies, 1, 3));
-        integrator.step(2500);
+        // The thick axes relax at 2/ps, the thin one within a step. Energies lack exp(-8).
+        const int samples = 14, apart = 250;
+        integrator.step(1000);
         vector<double> energies[3];
-        for (int s = 0; s < 10; s++) {
-            integrator.step(1000);
+        for (int s = 0; s < samples; s++) {
+            integrator.step(apart);
             for (int k = 0; k < 3; k++)
                 energies[k].push_back(integrator.computeRotationalKineticEnergies()[k]);
         }
-        for (int k = 0; k < 3; k++)
+        for (int k = 0; k < 3; k++) {
+            const double correlated = k == 0 ? 1 : errorOfCorrelatedSquares(2 * apart * 0.002);
             expectMean("thin axis " + to_string(thin) + ", axis " + to_string(k + 1),
                        {estimate(energies[k]).mean / copies / (boltzmann * 150),
-                        1.04 * sqrt(2.0 / (copies * 10))},
+                        correlated * sqrt(2.0 / (copies * samples))},
                        1);
+        }
     }
 }
 

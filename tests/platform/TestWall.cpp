@@ -27,7 +27,7 @@ struct WallScene : FluidScene {
 /** The smallest eigenvalue in units in which every diagonal entry is 1. */
 double smallestEigenvalue(const MatrixXd& M) {
     const VectorXd d = M.diagonal().cwiseSqrt().cwiseInverse();
-    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal())
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(MatrixXd(d.asDiagonal() * M * d.asDiagonal()))
         .eigenvalues()[0];
 }
 

@@ -23,6 +23,8 @@ import observables  # noqa: E402
 import tip4p_model as tip4p  # noqa: E402
 
 N = 440
+#: matrices that make e_k x d of d, for the rotations about three axes
+GENERATORS = [np.cross(axis, np.eye(3)).T for axis in np.eye(3)]
 FINE_BIN = 1e-6  # nm^2: a hundredth of the default, so that a single configuration is good to 1e-4
 
 
@@ -221,15 +223,13 @@ class TestTip4pObservables(unittest.TestCase):
                 else:
                     _, u1, u2 = (tip4p.CHARGES[a]*tip4p.CHARGES[b]*f for f in tip4p.coulomb(r))
                 d = sites[m, a]
-                hessian = (np.einsum("p,ij->pij", u1/r, np.eye(3)) +
-                           np.einsum("p,pi,pj->pij", (u2 - u1/r)/r**2, r_vector, r_vector))
-                translation += np.trace(hessian.sum(axis=0))
-                # generators e_k x d of the three rotations
-                for k in range(3):
-                    axis = np.eye(3)[k]
-                    t = np.cross(axis, d)
-                    rotation += t @ hessian.sum(axis=0) @ t
-                    rotation += np.sum((u1/r)[:, None]*r_vector, axis=0) @ np.cross(axis, t)
+                hessian = (np.sum(u1/r)*np.eye(3) + np.einsum("p,pi,pj->ij",
+                                                              (u2 - u1/r)/r**2, r_vector, r_vector))
+                slope = (u1/r) @ r_vector
+                translation += np.trace(hessian)
+                for generator in GENERATORS:
+                    t = generator @ d
+                    rotation += t @ hessian @ t + slope @ (generator @ t)
         return translation, rotation
 
     def test_pressure(self):

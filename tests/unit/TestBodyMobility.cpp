@@ -377,7 +377,7 @@ TEST(BodyMobility, OwnTensorsAreExactFarAwayAndPositiveNearby) {
         const MatrixXd N = measured.mobility();
         const VectorXd d = N.diagonal().cwiseSqrt().cwiseInverse();
         const double least =
-            Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * N * d.asDiagonal())
+            Eigen::SelfAdjointEigenSolver<MatrixXd>(MatrixXd(d.asDiagonal() * N * d.asDiagonal()))
                 .eigenvalues()[0];
         ASSERT_GT(least, 0) << trial;
         smallest = min(smallest, least);

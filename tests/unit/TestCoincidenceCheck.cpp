@@ -25,7 +25,7 @@ double smallestEigenvalue(double distance, double otherRadius, bool torque) {
     MatrixXd M;
     model.at({{Vec3(), Vec3(0.6, 0, 0.8) * distance}})->dense(M);
     const VectorXd d = M.diagonal().cwiseSqrt().cwiseInverse();
-    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal())
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(MatrixXd(d.asDiagonal() * M * d.asDiagonal()))
         .eigenvalues()[0];
 }
 

@@ -6,6 +6,7 @@
 #include <random>
 #include <thread>
 
+#include "EigenInstances.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"

@@ -1,6 +1,7 @@
 // Functions of matrices times vectors by Lanczos iteration have the promised accuracy, also for
 // hard spectra and for suspensions of spheres. Error messages are tested too.
 
+#include "EigenInstances.h"
 #include "linearalgebra/Lanczos.h"
 
 #include <Eigen/Dense>

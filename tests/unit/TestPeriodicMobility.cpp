@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <complex>
 
+#include "EigenInstances.h"
 #include "TestSupport.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 #include "mobility/models/periodic/PeriodicStokesianDynamics.h"
@@ -48,7 +49,7 @@ double scaledDifference(const MatrixXd& a, const MatrixXd& b) {
 
 double leastEigenvalue(const MatrixXd& m) {
     const VectorXd d = m.diagonal().cwiseSqrt().cwiseInverse();
-    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * m * d.asDiagonal())
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(MatrixXd(d.asDiagonal() * m * d.asDiagonal()))
         .eigenvalues()[0];
 }
 
@@ -355,9 +356,9 @@ TEST(PeriodicStokesianDynamics, DenseClustersArePositiveDefinite) {
         EXPECT_GT(leastEigenvalue(whole), 0);
         EXPECT_EQ((whole - whole.transpose()).norm(), 0);
         const VectorXd d = far.diagonal().cwiseSqrt().cwiseInverse();
-        const VectorXd added =
-            Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * (whole - far) * d.asDiagonal())
-                .eigenvalues();
+        const VectorXd added = Eigen::SelfAdjointEigenSolver<MatrixXd>(
+                                   MatrixXd(d.asDiagonal() * (whole - far) * d.asDiagonal()))
+                                   .eigenvalues();
         EXPECT_GT(added[0], -1e-8 * added[added.size() - 1]);
     }
 }

@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 #include <random>
 
+#include "EigenInstances.h"
 #include "TestSupport.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
@@ -79,7 +80,7 @@ Scene randomScene(mt19937& random, int n, double size, double lowest = 0) {
 /** The smallest eigenvalue in units in which every particle's own mobility is 1. */
 double smallestEigenvalue(const MatrixXd& M) {
     const VectorXd d = M.diagonal().cwiseSqrt().cwiseInverse();
-    return Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal())
+    return Eigen::SelfAdjointEigenSolver<MatrixXd>(MatrixXd(d.asDiagonal() * M * d.asDiagonal()))
         .eigenvalues()[0];
 }
 

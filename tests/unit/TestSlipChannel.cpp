@@ -127,7 +127,8 @@ TEST(SlipChannel, GridsHaveTheirTolerance) {
     const MatrixXd exact = matrixAt(*dense(particles), places);
     const VectorXd root = exact.diagonal().cwiseSqrt().cwiseInverse();
     const auto norm = [&](const MatrixXd& M) {
-        return Eigen::SelfAdjointEigenSolver<MatrixXd>(root.asDiagonal() * M * root.asDiagonal())
+        return Eigen::SelfAdjointEigenSolver<MatrixXd>(
+                   MatrixXd(root.asDiagonal() * M * root.asDiagonal()))
             .eigenvalues()
             .cwiseAbs()
             .maxCoeff();

@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <random>
 
+#include "EigenInstances.h"
 #include "TestSupport.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
 #include "mobility/models/wall/SphereWall.h"
@@ -197,9 +198,9 @@ TEST(SphereWallCongruence, IsSymmetricPositiveDefiniteAndItsProductsAreTheMatrix
         const MatrixXd M = scene.dense();
         ASSERT_EQ((M - M.transpose()).cwiseAbs().maxCoeff(), 0);
         const VectorXd d = M.diagonal().cwiseSqrt().cwiseInverse();
-        smallest = min(smallest,
-                       Eigen::SelfAdjointEigenSolver<MatrixXd>(d.asDiagonal() * M * d.asDiagonal())
-                           .eigenvalues()[0]);
+        smallest = min(smallest, Eigen::SelfAdjointEigenSolver<MatrixXd>(
+                                     MatrixXd(d.asDiagonal() * M * d.asDiagonal()))
+                                     .eigenvalues()[0]);
         ASSERT_GT(smallest, 0) << trial;
         MatrixXd products;
         const MatrixXd forces = MatrixXd::Random(M.rows(), 3);

@@ -222,7 +222,8 @@ def main():
 
     result = {'exact': {}, 'models': {}}
     for s in separations:
-        drag, spin = exactPair(SEPARATIONS[s])
+        # At l = 3, 450 points give ten digits.
+        drag, spin = exactPair(SEPARATIONS[s], 450 if args.quick else 700)
         known = COLLOCATION.get(s)
         result['exact'][s] = {
             'F/U': (known or (drag, spin))[0],
