@@ -736,90 +736,132 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     """
     arguments = list(arguments)
     checkNumbers(jobs, retries)
-    names = [str(k)
-             for k in range(len(arguments))] if names is None else [str(name) for name in names]
-    if len(names) != len(arguments) or len(set(names)) < len(names):
-        raise ValueError(
-            f'tasks.run: names: got {len(names)} with {len(set(names))} different ones for '
-            f'{len(arguments)} tasks; each task needs one of '
-            'its own: correct the list')
+    names = _checkedNames(names, len(arguments))
     if not arguments:
         return []
-    outcomes, waiting = {}, collections.deque(range(len(arguments)))
-    attempts = [_Attempts() for _ in arguments]
-    # Whether no attempt has begun since a task was submitted last, and how many workers in a row
-    # have died so early.
-    fresh, unborn = [True]*len(arguments), [0]*len(arguments)
     backend = _backend(function, jobs, cluster, retries, timeout)
     bar = _Bar(amounts, len(arguments), unit, title, quiet)
-    backend.tell, backend.say = lambda event: bar.show(event[1], event[2]), bar.say
+    tasks = [
+        _Task(argument, index, name, directory)
+        for index, (argument, name) in enumerate(zip(arguments, names))
+    ]
+    return _Run(tasks, backend, bar, retries, finished).outcomes()
 
-    def end(outcome):
-        outcome.name, outcome.attempts = names[outcome.index], max(1,
-                                                                   attempts[outcome.index].starts)
-        outcomes[outcome.index] = outcome
-        bar.end(outcome.index)
-        if finished is not None:
-            finished(outcome)
 
-    def giveUp(index, how=None):
-        end(
-            Outcome(
-                index, names[index], failure=Failure(
-                    'WorkerDied',
-                    f'{attempts[index].starts + unborn[index]} workers died with it, one after the '
-                    f'other{"" if how is None else f" ({how})"}; more retries than {retries} '
-                    f'without progress are not made: look '
-                    'for what ends the process (memory?), then run it again')))
+def _checkedNames(names, count):
+    """The names of all tasks; default: their numbers."""
+    names = [str(k) for k in range(count)] if names is None else [str(name) for name in names]
+    if len(names) != count or len(set(names)) < len(names):
+        raise ValueError(f'tasks.run: names: got {len(names)} with {len(set(names))} different '
+                         f'ones for {count} tasks; each task needs one of its own: correct the '
+                         'list')
+    return names
 
-    def isEarly(index, how):
-        """Whether a worker died before it began with the task; counts them."""
+
+class _Task:
+    """An argument, and what has become of it so far."""
+    def __init__(self, argument, index, name, directory):
+        self.argument, self.index, self.name = argument, index, name
+        self.directory = None if directory is None else os.path.join(directory, name)
+        self.attempts = _Attempts()
+        #: Whether no attempt has begun since the task was submitted last.
+        self.isFresh = True
+        #: How many workers in a row have died so early.
+        self.unborn = 0
+
+    def submit(self, backend):
+        self.isFresh = True
+        backend.submit(self.argument, Job(self.index, self.name, self.directory))
+
+    def start(self):
+        """A worker begins with the task."""
+        # A scheduler has tried it again by itself.
+        if not self.isFresh:
+            self.attempts.end()
+        self.isFresh, self.unborn = False, 0
+        self.attempts.start()
+
+    def has_early_death(self, how):
+        """Whether a worker died before it began with the task; counts such workers."""
         # A scheduler does not tell how its workers died, and counts by itself.
-        early = how is not None and fresh[index]
-        unborn[index] += early
-        return early
+        isEarly = how is not None and self.isFresh
+        self.unborn += isEarly
+        return isEarly
 
-    with contextlib.closing(backend), contextlib.closing(bar):
-        while len(outcomes) < len(arguments):
-            places = backend.free()
-            while waiting and places > 0:
-                index, places = waiting.popleft(), places - 1
-                fresh[index] = True
-                backend.submit(
-                    arguments[index],
-                    Job(index, names[index],
-                        None if directory is None else os.path.join(directory, names[index])))
-            for event, index, what in backend.look():
-                if event == STARTED:
-                    mine = attempts[index]
-                    # A scheduler has tried it again by itself.
-                    if not fresh[index]:
-                        mine.end()
-                    fresh[index], unborn[index] = False, 0
-                    mine.start()
-                    if mine.starts > 1:
-                        bar.say(f'{names[index]}: its worker died; attempt {mine.starts}')
-                    # An external scheduler may allow more attempts.
-                    if mine.fruitless > retries:
-                        backend.cancel(index)
-                        giveUp(index)
-                elif event == PROGRESS:
-                    attempts[index].report(what)
-                    bar.show(index, what)
-                elif event == DONE:
-                    end(what)
-                elif isEarly(index, what) and unborn[index] <= UNBORN*(retries + 1):
-                    # The task has nothing to do with it, unless it never begins.
-                    waiting.appendleft(index)
-                else:
-                    attempts[index].end()
-                    # A scheduler that gives up ignores progress, and has a number of retries of its
-                    # own.
-                    if attempts[index].fruitless <= retries:
-                        waiting.appendleft(index)
-                    else:
-                        giveUp(index, what)
-    return [outcomes[index] for index in range(len(arguments))]
+
+class _Run:
+    """All tasks, from the first one that is submitted to the last outcome.
+
+    Each kind of event that a backend sees has a method of its own.
+    """
+    def __init__(self, tasks, backend, bar, retries, finished):
+        self._tasks, self._backend, self._bar = tasks, backend, bar
+        self._retries, self._finished = retries, finished
+        self._waiting = collections.deque(tasks)
+        self._outcomes = {}
+        self._events = {
+            STARTED: self._start,
+            PROGRESS: self._report,
+            DONE: self._end,
+            DIED: self._bury
+        }
+        backend.tell, backend.say = lambda event: bar.show(event[1], event[2]), bar.say
+
+    def outcomes(self):
+        """Do all tasks. Returns the list of Outcome, in the order of the tasks."""
+        with contextlib.closing(self._backend), contextlib.closing(self._bar):
+            while len(self._outcomes) < len(self._tasks):
+                places = self._backend.free()
+                while self._waiting and places > 0:
+                    self._waiting.popleft().submit(self._backend)
+                    places -= 1
+                for event, index, what in self._backend.look():
+                    self._events[event](self._tasks[index], what)
+        return [self._outcomes[task.index] for task in self._tasks]
+
+    def _start(self, task, _):
+        task.start()
+        if task.attempts.starts > 1:
+            self._bar.say(f'{task.name}: its worker died; attempt {task.attempts.starts}')
+        # An external scheduler may allow more attempts.
+        if task.attempts.fruitless > self._retries:
+            self._backend.cancel(task.index)
+            self._give_up(task)
+
+    def _report(self, task, done):
+        task.attempts.report(done)
+        self._bar.show(task.index, done)
+
+    def _end(self, task, outcome):
+        outcome.name, outcome.attempts = task.name, max(1, task.attempts.starts)
+        self._outcomes[task.index] = outcome
+        self._bar.end(task.index)
+        if self._finished is not None:
+            self._finished(outcome)
+
+    def _bury(self, task, how):
+        """A worker has died with the task: another one gets it, if it has a chance."""
+        if task.has_early_death(how) and task.unborn <= UNBORN*(self._retries + 1):
+            # The task has nothing to do with it, unless it never begins.
+            self._waiting.appendleft(task)
+            return
+        task.attempts.end()
+        # A scheduler that gives up ignores progress, and has a number of retries of its own.
+        if task.attempts.fruitless <= self._retries:
+            self._waiting.appendleft(task)
+        else:
+            self._give_up(task, how)
+
+    def _give_up(self, task, how=None):
+        died = f'{task.attempts.starts + task.unborn} workers died with it, one after the other'
+        cause = '' if how is None else f' ({how})'
+        self._end(
+            task,
+            Outcome(
+                task.index, task.name, failure=Failure(
+                    'WorkerDied',
+                    f'{died}{cause}; more retries than {self._retries} without progress are not '
+                    'made: look for what ends the process (memory?), then run it again')))
 
 
 class _Bar:
