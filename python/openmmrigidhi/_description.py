@@ -38,7 +38,7 @@ def describe():
     failures = openmm.Platform.getPluginLoadFailures()
     if failures:
         lines.append('plugins of OpenMM that failed to load: ' + '; '.join(failures))
-    path = _loading.findPlatformLibrary(_CPU_LIBRARY)
+    path = _loading.find_platform_library(_CPU_LIBRARY)
     if path is None:
         lines.append(f'{_CPU_LIBRARY} is in neither plugin directory')
     else:

@@ -79,7 +79,7 @@ def _served():
     return [platform.getName() for platform in present if platform.supportsKernels([_KERNEL])]
 
 
-def findPlatformLibrary(name):
+def find_platform_library(name):
     """The path of a platform library of this plugin; None if it is in no directory.
 
     The directories are those of this package and OpenMM's plugin directories.
@@ -116,7 +116,7 @@ def checkPlatform(platform):
         if OpenMM has no such platform, or the platform lacks our kernels
     """
     name = platform if isinstance(platform, str) else platform.getName()
-    late = findPlatformLibrary(_FOR_ANY_PLATFORM)
+    late = find_platform_library(_FOR_ANY_PLATFORM)
     if late is not None:
         openmm.Platform.loadPluginLibrary(late)
     names = [

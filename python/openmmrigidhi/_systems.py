@@ -5,7 +5,7 @@ from . import _units
 from .mobility import MobilityForce
 
 
-def forcesOf(system, kind):
+def forces_of(system, kind):
     """The System's forces of one of this package's classes."""
     found = []
     for force in system.getForces():
@@ -16,25 +16,25 @@ def forcesOf(system, kind):
     return found
 
 
-def hydrodynamicRadii(system, radii, where):
+def hydrodynamic_radii(system, radii, where):
     """Radius of each particle of the System, nm.
 
     The radii are those given, or else those of the MobilityForce, or else 0.
     """
     count = system.getNumParticles()
     if radii is not None:
-        return np.array(_units.perSite(radii, _units.LENGTH, count, where, 'radii'))
-    fluids = forcesOf(system, MobilityForce)
+        return np.array(_units.per_site(radii, _units.LENGTH, count, where, 'radii'))
+    fluids = forces_of(system, MobilityForce)
     return np.array([fluids[0].getParticleRadius(i)._value
                      for i in range(count)]) if fluids else np.zeros(count)
 
 
-def refuseDrivenFlow(system, where, consequence):
+def refuse_driven_flow(system, where, consequence):
     """Refuse a System whose fluid is driven, where equilibrium is assumed.
 
     The text consequence says what is wrong then, and what to do instead.
     """
-    for fluid in forcesOf(system, MobilityForce):
+    for fluid in forces_of(system, MobilityForce):
         velocity, gradient = (quantity._value for quantity in fluid.getBackgroundFlow())
         f0 = fluid.getSinusoidalForceDensity()[0]._value
         if velocity.any() or gradient.any():

@@ -213,7 +213,7 @@ class _Worker:
     def __init__(self, context):
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        with _mainThatCanBeImported():
+        with _main_that_can_be_imported():
             self.process.start()
         # Without this copy the pipe ends when the process does.
         theirs.close()
@@ -221,7 +221,7 @@ class _Worker:
 
 
 @contextlib.contextmanager
-def _mainThatCanBeImported():
+def _main_that_can_be_imported():
     """New processes import the main module by its file.
 
     Where there is no such file (a program from stdin, '<stdin>'), they would die of it, and so they
@@ -336,7 +336,7 @@ def _within(seconds, call):
         raise TimeoutError(f'no answer within {seconds:g} s') from error
 
 
-def _performPickled(payload, topic):
+def _perform_pickled(payload, topic):
     """One task on a worker of dask, and its Outcome as bytes.
 
     Everything is in one piece of bytes, in which dask looks for no tasks of its own, and whose
@@ -395,7 +395,7 @@ class _Cluster:
                 self.client = address
             else:
                 self.client = self._connect(address)
-            self._checkWorkers()
+            self._check_workers()
             self.client.subscribe_topic(self.topic, self._hear)
             self.place.callback(self.client.unsubscribe_topic, self.topic)
             ifItFails.pop_all()
@@ -428,7 +428,7 @@ class _Cluster:
                 '(dask-scheduler), correct the address, or leave it out for processes on this '
                 'machine') from error
 
-    def _checkWorkers(self):
+    def _check_workers(self):
         """Wait for a worker, and check that all workers have this package; both within timeout."""
         try:
             self.client.wait_for_workers(1, timeout=self.timeout)
@@ -452,12 +452,13 @@ class _Cluster:
                             lambda: self.client.run(eval, text, workers=workers, on_error='return'))
         except TimeoutError as error:
             self.isSilent = True
-            return dict.fromkeys(workers, self._silentWorker('one of ' + ', '.join(workers), error))
+            return dict.fromkeys(workers, self._silent_worker('one of ' + ', '.join(workers),
+                                                              error))
         return {worker: self._problem(worker, version) for worker, version in found.items()}
 
     def _problem(self, worker, version):
         if isinstance(version, (OSError, asyncio.TimeoutError)):
-            return self._silentWorker(f'the worker {worker}', version)
+            return self._silent_worker(f'the worker {worker}', version)
         if isinstance(version, BaseException):
             return ImportError(
                 f'cluster {self.address}: the worker {worker} cannot import openmmrigidhi '
@@ -479,7 +480,7 @@ class _Cluster:
         except (OSError, RuntimeError) as error:
             self.isSilent = isinstance(error, TimeoutError)
             raise self._lost(f' ({error})' if self.isSilent else '') from error
-        self._checkLateWorkers(threads)
+        self._check_late_workers(threads)
         self.usable = [worker for worker in threads if worker not in self.unusable]
         slots = sum(threads[worker] for worker in self.usable)
         if self.local is not None and slots < self.jobs and time.monotonic(
@@ -501,7 +502,7 @@ class _Cluster:
         # other tasks.
         return slots - len(self.futures)
 
-    def _checkLateWorkers(self, workers):
+    def _check_late_workers(self, workers):
         """Workers of others may come while tasks are done; one that cannot be used gets none."""
         late = [worker for worker in workers if worker not in self.known]
         if self.local is None and late:
@@ -511,7 +512,7 @@ class _Cluster:
                     self.say(f'{problem}; it gets no tasks')
         self.known.update(late)
 
-    def _silentWorker(self, which, error):
+    def _silent_worker(self, which, error):
         return ConnectionError(
             f'cluster {self.address}: {which} does not answer ({error}); every worker must: end '
             f'it, or look what it waits for')
@@ -530,7 +531,7 @@ class _Cluster:
             self.submitted += 1
             # If all of them are gone when it begins, any other one may take it.
             self.futures[job.index] = self.client.submit(
-                _performPickled, payload, self.topic, pure=False,
+                _perform_pickled, payload, self.topic, pure=False,
                 key=f'{self.topic}-{self.submitted}',
                 workers=self.usable if self.unusable else None,
                 allow_other_workers=bool(self.unusable))
@@ -642,7 +643,7 @@ class _Attempts:
 # ---- All tasks -----------------------------------------------------------------------------------
 
 
-def checkNumbers(jobs, retries):
+def check_numbers(jobs, retries):
     """Check how many tasks are wanted at a time, and how many retries.
 
     Parameters
@@ -735,8 +736,8 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     [1, 4, 9]
     """
     arguments = list(arguments)
-    checkNumbers(jobs, retries)
-    names = _checkedNames(names, len(arguments))
+    check_numbers(jobs, retries)
+    names = _checked_names(names, len(arguments))
     if not arguments:
         return []
     backend = _backend(function, jobs, cluster, retries, timeout)
@@ -748,7 +749,7 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     return _Run(tasks, backend, bar, retries, finished).outcomes()
 
 
-def _checkedNames(names, count):
+def _checked_names(names, count):
     """The names of all tasks; default: their numbers."""
     names = [str(k) for k in range(count)] if names is None else [str(name) for name in names]
     if len(names) != count or len(set(names)) < len(names):

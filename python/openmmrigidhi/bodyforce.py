@@ -125,7 +125,7 @@ class CustomBodyForce(_copies.Copies, _Base):
         TypeError
             if obj is anything else
         """
-        return CustomBodyForce._castGeneric(obj)
+        return CustomBodyForce._cast_generic(obj)
 
     # ---- Expressions -----------------------------------------------------------------------------
 

@@ -156,7 +156,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         TypeError
             if obj is anything else
         """
-        return CustomRigidHIIntegrator._castGeneric(obj)
+        return CustomRigidHIIntegrator._cast_generic(obj)
 
     _base = _Base
     _generic = openmm.Integrator
@@ -224,10 +224,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                 f'explicit body '
                 'needs all three: give them all, or none to take them from the System')
         return super().addRigidBody(
-            indices, *self._explicitBody(where, mass, principalMoments, sitePositions))
+            indices, *self._explicit_body(where, mass, principalMoments, sitePositions))
 
     @staticmethod
-    def _explicitBody(where, mass, principalMoments, sitePositions):
+    def _explicit_body(where, mass, principalMoments, sitePositions):
         return (_units.number(mass, _units.MASS, where, 'mass'),
                 _units.vector(principalMoments, _units.MOMENT, where, 'principalMoments'),
                 _units.rows(sitePositions, _units.LENGTH, 3, where, 'sitePositions'))
@@ -308,7 +308,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setRigidBodyParameters(
             self._index(index, 'setRigidBodyParameters'),
             _units.indices(particles, where, 'particles'),
-            *self._explicitBody(where, mass, principalMoments, sitePositions))
+            *self._explicit_body(where, mass, principalMoments, sitePositions))
 
     def resetBodyGeometry(self):
         """Forget the geometry of all bodies that were added without an explicit one.

@@ -181,7 +181,7 @@ class MobilityForce(_copies.Copies, _Base):
         TypeError
             if obj is anything else
         """
-        return MobilityForce._castGeneric(obj)
+        return MobilityForce._cast_generic(obj)
 
     # ---- Particles and fluid ---------------------------------------------------------------------
 

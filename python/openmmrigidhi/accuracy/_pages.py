@@ -99,7 +99,7 @@ class Report:
 
     def draw(self, observable):
         """The picture of an observable, a PNG."""
-        figure, panels = emptyPanels(
+        figure, panels = empty_panels(
             f'{sentence(self.result.observables[observable]["label"])}, '
             f'{self.result.scene["name"]}', self.widths(observable))
         self.panels(*panels, observable, self.limits(observable))
@@ -222,7 +222,7 @@ def advise(report):
 # ---- Pictures ------------------------------------------------------------------------------------
 
 
-def emptyPanels(title, widths):
+def empty_panels(title, widths):
     """An empty figure with panels side by side, of relative widths: (figure, panels)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -242,7 +242,7 @@ def png(figure, title):
     return buffer.getvalue()
 
 
-def plainTicks(axes):
+def plain_ticks(axes):
     """Numbers such as 0.2 and 50 on logarithmic axes, a list of them that is not too long."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
     for axis in (axes.xaxis, axes.yaxis):

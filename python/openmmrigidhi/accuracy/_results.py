@@ -71,7 +71,7 @@ class Recommendation:
         return self.text
 
 
-def splitWanted(wanted, names, example):
+def split_wanted(wanted, names, example):
     """Wanted errors from text, as (observable, amount as written, its number).
 
     Parameters
@@ -111,7 +111,7 @@ def splitWanted(wanted, names, example):
     return result
 
 
-def checkLengths(where, budget=None, length=None, equilibration=None, rounds=None):
+def check_lengths(where, budget=None, length=None, equilibration=None, rounds=None):
     """Refuse impossible lengths of a measurement; None is not checked.
 
     Parameters
@@ -141,7 +141,7 @@ def checkLengths(where, budget=None, length=None, equilibration=None, rounds=Non
         raise ValueError(f'{where}: {name}: got {value!r}; {what}: correct it')
 
 
-def checkedConfidence(confidence, where):
+def checked_confidence(confidence, where):
     """A confidence, if it is one.
 
     Parameters
@@ -176,7 +176,7 @@ def decide(candidates):
             best, undecided)
 
 
-def factorToDecide(undecided):
+def factor_to_decide(undecided):
     """How many times longer to run for an answer where no setting is decided in favour.
 
     A setting that is decided in favour is an answer. If none looks like it, all must be decided.
@@ -203,7 +203,7 @@ def times(factor):
 # ---- Files ---------------------------------------------------------------------------------------
 
 
-def jsonText(data):
+def json_text(data):
     """Data as JSON that people can read: each list of numbers is on one line.
 
     Parameters
@@ -253,7 +253,7 @@ class Result:
         return [
             Wanted(name, value/100 if amount.endswith('%') else value,
                    f'{amount} of {self.observables[name]["label"]}')
-            for name, amount, value in splitWanted(wanted, self.observables, self.REPORT.EXAMPLE)
+            for name, amount, value in split_wanted(wanted, self.observables, self.REPORT.EXAMPLE)
         ]
 
     def report(self, wanted=()):
@@ -298,7 +298,7 @@ class Result:
         path : str
         """
         with open(path, 'w') as file:
-            file.write(jsonText(dict(self.asDict(), **extra)))
+            file.write(json_text(dict(self.asDict(), **extra)))
 
     @classmethod
     def isOne(cls, path):

@@ -5,7 +5,7 @@ import time
 
 from .. import _tasks
 from . import grid, methods, mobilities, observables, overdamped, rungs, scenes
-from ._results import checkLengths, splitWanted
+from ._results import check_lengths, split_wanted
 from .grid import GridStudy
 from .gridresult import GridResult
 from .ladder import LadderStudy
@@ -193,10 +193,10 @@ def main(arguments=None):
                 StudyResult).fromJson(options.source)
         else:
             # Before a scene is made, which may take minutes.
-            checkLengths('accuracy', options.budget, options.length, options.equilibration,
-                         options.rounds)
+            check_lengths('accuracy', options.budget, options.length, options.equilibration,
+                          options.rounds)
             result = (_ladder if options.ladder else _grid if options.grid else
-                      _overdamped if options.overdamped else _stepSizes)(options)
+                      _overdamped if options.overdamped else _step_sizes)(options)
         if isinstance(result, (LadderResult, GridResult)):
             report = result.report(options.wanted_error)
         else:
@@ -218,7 +218,7 @@ def main(arguments=None):
 # ---- The studies ---------------------------------------------------------------------------------
 
 
-def _stepSizes(options):
+def _step_sizes(options):
     """The study of step sizes."""
     options.platform = options.platform or 'CPU'
     found, steps = _methods(options.methods or ['LangevinC', 'LangevinMiddle'], methods.byName,
@@ -226,7 +226,7 @@ def _stepSizes(options):
     steps = {name: [h/1000 for h in own] for name, own in steps.items()}
     asked = options.observables or observables.DEFAULT
     names = [observables.byName(name).name for name in asked]
-    _checkWanted(options, names, 'potential_energy:0.5%')
+    _check_wanted(options, names, 'potential_energy:0.5%')
     references = dict(_reference(text, names) for text in options.reference)
     with _Bar(options.quiet) as bar:
         study = StepSizeStudy(_scene(options, bar), found, steps, references, observables=asked,
@@ -250,7 +250,7 @@ def _overdamped(options):
     found, steps = _methods(options.methods or overdamped.METHODS, overdamped.byName, options.steps,
                             'tau_D')
     names = options.observables or list(overdamped.OBSERVABLES)
-    _checkWanted(options, names, 'height:1%')
+    _check_wanted(options, names, 'height:1%')
     given = {} if options.bodies is None else {
         'replicas' if name == 'boomerang' else 'bodies': options.bodies
     }
@@ -268,10 +268,10 @@ def _overdamped(options):
 
 def _ladder(options):
     """The hydrodynamic ladder."""
-    study = LadderStudy(_sphereScene(options), options.rungs, options.observables,
+    study = LadderStudy(_sphere_scene(options), options.rungs, options.observables,
                         options.ladder_reference, (options.platform,) if options.platform else
                         ('Reference', 'CPU'), options.threads, seed=options.seed)
-    _checkWanted(options, [observable.name for observable in study.observables], 'mobility:1%')
+    _check_wanted(options, [observable.name for observable in study.observables], 'mobility:1%')
     with _Bar(options.quiet, 'run') as bar:
         return study.run(options.rounds, progress=bar.study, jobs=options.jobs,
                          cluster=options.cluster)
@@ -280,7 +280,7 @@ def _ladder(options):
 def _grid(options):
     """The grid of a periodic fluid."""
     names = options.observables or list(grid.OBSERVABLES)
-    _checkWanted(options, names, 'forces:1e-4')
+    _check_wanted(options, names, 'forces:1e-4')
     tolerances = _positives(options.tolerances) if options.tolerances else grid.TOLERANCES
     if not tolerances:
         raise ValueError(
@@ -289,7 +289,7 @@ def _grid(options):
     if not any((options.scene, options.system, options.state, options.integrator)):
         scene = scenes.periodicSuspension(options.bodies or 500, 0.1, seed=options.seed)
     else:
-        scene = _sphereScene(options)
+        scene = _sphere_scene(options)
     study = GridStudy(scene, tolerances, observables=names, platform=options.platform or 'CPU',
                       threads=options.threads, seed=options.seed)
     with _Bar(options.quiet, 'run') as bar:
@@ -299,10 +299,10 @@ def _grid(options):
 # ---- Meaning of the arguments --------------------------------------------------------------------
 
 
-def _checkWanted(options, names, example):
+def _check_wanted(options, names, example):
     """Find wrong wanted errors before anything is measured."""
     for item in options.wanted_error + options.price:
-        splitWanted(item, names, example)
+        split_wanted(item, names, example)
     for item in options.spend:
         parseSpending(item, names)
 
@@ -336,7 +336,7 @@ def _positives(text):
     return values if min(values) > 0 else []
 
 
-def _sphereScene(options):
+def _sphere_scene(options):
     files = (options.system, options.state, options.integrator)
     name = options.scene or 'pairs'
     if options.gaps and (any(files) or name != 'pairs'):

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from . import scenes
-from ._results import checkLengths, provenance
+from ._results import check_lengths, provenance
 from .gridresult import GridResult
 from .measurement import NOT_APPLICABLE, STABLE
 from .rungs import Spheres
@@ -61,13 +61,13 @@ def gridSizes(least, most):
     -------
     list of int
     """
-    def isSmooth(n):
+    def is_smooth(n):
         for factor in (2, 3, 5, 7):
             while n % factor == 0:
                 n //= factor
         return n == 1
 
-    return [n for n in range(2, int(most) + 1, 2) if n >= least and isSmooth(n)]
+    return [n for n in range(2, int(most) + 1, 2) if n >= least and is_smooth(n)]
 
 
 def describedGrid(integrator):
@@ -221,7 +221,7 @@ class GridStudy:
         -------
         GridResult
         """
-        checkLengths('GridStudy.run', rounds=rounds)
+        check_lengths('GridStudy.run', rounds=rounds)
         began = time.perf_counter()
         settings = [(observable, *setting) for observable in self.observables
                     for setting in self._settings(observable)]

@@ -5,7 +5,7 @@ It has texts, pictures, tables and one HTML page.
 
 import numpy as np
 
-from ._pages import Report, paragraph, plainTicks, section, sentence, table
+from ._pages import Report, paragraph, plain_ticks, section, sentence, table
 from ._results import DECIDED, NONE, RECOMMENDED, UNUSABLE
 
 #: Errors for which the fineness is given, beside the fineness that the sampling of a Gaussian
@@ -206,7 +206,7 @@ class GridReport(Report):
         if right.get_xlim()[0] > 0:
             low, high = right.get_xlim()
             right.set_xlim(low/1.1, high*1.3)
-        plainTicks(right)
+        plain_ticks(right)
         for axes in (left, right):
             axes.yaxis.set_major_formatter(
                 lambda value, _: f'{value:.0e}'.replace('e-0', 'e-').replace('e+00', ''))

@@ -10,7 +10,7 @@ import openmm
 from .. import _tasks
 from . import mobilities
 from . import rungs as rungsModule
-from ._results import checkLengths, provenance
+from ._results import check_lengths, provenance
 from .ladderresult import EXACT, LadderResult
 from .measurement import NOT_APPLICABLE, STABLE
 from .rungs import BEST, Spheres
@@ -210,10 +210,10 @@ class LadderStudy:
         -------
         LadderResult
         """
-        checkLengths('LadderStudy.run', rounds=rounds)
+        check_lengths('LadderStudy.run', rounds=rounds)
         began = time.perf_counter()
         # Other estimates of the best rung are computed even if nobody asked for them as rungs.
-        extra = self._secondOpinions()
+        extra = self._second_opinions()
         total, done = len(self.scenes)*(len(self.rungs) + len(extra)) + 2*len(self.rungs), 0
         rows, references, messages = [], {}, {}
 
@@ -280,7 +280,7 @@ class LadderStudy:
     def _text(self, value, rung):
         return f'{rung.name} {self.parameter} {value:g}' if self.isSweep else rung.name
 
-    def _secondOpinions(self):
+    def _second_opinions(self):
         """Rungs that are computed, but not offered: the finest multiblob with exact own tensors."""
         if all(len(scene.bodies) <= 2
                for scene in self.scenes.values()) or all(observable.name in scene.exact
@@ -352,7 +352,7 @@ class LadderStudy:
                     _, integrator, context = spheres.makeContext(
                         rung, platform, platformProperties(platform, self.threads), self.seed)
                     integrator.step(1)
-                    one = self._ownSeconds(integrator, 1)
+                    one = self._own_seconds(integrator, 1)
                     runs.append((rung, platform, integrator, context,
                                  min(1000, max(1, round(seconds/max(one, 1e-7)))),
                                  [one] if one > VERY_LONG_STEP else []))
@@ -370,7 +370,7 @@ class LadderStudy:
                     continue
                 try:
                     spheres.reset(integrator)
-                    times.append(self._ownSeconds(integrator, steps))
+                    times.append(self._own_seconds(integrator, steps))
                 except openmm.OpenMMException as error:
                     broken.add(i)
                     problems.setdefault(rung.name, f'not timed to the end on {platform}: {error}')
@@ -394,7 +394,7 @@ class LadderStudy:
             count(f'timing {rung.name}')
         return costs, problems
 
-    def _ownSeconds(self, integrator, steps):
+    def _own_seconds(self, integrator, steps):
         """Seconds a step without the forces.
 
         They are by the clock, or the process's CPU time if it is less because other programs

@@ -6,7 +6,7 @@ import html
 
 import numpy as np
 
-from ._pages import Report, duration, paragraph, plainTicks, section, sentence, table
+from ._pages import Report, duration, paragraph, plain_ticks, section, sentence, table
 from ._results import (DECIDED, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE, UNDECIDED, UNUSABLE)
 from .measurement import STABLE
 from .rungs import BEST
@@ -127,9 +127,9 @@ class LadderReport(Report):
         """
         *numbers, left, right, observable, limits = panels
         for axes in numbers:
-            _drawNumbers(axes, self.result, observable)
-        (_drawSweep if self.result.parameter else _drawBars)(left, self.result, observable)
-        _drawCost(right, self.result, observable)
+            _draw_numbers(axes, self.result, observable)
+        (_draw_sweep if self.result.parameter else _draw_bars)(left, self.result, observable)
+        _draw_cost(right, self.result, observable)
         for axes in (left, right) if self.result.parameter else (right,):
             for item in limits:
                 axes.axhline(item.tolerance, color='black', ls='--', lw=1)
@@ -197,14 +197,14 @@ def _size(row, floor=FLOOR):
     return max(abs(row['error']), floor)
 
 
-def _setParameterAxis(axes, result):
+def _set_parameter_axis(axes, result):
     if result.parameter != 'volume fraction':
         axes.set_xscale('log')
     axes.set_xlabel('gap between the surfaces, radii' if result.parameter ==
                     'gap' else result.parameter)
 
 
-def _drawNumbers(axes, result, observable):
+def _draw_numbers(axes, result, observable):
     """Draw the numbers of the models where exact numbers are known."""
     exact = result.exactNumbers(observable)
     axes.plot(list(exact), list(exact.values()), color='black', lw=2.2, marker='.', ms=8,
@@ -213,16 +213,16 @@ def _drawNumbers(axes, result, observable):
         rows = result.select(observable, rung)
         axes.plot([row['parameter'] for row in rows], [row['value'] for row in rows], ms=5, lw=1.2,
                   **_style(rung))
-    _setParameterAxis(axes, result)
+    _set_parameter_axis(axes, result)
     axes.set_yscale('log')
-    plainTicks(axes)
+    plain_ticks(axes)
     axes.set_ylabel(result.observables[observable]['label'])
     axes.grid(True, which='major', alpha=0.35)
     axes.legend(loc='upper left', fontsize=9)
     axes.set_title('models in the colours of the next panel', fontsize=9.5)
 
 
-def _drawSweep(axes, result, observable):
+def _draw_sweep(axes, result, observable):
     floor = _floor(result, observable)
     for rung in result.rungs:
         rows = [row for row in result.select(observable, rung)]
@@ -234,14 +234,14 @@ def _drawSweep(axes, result, observable):
                       (', exact to 1e-9' if all(entry['exact']
                                                 for entry in result.references.values()) else ''),
                       ms=9, **dict(_style(rung), ls=''))
-    _setParameterAxis(axes, result)
+    _set_parameter_axis(axes, result)
     axes.set_yscale('log')
     axes.set_ylabel('|relative error|')
     axes.grid(True, which='major', alpha=0.35)
     axes.legend(fontsize=8.5)
 
 
-def _drawBars(axes, result, observable):
+def _draw_bars(axes, result, observable):
     rows = {row['rung']: row for row in result.select(observable)}
     names = [name for name in result.rungs if name in rows]
     sizes = [_size(rows[name]) for name in names]
@@ -266,7 +266,7 @@ def _drawBars(axes, result, observable):
     axes.invert_yaxis()
 
 
-def _drawCost(axes, result, observable):
+def _draw_cost(axes, result, observable):
     values, floor = sorted(result.references), _floor(result, observable)
     chosen = sorted({values[round(k)]
                      for k in np.linspace(0,
@@ -308,7 +308,7 @@ def _drawCost(axes, result, observable):
     axes.set_yscale('log')
     low, high = axes.get_xlim()
     axes.set_xlim(low/1.3, high*3)
-    plainTicks(axes)
+    plain_ticks(axes)
     axes.set_xlabel('ms per LangevinHI step (faster platform, forces included)')
     axes.set_ylabel('|relative error|')
     if len(chosen) > 1:
@@ -380,7 +380,7 @@ def summary(result, answers, wanted):
     """
     lines = [answer.text for answer in answers] + [result.referenceText()]
     for item in wanted if result.parameter else ():
-        lines.append(f'Where {item} is met, by {result.parameter}: {_whereGood(result, item)}.')
+        lines.append(f'Where {item} is met, by {result.parameter}: {_where_good(result, item)}.')
     for observable, about in result.observables.items() if result.parameter else ():
         exact = result.exactNumbers(observable)
         if not exact:
@@ -392,7 +392,7 @@ def summary(result, answers, wanted):
         }
         lines.append(
             f'{sentence(about["label"])}: {percent(FOLLOWS)} off at most, by {result.parameter}, '
-            f'are {_whereGood(result, f"{observable}:{FOLLOWS}")}. '
+            f'are {_where_good(result, f"{observable}:{FOLLOWS}")}. '
             f'At {end:g} the exact number is {exact[end]:.4g}, and found are ' +
             ', '.join(f'{rung} {value:.4g}' for rung, value in last.items()) + '.')
     remarks = {(row['rung'], row['status']): row['message']
@@ -409,7 +409,7 @@ def summary(result, answers, wanted):
     return lines
 
 
-def _whereGood(result, wanted):
+def _where_good(result, wanted):
     """From which parameter, or up to which, each rung meets a wanted error, as text."""
     good, word = (result.goodUpTo(wanted),
                   'up to') if result.isHarderUpwards else (result.goodDownTo(wanted), 'from')

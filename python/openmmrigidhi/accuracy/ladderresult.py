@@ -189,7 +189,7 @@ class LadderResult(Result):
             rung -> the smallest parameter from which on all scenes meet it, or None if not even the
             last scene does
         """
-        return self._goodTo(wanted, sorted(self.references, reverse=True))
+        return self._good_to(wanted, sorted(self.references, reverse=True))
 
     def goodUpTo(self, wanted):
         """For several scenes: the parameter up to which each rung meets a wanted error.
@@ -204,7 +204,7 @@ class LadderResult(Result):
             rung -> the largest parameter up to which all scenes meet it, or None if not even the
             first scene does
         """
-        return self._goodTo(wanted, sorted(self.references))
+        return self._good_to(wanted, sorted(self.references))
 
     @property
     def isHarderUpwards(self):
@@ -228,7 +228,7 @@ class LadderResult(Result):
                 for value in sorted(found)} if all(entry['rung'] == EXACT
                                                    for entry in found.values()) else {}
 
-    def _goodTo(self, wanted, values):
+    def _good_to(self, wanted, values):
         """How far along these values each rung meets a wanted error."""
         result = {}
         items = self.parseWanted(wanted)

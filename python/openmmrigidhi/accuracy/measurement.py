@@ -230,7 +230,7 @@ def summarise(knob, runs, observables, clock):
             series = _series(record, observable)
             if series is not None:
                 taus.setdefault(setting.method.name, []).append(
-                    autocorrelationTime(_overReplicas(series))*record.samplesAt)
+                    autocorrelationTime(_over_replicas(series))*record.samplesAt)
         typical = {method: float(np.median(values)) for method, values in taus.items()}
         for setting, record, seed in runs:
             rows.append(
@@ -249,7 +249,7 @@ def _series(record, observable):
         series).all() else None
 
 
-def _overReplicas(series):
+def _over_replicas(series):
     return series if series.ndim == 1 else series.mean(axis=1)
 
 
@@ -304,7 +304,7 @@ def _row(knob, setting, record, observable, seed, clock, typicalTau):
     row.update(variance=own.variance, own_tau=own.tau*record.samplesAt,
                own_tau_error=own.tauError*record.samplesAt, noise=own.value*record.samplesAt,
                noise_degrees=own.degrees)
-    series = _overReplicas(series)
+    series = _over_replicas(series)
     row.update(mean=summary.mean, standard_error=summary.standardError, degrees=summary.degrees,
                tau=summary.tau*record.samplesAt, samples=summary.samples,
                drift=_drift(series, summary))

@@ -92,7 +92,7 @@ def _drag(sample):
     return float((forces/(6*np.pi*sample.viscosity*sample.radii)).mean())
 
 
-def _rotationalDrag(sample):
+def _rotational_drag(sample):
     """Torques about z, over Stokes', that rotate all spheres alike about z without moving them."""
     torques = sample.friction[5::6, 5::6].sum(axis=1)
     return float((torques/(8*np.pi*sample.viscosity*sample.radii**3)).mean())
@@ -118,12 +118,12 @@ def _sedimentation(sample):
     return float(sample.twists((0, 0, 1))[0][:, 2].mean())
 
 
-def _rotationTranslation(sample):
+def _rotation_translation(sample):
     velocities, angular = sample.twists((0, 0, 1))
     return angular/velocities[:, 2].mean() if len(sample.radii) > 1 else None
 
 
-def _relativeMobility(sample):
+def _relative_mobility(sample):
     n = len(sample.radii)
     if n < 2:
         return None
@@ -139,7 +139,7 @@ def _relativeMobility(sample):
     return float((velocities[j] - velocities[i]) @ normal)
 
 
-def _ownForces(sample):
+def _own_forces(sample):
     if not (sample.forces.any() or sample.torques.any()):
         return None
     velocities, angular = sample.twists(sample.forces, sample.torques)
@@ -168,15 +168,16 @@ BUILT_IN = {
          description='mean velocity along z under the same force along z on every body'),
      MobilityObservable(
          'relative_mobility', 'mobility along the line of centres of the closest pair',
-         _relativeMobility, description=
+         _relative_mobility, description=
          'relative velocity of the two spheres with the smallest gap when they are pulled apart'),
      MobilityObservable(
-         'rotation_translation', 'rotation per settling velocity', _rotationTranslation, description
-         ='angular velocities of all bodies over their mean velocity, under the same force along z '
+         'rotation_translation', 'rotation per settling velocity', _rotation_translation,
+         description=
+         'angular velocities of all bodies over their mean velocity, under the same force along z '
          'on every '
          'body; norm'),
      MobilityObservable(
-         'own_forces', "velocities under the scene's own forces", _ownForces, description=
+         'own_forces', "velocities under the scene's own forces", _own_forces, description=
          "velocities, and radii times angular velocities, under the scene's forces at its start; "
          "norm"),
      MobilityObservable(
@@ -185,7 +186,7 @@ BUILT_IN = {
          "Stokes' drag; in an array it is "
          'known as K'),
      MobilityObservable(
-         'rotational_drag', 'rotational drag KR of spheres that rotate alike', _rotationalDrag,
+         'rotational_drag', 'rotational drag KR of spheres that rotate alike', _rotational_drag,
          description=
          "mean torque about z on spheres that all rotate alike about z and do not move, over "
          "Stokes' torque"),

@@ -404,7 +404,7 @@ def byName(name):
     -------
     Observable
     """
-    found = findObservable(name, Observable, BUILT_IN, _fromFunction)
+    found = findObservable(name, Observable, BUILT_IN, _from_function)
     if found is not None:
         return found
     if name.startswith('energy_group_') and name[13:].isdigit() and int(name[13:]) < 32:
@@ -415,7 +415,7 @@ def byName(name):
         'energy_group_31, or module:function: correct the name')
 
 
-def _fromFunction(function):
+def _from_function(function):
     exact = getattr(function, 'exact', None)
     return Observable(function.__name__, function.__name__, getattr(function, 'unit', ''),
                       _UserFunction(function), None if exact is None else _Constant(exact))

@@ -9,7 +9,7 @@ import numpy as np
 import openmm
 
 from .. import app
-from .._quaternions import product, rotationMatrices
+from .._quaternions import product, rotation_matrices
 from ..analysis import WalkerSampler, mobilityAboutPoint
 from ..integrator import CustomRigidHIIntegrator, Scheme
 from ..mobility import MobilityForce
@@ -76,7 +76,7 @@ class WallScene(Scene):
     def __init__(self, system, positions, integrator, sites, replicas, **kwargs):
         self.timeUnit = picoseconds(1)
         self.sites, self.replicas, self.cross = sites, replicas, len(sites) // 2
-        N = _bulkMobility(sites)
+        N = _bulk_mobility(sites)
         self.frictions = 3/np.trace(N[:3, :3]), 1/np.diag(N)[3:]
         super().__init__(system, positions, integrator, sampleInterval=self.timeUnit, **kwargs)
 
@@ -96,7 +96,7 @@ class WallScene(Scene):
         return context
 
 
-def _bodySites(blobsPerArm):
+def _body_sites(blobsPerArm):
     """Sites about the centre of mass along principal axes.
 
     x is along the bisector and z normal to the plane.
@@ -106,7 +106,7 @@ def _bodySites(blobsPerArm):
     return sites @ np.array([(1, 1, 0), (-1, 1, 0), (0, 0, math.sqrt(2))]).T/math.sqrt(2)
 
 
-def _bulkMobility(sites):
+def _bulk_mobility(sites):
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(0, 1)
     integrator.setScheme(Scheme.RandomFiniteDifference)
     fluid.setViscosity(VISCOSITY)
@@ -208,14 +208,14 @@ def boomerang(replicas=32, weight=10*WEIGHT, blobsPerArm=7, seed=1):
     WallScene
         with exact averages, by quadrature
     """
-    sites = _bodySites(blobsPerArm)
+    sites = _body_sites(blobsPerArm)
     system, fluid, integrator = _system(sites, replicas, weight)
     fluid = MobilityForce.cast(system.getForce(0))
     fluid.setGroups(range(replicas))
     kT = GAS_CONSTANT*TEMPERATURE
 
     def energy(R, q):
-        vertical = rotationMatrices(q)[:, 2, :]
+        vertical = rotation_matrices(q)[:, 2, :]
         gaps = (R[:, 2:] + vertical @ sites.T)/RADIUS - 1
         return kT*(weight*R[:, 2]/RADIUS + wallRepulsion(gaps).sum(axis=1))
 
@@ -251,7 +251,7 @@ class _Pen:
     def _blobs(self, R, q):
         return R[..., None, :] + np.einsum(
             '...ij,kj->...ki',
-            rotationMatrices(q.reshape(-1, 4)).reshape(q.shape[:-1] + (3, 3)), self.sites)
+            rotation_matrices(q.reshape(-1, 4)).reshape(q.shape[:-1] + (3, 3)), self.sites)
 
     def _energy(self, blobs, others):
         """Energy of one body in each system (systems, blobs, 3).
@@ -330,7 +330,7 @@ def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=50
         its attribute `sampled` has the averages of the Monte Carlo run: name -> (value, standard
         error)
     """
-    sites, kT = _bodySites(blobsPerArm), GAS_CONSTANT*TEMPERATURE
+    sites, kT = _body_sites(blobsPerArm), GAS_CONSTANT*TEMPERATURE
     system, _, integrator = _system(sites, bodies, weight)
     pen = openmm.CustomExternalForce(f'{PEN*kT!r}*max(0,sqrt(x^2+y^2)/{RADIUS}-{radius})^2')
     pair = openmm.CustomNonbondedForce(f'{PAIR*kT!r}*exp(-3*(r/{RADIUS}-2))')
@@ -370,7 +370,7 @@ def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=50
 def _places(R, q, sites):
     """Positions of all blobs of bodies at R (n, 3), q (n, 4): nm."""
     return (np.asarray(R)[:, None, :] +
-            np.einsum('bij,kj->bki', rotationMatrices(np.asarray(q)), sites)).reshape(-1, 3)
+            np.einsum('bij,kj->bki', rotation_matrices(np.asarray(q)), sites)).reshape(-1, 3)
 
 
 def measure(R, q, sites):
@@ -390,7 +390,7 @@ def measure(R, q, sites):
         height (of the cross point, blob radii), cos2, repulsion (kT), each of shape (...)
     """
     R, q = np.asarray(R, dtype=float), np.asarray(q, dtype=float)
-    vertical = rotationMatrices(q.reshape(-1, 4))[:, 2, :].reshape(q.shape[:-1] + (3,))
+    vertical = rotation_matrices(q.reshape(-1, 4))[:, 2, :].reshape(q.shape[:-1] + (3,))
     heights = (R[..., 2:] + vertical @ sites.T)/RADIUS
     gaps = heights - 1
     return {

@@ -13,7 +13,7 @@ import numpy as np
 
 from ._pages import duration
 from ._results import (DECIDED, NO_MEAN, NO_REFERENCE, NONE, RECOMMENDED, UNDECIDED, UNUSABLE,
-                       Recommendation, checkedConfidence, factorToDecide, worst)
+                       Recommendation, checked_confidence, factor_to_decide, worst)
 from .measurement import SECONDS_PER_DAY, SLOW, STABLE
 from .statistics import errorAfter, noiseDegrees, resampledNoise, timeToError
 
@@ -180,7 +180,7 @@ class Prices:
         -------
         Recommendation
         """
-        checkedConfidence(confidence, 'price')
+        checked_confidence(confidence, 'price')
         all_ = [self.known(item.observable) for item in wanted]
         times = np.array([
             timeToError(item.tolerance, each.bias, each.noise, self.speed, each.equilibration)
@@ -280,13 +280,13 @@ class Prices:
             if best['marks']:
                 text += f' Beware: {"; ".join(best["marks"])}.'
         elif undecided:
-            verdict, factor = UNDECIDED, factorToDecide(undecided)
+            verdict, factor = UNDECIDED, factor_to_decide(undecided)
             reason, todo = self.result.outlook(factor, undecided, wanted, confidence)
             text += ('cannot tell. The bias is not known well enough for '
                      f'{self._names(undecided)}; {todo}.')
         elif candidates and all(each['verdict'] == 'n/a' for each in candidates):
             verdict = UNDECIDED
-            why = self._whyNoMean(candidates)
+            why = self._why_no_mean(candidates)
             reason = NO_MEAN if why else NO_REFERENCE
             text += f'cannot tell. {why}' if why else (
                 'cannot tell. There is nothing to compare with, or no correlation time. An exact '
@@ -320,7 +320,7 @@ class Prices:
         Recommendation
         """
         self._check(observable, seconds)
-        checkedConfidence(confidence, 'spend')
+        checked_confidence(confidence, 'spend')
         known = self.known(observable)
         label, unit = (self.result.observables[observable][key] for key in ('label', 'unit'))
         errors = errorAfter(seconds, known.bias, known.noise, self.speed, known.equilibration)
@@ -352,7 +352,7 @@ class Prices:
         candidates.sort(key=lambda each: each['total_error'])
         text = f'With {duration(seconds)} for {label}: '
         if chosen is None:
-            why = self._whyNoMean(candidates)
+            why = self._why_no_mean(candidates)
             return Recommendation(
                 NONE, None, text + f'{NONE}. ' +
                 (why or f'It does not suffice for the equilibration of any setting, or there is '
@@ -439,7 +439,7 @@ class Prices:
             each.update(ratio=float(ratio) if np.isfinite(values[k]) else math.inf,
                         ratio_low=float(low), ratio_high=float(high))
 
-    def _whyNoMean(self, candidates):
+    def _why_no_mean(self, candidates):
         """A sentence, if settings have samples of which there is no mean; otherwise nothing."""
         mine = [each for each in candidates if set(each['marks']) & set(NO_MEAN_NOTES.values())]
         if not mine:

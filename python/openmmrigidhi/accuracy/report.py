@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ._pages import (FACTOR, Report, advise, duration, number, picture, plainTicks, section,
+from ._pages import (FACTOR, Report, advise, duration, number, picture, plain_ticks, section,
                      sentence, table)
 from ._results import (DECIDED, HARDLY, LONGER, NO_MEAN, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE,
                        SMALL_STEPS, UNDECIDED, UNUSABLE)
@@ -191,10 +191,10 @@ class StudyReport(Report):
 
     def otherPictures(self):
         """The pictures of prices."""
-        return self._pricePictures
+        return self._price_pictures
 
     @cached_property
-    def _pricePictures(self):
+    def _price_pictures(self):
         return self.priced.pictures()
 
     def _style(self):
@@ -230,12 +230,12 @@ class StudyReport(Report):
         reference, unit = self.result.references[observable], self.result.observables[observable][
             'unit']
         scale = 100/abs(reference.value) if reference.value else 1.0
-        self._drawErrors(left, observable, scale,
-                         f'% of {abs(reference.value):.5g} {unit}' if reference.value else unit,
-                         limits)
-        self._drawMeans(right, observable, reference, limits)
+        self._draw_errors(left, observable, scale,
+                          f'% of {abs(reference.value):.5g} {unit}' if reference.value else unit,
+                          limits)
+        self._draw_means(right, observable, reference, limits)
 
-    def _drawErrors(self, axes, observable, scale, unit, lines):
+    def _draw_errors(self, axes, observable, scale, unit, lines):
         result, style = self.result, self._style()
         rows = [
             row for row in result.select(observable)
@@ -304,7 +304,7 @@ class StudyReport(Report):
         axes.set_title('Error against speed: down and to the right is better', fontsize=10.5)
         axes.grid(True, which='major', alpha=0.35)
         axes.grid(True, which='minor', alpha=0.12)
-        plainTicks(axes)
+        plain_ticks(axes)
         axes.plot([], [], marker='o', mfc='white', color='grey', ls='',
                   label='not distinguishable from 0')
         many = len(result.methods()) > MANY_METHODS
@@ -317,7 +317,7 @@ class StudyReport(Report):
                     title=f'bars: {100*result.confidence:g} % confidence (error), 16–84 % (speed)',
                     title_fontsize=8)
 
-    def _drawMeans(self, axes, observable, reference, lines):
+    def _draw_means(self, axes, observable, reference, lines):
         result, style, knob = self.result, self._style(), self.result.knob
         for method in result.methods():
             colour, marker = style[method]
@@ -541,14 +541,14 @@ class StudyReport(Report):
             observable -> PNG
         """
         parts = [
-            self._comparisonTable(wanted, comparison)
+            self._comparison_table(wanted, comparison)
             for wanted, comparison in self.comparisons.items() if comparison
         ]
         if self.priced.answers:
             parts.append(section('Prices'))
             parts += [
                 picture(content, 'Total error against time, and the time to the wanted error')
-                for content in self._pricePictures.values()
+                for content in self._price_pictures.values()
             ]
             parts += self.priced.tables()
         parts.append(section('Pictures and tables'))
@@ -559,7 +559,7 @@ class StudyReport(Report):
             parts.append(self._table(observable))
         return parts
 
-    def _comparisonTable(self, wanted, comparison):
+    def _comparison_table(self, wanted, comparison):
         knob, confidence, rows = self.result.knob, f'{100*self.result.confidence:g} %', []
         for method, entry in comparison.items():
             atLeast = '≥ ' if entry['capped'] else ''

@@ -7,7 +7,7 @@ import numpy as np
 
 from ._results import (DECIDED, HARDLY, LARGEST_FACTOR, LONGER, NO_MEAN, NO_REFERENCE, NONE,
                        RECOMMENDED, REFERENCE, SMALL_STEPS, UNDECIDED, UNUSABLE, Recommendation,
-                       Result, Wanted, checkedConfidence, decide, factorToDecide, splitWanted,
+                       Result, Wanted, checked_confidence, decide, factor_to_decide, split_wanted,
                        times, worst)
 from .measurement import SECONDS_PER_DAY, STABLE
 from .price import NO_MEAN_NOTES, Prices, completeNoise
@@ -247,7 +247,7 @@ class StudyResult(Result):
         list of Wanted
         """
         result = []
-        for name, amount, value in splitWanted(wanted, self.observables, 'potential_energy:0.5%'):
+        for name, amount, value in split_wanted(wanted, self.observables, 'potential_energy:0.5%'):
             if amount.endswith('%'):
                 reference = self.references.get(name)
                 if reference is not None and not reference.value:
@@ -283,8 +283,8 @@ class StudyResult(Result):
             likely (whether the errors as measured are below the wanted ones) and factor (how many
             times longer to run for a decision, or None)
         """
-        confidence = checkedConfidence(self.confidence if confidence is None else confidence,
-                                       'recommend')
+        confidence = checked_confidence(self.confidence if confidence is None else confidence,
+                                        'recommend')
         wanted = self.parseWanted(wanted)
         candidates = []
         for key in dict.fromkeys((row['method'], row['value']) for row in self.rows):
@@ -345,12 +345,12 @@ class StudyResult(Result):
             room = min(room, item.tolerance)
         # The error of a given reference stays the same, however long the runs are, and so does what
         # the model of an extrapolation may be wrong by.
-        fixed = self._fixedError(item.observable)
+        fixed = self._fixed_error(item.observable)
         room = (room/quantile(confidence, math.inf, sided=1))**2
         room -= 0 if isReferenceExact else fixed**2
         return 'undecided', float(sigma**2 - fixed**2)/room if room > 0 else math.inf, likely
 
-    def _fixedError(self, observable):
+    def _fixed_error(self, observable):
         reference = self.references[observable]
         if reference.fit is not None:
             return float(reference.fit.modelError)
@@ -376,11 +376,11 @@ class StudyResult(Result):
             return LONGER, f'run longer: about {times(factor)} times'
         keys = [(each['method'], each['value']) for each in undecided if each['factor'] >= factor]
         for item in wanted:
-            fixed = self._fixedError(item.observable) if item.observable in self.references else 0
+            fixed = self._fixed_error(item.observable) if item.observable in self.references else 0
             rows = [
                 row for row in self.select(item.observable) if (row['method'], row['value']) in keys
             ]
-            if fixed > 0 and any(self._isForReference(row, item, confidence) for row in rows):
+            if fixed > 0 and any(self._is_for_reference(row, item, confidence) for row in rows):
                 label, unit = (self.observables[item.observable][key] for key in ('label', 'unit'))
                 reason, what, remedy = (
                     SMALL_STEPS, 'limit of small steps',
@@ -392,7 +392,7 @@ class StudyResult(Result):
         return HARDLY, ('their errors are so close to the limit that longer runs will hardly '
                         'decide it; ask for a larger error')
 
-    def _isForReference(self, row, item, confidence):
+    def _is_for_reference(self, row, item, confidence):
         """Whether runs of some length would decide, if the reference were known exactly."""
         factors = [self.judge(row, item, confidence, isExact)[1] for isExact in (False, True)]
         return None not in factors and factors[1] <= LARGEST_FACTOR < factors[0]
@@ -411,14 +411,14 @@ class StudyResult(Result):
                 reason, todo = self.outlook(factor, faster, wanted, confidence)
                 text += (f' Faster settings that may or may not meet it: '
                          f'{", ".join(self._name(c) for c in faster)}; {todo}.')
-            text += self._bestOfOthers(candidates, best)
+            text += self._best_of_others(candidates, best)
         elif undecided:
-            factor = factorToDecide(undecided)
+            factor = factor_to_decide(undecided)
             reason, todo = self.outlook(factor, undecided, wanted, confidence)
             text += (f'cannot tell. The statistics do not suffice for '
                      f'{", ".join(self._name(c) for c in undecided)}; {todo}.')
         elif verdict == UNDECIDED:
-            notes = self._whyNoMean(wanted)
+            notes = self._why_no_mean(wanted)
             reason = NO_MEAN if notes else NO_REFERENCE
             text += 'cannot tell. ' + (
                 f'There is no mean, since {" and ".join(notes)}: look at the observable.'
@@ -436,7 +436,7 @@ class StudyResult(Result):
                  if unknown else ''))
         return Recommendation(verdict, best, text, candidates, factor, wanted, reason)
 
-    def _whyNoMean(self, wanted):
+    def _why_no_mean(self, wanted):
         """Why no setting has means of all these observables; empty if a reference is wanting."""
         if not all(
                 math.isfinite(item.tolerance) and item.observable in self.references
@@ -448,7 +448,7 @@ class StudyResult(Result):
                 NO_MEAN_NOTES.get(row['note'], 'the table has none') for row in self.rows
                 if row['observable'] in names and row['status'] == STABLE and row['mean'] is None))
 
-    def _bestOfOthers(self, candidates, best):
+    def _best_of_others(self, candidates, best):
         """What the other methods reach, as text."""
         parts = []
         for method in self.methods():

@@ -6,7 +6,7 @@ import numpy as np
 import openmm
 
 from .. import app
-from .._systems import BodyDefinitions, forcesOf
+from .._systems import BodyDefinitions, forces_of
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .mobilities import MobilitySample
@@ -171,7 +171,7 @@ class Spheres:
 
     @staticmethod
     def _fluid(system):
-        found = forcesOf(system, MobilityForce)
+        found = forces_of(system, MobilityForce)
         if len(found) != 1:
             raise ValueError(
                 f'the hydrodynamic ladder: the System has {len(found)} MobilityForces; it must '

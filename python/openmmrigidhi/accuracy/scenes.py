@@ -10,7 +10,7 @@ import openmm.app
 from openmm import unit
 
 from .. import _units, app
-from .._quaternions import rotationMatrices
+from .._quaternions import rotation_matrices
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .bodytable import BodyTable
@@ -357,7 +357,7 @@ def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0,
     rng = np.random.default_rng(seed)
     centres = rng.normal(scale=math.sqrt(kT/masses.sum())/frequency, size=(bodies, 1, 3))
     quaternions = rng.normal(size=(bodies, 4))
-    rotations = rotationMatrices(quaternions/np.linalg.norm(quaternions, axis=1, keepdims=True))
+    rotations = rotation_matrices(quaternions/np.linalg.norm(quaternions, axis=1, keepdims=True))
     positions = (centres + np.einsum('bij,kj->bki', rotations, shape)).reshape(-1, 3)
     inWell, inField = 1.5*kT, -field*kT*(1/math.tanh(field) - 1/field)
     return Scene(
@@ -569,14 +569,14 @@ def suspension(bodies=12, fraction=0.1, radius=1.0, leastGap=0.02, temperature=3
     Scene
     """
     outer = radius*(bodies/fraction)**(1/3)
-    centres = _randomCentres(bodies, fraction, outer, (2 + leastGap)*radius, None, seed)
+    centres = _random_centres(bodies, fraction, outer, (2 + leastGap)*radius, None, seed)
     return spheres(
         centres, radius, temperature, force=(0, 0, -1), name=f'suspension{bodies}', description=
         f'{bodies} spheres at random in a larger sphere, volume fraction {fraction:g}, settling in '
         f'water')
 
 
-def _randomCentres(bodies, fraction, outer, least, side, seed):
+def _random_centres(bodies, fraction, outer, least, side, seed):
     """Places that are no nearer to each other than `least`.
 
     They are in a sphere of this radius, or in a periodic cube of this side.
@@ -627,7 +627,7 @@ def periodicSuspension(bodies=8, fraction=0.15, radius=1.0, leastGap=0.02, tempe
     Scene
     """
     side = radius*(4*np.pi/3*bodies/fraction)**(1/3)
-    centres = _randomCentres(bodies, fraction, side/2, (2 + leastGap)*radius, side, seed)
+    centres = _random_centres(bodies, fraction, side/2, (2 + leastGap)*radius, side, seed)
     return spheres(
         centres, radius, temperature, force=(0, 0, -1), name=f'periodic suspension of {bodies}',
         edges=(side,)*3, description=

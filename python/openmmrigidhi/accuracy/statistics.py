@@ -121,22 +121,22 @@ def extrapolate(points):
             return None
         if fit.degrees == 0 or fit.probability >= SMALLEST_FIT_PROBABILITY:
             break
-        worst = _worstMethod(points, fit)
+        worst = _worst_method(points, fit)
         if worst is None:
             note = 'the fit is poor (chi2 is too large); its error is enlarged accordingly'
             break
         used = list(fit.used)
         used[worst] = False
     fit.note = note
-    _addModelError(points, fit)
+    _add_model_error(points, fit)
     return fit
 
 
-def _addModelError(points, fit):
+def _add_model_error(points, fit):
     """Enlarge the standard error of a fit by what its model may be wrong by."""
     indices = [i for i in range(len(points)) if fit.used[i]]
     changes = []
-    for other in _otherFits(points, fit, indices):
+    for other in _other_fits(points, fit, indices):
         # A0 of both fits is linear in the same means.
         sigma = np.array(
             [points[i].standardError if i in indices else 0 for i in range(len(points))])
@@ -154,7 +154,7 @@ def _addModelError(points, fit):
     fit.standardError = math.hypot(fit.standardError, fit.modelError)
 
 
-def _otherFits(points, fit, indices):
+def _other_fits(points, fit, indices):
     """Fits of the same kind that are as good where the model is right."""
     largest = max(points[i].h for i in indices)
     used = [flag and points[i].h < largest for i, flag in enumerate(fit.used)]
@@ -181,7 +181,7 @@ def _terms(steps):
     return 2 if steps >= 4 else 1
 
 
-def _worstMethod(points, fit):
+def _worst_method(points, fit):
     """The index of the largest step of the method whose points deviate most.
 
     Only methods that can spare a step count.

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import openmm
 
-from .._systems import refuseDrivenFlow
+from .._systems import refuse_driven_flow
 from .. import _tasks
 from . import methods as methodsModule
 from . import observables as observablesModule
-from ._results import beginning, checkLengths, provenance
+from ._results import beginning, check_lengths, provenance
 from .measurement import FAILED, NOT_RUN, STABLE, Run, summarise
 from .methods import Method
 # Users look for Knob in the module of the study.
@@ -76,7 +76,7 @@ class Study:
             raise ValueError(
                 f'Study: sampleInterval: got {sampleInterval}; the time between samples must be '
                 f'positive, in ps: correct it')
-        refuseDrivenFlow(
+        refuse_driven_flow(
             scene.system, f'{type(self).__name__}: scene',
             'where alone all methods have the same averages: compare steady states of one '
             'method at several steps by runs of your own')
@@ -136,7 +136,7 @@ class Study:
         text = f'{self.seed}|{setting.method.name}|{setting.value:.9g}'
         return zlib.crc32(text.encode()) % (2**31 - 2) + 1
 
-    def _makeRun(self, setting):
+    def _make_run(self, setting):
         return Run(setting.method.sceneOf(self.scene), self.observables,
                    lambda: self.makeContext(setting, self.settingSeed(setting)), setting.stepSize,
                    self.sampleInterval, openmm.Platform.getPlatformByName(self.platform),
@@ -185,8 +185,8 @@ class Study:
         TaskError
             if all runs in other processes failed
         """
-        checkLengths(f'{type(self).__name__}.run', budget if length is None else None, length,
-                     equilibration, rounds)
+        check_lengths(f'{type(self).__name__}.run', budget if length is None else None, length,
+                      equilibration, rounds)
         began = time.perf_counter()
         about = beginning()
         settings = self.settings()
@@ -197,11 +197,11 @@ class Study:
             if refusal is not None:
                 refusals[setting.method.name] = refusal
             else:
-                runs.append((setting, self._makeRun(setting)))
+                runs.append((setting, self._make_run(setting)))
         cost = [run.secondsPerStep() for _, run in runs]
         # The length of the trial depends on the machine. The results do not: settings that survived
         # the trial start afresh.
-        runs = [(setting, self._makeRun(setting) if run.isAlive else run) for setting, run in runs]
+        runs = [(setting, self._make_run(setting) if run.isAlive else run) for setting, run in runs]
         inTurn = jobs == 1 and cluster is None
         lengths, left = self._plan(runs, cost, budget - (time.perf_counter() - began), length,
                                    equilibration, jobs, rounds, inTurn)
@@ -211,7 +211,7 @@ class Study:
                 for (_, run), (total, left) in zip(runs, zip(lengths, left)) if run.isAlive))
         deadline = math.inf if length is not None else began + budget
         if inTurn:
-            done = self._inTurn(runs, lengths, left, rounds, deadline, meter)
+            done = self._in_turn(runs, lengths, left, rounds, deadline, meter)
         else:
             done = rounds
             self._together(runs, lengths, left, jobs, cluster, meter)
@@ -243,7 +243,7 @@ class Study:
                                 1e-9)*interval
         return lengths, left
 
-    def _inTurn(self, runs, lengths, left, rounds, deadline, meter):
+    def _in_turn(self, runs, lengths, left, rounds, deadline, meter):
         rng = np.random.default_rng([self.seed, 1])
         turn = 0
         try:
@@ -291,7 +291,7 @@ class Study:
             meter.advance(self._text(runs[i][0]))(round((lengths[i] + left[i])/runs[i][1].stepSize))
 
         try:
-            _tasks.run(_wholeRun, [(self, runs[i][0], lengths[i], left[i]) for i in order], jobs,
+            _tasks.run(_whole_run, [(self, runs[i][0], lengths[i], left[i]) for i in order], jobs,
                        cluster, names=[self._text(runs[i][0]) for i in order], finished=take,
                        quiet=True)
         except KeyboardInterrupt:
@@ -378,9 +378,9 @@ class Study:
                             for o in self.observables}, refusals, about)
 
 
-def _wholeRun(argument, job):
+def _whole_run(argument, job):
     study, setting, length, left = argument
-    run = study._makeRun(setting)
+    run = study._make_run(setting)
     run.advance(round(left/run.record.samplesAt), False)
     run.advance(round(length/run.record.samplesAt), True)
     return run.record

@@ -57,12 +57,12 @@ class Motion:
         They are uniform in Haar's measure up to these angles, or about the axis.
         """
         if self.axis is None:
-            return uniformRotations(random, angles)
+            return uniform_rotations(random, angles)
         half = 0.5*angles*random.uniform(-1, 1, len(angles))
         return np.concatenate([np.cos(half)[:, None], np.sin(half)[:, None]*self.axis], axis=1)
 
 
-def uniformRotations(random, largestAngles):
+def uniform_rotations(random, largestAngles):
     """Quaternions (n, 4) of random rotations by at most these angles (n,), at most pi.
 
     They are uniform on SO(3) among such rotations. Rotation vectors uniform in a ball have the
@@ -153,7 +153,7 @@ class Wall:
         return np.all(heights > limits if self.crossing else heights >= limits, axis=-1)
 
 
-def thermalEnergy(temperature, where):
+def thermal_energy(temperature, where):
     """k_B T in kJ/mol; a temperature above 0."""
     temperature = _units.number(temperature, _units.TEMPERATURE, where, 'temperature')
     if not 0 < temperature < np.inf:
@@ -163,14 +163,14 @@ def thermalEnergy(temperature, where):
     return _units.GAS_CONSTANT*temperature
 
 
-def plainEnergies(values, where):
+def plain_energies(values, where):
     """What an energyFunction returned, kJ/mol, as an array."""
     if unit.is_quantity(values):
         values = _units.ENERGY.strip(values, where, 'energyFunction')
     return np.asarray(values, dtype=float)
 
 
-def isNoEnergy(energies):
+def is_no_energy(energies):
     """Where energies are no numbers, or -infinity."""
     return np.isnan(energies) | (energies == -np.inf)
 
@@ -196,7 +196,7 @@ def positive(value, where, name):
     return value
 
 
-def progressBar(iterable, label, progress, things=' sweeps'):
+def progress_bar(iterable, label, progress, things=' sweeps'):
     """The iterable with a progress bar; None: on a terminal only."""
     import tqdm
     return tqdm.tqdm(iterable, desc=label, unit=things, mininterval=0.5,

@@ -12,7 +12,7 @@ from .samples import PoseSamples
 class Sampler:
     """The base of samplers.
 
-    A sampler has _steps (kind of move -> StepSizes), _sweep(adapt) and _present(), and _handBack()
+    A sampler has _steps (kind of move -> StepSizes), _sweep(adapt) and _present(), and _hand_back()
     if anything must be left tidy.
     """
 
@@ -73,12 +73,12 @@ class Sampler:
 
     def _run(self, sweeps, label, progress, adapt, keep=None):
         try:
-            for sweep in _moves.progressBar(range(sweeps), label, progress):
+            for sweep in _moves.progress_bar(range(sweeps), label, progress):
                 self._sweep(adapt)
                 if keep is not None:
                     keep(sweep)
         finally:
-            self._handBack()
+            self._hand_back()
 
-    def _handBack(self):
+    def _hand_back(self):
         """Do nothing, unless somebody else has the bodies too."""

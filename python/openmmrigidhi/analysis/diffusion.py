@@ -5,7 +5,7 @@ import numpy as np
 from openmm import unit
 
 from .. import _units
-from .displacements import MeanSquareDisplacement, _withoutUnit, meanAndError
+from .displacements import MeanSquareDisplacement, _without_unit, meanAndError
 
 
 @dataclasses.dataclass
@@ -54,7 +54,7 @@ def shortTimeDiffusion(msd, maxTime=None):
     ValueError
         if there are no lag times above 0, or fewer than two up to maxTime
     """
-    times = _lagTimes(msd, 'shortTimeDiffusion')
+    times = _lag_times(msd, 'shortTimeDiffusion')
     if not np.any(times > 0):
         raise ValueError(
             'shortTimeDiffusion: msd: it has no lag times above 0; the slope needs one: give other '
@@ -107,7 +107,7 @@ def longTimeDiffusion(msd, minTime, maxTime=None):
     ValueError
         if there are fewer than two lag times in the range
     """
-    times = _lagTimes(msd, 'longTimeDiffusion')
+    times = _lag_times(msd, 'longTimeDiffusion')
     minTime = _units.number(minTime, _units.TIME, 'longTimeDiffusion', 'minTime')
     maxTime = np.inf if maxTime is None else _units.number(maxTime, _units.TIME,
                                                            'longTimeDiffusion', 'maxTime')
@@ -159,7 +159,7 @@ def gravitationalHeight(kT, weight):
     return _units.LENGTH.attach(kT/weight)
 
 
-def _lagTimes(msd, where):
+def _lag_times(msd, where):
     if not isinstance(msd, MeanSquareDisplacement):
         raise TypeError(
             f'{where}: msd: got {type(msd).__name__}; it must be a MeanSquareDisplacement: give '
@@ -173,7 +173,7 @@ def _estimate(msd, weights):
 
     Weights are in 1/ps.
     """
-    blocks, _ = _withoutUnit(msd.blocks)
+    blocks, _ = _without_unit(msd.blocks)
     value, error = meanAndError(np.tensordot(blocks, weights, axes=(1, 0)))
     diffusionUnit = (msd.blocks.unit
                      if unit.is_quantity(msd.blocks) else unit.dimensionless)/unit.picosecond

@@ -70,7 +70,7 @@ class MeanSquareDisplacement:
         weights = np.array(weights, dtype=float)
         if weights.shape == (3,):
             weights = np.diag(weights)
-        blocks, attach = _withoutUnit(self.blocks)
+        blocks, attach = _without_unit(self.blocks)
         if blocks.ndim != 4 or weights.shape != (3, 3):
             raise ValueError(
                 f'component: weights of shape {weights.shape} for a mean square displacement of '
@@ -307,7 +307,7 @@ def meanAndError(blocks):
     return blocks.mean(axis=0), blocks.std(axis=0, ddof=1)/np.sqrt(len(blocks))
 
 
-def _withoutUnit(values):
+def _without_unit(values):
     """The numbers of a Quantity or array, and a function that gives numbers their unit back."""
     if not unit.is_quantity(values):
         return values, lambda numbers: numbers

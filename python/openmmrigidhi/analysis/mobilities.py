@@ -9,7 +9,7 @@ of n bodies or configurations.
 import numpy as np
 
 from .. import _units
-from .._quaternions import rotationMatrices
+from .._quaternions import rotation_matrices
 
 #: A mobility from an iterative solver is symmetric to its tolerance only.
 _SYMMETRY_TOLERANCE = 1e-3
@@ -38,7 +38,7 @@ def mobilityAboutPoint(N, shift):
         if N is no symmetric matrix of finite numbers of this shape, or shift no three lengths
     """
     N = _mobility(N, 'mobilityAboutPoint', stack=True)
-    shift = _oneOrEach(shift, _units.LENGTH, 3, N, 'mobilityAboutPoint', 'shift')
+    shift = _one_or_each(shift, _units.LENGTH, 3, N, 'mobilityAboutPoint', 'shift')
     transfer = np.tile(np.eye(6), shift.shape[:-1] + (1, 1))
     transfer[..., :3, 3:] = -_cross(shift)  # V + W x shift
     return transfer @ N @ transfer.swapaxes(-1, -2)
@@ -66,7 +66,7 @@ def mobilityInBodyFrame(N, orientation):
         if N is no symmetric matrix of finite numbers of this shape, or orientation no quaternion
     """
     N = _mobility(N, 'mobilityInBodyFrame', stack=True)
-    q = _oneOrEach(orientation, _units.NONE, 4, N, 'mobilityInBodyFrame', 'orientation')
+    q = _one_or_each(orientation, _units.NONE, 4, N, 'mobilityInBodyFrame', 'orientation')
     length = np.linalg.norm(q, axis=-1, keepdims=True)
     good = (0 < length) & (length < np.inf)
     if not np.all(good):
@@ -74,7 +74,7 @@ def mobilityInBodyFrame(N, orientation):
             f'mobilityInBodyFrame: orientation: got {_first(~good[..., 0], q)}; it must be four '
             f'numbers w, x, y, z, not all 0: '
             'give rows of getBodyOrientations()')
-    A = rotationMatrices(q/length)
+    A = rotation_matrices(q/length)
     turn = np.zeros(A.shape[:-2] + (6, 6))
     turn[..., :3, :3] = turn[..., 3:, 3:] = A.swapaxes(-1, -2)
     return turn @ N @ turn.swapaxes(-1, -2)
@@ -103,7 +103,7 @@ def centerOfMobility(N):
         if N is no symmetric matrix of finite numbers of this shape, or has no rotational part
     """
     N = _mobility(N, 'centerOfMobility')
-    return _units.LENGTH.attach(_centerOfMobility(N, 'centerOfMobility'))
+    return _units.LENGTH.attach(_center_of_mobility(N, 'centerOfMobility'))
 
 
 def centerOfHydrodynamicStress(N, tolerance=1e-6):
@@ -134,7 +134,7 @@ def centerOfHydrodynamicStress(N, tolerance=1e-6):
     where = 'centerOfHydrodynamicStress'
     N = _mobility(N, where)
     tolerance = _units.number(tolerance, _units.NONE, where, 'tolerance')
-    center = _centerOfMobility(N, where)
+    center = _center_of_mobility(N, where)
     about = mobilityAboutPoint(N, center)
     coupling = np.linalg.norm(about[:3, 3:], 2)/np.sqrt(
         np.linalg.norm(about[:3, :3], 2)*np.linalg.norm(about[3:, 3:], 2))
@@ -208,7 +208,7 @@ def planarAngleMobility(N, direction):
         if N is no symmetric matrix of finite numbers of this shape, or direction is along z
     """
     N = _mobility(N, 'planarAngleMobility', stack=True)
-    v = _oneOrEach(direction, _units.NONE, 3, N, 'planarAngleMobility', 'direction')
+    v = _one_or_each(direction, _units.NONE, 3, N, 'planarAngleMobility', 'direction')
     x, y, z = np.moveaxis(v, -1, 0)
     square = x**2 + y**2
     good = (0 < square) & (square < np.inf)
@@ -222,7 +222,7 @@ def planarAngleMobility(N, direction):
     return result if result.ndim else float(result)
 
 
-def _centerOfMobility(N, where):
+def _center_of_mobility(N, where):
     coupling, rotation = N[3:, :3], N[3:, 3:]
     skew = coupling - coupling.T
     axial = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
@@ -252,10 +252,10 @@ def _first(bad, rows):
     return rows[bad][0] if rows.ndim > 1 else rows
 
 
-def _oneOrEach(values, dimension, columns, N, where, name):
+def _one_or_each(values, dimension, columns, N, where, name):
     """Checked rows of numbers for mobilities (..., 6, 6): one for all, or one for each."""
-    return _units.oneOrEach(values, dimension, columns,
-                            len(N) if N.ndim == 3 else None, where, name)
+    return _units.one_or_each(values, dimension, columns,
+                              len(N) if N.ndim == 3 else None, where, name)
 
 
 def _mobility(N, where, stack=False):

@@ -94,7 +94,7 @@ def autocorrelationTime(series):
     """
     series = np.asarray(series, dtype=float)
     n = len(series)
-    if n < 4 or _isConstant(series):
+    if n < 4 or _is_constant(series):
         return 0.5
     deviation = series - series.mean()
     size = 1 << (2*n - 1).bit_length()
@@ -108,7 +108,7 @@ def autocorrelationTime(series):
     return max(0.5, float(tau[window]))
 
 
-def _isConstant(values):
+def _is_constant(values):
     """Whether all numbers are the same up to rounding."""
     return np.abs(values - values.mean()).max() <= 1e-14*np.abs(values).max()
 
@@ -124,7 +124,7 @@ class _Blocks:
     used: int
 
 
-def _blockStatistics(replicas, length):
+def _block_statistics(replicas, length):
     """The _Blocks of replicas (count, n), whose deviations are about the mean of each replica.
 
     Samples that do not fill a block are left out at the start.
@@ -137,12 +137,12 @@ def _blockStatistics(replicas, length):
     return _Blocks(float(used.mean()), float(error), count*(blocks - 1), length, blocks*length)
 
 
-def _blockLength(tau, n):
+def _block_length(tau, n):
     length = int(np.ceil(BLOCK_LENGTH_IN_TAU*tau)) if tau > 0.5 else 1
     return max(1, min(length, n // 5))
 
 
-def _meanError(replicas, length, known=0.0):
+def _mean_error(replicas, length, known=0.0):
     """What the error of a mean becomes where blocks of one length do not tell all of it.
 
     A slow part of small variance under a fast one hardly shows in autocorrelations, but it can make
@@ -164,12 +164,12 @@ def _meanError(replicas, length, known=0.0):
     tuple of (_Blocks, str)
         and the last change that counted: '', SLOW or OSCILLATING
     """
-    blocks = [_blockStatistics(replicas, length)]
-    if _isConstant(replicas):
+    blocks = [_block_statistics(replicas, length)]
+    if _is_constant(replicas):
         return blocks[0], ''
     while replicas.shape[1] // (2*length) >= FEWEST_TRUSTED_BLOCKS:
         length *= 2
-        blocks.append(_blockStatistics(replicas, length))
+        blocks.append(_block_statistics(replicas, length))
     found, change, last = blocks[0], '', 0
     for k, each in enumerate(blocks):
         # The relative standard error of a standard error of d degrees of freedom is 1/sqrt(2 d).
@@ -242,7 +242,7 @@ def seriesStatistics(series, leastTau=0.0):
     if n < 2:
         raise ValueError(f'seriesStatistics: got {n} samples; at least 2 are needed: run longer')
     tau = max(autocorrelationTime(series), leastTau)
-    found, change = _meanError(series[None], _blockLength(tau, n))
+    found, change = _mean_error(series[None], _block_length(tau, n))
     if change:
         # One tau belongs to the error, also where that of similar runs is longer.
         tau = found.used*found.standardError**2/(2*float(series.var()))
@@ -359,7 +359,7 @@ def noise(series):
     each = noiseDegrees(tau, n)
     degrees = len(replicas)*each
     value = 2*float((taus*variances).mean())*(1 + 1/each)/len(replicas)
-    found, change = _meanError(replicas, _blockLength(tau, n), float(np.sqrt(value/n)))
+    found, change = _mean_error(replicas, _block_length(tau, n), float(np.sqrt(value/n)))
     other = found.used*found.standardError**2
     if change == SLOW and other < value:
         change = ''
@@ -400,24 +400,24 @@ def splitRHat(chains):
         raise ValueError(
             f'splitRHat: got chains of shape {chains.shape}; there must be rows of at least 4 '
             f'samples: run longer')
-    if _isConstant(chains):
+    if _is_constant(chains):
         return float('nan')
     half = chains.shape[1] // 2
     # An odd chain loses its middle sample.
     halves = np.concatenate([chains[:, :half], chains[:, -half:]])
     # Distances of two values from their median are the same, and say nothing.
     return float(
-        np.fmax(_rHat(_normalScores(halves)),
-                _rHat(_normalScores(np.abs(halves - np.median(halves))))))
+        np.fmax(_r_hat(_normal_scores(halves)),
+                _r_hat(_normal_scores(np.abs(halves - np.median(halves))))))
 
 
-def _normalScores(values):
+def _normal_scores(values):
     """Ranks among all values, as quantiles of a normal law, by Blom's offsets."""
     ranks = scipy.stats.rankdata(values).reshape(values.shape)
     return scipy.special.ndtri((ranks - 3/8)/(values.size + 1/4))
 
 
-def _rHat(chains):
+def _r_hat(chains):
     n = chains.shape[1]
     if not np.ptp(chains, axis=1).any():
         return float('inf') if np.ptp(chains) > 0 else float('nan')

@@ -55,8 +55,9 @@ def readVertexFile(file, radii=False, unit=None):
         if there is no such file
     """
     radii = _units.boolean(radii, 'readVertexFile', 'radii')
-    scale = _lengthOf(unit, 'readVertexFile')
-    rows = _readRows(file, (4,) if radii else (3, 4), 'x y z radius' if radii else 'x y z', 'blobs')
+    scale = _length_of(unit, 'readVertexFile')
+    rows = _read_rows(file, (4,) if radii else (3, 4), 'x y z radius' if radii else 'x y z',
+                      'blobs')
     for line, values in rows:
         if radii and values[3] < 0:
             raise ValueError(
@@ -99,7 +100,7 @@ def warnOfUnits(positions, radii, where):
         f'of length; give both in nm, as by unit= of the readers of files', stacklevel=3)
 
 
-def _lengthOf(unit, where):
+def _length_of(unit, where):
     """A unit of length in nm."""
     if unit is None:
         return 1.0
@@ -140,8 +141,8 @@ def readClones(file, unit=None):
     OSError
         if there is no such file
     """
-    scale = _lengthOf(unit, 'readClones')
-    numbered = _readRows(file, (7,), 'x y z q0 q1 q2 q3', 'bodies')
+    scale = _length_of(unit, 'readClones')
+    numbered = _read_rows(file, (7,), 'x y z q0 q1 q2 q3', 'bodies')
     rows = np.array([values for _, values in numbered])
     norms = lengths(rows[:, 3:])
     for (line, _), norm in zip(numbered, norms):
@@ -198,7 +199,7 @@ def writeClones(file, positions, orientations):
             output.write(' '.join(repr(float(value)) for value in row) + '\n')
 
 
-def _readRows(file, widths, names, what):
+def _read_rows(file, widths, names, what):
     """The rows of a file as (line number, numbers); all rows have one of the allowed widths."""
     name = os.fspath(file)
     count, rows, line = None, [], 0

@@ -80,13 +80,13 @@ def addRigidWater(integrator, topology, system=None, names=(), skipFrozen=None):
                              'rename what is not water')
     particles = _ParticlesOfAtoms(topology, system, where)
     skipped = collections.Counter(residue.name for residue in others
-                                  if not particles.areFrozen(residue))
+                                  if not particles.are_frozen(residue))
     if skipped:
         warnings.warn(
             f'{where}: {_counted(skipped)} have the composition of water, but are not made bodies, '
             f'since their name is not known: give names={sorted(skipped)} to include them',
             stacklevel=2)
-    return _addResidues(integrator, residues, particles, skipFrozen, where)
+    return _add_residues(integrator, residues, particles, skipFrozen, where)
 
 
 def addRigidResidues(integrator, topology, names, system=None, skipFrozen=False):
@@ -128,8 +128,8 @@ def addRigidResidues(integrator, topology, names, system=None, skipFrozen=False)
         raise ValueError(
             f'{where}: names: no residue is named {", ".join(sorted(wanted))}; the topology has '
             f'{", ".join(present) or "no residues"}: correct the names')
-    return _addResidues(integrator, residues, _ParticlesOfAtoms(topology, system, where),
-                        skipFrozen, where)
+    return _add_residues(integrator, residues, _ParticlesOfAtoms(topology, system, where),
+                         skipFrozen, where)
 
 
 #: What a residue of water is made of, beside extra particles.
@@ -188,12 +188,12 @@ class _ParticlesOfAtoms:
         """The particles of a residue."""
         return [self.indices[atom.index] for atom in residue.atoms()]
 
-    def areFrozen(self, residue):
+    def are_frozen(self, residue):
         """Whether all particles of a residue have mass 0, as far as the System is known."""
         return self.system is not None and all(
             self.system.getParticleMass(i)._value == 0 for i in self.of(residue))
 
-    def dependentSites(self, particles, taken):
+    def dependent_sites(self, particles, taken):
         """Virtual sites whose parents are all among these particles; those taken are left out."""
         found = []
         family = set(particles)
@@ -209,11 +209,11 @@ class _ParticlesOfAtoms:
         return sorted(found)
 
 
-def _addResidues(integrator, residues, particles, skipFrozen, where):
+def _add_residues(integrator, residues, particles, skipFrozen, where):
     """Make a body of each residue; the indices of the bodies."""
     if skipFrozen is not None:
         skipFrozen = _units.boolean(skipFrozen, where, 'skipFrozen')
-    frozen = [residue for residue in residues if particles.areFrozen(residue)]
+    frozen = [residue for residue in residues if particles.are_frozen(residue)]
     if skipFrozen is not False and frozen:
         if skipFrozen is None:
             names = collections.Counter(residue.name for residue in frozen)
@@ -224,15 +224,15 @@ def _addResidues(integrator, residues, particles, skipFrozen, where):
         left = set(map(id, frozen))
         residues = [residue for residue in residues if id(residue) not in left]
     if particles.system is not None:
-        _checkConstraints(residues, particles, where)
+        _check_constraints(residues, particles, where)
     members = [particles.of(residue) for residue in residues]
     taken = {i for body in members for i in body}
     return [
-        integrator.addRigidBody(body + particles.dependentSites(body, taken)) for body in members
+        integrator.addRigidBody(body + particles.dependent_sites(body, taken)) for body in members
     ]
 
 
-def _checkConstraints(residues, particles, where):
+def _check_constraints(residues, particles, where):
     """Every pair of massive atoms of every residue must be constrained."""
     system = particles.system
     constrained = {
@@ -310,10 +310,10 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
     integrator = CustomRigidHIIntegrator.cast(integrator)
     mobilityForce = MobilityForce.cast(mobilityForce)
     sites = _units.rows(sitePositions, _units.LENGTH, 3, where, 'sitePositions')
-    radii = _units.perSite(radii, _units.LENGTH, len(sites), where, 'radii')
+    radii = _units.per_site(radii, _units.LENGTH, len(sites), where, 'radii')
     mass = _units.number(mass, _units.MASS, where, 'mass')
-    masses = None if particleMasses is None else _units.perSite(particleMasses, _units.MASS,
-                                                                len(sites), where, 'particleMasses')
+    masses = None if particleMasses is None else _units.per_site(
+        particleMasses, _units.MASS, len(sites), where, 'particleMasses')
     first = system.getNumParticles()
     if mobilityForce.getNumParticles() != first:
         raise ValueError(

@@ -118,8 +118,8 @@ class RigidBodyReporter(Hdf5Reporter):
         for name, (values, dimension) in self._bodies.items():
             file.create_dataset('bodies/' + name, data=values).attrs['unit'] = _label(dimension)
 
-    def _checkSame(self, file):
-        _checkFormat(file, self._file)
+    def _check_same(self, file):
+        _check_format(file, self._file)
         for entry in ('particles', 'firstParticle'):
             if not np.array_equal(file['bodies'][entry][:], self._bodies[entry][0]):
                 raise ValueError(
@@ -159,11 +159,11 @@ def readBodyStates(file, frames=None):
     """
     frames = checkedFrames(frames, 'readBodyStates')
     with readingFrom(file, 'readBodyStates:'), openHdf5(file, 'r') as handle:
-        return _readStates(handle, frames, file)
+        return _read_states(handle, frames, file)
 
 
-def _readStates(handle, chosen, file):
-    _checkFormat(handle, file)
+def _read_states(handle, chosen, file):
+    _check_format(handle, file)
     count = numFrames(RigidBodyReporter._series(handle))
     numbers = np.arange(count)[chosen]
     frames = {name: handle[name][:count] for name in _FRAME_DATA}
@@ -189,14 +189,14 @@ def _readStates(handle, chosen, file):
     for name, item in (('mass', 'body'), ('principalMoments', 'body'), ('sitePositions', 'site')):
         requireFinite(bodies[name][:], name, where, None, item)
     return BodyStates(
-        **{name: _withUnit(values, _FRAME_DATA[name][2])
+        **{name: _with_unit(values, _FRAME_DATA[name][2])
            for name, values in frames.items()}, mass=_units.MASS.attach(bodies['mass'][:]),
         principalMoments=_units.MOMENT.attach(bodies['principalMoments'][:]),
         particles=[particles[a:b].tolist() for a, b in spans],
         sitePositions=[_units.LENGTH.attach(sites[a:b]) for a, b in spans])
 
 
-def _withUnit(array, dimension):
+def _with_unit(array, dimension):
     return array if dimension is _units.NONE else dimension.attach(array)
 
 
@@ -204,7 +204,7 @@ def _label(dimension):
     return '' if dimension is _units.NONE else dimension.label
 
 
-def _checkFormat(file, name):
+def _check_format(file, name):
     found, version = file.attrs.get('format'), file.attrs.get('version')
     if found != _FORMAT or version != _VERSION:
         raise ValueError(

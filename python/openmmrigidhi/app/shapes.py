@@ -63,8 +63,8 @@ def rod(n, spacing):
         nm, from the lowest x up, about the rod's centre. The blobs are on a line, so the fluid does
         not drive rotation about this line.
     """
-    n = _atLeast(2, n, 'rod', 'n')
-    spacing = _positiveLength(spacing, 'rod', 'spacing')
+    n = _at_least(2, n, 'rod', 'n')
+    spacing = _positive_length(spacing, 'rod', 'spacing')
     points = np.zeros((n, 3))
     points[:, 0] = spacing*(np.arange(n) - (n - 1)/2)
     return _units.LENGTH.attach(points)
@@ -93,9 +93,9 @@ def cylinder(radius, length, spacing, closed=True):
         nm, about the cylinder's centre: the side from the lowest x up, then the end at low x, then
         the end at high x
     """
-    radius = _positiveLength(radius, 'cylinder', 'radius')
-    length = _positiveLength(length, 'cylinder', 'length')
-    spacing = _positiveLength(spacing, 'cylinder', 'spacing')
+    radius = _positive_length(radius, 'cylinder', 'radius')
+    length = _positive_length(length, 'cylinder', 'length')
+    spacing = _positive_length(spacing, 'cylinder', 'spacing')
     around = max(3, round(2*np.pi*radius/spacing))
     heights = length*np.linspace(-0.5, 0.5, max(1, round(length/spacing)) + 1)
     rings = [_ring(x, radius, around, (k % 2)/2) for k, x in enumerate(heights)]
@@ -134,8 +134,8 @@ def boomerang(spacing, blobsPerArm=7):
         cross point (row blobsPerArm) to the tip on the y axis. The bisector is the direction (1, 1,
         0).
     """
-    spacing = _positiveLength(spacing, 'boomerang', 'spacing')
-    blobsPerArm = _atLeast(1, blobsPerArm, 'boomerang', 'blobsPerArm')
+    spacing = _positive_length(spacing, 'boomerang', 'spacing')
+    blobsPerArm = _at_least(1, blobsPerArm, 'boomerang', 'blobsPerArm')
     steps = np.arange(-blobsPerArm, blobsPerArm + 1)
     return _units.LENGTH.attach(
         spacing*
@@ -156,7 +156,7 @@ def tetramer(spacing):
         nm, about the tetrahedron's centre: three of equal z < 0, the first of which has y = 0 and x
         > 0, then one on the +z axis
     """
-    spacing = _positiveLength(spacing, 'tetramer', 'spacing')
+    spacing = _positive_length(spacing, 'tetramer', 'spacing')
     base = _ring(-spacing/np.sqrt(24), spacing/np.sqrt(3), 3, 0)[:, [1, 2, 0]]
     return _units.LENGTH.attach(np.concatenate([base, [(0, 0, spacing*np.sqrt(3/8))]]))
 
@@ -178,13 +178,13 @@ def icosahedron(radius):
         nm, about the icosahedron's centre: the vertex on +z, five of equal z > 0, five of equal z <
         0, the vertex on -z
     """
-    radius = _positiveLength(radius, 'icosahedron', 'radius')
+    radius = _positive_length(radius, 'icosahedron', 'radius')
     z, r = radius/np.sqrt(5), 2*radius/np.sqrt(5)
     rings = [_ring(z, r, 5, 0)[:, [1, 2, 0]], _ring(-z, r, 5, 0.5)[:, [1, 2, 0]]]
     return _units.LENGTH.attach(np.concatenate([[(0, 0, radius)], *rings, [(0, 0, -radius)]]))
 
 
-def _positiveLength(value, where, name):
+def _positive_length(value, where, name):
     value = _units.number(value, _units.LENGTH, where, name)
     if not 0 < value < np.inf:
         raise ValueError(
@@ -193,7 +193,7 @@ def _positiveLength(value, where, name):
     return value
 
 
-def _atLeast(fewest, value, where, name):
+def _at_least(fewest, value, where, name):
     value = _units.integer(value, where, name)
     if value < fewest:
         raise ValueError(

@@ -7,7 +7,7 @@ import numpy as np
 from openmm import unit
 
 from .. import _units
-from .._systems import BodyDefinitions, hydrodynamicRadii
+from .._systems import BodyDefinitions, hydrodynamic_radii
 from ..integrator import CustomRigidHIIntegrator
 
 #: Bodies whose sites and radii agree within this length, nm, are of one type.
@@ -83,7 +83,7 @@ class BodyReporter:
 class Hdf5Reporter(BodyReporter):
     """What reporters into HDF5 files have in common.
 
-    A subclass says what it records by _describe, _create, _checkSame, _series and _frame.
+    A subclass says what it records by _describe, _create, _check_same, _series and _frame.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class Hdf5Reporter(BodyReporter):
         self._describe(simulation, integrator)
         if self._continues():
             with readingFrom(self._file, f'{self._name}:'), openHdf5(self._file, 'r+') as file:
-                self._checkSame(file)
+                self._check_same(file)
                 kept = rowsBefore(file[self._STEPS][:numFrames(self._series(file))],
                                   simulation.currentStep)
                 for data in self._series(file):
@@ -251,7 +251,7 @@ class BodyScene(BodyDefinitions):
             raise ValueError(
                 f'{where}: the integrator has no rigid bodies; there is nothing to write: add them '
                 f'before')
-        self.radii = hydrodynamicRadii(system, radii, where)
+        self.radii = hydrodynamic_radii(system, radii, where)
         self.periodic = system.usesPeriodicBoundaryConditions()
         self.typeNames, self.typeIndices = self._types(types, where)
         owner = dict(zip(self.members.tolist(), self.owners.tolist()))
@@ -325,7 +325,7 @@ def openHdf5(file, mode):
         raise ValueError(f'{name}: it is no HDF5 file, which this one must be: give another file')
     opened = h5py.File(name, mode)
 
-    def checkSize(path, item):
+    def check_size(path, item):
         # HDF5 gives what was never written as zeros, so a damaged shape would fill the memory.
         if isinstance(item, h5py.Dataset) and item.nbytes > _MOST_COMPRESSED*os.path.getsize(name):
             raise ValueError(
@@ -335,7 +335,7 @@ def openHdf5(file, mode):
                 f'restore it from a copy')
 
     try:
-        opened.visititems(checkSize)
+        opened.visititems(check_size)
     except BaseException:
         opened.close()
         raise
@@ -420,7 +420,7 @@ def requireFinite(values, name, where, frames, item='body'):
     place = tuple(np.argwhere(~np.isfinite(values))[0])
     axes = [] if frames is None else [f'frame {frames[place[0]]}']
     axes += [f'{item} {place[len(axes)]}'] if item else []
-    remedy = 'restore the file from a copy' if frames is None else _otherFrames(frames[place[0]])
+    remedy = 'restore the file from a copy' if frames is None else _other_frames(frames[place[0]])
     raise ValueError(f'{where}: {", ".join(axes)}: {name} is {_shown(values[place[:len(axes)]])}; '
                      f'numbers in a file must be finite: {remedy}')
 
@@ -452,7 +452,7 @@ def unitQuaternions(orientations, where, frames):
         raise ValueError(
             f'{where}: frame {frames[place[0]]}, body {place[1]}: orientation is '
             f'{_shown(orientations[place])}, of length {norms[place]:.6g}; a unit quaternion has '
-            f'the length 1: correct it, or {_otherFrames(frames[place[0]])}')
+            f'the length 1: correct it, or {_other_frames(frames[place[0]])}')
     return orientations/norms[..., None]
 
 
@@ -469,7 +469,7 @@ def _shown(values):
     return np.array2string(np.asarray(values), precision=6).replace('\n', '')
 
 
-def _otherFrames(frame):
+def _other_frames(frame):
     """The remedy for a frame that cannot be used."""
     part = f'slice({frame}) for those before' if frame > 0 else 'slice(1, None) for those after'
     return f'read other frames, as by frames={part}'

@@ -115,8 +115,8 @@ def main(arguments=None):
     """
     options = parser().parse_args(arguments)
     try:
-        _checkThatGivenOptionsAreUsed(options)
-        with _terminationAsCtrlC():
+        _check_that_given_options_are_used(options)
+        with _termination_as_ctrl_c():
             result = read(options.directory) if options.show else _run(options)
     except (ValueError, TypeError, OSError, ImportError, RuntimeError,
             openmm.OpenMMException) as error:
@@ -130,7 +130,7 @@ def main(arguments=None):
 
 
 @contextlib.contextmanager
-def _terminationAsCtrlC():
+def _termination_as_ctrl_c():
     """Batch systems end programs with SIGTERM; it ends a study as Ctrl-C does."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -146,7 +146,7 @@ def _terminationAsCtrlC():
         signal.signal(signal.SIGTERM, before)
 
 
-def _checkThatGivenOptionsAreUsed(options):
+def _check_that_given_options_are_used(options):
     """No option that describes a study may be given where it would have no effect."""
     begun = [name for name in ('resume', 'extend', 'show') if getattr(options, name)]
     given = [
@@ -183,7 +183,7 @@ def _run(options):
                       4 if options.replicas is None else options.replicas, options.length,
                       of['observables'], of['seed'], of['platform'], of['threads'],
                       of['equilibration'], of['interval'], options.checkpoint)
-        if _isThere(options.directory):
+        if _is_there(options.directory):
             raise ValueError(
                 f'{options.directory}: there is a study in it already; a new one needs a directory '
                 f'of its own: say --resume or --extend, or give '
@@ -194,7 +194,7 @@ def _run(options):
         finished=None if options.quiet else lambda task: tqdm.write(str(task), file=sys.stderr))
 
 
-def _isThere(directory):
+def _is_there(directory):
     try:
         read(directory)
     except FileNotFoundError:

@@ -142,7 +142,7 @@ class EnsembleResult:
                 continue
             chain = np.asarray(content.series[name], dtype=float)
             chain = chain.mean(axis=1) if chain.ndim == 2 else chain
-            whole, afterGaps = _withoutBeginnings(chain, content.about)
+            whole, afterGaps = _without_beginnings(chain, content.about)
             if len(chain) and np.isnan(chain).all():
                 # It has no meaning in this scene, or the run is too short for it.
                 meaningless.append(task)
@@ -243,17 +243,17 @@ class EnsembleResult:
             their paths
         """
         json_, csv_ = (os.path.join(directory, 'results' + end) for end in ('.json', '.csv'))
-        for path, fill in ((json_, self._fillJson), (csv_, self._fillCsv)):
+        for path, fill in ((json_, self._fill_json), (csv_, self._fill_csv)):
             text = io.StringIO(newline='')
             fill(text)
             taskfiles.write(path, text.getvalue().encode())
         return [json_, csv_]
 
-    def _fillJson(self, file):
+    def _fill_json(self, file):
         json.dump(self.asDict(), file, indent=1)
         file.write('\n')
 
-    def _fillCsv(self, file):
+    def _fill_csv(self, file):
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(COLUMNS)
         for row in self.rows:
@@ -269,7 +269,7 @@ def _replicas(tasks):
                    for task in tasks[:-1])]*(len(tasks) > 1) + [str(tasks[-1].replica)])
 
 
-def _withoutBeginnings(chain, about):
+def _without_beginnings(chain, about):
     """A chain without the samples that are NaN because there was nothing to compare them with.
 
     They are the first ones of a task, and of each session that had to begin to remember anew.

@@ -281,7 +281,7 @@ def simulate(task, job):
     dict
         samples, and the seconds that this call spent in steps
     """
-    _checkDirectory(task)
+    _check_directory(task)
     saved = taskfiles.load(task.path, task.expected())
     scene, integrator = task.source.make(task.settings, task.seed)
     digest = _digest(scene.system, integrator)
@@ -343,7 +343,7 @@ class CheckpointTimes:
         self.last = now
 
 
-def _checkDirectory(task):
+def _check_directory(task):
     try:
         with open(os.path.join(task.directory, 'study.json')) as file:
             found = json.load(file).get('identity')

@@ -254,7 +254,7 @@ class Study:
         FileNotFoundError, ValueError
             if there is no study, or its study.json is damaged
         """
-        about = _readAbout(directory)['definition']
+        about = _read_about(directory)['definition']
         study = cls(SceneSource.load(about['scene'], directory), about['settings'],
                     about['replicas'], about['length'], about['observables'], about['seed'],
                     about['platform'], about['threads'], about['equilibration'],
@@ -336,9 +336,9 @@ class Study:
         ConnectionError, ImportError
             see tasks.run(): a cluster does not answer, or a worker has no plugin
         """
-        _tasks.checkNumbers(jobs, retries)
+        _tasks.check_numbers(jobs, retries)
         directory = os.path.abspath(directory)
-        _checkThatItIsEmpty(directory)
+        _check_that_it_is_empty(directory)
         taskfiles.makeDirectory(os.path.join(directory, TASKS))
         with _locked(directory):
             about = self._begin(directory, extend)
@@ -370,7 +370,7 @@ class Study:
                     }
                 about['failures'].pop(key, None)
                 about['failures'].update(failures)
-                _writeAbout(directory, about)
+                _write_about(directory, about)
                 if finished is not None:
                     finished(
                         _record(directory, task.setting, task.replica, task.seed, task.settings,
@@ -391,7 +391,7 @@ class Study:
                 session.update(provenance(began), tasks=len(todo), failed=len(failures),
                                put_aside=aside)
                 about['sessions'].append(session)
-                _writeAbout(directory, about)
+                _write_about(directory, about)
         result = read(directory)
         result.write(directory)
         return result
@@ -417,9 +417,9 @@ class Study:
                 'failures': {},
                 'sessions': []
             }
-            _writeAbout(directory, about)
+            _write_about(directory, about)
             return about
-        about = _readAbout(directory)
+        about = _read_about(directory)
         before = about['definition']
         if self._defaultEquilibration is None:
             wanted['default_equilibration'] = before['default_equilibration']
@@ -450,7 +450,7 @@ class Study:
                 'directory')
         about['earlier_definitions'].append(before)
         about.update(definition=wanted, seeds=self.seeds())
-        _writeAbout(directory, about)
+        _write_about(directory, about)
         return about
 
     def _left(self, directory, about):
@@ -471,7 +471,7 @@ class Study:
                     raise  # it may be whole
                 except taskfiles.DamagedFile:
                     saved = None
-                    aside.append(_putAside(path))
+                    aside.append(_put_aside(path))
                 done = 0.0 if saved is None else saved.about['samples']*saved.about[
                     'sample_interval']
                 if done < self.length*(1 - 1e-9):
@@ -511,7 +511,7 @@ def taskPath(directory, setting, replica):
     return os.path.join(directory, TASKS, taskName(setting, replica) + '.h5')
 
 
-def _putAside(path):
+def _put_aside(path):
     number = 1
     while os.path.exists(f'{path}.damaged{number}'):
         number += 1
@@ -544,7 +544,7 @@ def _locked(directory):
         yield
 
 
-def _checkThatItIsEmpty(directory):
+def _check_that_it_is_empty(directory):
     """Nothing but a study, or what is left of one that could not begin, may be in a directory."""
     if os.path.exists(os.path.join(directory, STUDY)) or not os.path.isdir(directory):
         return
@@ -568,12 +568,12 @@ def _checksum(about):
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _writeAbout(directory, about):
+def _write_about(directory, about):
     text = json.dumps({**about, CHECKSUM: _checksum(about)}, indent=1) + '\n'
     taskfiles.write(os.path.join(directory, STUDY), text.encode())
 
 
-def _readAbout(directory):
+def _read_about(directory):
     path = os.path.join(directory, STUDY)
     if not os.path.exists(path):
         raise FileNotFoundError(
@@ -614,7 +614,7 @@ def read(directory):
     FileNotFoundError, ValueError
         if there is no study, or its study.json is damaged
     """
-    about = _readAbout(directory)
+    about = _read_about(directory)
     definition, records, contents = about['definition'], [], {}
     for setting, seeds in enumerate(about['seeds']):
         for replica, seed in enumerate(seeds):
