@@ -53,10 +53,9 @@ def _check_versions(bindings):
     if os.path.isdir(own) and os.path.dirname(loaded) != os.path.realpath(own):
         raise ImportError(
             f'openmmrigidhi: its library libOpenMMRigidHI.so was loaded from {loaded}, by OpenMM '
-            f'or another program, and not from '
-            f'{own}, where the libraries of this package are; two copies of openmm-rigidhi would '
-            f'be mixed: remove the other copy, '
-            'or have OPENMM_PLUGIN_DIR name a directory without it')
+            f'or another program, and not from {own}, where the libraries of this package are; two '
+            'copies of openmm-rigidhi would be mixed: remove the other copy, or have '
+            'OPENMM_PLUGIN_DIR name a directory without it')
 
 
 def _plugin_libraries():
@@ -66,10 +65,9 @@ def _plugin_libraries():
     paths = [os.path.join(_PLUGIN_DIRECTORY, name) for name in names if name.endswith('.so')]
     if not paths:
         raise ImportError(
-            f'openmmrigidhi: there is no platform library (libOpenMMRigidHI*.so) in '
-            f'{_PLUGIN_DIRECTORY}: '
-            'the package is incomplete, build or install it anew with "make build" or "make '
-            'install"')
+            'openmmrigidhi: there is no platform library (libOpenMMRigidHI*.so) in '
+            f'{_PLUGIN_DIRECTORY}: the package is incomplete, build or install it anew with "make '
+            'build" or "make install"')
     return paths
 
 

@@ -47,8 +47,7 @@ def refuse_driven_flow(system, where, consequence):
             continue
         raise ValueError(
             f'{where}: its MobilityForce drives the fluid by {flow}; there is no equilibrium in a '
-            f'driven flow, {consequence}, or take the '
-            f'flow away by {setter} with zeros')
+            f'driven flow, {consequence}, or take the flow away by {setter} with zeros')
 
 
 class BodyDefinitions:

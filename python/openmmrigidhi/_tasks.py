@@ -424,9 +424,8 @@ class _Cluster:
         except (OSError, ValueError) as error:
             raise ConnectionError(
                 f'cluster {address}: it gave no answer within {self.timeout:g} s ({error}): start '
-                f'a scheduler there '
-                '(dask-scheduler), correct the address, or leave it out for processes on this '
-                'machine') from error
+                'a scheduler there (dask-scheduler), correct the address, or leave it out for '
+                'processes on this machine') from error
 
     def _check_workers(self):
         """Wait for a worker, and check that all workers have this package; both within timeout."""
@@ -435,8 +434,7 @@ class _Cluster:
         except (OSError, self.distributed.TimeoutError) as error:
             raise ConnectionError(
                 f'cluster {self.address}: no worker came within {self.timeout:g} s; at least 1 is '
-                f'needed: start some there '
-                '(dask-worker)') from error
+                'needed: start some there (dask-worker)') from error
         workers = list(self.client.nthreads())
         self.known.update(workers)
         for problem in self._problems(workers).values():
@@ -466,9 +464,8 @@ class _Cluster:
                 'install it there, or put it on the PYTHONPATH of the worker')
         if version != _loading.version:
             return ImportError(
-                f'cluster {self.address}: the worker {worker} has openmmrigidhi {version}; it '
-                f'must be {_loading.version}, as '
-                'here: install the same version there')
+                f'cluster {self.address}: the worker {worker} has openmmrigidhi {version}; it must '
+                f'be {_loading.version}, as here: install the same version there')
         return None
 
     def _hear(self, event):
@@ -496,8 +493,7 @@ class _Cluster:
         elif time.monotonic() - self.lonelySince > self.timeout:
             raise ConnectionError(
                 f'cluster {self.address}: it has had no worker for {self.timeout:g} s; at least 1 '
-                f'is needed: start some '
-                'there, then go on where this ended')
+                'is needed: start some there, then go on where this ended')
         # No more tasks than can be done at once: a worker that dies then uses up no attempts of
         # other tasks.
         return slots - len(self.futures)
@@ -589,8 +585,7 @@ def _backend(function, jobs, cluster, retries, timeout):
     if importlib.util.find_spec('distributed') is None:
         raise ImportError(
             f'cluster {cluster}: dask.distributed is not installed, which talks to clusters: '
-            f'install python3-distributed, or leave the '
-            'cluster out for processes on this machine')
+            'install python3-distributed, or leave the cluster out for processes on this machine')
     return _Cluster(function, jobs, None if cluster == 'local' else cluster, retries, timeout)
 
 

@@ -208,8 +208,7 @@ def sequence(values, dimension, where, name):
     if array.ndim != 1:
         raise ValueError(
             f'{where}: {name}: got an array of shape {array.shape}; it must be a plain sequence of '
-            f'numbers: '
-            'give one number per item')
+            'numbers: give one number per item')
     return array
 
 
@@ -236,8 +235,7 @@ def frames(values, dimension, columns, where, name):
     if array.ndim != 3 or array.shape[2] != columns or array.size == 0:
         raise ValueError(
             f'{where}: {name}: got an array of shape {array.shape}; a trajectory must have the '
-            f'shape '
-            f'(frames, bodies, {columns}): reshape it')
+            f'shape (frames, bodies, {columns}): reshape it')
     if not np.all(np.isfinite(array)):
         frame, body, _ = np.argwhere(~np.isfinite(array))[0]
         raise ValueError(f'{where}: {name}: frame {frame}, body {body}: the trajectory holds '

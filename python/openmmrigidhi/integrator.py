@@ -20,8 +20,7 @@ class NoiseLaw(_enums.Documented):
         '(Davidchack 2015, eq. 21).')
     TwoPoint = _Base.TwoPoint, (
         '+-1 with probability 1/2 each: enough for weak order 1, so for GradientThermostat and the '
-        'schemes without momenta in a fluid '
-        '(Davidchack 2015, eq. 31).')
+        'schemes without momenta in a fluid (Davidchack 2015, eq. 31).')
 
 
 class WallRejection(_enums.Documented):
@@ -35,8 +34,7 @@ class WallRejection(_enums.Documented):
         '(default).')
     Crossing = _Base.Crossing, (
         'Steps after which the centre of a hydrodynamic particle is on the wall or behind it; '
-        'particles that reach through a NoSlipWall '
-        'have damped mobilities.')
+        'particles that reach through a NoSlipWall have damped mobilities.')
 
 
 class DriftCorrectorScaling(_enums.Documented):
@@ -129,8 +127,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     def __repr__(self):
         return (f'<CustomRigidHIIntegrator: {self.getScheme().name}, {self.getTemperature()}, '
-                f'{self.getStepSize()}, '
-                f'{self.getNumRigidBodies()} bodies>')
+                f'{self.getStepSize()}, {self.getNumRigidBodies()} bodies>')
 
     # ---- Copies ----------------------------------------------------------------------------------
 
@@ -738,10 +735,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         if len(result) != count:
             raise ValueError(
                 f'{_where(method)}: {name}: got {len(result)} rows; {count} of the integrator\'s '
-                f'{known} bodies are there, the '
-                'others were added after the Context was created: give a row for each that is '
-                'there, or reinitialize the '
-                'Context')
+                f'{known} bodies are there, the others were added after the Context was created: '
+                'give a row for each that is there, or reinitialize the Context')
         return result
 
     def getBodyForces(self):

@@ -156,8 +156,7 @@ class MobilityForce(_copies.Copies, _Base):
 
     def __repr__(self):
         return (f'<MobilityForce: {self.getModel().name}, {self.getBoundary().name}, viscosity '
-                f'{self.getViscosity()}, '
-                f'{self.getNumParticles()} particles>')
+                f'{self.getViscosity()}, {self.getNumParticles()} particles>')
 
     @staticmethod
     def cast(obj):

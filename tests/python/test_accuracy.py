@@ -505,8 +505,7 @@ class TestKnownOrders(unittest.TestCase):
             expected = law(row['value'])*self.result.references[observable].value
             z = (row['mean'] - expected)/row['standard_error']
             print(f'{method} {observable} h = {row["value"]}: {row["mean"]:.4f} expected '
-                  f'{expected:.4f} z = {z:.2f}, '
-                  f'{row["degrees"] + 1} blocks')
+                  f'{expected:.4f} z = {z:.2f}, {row["degrees"] + 1} blocks')
             self.assertLess(abs(z), statistics.quantile(1 - 7e-6, row['degrees']))
 
     def testLangevinC(self):

@@ -97,8 +97,7 @@ def split_wanted(wanted, names, example):
         if name not in names:
             raise ValueError(
                 f'wanted error: got {item.strip()!r}, which is not measured; name one that is: the '
-                f'observable must be one of '
-                f'{", ".join(names)}, as in {example}')
+                f'observable must be one of {", ".join(names)}, as in {example}')
         try:
             value = float(amount.rstrip('%'))
         except ValueError:

@@ -77,10 +77,9 @@ def parser():
     what.add_argument(
         '--methods', nargs='+', default=None, metavar='NAME[:STEPS]',
         help=f'among {", ".join(methods.BUILT_IN)}; with step sizes of its own in fs, e.g. '
-        f'GradientThermostat:1,2,3,4; '
-        'options may follow a name: -I8 inertia scale, -g2 and -G4 frictions, -H3 hydrogens of 3 '
-        'dalton, -N2 reciprocal space in every other step '
-        f'(default: LangevinC LangevinMiddle); with --overdamped among '
+        'GradientThermostat:1,2,3,4; options may follow a name: -I8 inertia scale, -g2 and '
+        '-G4 frictions, -H3 hydrogens of 3 dalton, -N2 reciprocal space in every other step '
+        '(default: LangevinC LangevinMiddle); with --overdamped among '
         f'{", ".join(overdamped.METHODS)}, steps in tau_D (default: all)')
     what.add_argument(
         '--steps', metavar='FS',
@@ -89,8 +88,7 @@ def parser():
     what.add_argument(
         '--observables', nargs='+', default=None, metavar='NAME',
         help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, or module:function of the '
-        f'Context '
-        f'(default: energy and temperatures); with --overdamped among '
+        'Context (default: energy and temperatures); with --overdamped among '
         f'{", ".join(overdamped.OBSERVABLES)} (default: all)')
     what.add_argument(
         '--wanted-error', nargs='+', default=[], metavar='NAME:ERROR',
@@ -99,8 +97,7 @@ def parser():
     what.add_argument(
         '--price', nargs='+', default=[], metavar='NAME:ERROR', help=
         'what it takes to know a number to this error, bias and standard error together: the time '
-        'of every setting, and the cheapest; '
-        'written as for --wanted-error')
+        'of every setting, and the cheapest; written as for --wanted-error')
     what.add_argument(
         '--spend', nargs='+', default=[], metavar='NAME:TIME',
         help='the setting with which a number is known best after this time, e.g. '
@@ -127,8 +124,7 @@ def parser():
     nodes.add_argument(
         '--grid', action='store_true', help=
         'compare tolerances of ForceCoupling on a grid; the scene has spheres and a MobilityForce '
-        'with the boundary '
-        f'Periodic. Observables: {", ".join(grid.OBSERVABLES)}')
+        f'with the boundary Periodic. Observables: {", ".join(grid.OBSERVABLES)}')
     nodes.add_argument('--tolerances', metavar='EPS',
                        help='e.g. 1e-2,1e-4,1e-6 (default: 1e-2 to 1e-10)')
     how = result.add_argument_group('how it is measured')
@@ -322,8 +318,7 @@ def _methods(texts, byName, common, unit):
             if not steps[name]:
                 raise ValueError(
                     f'step sizes: got {own or common!r}; they must be positive numbers in {unit} '
-                    f'with commas between: write '
-                    'e.g. 2,4,6')
+                    'with commas between: write e.g. 2,4,6')
     return found, steps
 
 
@@ -374,8 +369,7 @@ def _reference(text, names):
     if pair is None or name not in names:
         raise ValueError(
             f'--reference: got {text!r}; it must be name=value or name=value+-error, the name one '
-            f'of {", ".join(names)}: '
-            'write e.g. potential_energy=-46.5+-0.02')
+            f'of {", ".join(names)}: write e.g. potential_energy=-46.5+-0.02')
     return name, pair
 
 

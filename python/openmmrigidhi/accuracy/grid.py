@@ -30,15 +30,13 @@ OBSERVABLES = {
     'forces': {
         'label': 'products with forces',
         'description': 'velocities of spheres from forces on them, as for blobs: the grid follows '
-        'the envelope of forces, '
-        'sigma = a/sqrt(pi) = 0.564 a'
+        'the envelope of forces, sigma = a/sqrt(pi) = 0.564 a'
     },
     'wrenches': {
         'label': 'products with forces and torques',
         'description': 'velocities and angular velocities from forces and torques, as for bodies '
-        'that are one '
-        'sphere: the grid follows the narrower envelope of torques, sigma_D = a/(6 sqrt(pi))^(1/3) '
-        '= 0.455 a'
+        'that are one sphere: the grid follows the narrower envelope of torques, '
+        'sigma_D = a/(6 sqrt(pi))^(1/3) = 0.455 a'
     }
 }
 #: What setSolverTolerance takes.

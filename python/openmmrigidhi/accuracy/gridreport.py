@@ -241,11 +241,10 @@ class GridReport(Report):
         about = self.result.provenance
         return [
             'Velocities are divided by the square roots of own mobilities, forces by those of own '
-            'frictions. The error is the norm of the difference to the matrix of '
-            'lattice sums, over the norm of that matrix. "Over own" is the norm of the difference '
-            'alone, over own mobilities. Norms are eigenvalues, found by iterations. "Random" '
-            'is the error of velocities from random forces, relative to these velocities, over '
-            'four draws.',
+            'frictions. The error is the norm of the difference to the matrix of lattice sums, '
+            'over the norm of that matrix. "Over own" is the norm of the difference alone, over '
+            'own mobilities. Norms are eigenvalues, found by iterations. "Random" is the error of '
+            'velocities from random forces, relative to these velocities, over four draws.',
             f'Times are the fastest of {about.get("rounds")} rounds in which the tolerances took '
             f'turns, on {about.get("platform")} with {about.get("threads")} thread(s) '
             '(with one thread CPU time, if less than by the clock). A product is called from '

@@ -160,14 +160,12 @@ class LadderReport(Report):
         scene, provenance = self.result.scene, self.result.provenance
         text = (
             'Errors are relative: (value - reference)/|reference|. For matrices and several '
-            'velocities they are the norm of the difference over '
-            f'that of the reference. Times are for a step of LangevinHI with noise at '
-            f'{scene["temperature"]:g} K. They are medians over '
-            f'{provenance.get("rounds")} rounds in which the models took turns, on the faster of '
-            f'{provenance.get("platforms")} '
-            f'({provenance.get("threads")} thread(s); with one thread CPU time, if less than by '
-            f'the clock). Noise alone moved the spheres, and the time of the scene\'s own forces '
-            'in a step was added.')
+            'velocities they are the norm of the difference over that of the reference. Times are '
+            f'for a step of LangevinHI with noise at {scene["temperature"]:g} K. They are medians '
+            f'over {provenance.get("rounds")} rounds in which the models took turns, on the faster '
+            f'of {provenance.get("platforms")} ({provenance.get("threads")} thread(s); with one '
+            'thread CPU time, if less than by the clock). Noise alone moved the spheres, and the '
+            'time of the scene\'s own forces in a step was added.')
         if scene.get('timed_at') is not None:
             text += (f' They were taken at {self.result.parameter} {scene["timed_at"]:g}, on which '
                      'they hardly depend.')

@@ -422,9 +422,8 @@ def byName(name):
 def _wrong_name(name, why):
     return ValueError(
         f'method: got {name!r}: {why}; it must be a Method or the name of one of these: '
-        f'{", ".join(BUILT_IN)}; options may follow, '
-        'such as LangevinC-I8 (moments times 8) or LangevinMiddle-g1 (friction 1/ps): correct the '
-        'name')
+        f'{", ".join(BUILT_IN)}; options may follow, such as LangevinC-I8 (moments times 8) or '
+        'LangevinMiddle-g1 (friction 1/ps): correct the name')
 
 
 def _options_of(method):

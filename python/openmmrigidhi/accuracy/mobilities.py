@@ -161,8 +161,7 @@ BUILT_IN = {
     (MobilityObservable(
         'mobility', 'mobility matrix', _scaled, description=
         'Frobenius norm of the error of the mobility matrix over that of the matrix, both divided '
-        'by the '
-        'roots of the Stokes mobilities of the spheres alone'),
+        'by the roots of the Stokes mobilities of the spheres alone'),
      MobilityObservable(
          'sedimentation', 'settling velocity', _sedimentation,
          description='mean velocity along z under the same force along z on every body'),
@@ -174,8 +173,7 @@ BUILT_IN = {
          'rotation_translation', 'rotation per settling velocity', _rotation_translation,
          description=
          'angular velocities of all bodies over their mean velocity, under the same force along z '
-         'on every '
-         'body; norm'),
+         'on every body; norm'),
      MobilityObservable(
          'own_forces', "velocities under the scene's own forces", _own_forces, description=
          "velocities, and radii times angular velocities, under the scene's forces at its start; "
@@ -220,6 +218,5 @@ def byName(name):
     if found is None:
         raise ValueError(
             f'observable of mobility: got {name!r}; it must be one of {", ".join(BUILT_IN)}, or '
-            f'module:function: '
-            'correct the name')
+            'module:function: correct the name')
     return found

@@ -212,8 +212,7 @@ class _Charges:
         if len(forces) != 1:
             raise ValueError(
                 f'observable dipole_squared: there are {len(forces)} NonbondedForces; charges are '
-                f'those of the only one: leave this '
-                'observable out')
+                'those of the only one: leave this observable out')
         charges = np.array([
             forces[0].getParticleParameters(i)[0]._value for i in range(forces[0].getNumParticles())
         ])
@@ -224,9 +223,8 @@ class _Charges:
             if abs(net) > LARGEST_NET_CHARGE:
                 raise ValueError(
                     f'observable dipole_squared: body {index} has a net charge of {net:.6g} e; the '
-                    f'dipole moment of a charged body depends on '
-                    'the origin, and that of a periodic box on where its images are: leave this '
-                    'observable out')
+                    'dipole moment of a charged body depends on the origin, and that of a periodic '
+                    'box on where its images are: leave this observable out')
         free = np.flatnonzero((charges != 0) & ~inBodies)
         if len(free):
             raise ValueError(

@@ -247,10 +247,9 @@ class Prices:
             verdict = RECOMMENDED
             text += (
                 f'{self._name(best)}, {duration(best["seconds"])}{clock} ({_between(best)}). It '
-                f'takes the least time of the settings whose bias is below that with '
-                f'{100*confidence:g} % confidence; '
-                f'{100*best["bias_part"]:.0f} % of the squared error is bias, '
-                f'{100*best["equilibration_part"]:.0f} % of the time equilibration' +
+                'takes the least time of the settings whose bias is below that with '
+                f'{100*confidence:g} % confidence; {100*best["bias_part"]:.0f} % of the squared '
+                f'error is bias, {100*best["equilibration_part"]:.0f} % of the time equilibration' +
                 (f', {self.result.observables[best["observable"]]["label"]} takes longest'
                  if len(wanted) > 1 else '') + '.')
             same = [each for each in candidates if each['verdict'] == SAME]
@@ -266,17 +265,14 @@ class Prices:
                 if method != best['method'] and own is not None:
                     others.append(
                         f'{self._name(own)} ({duration(own["seconds"])}, {own["ratio"]:.2f} times '
-                        f'as long, '
-                        f'{own["ratio_low"]:.2f} to {_bound(own["ratio_high"])})')
+                        f'as long, {own["ratio_low"]:.2f} to {_bound(own["ratio_high"])})')
             if others:
                 text += f' The best of the other methods: {"; ".join(others)}.'
             if undecided:
                 factor = min(each['factor'] for each in undecided)
                 reason, todo = self.result.outlook(factor, undecided, wanted, confidence)
-                text += (
-                    f' Settings that may cost less or never get there, since their bias is not '
-                    f'known well enough: '
-                    f'{self._names(undecided)}; {todo}.')
+                text += (' Settings that may cost less or never get there, since their bias is not '
+                         f'known well enough: {self._names(undecided)}; {todo}.')
             if best['marks']:
                 text += f' Beware: {"; ".join(best["marks"])}.'
         elif undecided:
@@ -290,8 +286,7 @@ class Prices:
             reason = NO_MEAN if why else NO_REFERENCE
             text += f'cannot tell. {why}' if why else (
                 'cannot tell. There is nothing to compare with, or no correlation time. An exact '
-                'value, a reference or smaller steps are '
-                'needed, and runs with samples.')
+                'value, a reference or smaller steps are needed, and runs with samples.')
         else:
             verdict = NONE
             reason = DECIDED if candidates else UNUSABLE
@@ -355,16 +350,14 @@ class Prices:
             why = self._why_no_mean(candidates)
             return Recommendation(
                 NONE, None, text + f'{NONE}. ' +
-                (why or f'It does not suffice for the equilibration of any setting, or there is '
-                 f'nothing to '
-                 'compare with; take more time.'), candidates, None, [])
+                (why or 'It does not suffice for the equilibration of any setting, or there is '
+                 'nothing to compare with; take more time.'), candidates, None, [])
         reference = self.result.references[observable].value
         part = f' ({100*chosen["total_error"]/abs(reference):.2g} %)' if reference else ''
-        text += (f'{self._name(chosen)}, which gets it to {chosen["total_error"]:.2g}'
-                 f'{" " + unit if unit else ""}{part}, '
-                 f'{chosen["total_error_low"]:.2g} to '
-                 f'{chosen["total_error_high"]:.2g}: bias {chosen["bias"]:.2g}, standard error '
-                 f'{chosen["standard_error"]:.2g}.')
+        text += (f'{self._name(chosen)}, which gets it to '
+                 f'{chosen["total_error"]:.2g}{" " + unit if unit else ""}{part}, '
+                 f'{chosen["total_error_low"]:.2g} to {chosen["total_error_high"]:.2g}: bias '
+                 f'{chosen["bias"]:.2g}, standard error {chosen["standard_error"]:.2g}.')
         same = [each for each in candidates if each['verdict'] == SAME]
         if same:
             text += f' Not distinguishable from it: {self._names(same)}.'

@@ -155,9 +155,8 @@ class StudyReport(Report):
         """What was asked, a sentence for each answer: also prices, and what a time buys."""
         priced, labels = self.priced, self._labels()
         return super().questions() + [
-            'How long does it take to know '
-            f'{" and ".join(item.text for item in answer.wanted)}, bias and standard error '
-            'together?' for answer in priced.answers
+            f'How long does it take to know {" and ".join(item.text for item in answer.wanted)}, '
+            'bias and standard error together?' for answer in priced.answers
         ] + [
             f'How well is {labels[name]} known after {duration(seconds)}?'
             for name, seconds in priced.spend
@@ -395,8 +394,7 @@ class StudyReport(Report):
                 }.get((entry['capped'], comparison[self.baseline]['capped']), '')
                 text += (
                     f'; {bound}{entry["ratio"]:.2f} times the {knob.speedUnit} of {self.baseline} '
-                    f'({entry["ratio_low"]:.2f} to '
-                    f'{entry["ratio_high"]:.2f})')
+                    f'({entry["ratio_low"]:.2f} to {entry["ratio_high"]:.2f})')
             lines.append(text + '.')
         return lines
 
@@ -455,9 +453,8 @@ class StudyReport(Report):
         result, provenance = self.result, self.result.provenance
         lines = [
             f'{self._platform()}, {provenance.get("rounds")} rounds in which the settings took '
-            f'turns in a random order. '
-            f'{result.knob.speedUnit} is the median over rounds of the integration steps alone '
-            f'({provenance.get("clock")} time).',
+            f'turns in a random order. {result.knob.speedUnit} is the median over rounds of the '
+            f'integration steps alone ({provenance.get("clock")} time).',
             'Standard errors are from block averages with blocks of 20 integrated autocorrelation '
             "times. Intervals use Student's t with the number of blocks."
         ]

@@ -458,8 +458,7 @@ class StudyResult(Result):
                        None)
             if own is not None:
                 parts.append(f'{self._name(own)} ({self.knob.speed(own["ns_per_day"])}, '
-                             f'{best["ns_per_day"]/own["ns_per_day"]:.2f} '
-                             'times slower)')
+                             f'{best["ns_per_day"]/own["ns_per_day"]:.2f} times slower)')
         return f' The best of the other methods that meet it: {"; ".join(parts)}.' if parts else ''
 
     def _name(self, candidate):

@@ -128,21 +128,18 @@ class Spheres:
         if len(fluid.getBodiesWithOwnTensors()):
             raise ValueError(
                 'the hydrodynamic ladder: a body has a tensor of its own; the models are compared '
-                'on spheres: take it '
-                'away with clearBodyTensor()')
+                'on spheres: take it away with clearBodyTensor()')
         members = [[i for i in body if radii[i] > 0] for body in scene.bodies]
         for index, found in enumerate(members):
             if len(found) != 1:
                 raise ValueError(
                     f'the hydrodynamic ladder: body {index} has {len(found)} hydrodynamic '
-                    f'particles; it must be a '
-                    'sphere, which has one: choose another scene')
+                    'particles; it must be a sphere, which has one: choose another scene')
         self.radii = radii[[found[0] for found in members]]
         if np.count_nonzero(radii) > len(members):
             raise ValueError(
                 'the hydrodynamic ladder: a particle that is in no body has a hydrodynamic radius; '
-                'all must be '
-                'bodies: make it one with addRigidBody()')
+                'all must be bodies: make it one with addRigidBody()')
         # The cheapest model is enough for geometry and forces. Mobilities do not depend on a flow
         # that drives the fluid.
         fluid.setBackgroundFlow((0, 0, 0), np.zeros((3, 3)))
@@ -175,8 +172,7 @@ class Spheres:
         if len(found) != 1:
             raise ValueError(
                 f'the hydrodynamic ladder: the System has {len(found)} MobilityForces; it must '
-                f'have one, which gives the '
-                'radii and the viscosity: add it')
+                'have one, which gives the radii and the viscosity: add it')
         return found[0]
 
     def _start(self, platform, properties):
@@ -229,8 +225,7 @@ class Spheres:
         if rows > LARGEST_ROWS:
             raise ValueError(
                 f'{rows//3} blobs in all; their matrix would have {rows} rows, and at most '
-                f'{LARGEST_ROWS} are '
-                'computed: choose fewer blobs or spheres')
+                f'{LARGEST_ROWS} are computed: choose fewer blobs or spheres')
         system, fluid, integrator = openmm.System(), MobilityForce(), self._integrator(seed)
         fluid.setViscosity(self.viscosity)
         fluid.setModel(rung.model)

@@ -58,14 +58,12 @@ class Scene:
             integrator = CustomRigidHIIntegrator.cast(integrator)
         except TypeError:
             raise TypeError(f'Scene: integrator: got a {type(integrator).__name__}; it must be a '
-                            f'CustomRigidHIIntegrator, '
-                            'which says what the bodies are: build one, with addRigidBody() or '
-                            'app.addRigidWater()') from None
+                            'CustomRigidHIIntegrator, which says what the bodies are: build one, '
+                            'with addRigidBody() or app.addRigidWater()') from None
         if integrator.getNumRigidBodies() == 0:
             raise ValueError(
                 'Scene: integrator: it has no bodies; there must be at least one: call '
-                'addRigidBody() or '
-                'app.addRigidWater()')
+                'addRigidBody() or app.addRigidWater()')
         self.name = name
         self.description = description
         self.exact = dict(exact or {})
@@ -244,9 +242,8 @@ def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.
     if cutoff > wanted/2:
         raise ValueError(
             f'water: molecules: got {molecules}; the box is {wanted:.3f} nm wide, less than twice '
-            f'the cutoff '
-            f'of {cutoff} nm: use at least {math.ceil((2*cutoff)**3*density*0.602214076/18.01528)} '
-            f'molecules')
+            f'the cutoff of {cutoff} nm: use at least '
+            f'{math.ceil((2*cutoff)**3*density*0.602214076/18.01528)} molecules')
     old = topology.getPeriodicBoxVectors()[0][0]._value
     sites = len(positions) // molecules
     centres = np.repeat(positions.reshape(molecules, sites, 3).mean(axis=1), sites, axis=0)
@@ -363,9 +360,8 @@ def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0,
     return Scene(
         system, positions, integrator, 'trap',
         f'{bodies} independent triangular bodies in a harmonic trap (w = {frequency:g}/ps) with a '
-        f'field of {field:g} '
-        f'kT on their dipoles, {temperature:g} K; gamma = {gamma:g}/ps, Gamma = {Gamma:g}/ps; '
-        f'exact averages known', exact={
+        f'field of {field:g} kT on their dipoles, {temperature:g} K; gamma = {gamma:g}/ps, Gamma = '
+        f'{Gamma:g}/ps; exact averages known', exact={
             'potential_energy': inWell + inField,
             'energy_group_0': inWell,
             'energy_group_1': inField

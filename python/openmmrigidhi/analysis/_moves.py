@@ -27,8 +27,7 @@ class Motion:
         if unknown or not names:
             raise ValueError(
                 f'{where}: coordinates: got {coordinates!r}; they must be one or more of '
-                f'{", ".join(COORDINATES)}: '
-                'correct the names')
+                f'{", ".join(COORDINATES)}: correct the names')
         self.along = np.array([name in names for name in COORDINATES[:3]], dtype=float)
         self.kinds = [
             kind for kind, there in (('translation', self.along.any()),
@@ -40,8 +39,7 @@ class Motion:
             if not 0 < np.linalg.norm(axis) < np.inf:
                 raise ValueError(
                     f'{where}: rotationAxis: got {axis}; to turn about it its length must be '
-                    f'finite and above 0: give a '
-                    'vector such as (0, 0, 1)')
+                    'finite and above 0: give a vector such as (0, 0, 1)')
             self.axis = axis/np.linalg.norm(axis)
 
     def translations(self, random, sizes):

@@ -69,8 +69,7 @@ def shortTimeDiffusion(msd, maxTime=None):
     if len(np.unique(times[chosen])) < 2:
         raise ValueError(
             f'shortTimeDiffusion: maxTime: got {maxTime} ps; extrapolation needs two lag times '
-            f'above 0 up to there: '
-            'give a longer time, or smaller lags')
+            'above 0 up to there: give a longer time, or smaller lags')
     # The row of the pseudo-inverse that gives the line's value at 0.
     line = np.stack([np.ones(chosen.sum()), times[chosen]], axis=1)
     weights[chosen] = np.linalg.pinv(line)[0]/(2*times[chosen])
@@ -115,9 +114,8 @@ def longTimeDiffusion(msd, minTime, maxTime=None):
     if len(np.unique(times[chosen])) < 2:
         raise ValueError(
             f'longTimeDiffusion: minTime, maxTime: got {minTime} and {maxTime} ps; a slope needs '
-            f'two lag times in that '
-            f'range, and they end at {times.max() if len(times) else 0:g} ps: widen it, or give '
-            f'more lags')
+            f'two lag times in that range, and they end at {times.max() if len(times) else 0:g} '
+            'ps: widen it, or give more lags')
     weights = np.zeros(len(times))
     centred = times[chosen] - times[chosen].mean()
     weights[chosen] = centred/(2*(centred @ centred))
@@ -154,8 +152,7 @@ def gravitationalHeight(kT, weight):
     if not (0 < kT < np.inf and 0 < weight < np.inf):
         raise ValueError(
             f'gravitationalHeight: got kT = {kT} kJ/mol and weight = {weight} kJ/(mol nm); both '
-            f'must be finite and '
-            'positive: give the size of a downward force')
+            'must be finite and positive: give the size of a downward force')
     return _units.LENGTH.attach(kT/weight)
 
 
@@ -163,8 +160,7 @@ def _lag_times(msd, where):
     if not isinstance(msd, MeanSquareDisplacement):
         raise TypeError(
             f'{where}: msd: got {type(msd).__name__}; it must be a MeanSquareDisplacement: give '
-            f'what the MSD functions '
-            'return')
+            'what the MSD functions return')
     return msd.lagTimes.value_in_unit(unit.picosecond)
 
 

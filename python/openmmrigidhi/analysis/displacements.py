@@ -74,9 +74,8 @@ class MeanSquareDisplacement:
         if blocks.ndim != 4 or weights.shape != (3, 3):
             raise ValueError(
                 f'component: weights of shape {weights.shape} for a mean square displacement of '
-                f'shape {blocks.shape[1:]}; '
-                'there must be 3 or 3 x 3 weights for a tensor: nothing is left to choose from in '
-                'a scalar one')
+                f'shape {blocks.shape[1:]}; there must be 3 or 3 x 3 weights for a tensor: nothing '
+                'is left to choose from in a scalar one')
         return _summarise(self.lagTimes, np.einsum('blij,ij->bl', blocks, weights), attach)
 
 
@@ -129,8 +128,7 @@ def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags
     if R.shape[:2] != q.shape[:2]:
         raise ValueError(
             f'{where}: positions: there are {R.shape[0]} frames of {R.shape[1]} bodies, but the '
-            f'orientations are '
-            f'{q.shape[0]} frames of {q.shape[1]}: give both from one trajectory')
+            f'orientations are {q.shape[0]} frames of {q.shape[1]}: give both from one trajectory')
     point = _units.vector(trackingPoint, _units.LENGTH, where, 'trackingPoint')
     blocks = _Blocks(len(R), R.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
     tracked = blocks.cut(R + rotate(q, point))
@@ -231,8 +229,7 @@ def planarAngleMSD(orientations, frameInterval, bodyVector, lags=None, numBlocks
     if not 0 < np.linalg.norm(vector) < np.inf:
         raise ValueError(
             f'{where}: bodyVector: got {vector}; its length must be finite and positive to have a '
-            f'direction: '
-            'give another vector')
+            'direction: give another vector')
     blocks = _Blocks(len(q), q.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
     projected = rotate(q, vector)
     angle = blocks.cut(np.unwrap(np.arctan2(projected[..., 1], projected[..., 0]), axis=0))
@@ -247,8 +244,7 @@ class _Blocks:
         if not 0 < self.interval < np.inf:
             raise ValueError(
                 f'{where}: frameInterval: got {self.interval} ps; the time between frames must be '
-                f'finite and positive: '
-                'give a value above 0')
+                'finite and positive: give a value above 0')
         self.number = _units.integer(numBlocks, where, 'numBlocks')
         self.independent = _units.boolean(independentBodies, where, 'independentBodies')
         if self.number < 1 or self.number*(bodies if self.independent else 1) < 2:
@@ -260,8 +256,7 @@ class _Blocks:
         if self.length < 2:
             raise ValueError(
                 f'{where}: {frames} frames are too few for {self.number} blocks, which need 2 '
-                f'frames each: '
-                'give a longer trajectory or fewer blocks')
+                'frames each: give a longer trajectory or fewer blocks')
         if lags is None:
             lags = np.unique(
                 np.rint(np.geomspace(1, max(1, self.length // 4), _DEFAULT_LAGS)).astype(int))

@@ -158,8 +158,7 @@ class GibbsBoltzmannSampler(Sampler):
         if wrong or len(set(chosen.tolist())) < len(chosen):
             raise ValueError(
                 f'{where}: {name}: got {chosen.tolist()}; each must be one of the {len(possible)} '
-                f'that can move, and be there '
-                f'once: take out {wrong or "repetitions"}')
+                f'that can move, and be there once: take out {wrong or "repetitions"}')
         return chosen
 
     def _movable_particles(self, system, radii):
@@ -177,8 +176,7 @@ class GibbsBoltzmannSampler(Sampler):
             if i in moving or j in moving:
                 raise ValueError(
                     f'{where}: freeParticles: a constraint holds the free particles {i} and {j}; '
-                    f'moves of one by one would '
-                    'break it: make them a body, or leave them out')
+                    'moves of one by one would break it: make them a body, or leave them out')
 
     def _walls_of(self, height, radii, rejection, fluids, where):
         """The plane wall, if there is one, and both walls of a channel."""
@@ -195,8 +193,7 @@ class GibbsBoltzmannSampler(Sampler):
         if not np.any(radii > 0):
             raise ValueError(
                 f'{where}: radii: there is a wall, but every radius is 0; it would stop nothing: '
-                f'give radii, or add a '
-                'MobilityForce')
+                'give radii, or add a MobilityForce')
         if rejection is None:
             rejection = self._integrator.getWallRejection()
         return [
@@ -218,17 +215,15 @@ class GibbsBoltzmannSampler(Sampler):
                 owner = self._owners[self._members == k]
                 raise ValueError(
                     f'{where}: context: particle {k} '
-                    f'({f"body {owner[0]}" if len(owner) else "free"}) is at '
-                    f'{"xyz"[wall.axis]} = {self._places[k, wall.axis]} nm, where a wall allows '
-                    f'{wall.side*wall.limits[k]} nm or '
-                    f'{"more" if wall.side > 0 else "less"}; a start must be allowed: set '
-                    f'positions away from it')
+                    f'({f"body {owner[0]}" if len(owner) else "free"}) is at {"xyz"[wall.axis]} = '
+                    f'{self._places[k, wall.axis]} nm, where a wall allows '
+                    f'{wall.side*wall.limits[k]} nm or {"more" if wall.side > 0 else "less"}; a '
+                    'start must be allowed: set positions away from it')
         self._energy = self._evaluate(self._positions, self._orientations)
         if not np.isfinite(self._energy):
             raise ValueError(
                 f'{where}: context: the energy at the start is {self._energy} kJ/mol; a start must '
-                f'have a finite one: set '
-                'other positions')
+                'have a finite one: set other positions')
 
     # ---- Sampling --------------------------------------------------------------------------------
 

@@ -72,8 +72,7 @@ def mobilityInBodyFrame(N, orientation):
     if not np.all(good):
         raise ValueError(
             f'mobilityInBodyFrame: orientation: got {_first(~good[..., 0], q)}; it must be four '
-            f'numbers w, x, y, z, not all 0: '
-            'give rows of getBodyOrientations()')
+            'numbers w, x, y, z, not all 0: give rows of getBodyOrientations()')
     A = rotation_matrices(q/length)
     turn = np.zeros(A.shape[:-2] + (6, 6))
     turn[..., :3, :3] = turn[..., 3:, 3:] = A.swapaxes(-1, -2)
@@ -141,9 +140,8 @@ def centerOfHydrodynamicStress(N, tolerance=1e-6):
     if not coupling <= tolerance:
         raise ValueError(
             f'{where}: N: the coupling about the centre of mobility is {coupling:.3g}, above '
-            f'{tolerance:g}: this body has no '
-            'centre of hydrodynamic stress; take centerOfMobility or '
-            'planarCenterOfHydrodynamicStress')
+            f'{tolerance:g}: this body has no centre of hydrodynamic stress; take centerOfMobility '
+            'or planarCenterOfHydrodynamicStress')
     return _units.LENGTH.attach(center)
 
 
@@ -177,8 +175,7 @@ def planarCenterOfHydrodynamicStress(N, z=0):
     if not N[5, 5] > 0:
         raise ValueError(
             f'{where}: N: the rotational mobility about z is {N[5, 5]}; it must be positive for a '
-            f'torque about z: '
-            'turn the frame')
+            'torque about z: turn the frame')
     return _units.LENGTH.attach(
         np.array([-(N[5, 1] - N[5, 3]*z)/N[5, 5], (N[5, 0] + N[5, 4]*z)/N[5, 5], z]))
 
@@ -231,8 +228,7 @@ def _center_of_mobility(N, where):
     if not np.min(np.linalg.eigvalsh(matrix)) > 0:
         raise ValueError(
             f'{where}: N: its rotational part is {rotation.tolist()}; a centre needs rotational '
-            f'mobility about two axes '
-            'or more: give the mobility of one body, 6 x 6')
+            'mobility about two axes or more: give the mobility of one body, 6 x 6')
     return -np.linalg.solve(matrix, axial)
 
 
@@ -271,6 +267,5 @@ def _mobility(N, where, stack=False):
             np.abs(N - transposed) <= _SYMMETRY_TOLERANCE*scale[..., :, None]*scale[..., None, :])):
         raise ValueError(
             f'{where}: N: a mobility must be symmetric, with finite numbers, and is not: give rows '
-            f'Vx Vy Vz Wx Wy Wz and '
-            'columns Fx Fy Fz Tx Ty Tz of one body')
+            'Vx Vy Vz Wx Wy Wz and columns Fx Fy Fz Tx Ty Tz of one body')
     return (N + transposed)/2

@@ -110,9 +110,8 @@ class PoseSamples:
         if values.shape not in shapes[1 if self.independent else 0:]:
             raise ValueError(
                 f'{where}: values: got an array of shape {values.shape} for {shapes[1][0]} samples '
-                f'of {shapes[1][1]} bodies; '
-                'the shape must be (samples, bodies), or (samples,) where bodies interact: give '
-                'one number for each')
+                f'of {shapes[1][1]} bodies; the shape must be (samples, bodies), or (samples,) '
+                'where bodies interact: give one number for each')
         return values
 
     def _statistics(self, values):

@@ -140,8 +140,7 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
     if 0 < steps < 2*interval:
         raise ValueError(
             f'{where}: steps, interval: got {steps} and {interval}, so {steps//interval} samples; '
-            f'a mean over time needs at least 2: give '
-            'more steps, or 0 for the present poses')
+            'a mean over time needs at least 2: give more steps, or 0 for the present poses')
     if equilibration:
         _check_scheme(context, integrator, where)
         _advance(integrator, equilibration, 'equilibration', progress)
@@ -211,8 +210,7 @@ def viscosityFromAmplitudes(context, amplitudes):
     if not np.all(np.isfinite(rows)):
         raise ValueError(
             f'{where}: amplitudes: number {np.argwhere(~np.isfinite(rows))[0][0]} is not finite; '
-            f'all must be: leave out what follows a '
-            'run that blew up')
+            'all must be: leave out what follows a run that blew up')
     return _estimate(context, rows, where)
 
 
@@ -245,9 +243,8 @@ def _check_scheme(context, integrator, where):
     if 'omits it' in integrator.getEffects()['stochastic drift']:
         raise ValueError(
             f'{where}: context: its scheme is EulerMaruyama at a temperature above 0, with bodies '
-            f'that have a stochastic drift, which it omits; its '
-            'mean flow then lacks Brownian stress: use DriftCorrectorFD, or another scheme that '
-            'makes the drift')
+            'that have a stochastic drift, which it omits; its mean flow then lacks Brownian '
+            'stress: use DriftCorrectorFD, or another scheme that makes the drift')
 
 
 def _amplitudes(context, fluid):

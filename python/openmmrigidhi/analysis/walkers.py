@@ -106,8 +106,7 @@ class WalkerSampler(Sampler):
             if radii is None or sitePositions is None:
                 raise ValueError(
                     f'{where}: wallHeight: there is a wall, but no sitePositions or no radii; it '
-                    f'must be known what the wall '
-                    'stops: give both')
+                    'must be known what the wall stops: give both')
             radii = np.array(_units.per_site(radii, _units.LENGTH, len(sites), where, 'radii'))
             self._wall = _moves.Wall(_units.number(wallHeight, _units.LENGTH, where, 'wallHeight'),
                                      radii, rejection, where)
@@ -124,15 +123,13 @@ class WalkerSampler(Sampler):
             walker = np.argmin(allowed)
             raise ValueError(
                 f'{where}: position: walker {walker} begins at {self._positions[walker]} nm, where '
-                f'the wall stops one of its '
-                'blobs; a start must be allowed: begin higher up')
+                'the wall stops one of its blobs; a start must be allowed: begin higher up')
         self._energies = self._energies_of(self._positions, self._orientations)
         if not np.all(np.isfinite(self._energies)):
             walker = np.argmin(np.isfinite(self._energies))
             raise ValueError(
                 f'{where}: energyFunction: it is {self._energies[walker]} at the start of walker '
-                f'{walker}; there it must be '
-                'finite: begin elsewhere')
+                f'{walker}; there it must be finite: begin elsewhere')
 
     def _present(self):
         return self._positions, self._orientations, self._energies, np.empty((0, 3))
@@ -175,16 +172,14 @@ class WalkerSampler(Sampler):
         if energies.shape != (len(R),):
             raise ValueError(
                 f'WalkerSampler: energyFunction: it returned an array of shape {energies.shape} '
-                f'for {len(R)} poses; it must '
-                'return one energy for each: sum over the rest')
+                f'for {len(R)} poses; it must return one energy for each: sum over the rest')
         bad = _moves.is_no_energy(energies)
         if np.any(bad):
             k = np.argmax(bad)
             raise ValueError(
                 f'WalkerSampler: energyFunction: it returned {energies[k]} kJ/mol at position '
-                f'{R[k]} nm, orientation {q[k]}; '
-                'energies must be numbers, or infinity where a pose is forbidden: give a wall or '
-                'correct the function')
+                f'{R[k]} nm, orientation {q[k]}; energies must be numbers, or infinity where a '
+                'pose is forbidden: give a wall or correct the function')
         return energies
 
 

@@ -189,8 +189,7 @@ def writeClones(file, positions, orientations):
         if abs(norm - 1) > NORM_TOLERANCE:
             raise ValueError(
                 f'writeClones: orientations: the quaternion of body {body} has length {norm:.6g}; '
-                f'it must be 1: '
-                'normalise before writing')
+                'it must be 1: normalise before writing')
     with open(file, 'w', encoding='ascii') as output:
         output.write(
             '# number of bodies, then for each: x y z q0 q1 q2 q3 (q0 is the scalar part)\n')
@@ -221,13 +220,11 @@ def _read_rows(file, widths, names, what):
     if count is None:
         raise ValueError(
             f'{name}, line {line}: found the end of the file; expected the number of {what}: check '
-            f'that the file is '
-            'complete')
+            'that the file is complete')
     if len(rows) < count:
         raise ValueError(
             f'{name}, line {line}: found the end of the file after {len(rows)} rows; expected '
-            f'{count} {what}: '
-            'check the count at its top')
+            f'{count} {what}: check the count at its top')
     return [(line, values[:3] if widths == (4,) and names == 'x y z' else values)
             for line, values in rows]
 

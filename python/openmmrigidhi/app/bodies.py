@@ -318,8 +318,7 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
     if mobilityForce.getNumParticles() != first:
         raise ValueError(
             f'{where}: mobilityForce: it has {mobilityForce.getNumParticles()} particles and the '
-            f'System {first}; '
-            'the numbers must agree before a body is added: add what is missing')
+            f'System {first}; the numbers must agree before a body is added: add what is missing')
     # The body comes first, since it checks most: if it throws, nothing has been added.
     body = integrator.addRigidBody(range(first, first + len(sites)), mass, principalMoments, sites)
     for particleMass, radius in zip(masses or len(sites)*[mass/len(sites)], radii):

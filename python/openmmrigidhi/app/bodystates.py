@@ -124,10 +124,9 @@ class RigidBodyReporter(Hdf5Reporter):
             if not np.array_equal(file['bodies'][entry][:], self._bodies[entry][0]):
                 raise ValueError(
                     f'RigidBodyReporter: {self._file}: it holds other bodies '
-                    f'({len(file["bodies/mass"])}) than the '
-                    f'integrator ({len(self._bodies["mass"][0])}); to append they must be the '
-                    f'same: '
-                    'write to another file')
+                    f'({len(file["bodies/mass"])}) than the integrator '
+                    f'({len(self._bodies["mass"][0])}); to append they must be the same: write to '
+                    'another file')
 
     @staticmethod
     def _series(file):
@@ -175,9 +174,8 @@ def _read_states(handle, chosen, file):
         if frames[name].shape != (count, *shape(len(spans))):
             raise ValueError(
                 f'readBodyStates: {file}: {name} has the shape {frames[name].shape}; with {count} '
-                f'frames of {len(spans)} bodies '
-                f'it must be {(count, *shape(len(spans)))}: the file is damaged, restore it from a '
-                f'copy')
+                f'frames of {len(spans)} bodies it must be {(count, *shape(len(spans)))}: the file '
+                'is damaged, restore it from a copy')
     where = f'readBodyStates: {file}'
     for name, (shape, *_) in _FRAME_DATA.items():
         frames[name] = frames[name][numbers]

@@ -152,9 +152,8 @@ class GsdReporter(BodyReporter):
         if len(bodies) != count or there.N - len(bodies) != blobs:
             raise ValueError(
                 f'{self._name}: {self._file}: it holds {len(bodies)} bodies and '
-                f'{there.N - len(bodies)} blobs, what is to be '
-                f'appended {count} and {blobs}; every frame must have as many: use the same '
-                f'options, or write to another file')
+                f'{there.N - len(bodies)} blobs, what is to be appended {count} and {blobs}; every '
+                'frame must have as many: use the same options, or write to another file')
         for name, wanted in (('types', self._constants['types']),
                              ('typeid', self._constants['typeid'].tolist())):
             found = [
@@ -163,9 +162,8 @@ class GsdReporter(BodyReporter):
             if found != list(wanted):
                 raise ValueError(
                     f'{self._name}: {self._file}: {name} is {found}, what is to be appended has '
-                    f'{list(wanted)}; bodies must be '
-                    'of the same types in the same order: give those types, or write to another '
-                    'file')
+                    f'{list(wanted)}; bodies must be of the same types in the same order: give '
+                    'those types, or write to another file')
 
 
 def readGsd(file, stepSize=None, frames=None):
@@ -295,8 +293,7 @@ def _read_frame(frame, first, bodies, k, file):
     particles = frame.particles
     if particles.N != first.particles.N:
         raise ValueError(f'readGsd: {file}: frame {k} has {particles.N} particles, frame 0 has '
-                         f'{first.particles.N}; their number must not '
-                         'change: split the file')
+                         f'{first.particles.N}; their number must not change: split the file')
     return {
         'step': int(frame.configuration.step),
         'time': float(frame.log[_TIME][0]) if _TIME in frame.log else 0.0,

@@ -218,16 +218,13 @@ class H5mdReporter(Hdf5Reporter):
         if own is None or f'particles/{_BODIES}/position' not in file:
             raise ValueError(
                 f'{self._name}: {self._file}: it has no /parameters/bodies; to append it must be a '
-                f'file of this reporter: '
-                'write to another file')
+                'file of this reporter: write to another file')
         first = own['first_site'][:]
         if len(first) != len(scene) + 1 or not np.array_equal(own['particle'][:], scene.members):
             raise ValueError(
                 f'{self._name}: {self._file}: it is of {len(first) - 1} bodies with {first[-1]} '
-                f'particles, the integrator has '
-                f'{len(scene)} with {len(scene.members)}; to append they must be the same bodies: '
-                f'write to '
-                'another file')
+                f'particles, the integrator has {len(scene)} with {len(scene.members)}; to append '
+                'they must be the same bodies: write to another file')
         there = {
             'velocities': f'particles/{_BODIES}/velocity' in file,
             'blobs': f'particles/{_BLOBS}' in file,
@@ -242,10 +239,8 @@ class H5mdReporter(Hdf5Reporter):
             if there[what] != wanted[what]:
                 raise ValueError(
                     f'{self._name}: {self._file}: it has {"" if there[what] else "no "}{what}, '
-                    f'what is to be appended has '
-                    f'{"" if wanted[what] else "none"}; all frames must hold the same data: use '
-                    f'the same options, or write to '
-                    'another file')
+                    f'what is to be appended has {"" if wanted[what] else "none"}; all frames must '
+                    'hold the same data: use the same options, or write to another file')
         own = {_address(file[name]) for name in self._written()}
         others = [data.name for address, data in _time_data(file).items() if address not in own]
         if others:
@@ -256,9 +251,8 @@ class H5mdReporter(Hdf5Reporter):
         if self._blobs and len(file['particles'][_BLOBS]['radius']) != len(scene.blobs):
             raise ValueError(
                 f'{self._name}: {self._file}: it is of {len(file["particles"][_BLOBS]["radius"])} '
-                f'blobs, the System has '
-                f'{len(scene.blobs)}; all frames must have as many: give the same radii, or write '
-                f'to another file')
+                f'blobs, the System has {len(scene.blobs)}; all frames must have as many: give the '
+                'same radii, or write to another file')
 
 
 def readH5md(file, group=None, velocities=True, frames=None):
@@ -611,9 +605,8 @@ def _read_group(handle, groups, group, velocities, frames, file):
             *positions.shape[:2], 4):
         raise ValueError(
             f'readH5md: {file}: /particles/{group}: positions have the shape {positions.shape}, '
-            f'orientations {orientations.shape}; '
-            f'these must be (frames, bodies, {box.dimension}) and (frames, bodies, 4): choose '
-            f'another group, or restore the file from a copy')
+            f'orientations {orientations.shape}; these must be (frames, bodies, {box.dimension}) '
+            'and (frames, bodies, 4): choose another group, or restore the file from a copy')
     positions = _in_space(positions)
     requireFinite(positions, 'position', where, numbers)
     edges = box.vectors(position, numbers)
@@ -862,8 +855,7 @@ def _conversion(data, length, time, file):
         raise ValueError(
             f'readH5md: {file}: {data.name}: its unit is {text!r}; it must be a unit of '
             f'{"length" if time == 0 else "time" if length == 0 and time == 1 else "velocity"} '
-            f'made of '
-            f'{", ".join(_SYMBOLS)}: convert the file')
+            f'made of {", ".join(_SYMBOLS)}: convert the file')
     return factor
 
 

@@ -287,10 +287,8 @@ class _Search:
         if not self.converged and not self._out_of_iterations():
             warnings.warn(
                 f'minimize: the root mean square force is {self.rms:.3g} kJ/(mol nm), above the '
-                f'tolerance '
-                f'{self.tolerance:.3g}: the search got stuck, most likely at the precision of the '
-                f'forces; '
-                'use the Reference platform or a larger tolerance')
+                f'tolerance {self.tolerance:.3g}: the search got stuck, most likely at the '
+                'precision of the forces; use the Reference platform or a larger tolerance')
         return MinimizationResult(_units.ENERGY.attach(initialEnergy),
                                   _units.ENERGY.attach(finalEnergy), _units.FORCE.attach(self.rms),
                                   self.iterations, self.evaluations, self.converged,

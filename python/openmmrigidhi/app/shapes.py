@@ -242,8 +242,7 @@ def multiblobSphere(n, radius):
     if n not in SHELL_RADII:
         raise ValueError(
             f'multiblobSphere: n: got {n!r}; the numbers of blobs with a known hydrodynamic radius '
-            f'are '
-            f'{", ".join(map(str, SHELL_RADII))}: choose one of them')
+            f'are {", ".join(map(str, SHELL_RADII))}: choose one of them')
     centres = sphereShell(n, radius)/SHELL_RADII[n]
     points = centres._value
     squares = np.concatenate([((points[k + 1:] - points[k])**2).sum(axis=1) for k in range(n - 1)])

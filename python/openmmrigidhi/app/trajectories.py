@@ -287,8 +287,7 @@ class BodyScene(BodyDefinitions):
                 isinstance(name, str) and name and name.isascii() for name in types):
             raise ValueError(
                 f'{where}: types: got {types} for {len(self)} bodies; there must be one for each, '
-                f'of ASCII characters: '
-                'correct them')
+                'of ASCII characters: correct them')
         names = list(dict.fromkeys(types))
         indices = np.array([names.index(name) for name in types])
         for body, kind in enumerate(indices):
@@ -296,8 +295,7 @@ class BodyScene(BodyDefinitions):
             if not self._alike(body, first):
                 raise ValueError(
                     f'{where}: types: bodies {first} and {body} are both {names[kind]!r}, but have '
-                    f'different sites or radii; '
-                    'a type has one shape: give them different names')
+                    'different sites or radii; a type has one shape: give them different names')
         return names, indices
 
     def _alike(self, one, other):
@@ -330,9 +328,8 @@ def openHdf5(file, mode):
         if isinstance(item, h5py.Dataset) and item.nbytes > _MOST_COMPRESSED*os.path.getsize(name):
             raise ValueError(
                 f'{name}: data set {path} has the shape {item.shape}, {item.nbytes:.3g} bytes; in '
-                f'a file of '
-                f'{os.path.getsize(name)} bytes there is no room for it: the file is damaged, '
-                f'restore it from a copy')
+                f'a file of {os.path.getsize(name)} bytes there is no room for it: the file is '
+                'damaged, restore it from a copy')
 
     try:
         opened.visititems(check_size)

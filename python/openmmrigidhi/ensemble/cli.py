@@ -55,8 +55,7 @@ def parser():
     result.add_argument(
         '--extend', action='store_true',
         help='make the study that is there longer (--length), or give it more --replicas or '
-        'settings '
-        '(--sweep, --set)')
+        'settings (--sweep, --set)')
     result.add_argument('--show', action='store_true', help='compute nothing: print what there is')
     what = result.add_argument_group('what is run')
     what.add_argument(
@@ -186,8 +185,7 @@ def _run(options):
         if _is_there(options.directory):
             raise ValueError(
                 f'{options.directory}: there is a study in it already; a new one needs a directory '
-                f'of its own: say --resume or --extend, or give '
-                'another directory')
+                'of its own: say --resume or --extend, or give another directory')
     return study.run(
         options.directory, options.jobs, options.cluster, extend=options.extend,
         retries=options.retries, timeout=options.timeout, quiet=options.quiet,

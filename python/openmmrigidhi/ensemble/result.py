@@ -101,9 +101,8 @@ class EnsembleResult:
         if content is None or observable not in content.series:
             raise ValueError(
                 f'series: there are no samples of {observable!r} in setting {setting}, replica '
-                f'{replica}; it must be one of '
-                f'{", ".join(self.observables)}, of a task that has begun: see the tasks of this '
-                f'result')
+                f'{replica}; it must be one of {", ".join(self.observables)}, of a task that has '
+                'begun: see the tasks of this result')
         return content.series[observable]
 
     def row(self, observable, setting=0):

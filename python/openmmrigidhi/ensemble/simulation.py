@@ -59,8 +59,7 @@ class SceneSource:
         else:
             raise ValueError(
                 f'Study: scene: got {scene!r}; it must be one of {", ".join(BUILT_IN)}, '
-                f'module:function, a function or a Scene: correct '
-                'the name')
+                'module:function, a function or a Scene: correct the name')
 
     @property
     def name(self):

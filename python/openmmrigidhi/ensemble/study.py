@@ -197,9 +197,8 @@ class Study:
             if unknown:
                 raise ValueError(
                     f'ensemble.Study: settings {number}: got {unknown[0]!r}, which the scene '
-                    f'{self.source.name} has not; it must be one of '
-                    f'{", ".join(sorted(allowed))}: correct the name, or give a function with this '
-                    f'parameter')
+                    f'{self.source.name} has not; it must be one of {", ".join(sorted(allowed))}: '
+                    'correct the name, or give a function with this parameter')
             try:
                 json.dumps(each)
             except TypeError as error:
@@ -440,14 +439,12 @@ class Study:
                 'settings'][:count] != before['settings']:
             raise ValueError(
                 f'{directory}: its study has length {before["length"]:g}, {before["replicas"]} '
-                f'replicas and {count} settings, of which this one '
-                'lacks some; nothing that is there may be left out: extend it with '
-                'Study.load().extended()')
+                f'replicas and {count} settings, of which this one lacks some; nothing that is '
+                'there may be left out: extend it with Study.load().extended()')
         if not extend:
             raise ValueError(
                 f'{directory}: its study has another {different[0]}; only an extension may change '
-                f'it: say extend=True (--extend), or take another '
-                'directory')
+                'it: say extend=True (--extend), or take another directory')
         about['earlier_definitions'].append(before)
         about.update(definition=wanted, seeds=self.seeds())
         _write_about(directory, about)
@@ -551,9 +548,8 @@ def _check_that_it_is_empty(directory):
     tasks = os.path.join(directory, TASKS)
     if os.path.isdir(tasks) and os.listdir(tasks):
         raise ValueError(
-            f'{directory}: it has tasks but no {STUDY}, which says what they are; a study '
-            f'begins in an empty directory: put that file '
-            'back, or take another directory')
+            f'{directory}: it has tasks but no {STUDY}, which says what they are; a study begins '
+            'in an empty directory: put that file back, or take another directory')
     others = sorted(
         set(os.listdir(directory)) - {TASKS, LOCK, STUDY + taskfiles.PART, SCENE_DIRECTORY})
     if others:
@@ -592,8 +588,7 @@ def _read_about(directory):
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(
             f'{path}: it is damaged ({type(error).__name__}: {error}); it must say what the study '
-            f'is: put a copy back, the tasks in {TASKS} are '
-            'whole for themselves') from error
+            f'is: put a copy back, the tasks in {TASKS} are whole for themselves') from error
 
 
 def read(directory):

@@ -245,8 +245,7 @@ def water(folder, threads):
     return Scene(
         system, state, integrator, 'water216',
         '216 TIP4P-Ew molecules at 995 kg/m^3 and 298.15 K, PME, cutoff 0.9 nm; where a method\'s '
-        'name says '
-        'nothing else gamma = 5/ps, Gamma = 10/ps', equilibration=EQUILIBRATION,
+        'name says nothing else gamma = 5/ps, Gamma = 10/ps', equilibration=EQUILIBRATION,
         sampleInterval=SAMPLE_INTERVAL)
 
 
