@@ -1,4 +1,6 @@
 """What is installed and loaded, in the form of a bug report."""
+from __future__ import annotations
+
 import ctypes
 import os
 import platform
@@ -12,7 +14,7 @@ from . import _loading
 _CPU_LIBRARY = 'libOpenMMRigidHICPU.so'
 
 
-def describe():
+def describe() -> str:
     """Describe versions, platforms, instruction sets and libraries, for a bug report.
 
     Returns

@@ -1,5 +1,8 @@
 """Loads the plugin's libraries, which lie beside this file, and explains failures."""
+from __future__ import annotations
+
 import os
+from typing import Union
 
 import openmm
 
@@ -95,7 +98,7 @@ def find_platform_library(name):
     return None
 
 
-def checkPlatform(platform):
+def checkPlatform(platform: Union[str, openmm.Platform]) -> None:
     """Check that a platform can run this plugin's integrator, and say why if it cannot.
 
     A platform that was loaded after this package gets the plugin's kernels now.

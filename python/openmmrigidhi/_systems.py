@@ -1,11 +1,20 @@
 """What a System says about this package's Forces, and an integrator about its bodies."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Optional
+
 import numpy as np
 
 from . import _units
+from ._types import Array, Numbers
 from .mobility import MobilityForce
 
+if TYPE_CHECKING:
+    import openmm
+    from .integrator import CustomRigidHIIntegrator
 
-def forces_of(system, kind):
+
+def forces_of(system: openmm.System, kind: type) -> list:
     """The System's forces of one of this package's classes."""
     found = []
     for force in system.getForces():
@@ -16,7 +25,7 @@ def forces_of(system, kind):
     return found
 
 
-def hydrodynamic_radii(system, radii, where):
+def hydrodynamic_radii(system: openmm.System, radii: Optional[Numbers], where: str) -> Array:
     """Radius of each particle of the System, nm.
 
     The radii are those given, or else those of the MobilityForce, or else 0.
@@ -29,7 +38,7 @@ def hydrodynamic_radii(system, radii, where):
                      for i in range(count)]) if fluids else np.zeros(count)
 
 
-def refuse_driven_flow(system, where, consequence):
+def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> None:
     """Refuse a System whose fluid is driven, where equilibrium is assumed.
 
     The text consequence says what is wrong then, and what to do instead.
@@ -68,7 +77,7 @@ class BodyDefinitions:
     first : array of shape (n + 1,)
         where each body begins in these arrays
     """
-    def __init__(self, integrator):
+    def __init__(self, integrator: CustomRigidHIIntegrator) -> None:
         definitions = [
             integrator.getRigidBodyParameters(i)
             for i in range(integrator.getNumRigidBodiesOfContext())

@@ -3,6 +3,8 @@
 Users see it as ensemble.tasks. Workers come and go. A task whose worker dies is given to another
 worker, up to a fixed number of times. A task keeps what it has to remember in files.
 """
+from __future__ import annotations
+
 import asyncio
 import collections
 import concurrent.futures
@@ -23,11 +25,14 @@ import uuid
 import warnings
 from dataclasses import dataclass, field
 from multiprocessing.reduction import ForkingPickler
-from typing import Any, Callable, Optional
+from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Union
 
 from tqdm import tqdm
 
 from . import _loading
+
+if TYPE_CHECKING:
+    import distributed
 
 #: Seconds between two reports of a task, and between two looks at a cluster.
 BETWEEN_REPORTS, BETWEEN_LOOKS = 0.5, 0.5
@@ -93,7 +98,7 @@ class Outcome:
     attempts: int = 1
     seconds: float = 0.0
 
-    def get(self):
+    def get(self) -> Any:
         """The value; raises TaskError if there is none."""
         if self.failure is not None:
             raise TaskError(f'task {self.name}: it failed with {self.failure.kind}: '
@@ -120,7 +125,7 @@ class Job:
     _tell: Optional[Callable] = None
     _last: float = field(default=-1e300, repr=False)
 
-    def report(self, done):
+    def report(self, done: float) -> None:
         """Say how much is done; frequent calls cost nothing.
 
         The progress bar shows it. It is also how progress is seen when workers die: a task that
@@ -658,8 +663,12 @@ def check_numbers(jobs, retries):
             f'correct it')
 
 
-def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None, amounts=None,
-        unit='task', title='', retries=RETRIES, timeout=60.0, finished=None, quiet=False):
+def run(function: Callable, arguments: Sequence, jobs: int = 1,
+        cluster: Optional[Union[str, distributed.Client]] = None, *,
+        names: Optional[Sequence[str]] = None, directory: Optional[str] = None,
+        amounts: Optional[Sequence[float]] = None, unit: str = 'task', title: str = '',
+        retries: int = RETRIES, timeout: float = 60.0, finished: Optional[Callable] = None,
+        quiet: bool = False) -> list[Outcome]:
     """Call a function for each of many arguments, several at a time.
 
     Outcomes do not depend on who computes what, in which order, unless the function does. Arguments

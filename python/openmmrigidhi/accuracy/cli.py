@@ -1,7 +1,10 @@
 """The command line: python3 -m openmmrigidhi.accuracy."""
+from __future__ import annotations
+
 import argparse
 import sys
 import time
+from typing import Optional
 
 from .. import _tasks
 from . import grid, methods, mobilities, observables, overdamped, rungs, scenes
@@ -46,7 +49,7 @@ EPILOG = '''examples:
       --price potential_energy:0.2% --spend potential_energy:2h'''
 
 
-def parser():
+def parser() -> argparse.ArgumentParser:
     """The argument parser."""
     result = argparse.ArgumentParser(prog='python3 -m openmmrigidhi.accuracy',
                                      description=DESCRIPTION, epilog=EPILOG,
@@ -164,7 +167,7 @@ def parser():
     return result
 
 
-def main(arguments=None):
+def main(arguments: Optional[list[str]] = None) -> int:
     """Run the command line.
 
     Parameters

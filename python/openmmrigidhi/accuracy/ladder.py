@@ -2,7 +2,10 @@
 
 The scenes have spheres.
 """
+from __future__ import annotations
+
 import time
+from typing import TYPE_CHECKING, Callable, Optional, Sequence, Union
 
 import numpy as np
 import openmm
@@ -16,6 +19,10 @@ from .measurement import NOT_APPLICABLE, STABLE
 from .rungs import BEST, Spheres
 from .scenes import Scene, platformProperties
 
+if TYPE_CHECKING:
+    from .mobilities import MobilityObservable
+    from .rungs import Rung
+
 #: The error of StokesianDynamics with lubrication for at most two spheres. The tests of the pair's
 #: resistance functions allow this error, and no larger error was found.
 PAIR_ERROR = 1e-9
@@ -27,7 +34,7 @@ LONG_STEP = 0.01
 VERY_LONG_STEP = 2.0
 
 
-def remainder(distances):
+def remainder(distances: list[float]) -> Optional[float]:
     """How far the finest multiblob is believed to be from the limit of many blobs.
 
     The number of blobs grows fourfold from rung to rung. If the last difference is q times the one
@@ -97,8 +104,13 @@ class LadderStudy:
     >>> print(study.run(rounds=1).recommend('sedimentation:0.5%').setting['rung'])
     FTS+lubrication
     """
-    def __init__(self, scene, rungs=None, observables=None, reference=None,
-                 platforms=('Reference', 'CPU'), threads=1, parameter=None, seed=1):
+    def __init__(self, scene: Union[Scene,
+                                    dict[float,
+                                         Scene]], rungs: Optional[Sequence[Union[str,
+                                                                                 Rung]]] = None,
+                 observables: Optional[Sequence[Union[str, MobilityObservable, Callable]]] = None,
+                 reference: Optional[str] = None, platforms: Sequence[str] = ('Reference', 'CPU'),
+                 threads: int = 1, parameter: Optional[str] = None, seed: int = 1) -> None:
         self.scenes = {0.0: scene} if isinstance(scene, Scene) else dict(sorted(scene.items()))
         if not self.scenes:
             raise ValueError(
@@ -126,7 +138,7 @@ class LadderStudy:
         self.threads = threads
         self.seed = seed
 
-    def chooseReference(self, observable, values):
+    def chooseReference(self, observable: MobilityObservable, values: dict) -> dict:
         """What the rungs are compared with for an observable that has no exact number.
 
         The result also says how wrong this reference is believed to be. For at most two spheres in
@@ -188,7 +200,8 @@ class LadderStudy:
             'seconds': [rung.name for rung in seconds]
         }
 
-    def run(self, rounds=5, seconds=0.05, progress=None, jobs=1, cluster=None):
+    def run(self, rounds: int = 5, seconds: float = 0.05, progress: Optional[Callable] = None,
+            jobs: int = 1, cluster: Optional[str] = None) -> LadderResult:
         """Compute and time everything.
 
         Times are measured here, one after the other, when everything else is done.

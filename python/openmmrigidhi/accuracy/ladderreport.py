@@ -2,7 +2,10 @@
 
 It has texts, pictures, tables and one HTML page.
 """
+from __future__ import annotations
+
 import html
+from typing import TYPE_CHECKING, Any, Optional, Sequence
 
 import numpy as np
 
@@ -10,6 +13,10 @@ from ._pages import Report, duration, paragraph, plain_ticks, section, sentence,
 from ._results import (DECIDED, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE, UNDECIDED, UNUSABLE)
 from .measurement import STABLE
 from .rungs import BEST
+
+if TYPE_CHECKING:
+    from ._results import Recommendation
+    from .ladderresult import LadderResult
 
 COLOURS = {
     'FreeDraining': '#7F7F7F',
@@ -85,35 +92,35 @@ class LadderReport(Report):
             'Ask for another observable (--observables), or take another scene.')
     }
 
-    def compared(self):
+    def compared(self) -> str:
         """What was compared, a sentence."""
         rungs = dict.fromkeys(row['rung'] for row in self.result.rows)
         labels = (about['label'] for about in self.result.observables.values())
         return (f'These models were compared: {", ".join(rungs)}. '
                 f'What was computed with each: {"; ".join(labels)}.')
 
-    def describePicture(self, observable):
+    def describePicture(self, observable: str) -> str:
         """What the picture of an observable shows, for readers who do not see it."""
         label = self.result.observables[observable]['label']
         return (f'Error of {label} for each model, against '
                 f'{self.result.parameter + " and against " if self.result.parameter else ""}'
                 f'the time of a step. The table of {label} has all numbers.')
 
-    def textTable(self):
+    def textTable(self) -> str:
         """As the function textTable()."""
         return textTable(self.result)
 
-    def paragraphs(self):
+    def paragraphs(self) -> list[str]:
         """The report as paragraphs, the answers first."""
         return summary(self.result, self.answers, self.wanted)
 
-    def widths(self, observable):
+    def widths(self, observable: str) -> Sequence[float]:
         """As the base class; a third panel has the numbers where exact numbers are known."""
         return (1,
                 *super().widths(observable)) if self.result.parameter and self.result.exactNumbers(
                     observable) else super().widths(observable)
 
-    def panels(self, *panels):
+    def panels(self, *panels: Any) -> None:
         """Draw errors against the parameter beside errors against time per step.
 
         For a single scene the former are bars. A further panel has the numbers where exact numbers
@@ -134,7 +141,7 @@ class LadderReport(Report):
             for item in limits:
                 axes.axhline(item.tolerance, color='black', ls='--', lw=1)
 
-    def body(self, pictures):
+    def body(self, pictures: dict) -> list[str]:
         """What the page has in addition to the paragraphs, as HTML.
 
         Parameters
@@ -155,7 +162,7 @@ class LadderReport(Report):
             ]
         return parts
 
-    def how(self):
+    def how(self) -> list:
         """Paragraphs about how the study was measured."""
         scene, provenance = self.result.scene, self.result.provenance
         text = (
@@ -319,7 +326,7 @@ def _draw_cost(axes, result, observable):
 # ---- Texts and tables ----------------------------------------------------------------------------
 
 
-def percent(error):
+def percent(error: Optional[float]) -> str:
     """A relative error as text.
 
     Parameters
@@ -333,7 +340,7 @@ def percent(error):
             f'{error:.2g} %' if error >= 1e-3 or error == 0 else f'{error:.1e} %')
 
 
-def textTable(result):
+def textTable(result: LadderResult) -> str:
     """Largest errors of all rungs over the scenes, in per cent, and times, as text.
 
     Parameters
@@ -361,7 +368,8 @@ def textTable(result):
     return '\n'.join(lines)
 
 
-def summary(result, answers, wanted):
+def summary(result: LadderResult, answers: list[Recommendation],
+            wanted: Sequence[str]) -> list[str]:
     """The report as paragraphs.
 
     Parameters
@@ -415,7 +423,7 @@ def _where_good(result, wanted):
                      for rung, value in good.items())
 
 
-def costTable(result):
+def costTable(result: LadderResult) -> str:
     """Times per step, an HTML table.
 
     Parameters
@@ -434,7 +442,7 @@ def costTable(result):
     return table(('rung', 'what', 'a step', '16 – 84 %', 'faster on', 'matrices'), rows)
 
 
-def errorTable(result, observable):
+def errorTable(result: LadderResult, observable: str) -> str:
     """Relative errors by scene and rung, an HTML table.
 
     Parameters

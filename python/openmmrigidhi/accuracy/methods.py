@@ -5,17 +5,22 @@ integrate, followed by what differs from the scene. LangevinC-I8-g2-G4 is Langev
 times 8 and frictions of 2/ps and 4/ps. LangevinMiddle-H3 has hydrogens of 3 dalton. :data:`OPTIONS`
 lists the letters, and :func:`byName` reads such names.
 """
+from __future__ import annotations
+
 import copy
 import functools
 import math
 import re
 from dataclasses import dataclass
-from typing import Callable, Optional
+from typing import TYPE_CHECKING, Callable, Optional
 
 import openmm
 
 from .. import _schemes, _units
 from ..integrator import CustomRigidHIIntegrator
+
+if TYPE_CHECKING:
+    from .scenes import Scene
 
 
 @dataclass(frozen=True)
@@ -46,7 +51,7 @@ class Method:
     description: str = ''
     prepare: Optional[Callable] = None
 
-    def sceneOf(self, scene):
+    def sceneOf(self, scene: Scene) -> Scene:
         """The scene in which the method runs: what `prepare` makes of this scene.
 
         Parameters
@@ -73,7 +78,9 @@ class RigidScheme:
         1/ps, used instead of the scene's; bodies with their own frictions (setBodyFriction) keep
         them
     """
-    def __init__(self, scheme, inertiaScale=None, friction=None, rotationalFriction=None):
+    def __init__(self, scheme: int, inertiaScale: Optional[float] = None,
+                 friction: Optional[float] = None,
+                 rotationalFriction: Optional[float] = None) -> None:
         self.scheme = scheme
         self.inertiaScale = inertiaScale
         self.friction = friction
@@ -109,7 +116,7 @@ class LangevinMiddle:
     every : int
         1: all forces in every step
     """
-    def __init__(self, friction=None, every=1):
+    def __init__(self, friction: Optional[float] = None, every: int = 1) -> None:
         self.friction = friction
         self.every = every
 
@@ -164,7 +171,7 @@ class MTSLangevin:
     inner : int
         number of steps of the faster forces in each step
     """
-    def __init__(self, friction=None, inner=2):
+    def __init__(self, friction: Optional[float] = None, inner: int = 2) -> None:
         self.friction = friction
         self.inner = inner
 
@@ -187,7 +194,7 @@ GAS_CONSTANT = _units.GAS_CONSTANT
 HEAVIEST_HYDROGEN = 1.2
 
 
-def heavyHydrogens(scene, mass):
+def heavyHydrogens(scene: Scene, mass: float) -> Scene:
     """The scene with heavier hydrogens (hydrogen mass repartitioning).
 
     The mass is taken from the heaviest particle of the hydrogen's body. The masses of bodies and
@@ -244,7 +251,7 @@ def _velocities_anew(scene):
     return changed
 
 
-def reciprocalSpaceApart(scene):
+def reciprocalSpaceApart(scene: Scene) -> Scene:
     """The scene with the reciprocal space of its NonbondedForce in its own force group.
 
     This group is the first that has nothing else in it. The energy of the NonbondedForce's original
@@ -365,7 +372,7 @@ OPTIONS = {
 _NUMBER = r'[0-9]+(?:\.[0-9]+)?(?:e-?[0-9]+)?'
 
 
-def byName(name):
+def byName(name: str) -> Method:
     """The method of this name: a built-in method, with options behind its name.
 
     ==========  ===================================  ==============================================

@@ -2,9 +2,14 @@
 
 The numbers are those for given forces.
 """
+from __future__ import annotations
+
+from typing import Callable, Optional, Union
+
 import numpy as np
 
 from .. import _units
+from .._types import Array
 from .scenes import findObservable
 
 
@@ -24,7 +29,8 @@ class MobilitySample:
     forces, torques : arrays of shape (n, 3)
         forces and torques of the scene on its bodies at the start, about the spheres' centres
     """
-    def __init__(self, mobility, centres, radii, viscosity, forces, torques):
+    def __init__(self, mobility: Array, centres: Array, radii: Array, viscosity: float,
+                 forces: Array, torques: Array) -> None:
         self.mobility = mobility
         self.centres = centres
         self.radii = radii
@@ -33,11 +39,12 @@ class MobilitySample:
         self.torques = torques
 
     @property
-    def friction(self):
+    def friction(self) -> Array:
         """Inverse of the mobility, an array of shape (6n, 6n)."""
         return np.linalg.inv(self.mobility)
 
-    def twists(self, forces, torques=0.0):
+    def twists(self, forces: Union[float, Array],
+               torques: Union[float, Array] = 0.0) -> tuple[Array, Array]:
         """Velocities and angular velocities from forces and torques on the bodies.
 
         The result is two arrays of shape (n, 3).
@@ -68,7 +75,8 @@ class MobilityObservable:
         norm(x - r)/norm(r)
     description : str
     """
-    def __init__(self, name, label, measure, compare=None, description=''):
+    def __init__(self, name: str, label: str, measure: Callable, compare: Optional[Callable] = None,
+                 description: str = '') -> None:
         self.name = name
         self.label = label
         self.measure = measure
@@ -198,7 +206,7 @@ BUILT_IN = {
 DEFAULT = ('mobility', 'sedimentation', 'relative_mobility', 'rotation_translation', 'own_forces')
 
 
-def byName(name):
+def byName(name: Union[str, MobilityObservable, Callable]) -> MobilityObservable:
     """An observable by its name on the command line.
 
     Parameters

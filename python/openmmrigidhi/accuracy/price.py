@@ -4,18 +4,26 @@ The module gives the time to a wanted error, and the error that a time buys. The
 accuracy/statistics.py. Here settings are compared, with the uncertainty of everything that was
 measured.
 """
+from __future__ import annotations
+
 import math
 import numbers
 import re
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Collection, Optional
 
 import numpy as np
 
+from .._types import Array
 from ._pages import duration
 from ._results import (DECIDED, NO_MEAN, NO_REFERENCE, NONE, RECOMMENDED, UNDECIDED, UNUSABLE,
                        Recommendation, checked_confidence, factor_to_decide, worst)
 from .measurement import SECONDS_PER_DAY, SLOW, STABLE
 from .statistics import errorAfter, noiseDegrees, resampledNoise, timeToError
+
+if TYPE_CHECKING:
+    from ._results import Wanted
+    from .result import StudyResult
 
 #: Verdicts about settings.
 CHEAPEST, SAME, DEARER, OPEN = 'cheapest', 'not distinguishable', 'dearer', 'undecided'
@@ -34,7 +42,7 @@ MOST_NAMES = 6
 FEWEST_NOISE_DEGREES = 8
 
 
-def completeNoise(row, clock=None):
+def completeNoise(row: dict, clock: Optional[str] = None) -> None:
     """Give a row what prices are made of, as far as the row has it.
 
     A price is made of noise, the row's own times, and independent samples a second. Results that
@@ -97,7 +105,7 @@ class Prices:
     result : StudyResult
     resamplings : int
     """
-    def __init__(self, result, resamplings=2000):
+    def __init__(self, result: StudyResult, resamplings: int = 2000) -> None:
         if not resamplings >= FEWEST_RESAMPLINGS:
             raise ValueError(f'price: resamplings: got {resamplings}; intervals need at least '
                              f'{FEWEST_RESAMPLINGS}: give more')
@@ -122,7 +130,7 @@ class Prices:
                  (self.resamplings, 0))
         self._known = {}
 
-    def known(self, observable):
+    def known(self, observable: str) -> _Known:
         """What is known of an observable.
 
         Parameters
@@ -168,7 +176,7 @@ class Prices:
 
     # ---- Time to a wanted error ------------------------------------------------------------------
 
-    def recommend(self, wanted, confidence):
+    def recommend(self, wanted: list[Wanted], confidence: float) -> Recommendation:
         """See StudyResult.price().
 
         Parameters
@@ -301,7 +309,7 @@ class Prices:
 
     # ---- Error after a time ----------------------------------------------------------------------
 
-    def spend(self, observable, seconds, confidence):
+    def spend(self, observable: str, seconds: float, confidence: float) -> Recommendation:
         """See StudyResult.spend().
 
         Parameters
@@ -344,7 +352,7 @@ class Prices:
             each['verdict'] = each['verdict'] or (BEST if k == best else
                                                   WORSE if each['ratio_low'] > 1 else SAME)
         chosen = None if best is None else candidates[best]
-        candidates.sort(key=lambda each: each['total_error'])
+        candidates.sort(key=lambda each: float(each['total_error']))
         text = f'With {duration(seconds)} for {label}: '
         if chosen is None:
             why = self._why_no_mean(candidates)
@@ -365,7 +373,7 @@ class Prices:
             text += f' Beware: {"; ".join(chosen["marks"])}.'
         return Recommendation(RECOMMENDED, chosen, text, candidates, None, [])
 
-    def curves(self, observable, seconds, confidence):
+    def curves(self, observable: str, seconds: Array, confidence: float) -> tuple[Array, ...]:
         """Total errors after several times.
 
         Parameters
@@ -462,7 +470,7 @@ class Prices:
 UNITS = {'': 1, 's': 1, 'min': 60, 'h': 3600, 'd': 86400}
 
 
-def parseSpending(text, names):
+def parseSpending(text: str, names: Collection[str]) -> tuple[str, float]:
     """An observable and the seconds to spend on it, from text.
 
     Parameters
@@ -491,7 +499,7 @@ def parseSpending(text, names):
     return name, seconds
 
 
-def marks(row):
+def marks(row: dict) -> list[str]:
     """Texts about what is doubtful about the price of a setting.
 
     Parameters
@@ -515,7 +523,7 @@ def marks(row):
     return found
 
 
-def aim(item):
+def aim(item: Wanted) -> str:
     """A wanted error as text: what is to be known, and how well.
 
     Parameters

@@ -2,8 +2,11 @@
 
 They are total error against time, and the time to a wanted error against the knob.
 """
+from __future__ import annotations
+
 import math
 import re
+from typing import TYPE_CHECKING, Sequence, Union
 
 import numpy as np
 
@@ -11,6 +14,10 @@ from ._pages import FACTOR, duration, empty_panels, number, plain_ticks, png, se
 from ._results import (DECIDED, HARDLY, LONGER, NO_MEAN, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE,
                        SMALL_STEPS, UNDECIDED, UNUSABLE, finite)
 from .price import OPEN, Prices, aim
+
+if TYPE_CHECKING:
+    from ._results import Recommendation
+    from .result import StudyResult
 
 #: Uncertainties are drawn for at most so many settings, to keep the picture readable.
 MOST_BANDS = 2
@@ -95,7 +102,8 @@ class PriceReport:
             'where they are not numbers, measure another observable (--observables).')
     }
 
-    def __init__(self, result, price, spend, style, areMany=False):
+    def __init__(self, result: StudyResult, price: Union[str, Sequence[str]],
+                 spend: Sequence[tuple[str, float]], style: dict, areMany: bool = False) -> None:
         self.result = result
         self.style = style
         self.areMany = areMany
@@ -105,11 +113,11 @@ class PriceReport:
         self.spend = list(spend)
         self.spendings = [result.spend(*item) for item in self.spend]
 
-    def texts(self):
+    def texts(self) -> list:
         """The answers as text."""
         return [answer.text for answer in self.answers + self.spendings]
 
-    def asDict(self):
+    def asDict(self) -> dict:
         """The answers as a dict for JSON, where infinite numbers are null."""
         def plain(answer, **about):
             return {
@@ -133,7 +141,7 @@ class PriceReport:
             ]
         return result
 
-    def pictures(self):
+    def pictures(self) -> dict[str, bytes]:
         """File name -> PNG, one for each wanted error that has a price."""
         return {
             self.fileName(item): self.draw(item, answer)
@@ -142,7 +150,7 @@ class PriceReport:
         }
 
     @staticmethod
-    def fileName(wanted):
+    def fileName(wanted: str) -> str:
         """The file name of the picture of a wanted error.
 
         Parameters
@@ -153,7 +161,7 @@ class PriceReport:
 
     # ---- Pictures --------------------------------------------------------------------------------
 
-    def draw(self, wanted, answer):
+    def draw(self, wanted: str, answer: Recommendation) -> bytes:
         """Draw total error against time, and the time to the wanted error; return a PNG.
 
         The total error has a panel for each observable. The time is drawn against the knob.
@@ -350,7 +358,7 @@ class PriceReport:
                                                       '.3g'), each['verdict']))
         return rows
 
-    def tables(self):
+    def tables(self) -> list[str]:
         """HTML tables, one for each wanted error."""
         return [
             table((*self._head(wanted), 'note'), [
@@ -359,7 +367,7 @@ class PriceReport:
             ], True) for wanted, answer in zip(self.wanted, self.answers)
         ]
 
-    def textTables(self):
+    def textTables(self) -> list[str]:
         """The same tables as text, one for each wanted error."""
         result = []
         for wanted, answer in zip(self.wanted, self.answers):
@@ -372,7 +380,7 @@ class PriceReport:
             ]))
         return result
 
-    def how(self):
+    def how(self) -> list[str]:
         """Paragraphs about how prices were computed."""
         if not self.answers and not self.spendings:
             return []

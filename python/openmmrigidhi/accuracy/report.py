@@ -2,9 +2,12 @@
 
 It has texts, pictures, tables and one HTML page.
 """
+from __future__ import annotations
+
 import html
 import itertools
 from functools import cached_property
+from typing import TYPE_CHECKING, Sequence, Union
 
 import numpy as np
 
@@ -14,6 +17,11 @@ from ._results import (DECIDED, HARDLY, LONGER, NO_MEAN, NO_REFERENCE, NONE, REC
                        SMALL_STEPS, UNDECIDED, UNUSABLE)
 from .measurement import FAILED, NOT_RUN, SLOW, STABLE, UNSTABLE
 from .pricereport import PriceReport
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    from ._results import Wanted
+    from .result import StudyResult
 
 #: Colours that the colour-blind can tell apart (Okabe and Ito), one for each method. Users' own
 #: methods take the other colours in turn.
@@ -135,7 +143,11 @@ class StudyReport(Report):
             'methods (--observables, --methods).')
     }
 
-    def __init__(self, result, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
+    def __init__(
+        self, result: StudyResult, wanted: Union[str, Sequence[str]] = (),
+        baseline: str = 'LangevinMiddle', price: Union[str, Sequence[str]] = (),
+        spend: Sequence[tuple[str, float]] = ()
+    ) -> None:
         super().__init__(result, wanted)
         self.baseline = baseline
         self.priced = PriceReport(result, price, spend, self._style(),
@@ -143,15 +155,15 @@ class StudyReport(Report):
         #: Wanted error -> what StudyResult.compareAt() returned for it.
         self.comparisons = {item: result.compareAt(item, baseline) for item in self.single}
 
-    def extras(self):
+    def extras(self) -> dict:
         """What the JSON has in addition to the result."""
         return {**super().extras(), 'at_wanted_error': self.comparisons, **self.priced.asDict()}
 
-    def answerTexts(self):
+    def answerTexts(self) -> list[str]:
         """The answers as text: settings for wanted errors, prices, and what a time buys."""
         return super().answerTexts() + self.priced.texts()
 
-    def questions(self):
+    def questions(self) -> list[str]:
         """What was asked, a sentence for each answer: also prices, and what a time buys."""
         priced, labels = self.priced, self._labels()
         return super().questions() + [
@@ -162,11 +174,13 @@ class StudyReport(Report):
             for name, seconds in priced.spend
         ]
 
-    def advice(self):
+    def advice(self) -> tuple[list[str], list[str]]:
         """How sure the answers are, prices too, and what to do: two lists of paragraphs."""
-        return tuple(own + ofPrices for own, ofPrices in zip(super().advice(), advise(self.priced)))
+        sure, following = super().advice()
+        surePrices, followingPrices = advise(self.priced)
+        return sure + surePrices, following + followingPrices
 
-    def compared(self):
+    def compared(self) -> str:
         """What was compared, a sentence."""
         result, knob = self.result, self.result.knob
         parts = []
@@ -179,7 +193,7 @@ class StudyReport(Report):
     def _labels(self):
         return {name: about['label'] for name, about in self.result.observables.items()}
 
-    def describePicture(self, observable):
+    def describePicture(self, observable: str) -> str:
         """What the picture of an observable shows, for readers who do not see it."""
         label, knob = self.result.observables[observable]['label'], self.result.knob
         return (f'Left: error of {label} against {knob.speedUnit} for '
@@ -188,7 +202,7 @@ class StudyReport(Report):
 
     # ---- Pictures --------------------------------------------------------------------------------
 
-    def otherPictures(self):
+    def otherPictures(self) -> dict[str, bytes]:
         """The pictures of prices."""
         return self._price_pictures
 
@@ -216,7 +230,8 @@ class StudyReport(Report):
         return (f'{self.result.provenance.get("platform")} platform, '
                 f'{threads} thread{"" if threads == 1 else "s"}')
 
-    def panels(self, left, right, observable, limits):
+    def panels(self, left: matplotlib.axes.Axes, right: matplotlib.axes.Axes, observable: str,
+               limits: list[Wanted]) -> None:
         """Draw errors against speed beside the means against the knob.
 
         Parameters
@@ -366,7 +381,7 @@ class StudyReport(Report):
 
     # ---- Words -----------------------------------------------------------------------------------
 
-    def atWantedError(self, comparison):
+    def atWantedError(self, comparison: dict) -> list[str]:
         """How the methods compare at the wanted error, a sentence for each method.
 
         Parameters
@@ -398,7 +413,7 @@ class StudyReport(Report):
             lines.append(text + '.')
         return lines
 
-    def paragraphs(self):
+    def paragraphs(self) -> list[str]:
         """The report as paragraphs, the answers first."""
         result, knob = self.result, self.result.knob
         lines = self.answerTexts()
@@ -448,7 +463,7 @@ class StudyReport(Report):
                 'themselves uncertain (marked in the table).')
         return lines
 
-    def how(self):
+    def how(self) -> list[str]:
         """Paragraphs about how the study was measured."""
         result, provenance = self.result, self.result.provenance
         lines = [
@@ -487,7 +502,7 @@ class StudyReport(Report):
 
     # ---- Tables ----------------------------------------------------------------------------------
 
-    def textTable(self):
+    def textTable(self) -> str:
         """Errors of all settings as text, with a column for each observable.
 
         Errors are in per cent where that has a meaning.
@@ -529,7 +544,7 @@ class StudyReport(Report):
             lines.append(line)
         return '\n\n'.join(['\n'.join(lines), *self.priced.textTables()])
 
-    def body(self, pictures):
+    def body(self, pictures: dict) -> list[str]:
         """What the page has in addition to the paragraphs, as HTML.
 
         Parameters

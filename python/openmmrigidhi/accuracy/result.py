@@ -1,10 +1,13 @@
 """What a study found: a table with errors, recommended settings, and a comparison of methods."""
+from __future__ import annotations
+
 import math
 from dataclasses import asdict, dataclass, field
-from typing import Any, Optional
+from typing import TYPE_CHECKING, Any, Optional, Sequence, Union
 
 import numpy as np
 
+from .._types import Array
 from ._results import (DECIDED, HARDLY, LARGEST_FACTOR, LONGER, NO_MEAN, NO_REFERENCE, NONE,
                        RECOMMENDED, REFERENCE, SMALL_STEPS, UNDECIDED, UNUSABLE, Recommendation,
                        Result, Wanted, checked_confidence, decide, factor_to_decide, split_wanted,
@@ -13,6 +16,9 @@ from .measurement import SECONDS_PER_DAY, STABLE
 from .price import NO_MEAN_NOTES, Prices, completeNoise
 from .report import StudyReport
 from .statistics import Extrapolation, errorCurve, quantile
+
+if TYPE_CHECKING:
+    from .scenes import Scene
 
 
 @dataclass(frozen=True)
@@ -42,11 +48,11 @@ class Knob:
     speedUnit: str = 'ns/day'
     speedScale: float = 1.0
 
-    def format(self, value):
+    def format(self, value: float) -> str:
         """A value with its unit, for texts."""
         return f'{value*self.scale:.6g} {self.unit}'.strip()
 
-    def speed(self, nsPerDay):
+    def speed(self, nsPerDay: float) -> str:
         """A speed with its unit, for texts: three digits, without an exponent."""
         value = nsPerDay*self.speedScale
         return f'{value:.3g} {self.speedUnit}' if value < 1000 else f'{value:.0f} {self.speedUnit}'
@@ -78,7 +84,7 @@ class Reference:
     fit: Optional[Any] = None
     points: list = field(default_factory=list)
 
-    def weight(self, method, value):
+    def weight(self, method: str, value: float) -> float:
         """d(reference)/d(mean of a setting).
 
         The mean is part of the reference that it is compared with.
@@ -93,7 +99,7 @@ class Reference:
             return 0.0
         return dict(zip(self.points, self.fit.weights)).get((method, value), 0.0)
 
-    def asDict(self):
+    def asDict(self) -> dict:
         """The reference as a dict for JSON."""
         result = {'value': self.value, 'standard_error': self.standardError, 'kind': self.kind}
         if self.fit is not None:
@@ -117,7 +123,7 @@ class Reference:
         return result
 
     @staticmethod
-    def fromDict(observable, data):
+    def fromDict(observable: str, data: dict) -> Reference:
         """The reference from a dict of JSON.
 
         Parameters
@@ -175,8 +181,9 @@ class StudyResult(Result):
                'effective_per_second', 'effective_per_cpu_second', 'effective_per_wall_second',
                'ns_per_wall_day')
 
-    def __init__(self, knob, scene, rows, references, orders, observables, refusals, provenance,
-                 confidence=0.95):
+    def __init__(self, knob: Knob, scene: Scene, rows: list[dict], references: dict,
+                 orders: dict[str, int], observables: dict[str, dict], refusals: dict[str, str],
+                 provenance: dict, confidence: float = 0.95) -> None:
         self.knob = knob
         self.scene = scene
         self.rows = rows
@@ -207,7 +214,8 @@ class StudyResult(Result):
 
     # ---- Questions -------------------------------------------------------------------------------
 
-    def select(self, observable, method=None, stableOnly=True):
+    def select(self, observable: str, method: Optional[str] = None,
+               stableOnly: bool = True) -> list[dict]:
         """Rows of one observable, by ascending knob value.
 
         Parameters
@@ -229,11 +237,11 @@ class StudyResult(Result):
         ]
         return sorted(rows, key=lambda row: (row['method'], row['value']))
 
-    def methods(self):
+    def methods(self) -> list:
         """Names of the methods that were run, in the order given."""
         return list(dict.fromkeys(row['method'] for row in self.rows))
 
-    def parseWanted(self, wanted):
+    def parseWanted(self, wanted: Union[str, Sequence[str]]) -> list[Wanted]:
         """Wanted errors from text.
 
         Parameters
@@ -262,7 +270,8 @@ class StudyResult(Result):
             result.append(Wanted(name, value, text))
         return result
 
-    def recommend(self, wanted, confidence=None):
+    def recommend(self, wanted: Union[str, Sequence[str]],
+                  confidence: Optional[float] = None) -> Recommendation:
         """The cheapest setting whose errors are below the wanted ones, with confidence.
 
         A setting qualifies if the one-sided upper bound of ``|error|`` is below the tolerance for
@@ -311,7 +320,8 @@ class StudyResult(Result):
         candidates.sort(key=lambda candidate: -candidate['ns_per_day'])
         return self._conclude(candidates, wanted, confidence)
 
-    def judge(self, row, item, confidence, isReferenceExact=False):
+    def judge(self, row: dict, item: Wanted, confidence: float,
+              isReferenceExact: bool = False) -> tuple[str, Optional[float], bool]:
         """Whether the error of a setting is below a wanted one.
 
         Parameters
@@ -356,7 +366,8 @@ class StudyResult(Result):
             return float(reference.fit.modelError)
         return float(reference.standardError) if reference.kind == 'given' else 0.0
 
-    def outlook(self, factor, undecided, wanted, confidence):
+    def outlook(self, factor: float, undecided: list[dict], wanted: list[Wanted],
+                confidence: float) -> tuple[str, str]:
         """What decides about settings: the reason of the answer, and what to do, as text.
 
         Parameters
@@ -464,7 +475,8 @@ class StudyResult(Result):
     def _name(self, candidate):
         return f'{candidate["method"]} at {self.knob.format(candidate["value"])}'
 
-    def compareAt(self, wanted, baseline='LangevinMiddle', resamplings=1000):
+    def compareAt(self, wanted: str, baseline: str = 'LangevinMiddle',
+                  resamplings: int = 1000) -> dict:
         """How fast each method is at the wanted error, between the steps that were measured.
 
         The errors of each method up to twice the wanted error are fitted by E h^p + F h^2p. Beyond,
@@ -546,7 +558,7 @@ class StudyResult(Result):
                 entry['ratio_low'], entry['ratio_high'] = float(low), float(high)
         return {method: curves[method] for method in self.methods() if method in curves}
 
-    def deviations(self, rows, rng, resamplings):
+    def deviations(self, rows: list[dict], rng: np.random.Generator, resamplings: int) -> Array:
         """By how much errors may be off, by the normal law.
 
         Rows that share a reference are correlated.
@@ -570,7 +582,8 @@ class StudyResult(Result):
         return rng.multivariate_normal(np.zeros(len(rows)), covariance, size=resamplings,
                                        method='eigh')
 
-    def price(self, wanted, confidence=None, resamplings=2000):
+    def price(self, wanted: Union[str, Sequence[str]], confidence: Optional[float] = None,
+              resamplings: int = 2000) -> Recommendation:
         """The setting that makes a number known to a wanted total error in the least time.
 
         The total error is the root mean square of bias and standard error. A setting whose bias
@@ -611,7 +624,8 @@ class StudyResult(Result):
                       resamplings).recommend(self.parseWanted(wanted),
                                              self.confidence if confidence is None else confidence)
 
-    def spend(self, observable, seconds, confidence=None, resamplings=2000):
+    def spend(self, observable: str, seconds: float, confidence: Optional[float] = None,
+              resamplings: int = 2000) -> Recommendation:
         """The setting that makes a number known best in a given time.
 
         Parameters
@@ -637,7 +651,7 @@ class StudyResult(Result):
                       resamplings).spend(observable, seconds,
                                          self.confidence if confidence is None else confidence)
 
-    def stepsPerSecond(self, observable, method, step):
+    def stepsPerSecond(self, observable: str, method: str, step: float) -> Array:
         """Steps per second in each round at a step size.
 
         They are interpolated between the measured step sizes around it. A step costs nearly the
@@ -666,7 +680,7 @@ class StudyResult(Result):
 
     # ---- Files -----------------------------------------------------------------------------------
 
-    def asDict(self):
+    def asDict(self) -> dict:
         """Everything, as a dict for JSON.
 
         The rounds' speeds are the same for all observables and are listed once.
@@ -693,7 +707,7 @@ class StudyResult(Result):
         }
 
     @classmethod
-    def fromDict(cls, data):
+    def fromDict(cls, data: dict) -> StudyResult:
         """The result from what asDict() returned.
 
         Parameters
@@ -711,7 +725,10 @@ class StudyResult(Result):
         return cls(Knob(**data['knob']), data['scene'], data['rows'], references, data['orders'],
                    data['observables'], data['refusals'], data['provenance'], data['confidence'])
 
-    def report(self, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
+    def report(
+        self, wanted: Sequence[str] = (), baseline: str = 'LangevinMiddle',
+        price: Sequence[str] = (), spend: Sequence[float] = ()
+    ) -> StudyReport:
         """The report: the files of :meth:`write`, textTable() and paragraphs().
 
         Parameters
@@ -725,7 +742,10 @@ class StudyResult(Result):
         """
         return StudyReport(self, wanted, baseline, price, spend)
 
-    def write(self, directory, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
+    def write(
+        self, directory: str, wanted: Sequence[str] = (), baseline: str = 'LangevinMiddle',
+        price: Sequence[str] = (), spend: Sequence[tuple[str, float]] = ()
+    ) -> list[str]:
         """Write results.csv, results.json, pictures and report.html into a directory.
 
         Parameters

@@ -1,6 +1,9 @@
 """The rungs of the hydrodynamic ladder, and a scene's spheres as each rung sees them."""
+from __future__ import annotations
+
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Optional, Union
 
 import numpy as np
 import openmm
@@ -10,6 +13,9 @@ from .._systems import BodyDefinitions, forces_of
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .mobilities import MobilitySample
+
+if TYPE_CHECKING:
+    from .scenes import Scene
 
 #: A mobility matrix with more rows of blobs is not made, since it would take gigabytes.
 LARGEST_ROWS = 8000
@@ -44,7 +50,7 @@ class Rung:
     description: str = ''
 
     @property
-    def isBest(self):
+    def isBest(self) -> bool:
         """Whether the rung is exact for a pair."""
         return self.model == MobilityForce.StokesianDynamics and self.lubrication
 
@@ -78,7 +84,7 @@ PERIODIC = ('FreeDraining', 'RPY', 'ForceCoupling', 'FTS', 'multiblob12', 'multi
             'multiblob162', BEST)
 
 
-def byName(name):
+def byName(name: Union[str, Rung]) -> Rung:
     """The rung of this name.
 
     Parameters
@@ -115,7 +121,7 @@ class Spheres:
     ValueError
         for another scene
     """
-    def __init__(self, scene):
+    def __init__(self, scene: Scene) -> None:
         self.scene = scene
         system = openmm.XmlSerializer.clone(scene.system)
         fluid = self._fluid(system)
@@ -184,7 +190,7 @@ class Spheres:
                                          properties, 1, self._system)
         return integrator, context
 
-    def secondsOfForces(self, platform, properties, seconds=0.2):
+    def secondsOfForces(self, platform: str, properties: dict, seconds: float = 0.2) -> float:
         """Seconds a step that the scene's own forces take.
 
         Parameters
@@ -205,7 +211,9 @@ class Spheres:
         return (after['seconds_forces'] - before['seconds_forces'])/(after['forceEvaluations'] -
                                                                      before['forceEvaluations'])
 
-    def makeContext(self, rung, platform='Reference', properties=None, seed=1):
+    def makeContext(self, rung: Rung, platform: str = 'Reference',
+                    properties: Optional[dict] = None,
+                    seed: int = 1) -> tuple[MobilityForce, CustomRigidHIIntegrator, openmm.Context]:
         """The spheres alone, without the scene's forces, in a fluid by one of the rungs.
 
         Parameters
@@ -275,7 +283,7 @@ class Spheres:
         eta = self.viscosity
         return turn @ np.diag([1/(6*np.pi*eta*radius)]*3 + [1/(8*np.pi*eta*radius**3)]*3) @ turn.T
 
-    def reset(self, integrator):
+    def reset(self, integrator: CustomRigidHIIntegrator) -> None:
         """Put the bodies back where the scene starts, at rest.
 
         Parameters
@@ -288,7 +296,7 @@ class Spheres:
         integrator.setBodyVelocities(np.zeros_like(self.positions))
         integrator.setBodyAngularVelocities(np.zeros_like(self.positions))
 
-    def sample(self, fluid, context):
+    def sample(self, fluid: MobilityForce, context: openmm.Context) -> MobilitySample:
         """The mobility about the spheres' centres, a MobilitySample.
 
         Parameters

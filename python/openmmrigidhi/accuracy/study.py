@@ -4,11 +4,14 @@
 :class:`StepSizeStudy` changes the step size. A study of another quantity (hydrodynamic model,
 solver tolerance, grid spacing) overrides ``knob``, ``settings``, ``makeContext`` and ``reference``.
 """
+from __future__ import annotations
+
 import contextlib
 import math
 import time
 import zlib
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Union
 
 import numpy as np
 import openmm
@@ -24,6 +27,10 @@ from .methods import Method
 from .result import STEP_SIZE, Knob, Reference, StudyResult  # noqa: F401
 from .scenes import platformProperties, water
 from .statistics import Point, extrapolate
+
+if TYPE_CHECKING:
+    from .observables import Observable
+    from .scenes import Scene
 
 #: With fewer samples than this a run is too short for any statement.
 FEWEST_SAMPLES = 20
@@ -67,8 +74,11 @@ class Study:
 
     knob = None
 
-    def __init__(self, scene, methods, observables=observablesModule.DEFAULT, platform='CPU',
-                 threads=1, seed=1, clock='wall', sampleInterval=None):
+    def __init__(self, scene: Scene, methods: Sequence[Union[str, Method]],
+                 observables: Sequence[Union[str, Observable,
+                                             Callable]] = observablesModule.DEFAULT,
+                 platform: str = 'CPU', threads: int = 1, seed: int = 1, clock: str = 'wall',
+                 sampleInterval: Optional[float] = None) -> None:
         if clock not in ('wall', 'cpu'):
             raise ValueError(f'Study: clock: got {clock!r}; it must be wall or cpu: correct it')
         if sampleInterval is not None and not (math.isfinite(sampleInterval)
@@ -101,11 +111,11 @@ class Study:
 
     # ---- What a study of another knob overrides --------------------------------------------------
 
-    def settings(self):
+    def settings(self) -> list[Setting]:
         """All settings, a list of Setting."""
         raise NotImplementedError
 
-    def makeContext(self, setting, seed):
+    def makeContext(self, setting: Setting, seed: int) -> openmm.Context:
         """A Context of the scene for one setting.
 
         Parameters
@@ -118,7 +128,7 @@ class Study:
         return scene.makeContext(integrator, openmm.Platform.getPlatformByName(self.platform),
                                  platformProperties(self.platform, self.threads), seed)
 
-    def reference(self, observable, rows):
+    def reference(self, observable: Observable, rows: Sequence[dict]) -> Optional[Reference]:
         """What the means of an observable are compared with, a Reference or None.
 
         rows are the observable's rows of stable settings.
@@ -128,7 +138,7 @@ class Study:
 
     # ---- The run ---------------------------------------------------------------------------------
 
-    def settingSeed(self, setting):
+    def settingSeed(self, setting: Setting) -> int:
         """The seed of a setting.
 
         It depends only on the study's seed, the method's name and the value.
@@ -142,8 +152,9 @@ class Study:
                    self.sampleInterval, openmm.Platform.getPlatformByName(self.platform),
                    platformProperties(self.platform, self.threads))
 
-    def run(self, budget=600.0, length=None, equilibration=None, rounds=20, jobs=1, progress=None,
-            cluster=None):
+    def run(self, budget: float = 600.0, length: Optional[float] = None,
+            equilibration: Optional[float] = None, rounds: int = 20, jobs: int = 1,
+            progress: Optional[Callable] = None, cluster: Optional[str] = None) -> StudyResult:
         """Measure.
 
         The runs take turns. In each round every setting advances by a part of its length, in a
@@ -424,8 +435,10 @@ class StepSizeStudy(Study):
 
     knob = STEP_SIZE
 
-    def __init__(self, scene=None, methods=('LangevinC', 'LangevinMiddle'), stepSizes=None,
-                 references=None, **kwargs):
+    def __init__(self, scene: Optional[Scene] = None,
+                 methods: Sequence[Union[str, Method]] = ('LangevinC', 'LangevinMiddle'),
+                 stepSizes: Optional[Union[Sequence[float], dict[str, Sequence[float]]]] = None,
+                 references: Optional[dict] = None, **kwargs: Any) -> None:
         super().__init__(water() if scene is None else scene, methods, **kwargs)
         self.stepSizes = stepSizes
         self.references = dict(references or {})
@@ -435,7 +448,7 @@ class StepSizeStudy(Study):
                     f'StepSizeStudy: stepSizes: got {setting.stepSize}; a step must be positive, '
                     f'in ps: correct it')
 
-    def settings(self):
+    def settings(self) -> list[Setting]:
         """All settings: methods and their step sizes, in ascending order."""
         def steps(method):
             if isinstance(self.stepSizes, dict):
@@ -446,7 +459,7 @@ class StepSizeStudy(Study):
             Setting(method, h, h) for method in self.methods for h in sorted(set(steps(method)))
         ]
 
-    def reference(self, observable, rows):
+    def reference(self, observable: Observable, rows: list[dict]) -> Optional[Reference]:
         """The given value, the exact one, or the extrapolation to step 0.
 
         Parameters

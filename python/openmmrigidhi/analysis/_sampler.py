@@ -2,6 +2,10 @@
 
 They make sweeps, with moves whose sizes adapt or are fixed, and keep samples.
 """
+from __future__ import annotations
+
+from typing import Optional
+
 import numpy as np
 
 from .. import _units
@@ -19,7 +23,7 @@ class Sampler:
     #: Whether the columns of the samples are independent walkers.
     _INDEPENDENT = False
 
-    def burnIn(self, sweeps, progress=None):
+    def burnIn(self, sweeps: int, progress: Optional[bool] = None) -> None:
         """Move towards equilibrium, and adapt the sizes of the moves to an acceptance of 0.4.
 
         Parameters
@@ -33,7 +37,8 @@ class Sampler:
         """
         self._run(_moves.positive(sweeps, 'burnIn', 'sweeps'), 'burn-in', progress, True)
 
-    def sample(self, numSamples, interval=1, progress=None):
+    def sample(self, numSamples: int, interval: int = 1,
+               progress: Optional[bool] = None) -> PoseSamples:
         """Sample poses, with moves of fixed sizes, beginning where the last call ended.
 
         Parameters

@@ -1,10 +1,14 @@
 """Diffusion coefficients from mean square displacements, and the length that gravity sets."""
+from __future__ import annotations
+
 import dataclasses
+from typing import Optional
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
+from .._types import Number
 from .displacements import MeanSquareDisplacement, _without_unit, meanAndError
 
 
@@ -27,7 +31,8 @@ class DiffusionCoefficient:
     degrees: int
 
 
-def shortTimeDiffusion(msd, maxTime=None):
+def shortTimeDiffusion(msd: MeanSquareDisplacement,
+                       maxTime: Optional[Number] = None) -> DiffusionCoefficient:
     """Get the short-time diffusion coefficient (eq. 59).
 
     It is half the slope of a mean square displacement at zero lag time.
@@ -76,7 +81,8 @@ def shortTimeDiffusion(msd, maxTime=None):
     return _estimate(msd, weights)
 
 
-def longTimeDiffusion(msd, minTime, maxTime=None):
+def longTimeDiffusion(msd: MeanSquareDisplacement, minTime: Number,
+                      maxTime: Optional[Number] = None) -> DiffusionCoefficient:
     """Get the long-time diffusion coefficient (eq. 60).
 
     It is half the slope of a mean square displacement at long lag times. The slope is that of the
@@ -122,7 +128,7 @@ def longTimeDiffusion(msd, minTime, maxTime=None):
     return _estimate(msd, weights)
 
 
-def gravitationalHeight(kT, weight):
+def gravitationalHeight(kT: Number, weight: Number) -> unit.Quantity:
     """Get the gravitational height kT/weight.
 
     The density of sedimenting particles falls by a factor e over this height. Eq. (70) defines a

@@ -1,11 +1,18 @@
 """Mean square displacements of rigid bodies, with errors from blocks of the trajectory."""
+from __future__ import annotations
+
 import dataclasses
+from typing import TYPE_CHECKING, Optional, Sequence
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
+from .._types import Array, Number, Numbers
 from .._quaternions import conjugate, product, rotate
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 #: The length of quaternions may differ from 1 by the rounding of single precision.
 _NORM_TOLERANCE = 1e-6
@@ -35,21 +42,21 @@ class MeanSquareDisplacement:
     blocks: object
 
     @property
-    def parallel(self):
+    def parallel(self) -> MeanSquareDisplacement:
         """The sum of the xx and yy components, for motion along a wall or in a plane."""
         return self.component((1, 1, 0))
 
     @property
-    def perpendicular(self):
+    def perpendicular(self) -> MeanSquareDisplacement:
         """The zz component, for motion normal to a wall."""
         return self.component((0, 0, 1))
 
     @property
-    def trace(self):
+    def trace(self) -> MeanSquareDisplacement:
         """The sum of the xx, yy and zz components."""
         return self.component((1, 1, 1))
 
-    def component(self, weights):
+    def component(self, weights: npt.ArrayLike) -> MeanSquareDisplacement:
         """Get a weighted sum of components of the tensor, with an error from their correlation.
 
         Parameters
@@ -79,8 +86,10 @@ class MeanSquareDisplacement:
         return _summarise(self.lagTimes, np.einsum('blij,ij->bl', blocks, weights), attach)
 
 
-def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags=None, numBlocks=10,
-                     bodyFrame=False, independentBodies=False):
+def translationalMSD(positions: Numbers, orientations: npt.ArrayLike, frameInterval: Number,
+                     trackingPoint: Numbers, lags: Optional[Sequence[int]] = None,
+                     numBlocks: int = 10, bodyFrame: bool = False,
+                     independentBodies: bool = False) -> MeanSquareDisplacement:
     """Get the mean square displacement of a point of rigid bodies.
 
     The choice of the tracked point matters at short times and not at long times. At short times the
@@ -141,8 +150,10 @@ def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags
     return blocks.average(displacements, lambda values: unit.Quantity(values, unit.nanometer**2))
 
 
-def rotationalMSD(orientations, frameInterval, lags=None, numBlocks=10, bodyFrame=False,
-                  independentBodies=False):
+def rotationalMSD(orientations: npt.ArrayLike, frameInterval: Number,
+                  lags: Optional[Sequence[int]] = None, numBlocks: int = 10,
+                  bodyFrame: bool = False,
+                  independentBodies: bool = False) -> MeanSquareDisplacement:
     """Get the rotational mean square displacement of rigid bodies (eqs. 20-22).
 
     The rotational displacement between two frames is u = 1/2 sum_i u_i(0) x u_i(t) over the body
@@ -189,8 +200,9 @@ def rotationalMSD(orientations, frameInterval, lags=None, numBlocks=10, bodyFram
     return blocks.average(displacements, lambda values: values)
 
 
-def planarAngleMSD(orientations, frameInterval, bodyVector, lags=None, numBlocks=10,
-                   independentBodies=False):
+def planarAngleMSD(orientations: npt.ArrayLike, frameInterval: Number, bodyVector: Numbers,
+                   lags: Optional[Sequence[int]] = None, numBlocks: int = 10,
+                   independentBodies: bool = False) -> MeanSquareDisplacement:
     """Get the mean square displacement of the angle of a body vector in the xy plane.
 
     The angle is that of the vector's projection onto the plane. It is followed from frame to frame
@@ -297,7 +309,7 @@ def _summarise(lagTimes, blocks, attach):
     return MeanSquareDisplacement(lagTimes, attach(mean), attach(error), attach(blocks))
 
 
-def meanAndError(blocks):
+def meanAndError(blocks: Array) -> tuple[Array, Array]:
     """Mean over the first axis and its standard error."""
     return blocks.mean(axis=0), blocks.std(axis=0, ddof=1)/np.sqrt(len(blocks))
 

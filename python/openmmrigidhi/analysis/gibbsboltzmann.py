@@ -1,7 +1,12 @@
 """Gibbs-Boltzmann Monte Carlo of rigid bodies under the forces of an OpenMM Context."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Callable, Optional, Sequence, Union
+
 import numpy as np
 
 from .. import _units
+from .._types import Number, Numbers
 from .._quaternions import rotate
 from .._systems import BodyDefinitions, forces_of, hydrodynamic_radii, refuse_driven_flow
 from ..bodyforce import CustomBodyForce
@@ -9,6 +14,9 @@ from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from . import _moves
 from ._sampler import Sampler
+
+if TYPE_CHECKING:
+    import openmm
 
 _MOVES = ('single', 'all')
 _Y, _Z = 1, 2
@@ -90,9 +98,14 @@ class GibbsBoltzmannSampler(Sampler):
     does not harm the other coordinates. Spheres that StokesianDynamics keeps from overlapping must
     here be kept apart by a force, or by an infinite energyFunction.
     """
-    def __init__(self, context, temperature=None, energyFunction=None, wallHeight=None, radii=None,
-                 rejection=None, coordinates=_moves.COORDINATES, rotationAxis=None,
-                 trackingPoints=None, bodies=None, freeParticles=None, moves='single', seed=0):
+    def __init__(self, context: openmm.Context, temperature: Optional[Number] = None,
+                 energyFunction: Optional[Callable] = None, wallHeight: Optional[Number] = None,
+                 radii: Optional[Numbers] = None, rejection: Optional[Union[int, str]] = None,
+                 coordinates: Sequence[str] = _moves.COORDINATES,
+                 rotationAxis: Optional[Numbers] = None, trackingPoints: Optional[Numbers] = None,
+                 bodies: Optional[Sequence[int]] = None,
+                 freeParticles: Optional[Sequence[int]] = None, moves: str = 'single',
+                 seed: int = 0) -> None:
         where = 'GibbsBoltzmannSampler'
         self._context = _units.context(context, where)
         system = context.getSystem()

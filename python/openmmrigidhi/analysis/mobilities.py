@@ -6,16 +6,25 @@ columns Fx Fy Fz Tx Ty Tz. MobilityForce.getMobilityInContext returns such matri
 given, and in the same frame. Functions that do not look for a point also take stacks of mobilities,
 of n bodies or configurations.
 """
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Union
+
 import numpy as np
 
 from .. import _units
+from .._types import Array, Number, Numbers
 from .._quaternions import rotation_matrices
+
+if TYPE_CHECKING:
+    from openmm import unit
+    import numpy.typing as npt
 
 #: A mobility from an iterative solver is symmetric to its tolerance only.
 _SYMMETRY_TOLERANCE = 1e-3
 
 
-def mobilityAboutPoint(N, shift):
+def mobilityAboutPoint(N: npt.ArrayLike, shift: Numbers) -> Array:
     """Get the mobility about another point of the body (eq. 61).
 
     Parameters
@@ -44,7 +53,7 @@ def mobilityAboutPoint(N, shift):
     return transfer @ N @ transfer.swapaxes(-1, -2)
 
 
-def mobilityInBodyFrame(N, orientation):
+def mobilityInBodyFrame(N: npt.ArrayLike, orientation: npt.ArrayLike) -> Array:
     """Get a mobility in the body's frame from that in the lab frame.
 
     Parameters
@@ -79,7 +88,7 @@ def mobilityInBodyFrame(N, orientation):
     return turn @ N @ turn.swapaxes(-1, -2)
 
 
-def centerOfMobility(N):
+def centerOfMobility(N: npt.ArrayLike) -> unit.Quantity:
     """Get the centre of mobility (or diffusion) of a body (eq. 64).
 
     It is the one point about which the coupling block of N is symmetric. For an isolated body in
@@ -105,7 +114,7 @@ def centerOfMobility(N):
     return _units.LENGTH.attach(_center_of_mobility(N, 'centerOfMobility'))
 
 
-def centerOfHydrodynamicStress(N, tolerance=1e-6):
+def centerOfHydrodynamicStress(N: npt.ArrayLike, tolerance: float = 1e-6) -> unit.Quantity:
     """Get the centre of hydrodynamic stress: the point where the coupling block of N vanishes.
 
     Bodies of enough symmetry in unbounded fluid, such as spheres, rods and ellipsoids, have this
@@ -145,7 +154,7 @@ def centerOfHydrodynamicStress(N, tolerance=1e-6):
     return _units.LENGTH.attach(center)
 
 
-def planarCenterOfHydrodynamicStress(N, z=0):
+def planarCenterOfHydrodynamicStress(N: npt.ArrayLike, z: Number = 0) -> unit.Quantity:
     """Get the quasi-two-dimensional centre of hydrodynamic stress (eq. 65).
 
     A torque about z does not move this point of the body along x and y. There is one such point at
@@ -180,7 +189,7 @@ def planarCenterOfHydrodynamicStress(N, z=0):
         np.array([-(N[5, 1] - N[5, 3]*z)/N[5, 5], (N[5, 0] + N[5, 4]*z)/N[5, 5], z]))
 
 
-def planarAngleMobility(N, direction):
+def planarAngleMobility(N: npt.ArrayLike, direction: Numbers) -> Union[float, Array]:
     """Get the mobility of the angle of a direction's projection onto the xy plane (eq. 93).
 
     The mobility times kT is the short-time diffusion coefficient of :func:`planarAngleMSD`. It

@@ -2,12 +2,17 @@
 
 This module uses numpy and scipy, not OpenMM, so every rule here can be tested on synthetic numbers.
 """
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Optional
+from typing import TYPE_CHECKING, Optional, Sequence
 
 import numpy as np
 import scipy.special
 import scipy.stats
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 #: Sokal's window: the autocorrelation is summed up to this many autocorrelation times.
 WINDOW = 5
@@ -65,17 +70,17 @@ class SeriesStatistics:
     isSlow: bool = False
 
     @property
-    def effectiveSamples(self):
+    def effectiveSamples(self) -> float:
         """The number of independent samples that would give the same error."""
         return self.samples/(2*self.tau)
 
     @property
-    def isTrusted(self):
+    def isTrusted(self) -> bool:
         """Whether there are enough blocks to trust the standard error."""
         return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS
 
 
-def autocorrelationTime(series):
+def autocorrelationTime(series: npt.ArrayLike) -> float:
     """Integrated autocorrelation time of a series, by Sokal's automatic window.
 
     Parameters
@@ -215,7 +220,7 @@ def _resolved(replicas, least):
                    max(1.0, count*each), length, blocks*length)
 
 
-def seriesStatistics(series, leastTau=0.0):
+def seriesStatistics(series: npt.ArrayLike, leastTau: float = 0.0) -> SeriesStatistics:
     """Mean of a correlated series, and its standard error from block averages.
 
     The block length is 20 autocorrelation times (:func:`autocorrelationTime`), but never so long
@@ -250,7 +255,7 @@ def seriesStatistics(series, leastTau=0.0):
                             change == SLOW)
 
 
-def replicaStatistics(series, leastTau=0.0):
+def replicaStatistics(series: npt.ArrayLike, leastTau: float = 0.0) -> SeriesStatistics:
     """Mean over independent replicas, and its standard error from their spread.
 
     Correlations in time do not matter. With fewer than 10 replicas their spread is hardly known.
@@ -311,7 +316,7 @@ class Noise:
     isSlow: bool = False
 
 
-def noiseDegrees(tau, samples):
+def noiseDegrees(tau: float, samples: int) -> float:
     """Degrees of freedom of what a series says about its :class:`Noise`.
 
     Parameters
@@ -329,7 +334,7 @@ def noiseDegrees(tau, samples):
     return samples/(2*WINDOW*tau + 1)
 
 
-def noise(series):
+def noise(series: npt.ArrayLike) -> Noise:
     """How fast the mean of a series becomes known, and how well this speed is known itself.
 
     By Madras and Sokal (J. Stat. Phys. 50, 109 (1988), appendices) a sum of autocorrelations up to
@@ -370,7 +375,7 @@ def noise(series):
                  change == SLOW)
 
 
-def splitRHat(chains):
+def splitRHat(chains: npt.ArrayLike) -> float:
     """R-hat of several chains.
 
     It compares how much chains, and halves of chains, differ with how much chains that have
@@ -459,7 +464,7 @@ class ReplicaSummary:
     samples: int
 
 
-def independentRuns(chains):
+def independentRuns(chains: Sequence[npt.ArrayLike]) -> ReplicaSummary:
     """Mean over independent runs of the same thing.
 
     The error comes from the spread of the runs. R-hat and the effective sample size are given, too.

@@ -1,15 +1,22 @@
 """Effective viscosity of a suspension that a sinusoidal force density drives."""
+from __future__ import annotations
+
 import dataclasses
+from typing import TYPE_CHECKING, Optional
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
+from .._types import Numbers
 from .._systems import forces_of
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from ._moves import positive, progress_bar
 from .series import BLOCK_LENGTH_IN_TAU, FEWEST_TRUSTED_BLOCKS, seriesStatistics
+
+if TYPE_CHECKING:
+    import openmm
 
 #: The flow must have an amplitude of at least this many standard errors above 0 to measure a
 #: viscosity.
@@ -65,12 +72,13 @@ class EffectiveViscosity:
     samples: int
 
     @property
-    def isTrusted(self):
+    def isTrusted(self) -> bool:
         """Whether the errors are trusted: there are enough blocks, or nothing is random."""
         return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS or self.samples == 1
 
 
-def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
+def viscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0, interval: int = 1,
+              progress: Optional[bool] = None) -> EffectiveViscosity:
     """Get the effective viscosity of what a Context simulates.
 
     A force density f0 sin(k x_waveAxis) drives a fluid of viscosity eta to the velocity f0/(eta
@@ -151,7 +159,8 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
     return _estimate(context, amplitudes, where)
 
 
-def sampleFlowAmplitudes(context, steps, interval=1, progress=None):
+def sampleFlowAmplitudes(context: openmm.Context, steps: int, interval: int = 1,
+                         progress: Optional[bool] = None) -> unit.Quantity:
     """Step a Context, and sample the amplitudes of the flow that its force density drives.
 
     :func:`viscosity` averages these amplitudes. This function is for runs that go on in parts, or
@@ -181,7 +190,7 @@ def sampleFlowAmplitudes(context, steps, interval=1, progress=None):
         _sampled(context, integrator, fluid, steps, interval, progress, where))
 
 
-def viscosityFromAmplitudes(context, amplitudes):
+def viscosityFromAmplitudes(context: openmm.Context, amplitudes: Numbers) -> EffectiveViscosity:
     """Get the effective viscosity from amplitudes that were sampled.
 
     Parameters

@@ -2,13 +2,21 @@
 
 The energy is a function written in NumPy.
 """
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Callable, Optional, Sequence
+
 import numpy as np
 from openmm import unit
 
 from .. import _units
+from .._types import Number, Numbers
 from .._quaternions import rotate, rotation_matrices
 from . import _moves
 from ._sampler import Sampler
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 
 class WalkerSampler(Sampler):
@@ -82,10 +90,13 @@ class WalkerSampler(Sampler):
 
     _INDEPENDENT = True
 
-    def __init__(self, energyFunction, temperature, numWalkers, position, orientation=(1, 0, 0, 0),
-                 sitePositions=None, radii=None, wallHeight=None, rejection='Overlap',
-                 coordinates=_moves.COORDINATES, rotationAxis=None, trackingPoint=(0, 0, 0),
-                 seed=0):
+    def __init__(self, energyFunction: Callable, temperature: Number, numWalkers: int,
+                 position: Numbers, orientation: npt.ArrayLike = (1, 0, 0, 0),
+                 sitePositions: Optional[Numbers] = None, radii: Optional[Numbers] = None,
+                 wallHeight: Optional[Number] = None, rejection: str = 'Overlap',
+                 coordinates: Sequence[str] = _moves.COORDINATES,
+                 rotationAxis: Optional[Numbers] = None, trackingPoint: Numbers = (0, 0, 0),
+                 seed: int = 0) -> None:
         where = 'WalkerSampler'
         self._energyFunction = energyFunction
         self._kT = _moves.thermal_energy(temperature, where)

@@ -5,14 +5,21 @@ clones file where the copies of the body are. In both, ``#`` opens a comment, th
 the number of rows, and each row is a line of numbers. The unit of length is the choice of the
 file's author, often micrometers or the radius of a blob. The file does not say which.
 """
+from __future__ import annotations
+
 import os
 import warnings
+from typing import TYPE_CHECKING, Literal, Optional, Union, overload
 
 import numpy as np
 from openmm import unit as units
 
 from .. import _units
+from .._types import Array, Number, Numbers, Path
 from .trajectories import NORM_TOLERANCE, lengths
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 #: Neighbouring blobs of a body are about a diameter apart. Lengths in two units differ by 1000 or
 #: more. So spacings in diameters beyond these bounds are most likely of two units, which are found
@@ -20,7 +27,21 @@ from .trajectories import NORM_TOLERANCE, lengths
 _ODD_SPACINGS = 1/200, 500
 
 
-def readVertexFile(file, radii=False, unit=None):
+@overload
+def readVertexFile(file: Path, radii: Literal[False] = False,
+                   unit: Optional[Union[units.Unit, Number]] = None) -> Array:
+    ...
+
+
+@overload
+def readVertexFile(file: Path, radii: Literal[True],
+                   unit: Optional[Union[units.Unit, Number]] = None) -> tuple[Array, Array]:
+    ...
+
+
+def readVertexFile(
+        file: Path, radii: bool = False,
+        unit: Optional[Union[units.Unit, Number]] = None) -> Union[Array, tuple[Array, Array]]:
     """Read the positions of a body's blobs from a vertex file.
 
     The file has the number of blobs, then a row ``x y z`` for each blob, with an optional fourth
@@ -54,24 +75,24 @@ def readVertexFile(file, radii=False, unit=None):
     OSError
         if there is no such file
     """
-    radii = _units.boolean(radii, 'readVertexFile', 'radii')
+    withRadii = _units.boolean(radii, 'readVertexFile', 'radii')
     scale = _length_of(unit, 'readVertexFile')
-    rows = _read_rows(file, (4,) if radii else (3, 4), 'x y z radius' if radii else 'x y z',
+    rows = _read_rows(file, (4,) if withRadii else (3, 4), 'x y z radius' if withRadii else 'x y z',
                       'blobs')
     for line, values in rows:
-        if radii and values[3] < 0:
+        if withRadii and values[3] < 0:
             raise ValueError(
                 f"{os.fspath(file)}, line {line}: found the radius {values[3]:g}; a blob's radius "
                 f"is 0 or more: correct the row")
     rows = np.array([values for _, values in rows])*scale
-    if not radii:
+    if not withRadii:
         return rows
-    positions, radii = rows[:, :3].copy(), rows[:, 3].copy()
-    warnOfUnits(positions, radii, f'readVertexFile: {os.fspath(file)}')
-    return positions, radii
+    positions, found = rows[:, :3].copy(), rows[:, 3].copy()
+    warnOfUnits(positions, found, f'readVertexFile: {os.fspath(file)}')
+    return positions, found
 
 
-def warnOfUnits(positions, radii, where):
+def warnOfUnits(positions: Array, radii: Array, where: str) -> None:
     """Warn where the blobs of a body are so near or far that lengths seem to be in two units.
 
     Parameters
@@ -111,7 +132,7 @@ def _length_of(unit, where):
     return scale
 
 
-def readClones(file, unit=None):
+def readClones(file: Path, unit: Optional[Union[units.Unit, Number]] = None) -> tuple[Array, Array]:
     """Read the places of a body's copies from a clones file.
 
     The file has the number of bodies, then a row ``x y z q0 q1 q2 q3`` for each body, with q0 the
@@ -153,7 +174,7 @@ def readClones(file, unit=None):
     return rows[:, :3]*scale, rows[:, 3:]/norms[:, None]
 
 
-def writeClones(file, positions, orientations):
+def writeClones(file: Path, positions: Numbers, orientations: npt.ArrayLike) -> None:
     """Write the places of bodies to a clones file, with 17 digits.
 
     :func:`readClones` reads the same numbers.

@@ -1,13 +1,20 @@
 """Make bodies of residues, and tell OpenMM that a body is one molecule."""
+from __future__ import annotations
+
 import collections
 import warnings
+from typing import TYPE_CHECKING, Optional, Sequence
 
 import openmm
 
 from .. import _units
+from .._types import Number, Numbers
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .blobfiles import warnOfUnits
+
+if TYPE_CHECKING:
+    import openmm.app
 
 #: Residue names that mean water in PDB files and in the force fields that OpenMM, Amber, CHARMM and
 #: GROMACS ship.
@@ -16,7 +23,9 @@ WATER_NAMES = ('HOH', 'WAT', 'H2O', 'SOL', 'DOD', 'TIP', 'SPC', 'SPCE', 'SPE', '
                'T5E', 'TP5', 'OPC', 'OPC3', 'OP3', 'FB3', 'FB4', 'T3F', 'T4F', 'TP3F', 'TP4F')
 
 
-def addRigidWater(integrator, topology, system=None, names=(), skipFrozen=None):
+def addRigidWater(integrator: CustomRigidHIIntegrator, topology: openmm.app.Topology,
+                  system: Optional[openmm.System] = None, names: Sequence[str] = (),
+                  skipFrozen: Optional[bool] = None) -> list[int]:
     """Make every water molecule of a topology one rigid body.
 
     Extra particles (M sites, lone pairs) are part of the body. If the System was made with
@@ -89,7 +98,9 @@ def addRigidWater(integrator, topology, system=None, names=(), skipFrozen=None):
     return _add_residues(integrator, residues, particles, skipFrozen, where)
 
 
-def addRigidResidues(integrator, topology, names, system=None, skipFrozen=False):
+def addRigidResidues(integrator: CustomRigidHIIntegrator, topology: openmm.app.Topology,
+                     names: Sequence[str], system: Optional[openmm.System] = None,
+                     skipFrozen: bool = False) -> list[int]:
     """Make every residue with one of these names one rigid body.
 
     Parameters
@@ -259,8 +270,10 @@ def _check_constraints(residues, particles, where):
             'pass no system to take the shape from the first positions')
 
 
-def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, mass=0,
-                      principalMoments=(0, 0, 0), particleMasses=None):
+def addRigidMultiblob(system: openmm.System, integrator: CustomRigidHIIntegrator,
+                      mobilityForce: MobilityForce, sitePositions: Numbers, radii: Numbers,
+                      mass: Number = 0, principalMoments: Numbers = (0, 0, 0),
+                      particleMasses: Optional[Numbers] = None) -> int:
     """Add particles to a System and a MobilityForce, and make them one rigid body.
 
     Call it for one body after the other, before the Context is created, while System and
@@ -328,7 +341,8 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
     return body
 
 
-def bindBodies(system, integrator):
+def bindBodies(system: openmm.System,
+               integrator: CustomRigidHIIntegrator) -> openmm.HarmonicBondForce:
     """Tie each body's particles into one molecule, for OpenMM.
 
     OpenMM keeps molecules whole in ``getState(enforcePeriodicBox=True)``, and Monte Carlo barostats

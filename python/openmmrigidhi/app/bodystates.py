@@ -17,12 +17,16 @@ unless the table says otherwise. The unit of each data set is its attribute "uni
     /bodies/sitePositions      (m, 3)      nm, body frame
     /bodies/firstParticle      (n+1,) int32  where each body's particles begin in the two above
 """
+from __future__ import annotations
+
 import dataclasses
+from typing import Optional
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
+from .._types import Path
 from .._systems import BodyDefinitions
 from .trajectories import (Hdf5Reporter, addSeries, checkedFrames, numFrames, openHdf5, readingFrom,
                            requireFinite, unitQuaternions)
@@ -84,7 +88,7 @@ class RigidBodyReporter(Hdf5Reporter):
     The file is closed between reports. It can be read while the run goes on, and it is whole if the
     run is killed between reports. Closing costs about two milliseconds a report.
     """
-    def __init__(self, file, reportInterval, append=False):
+    def __init__(self, file: Path, reportInterval: int, append: bool = False) -> None:
         super().__init__(file, reportInterval, append)
 
     def _frame(self, simulation, state, integrator):
@@ -133,7 +137,7 @@ class RigidBodyReporter(Hdf5Reporter):
         return [file[name] for name in _FRAME_DATA]
 
 
-def readBodyStates(file, frames=None):
+def readBodyStates(file: Path, frames: Optional[slice] = None) -> BodyStates:
     """Read a body-state file.
 
     Parameters

@@ -2,12 +2,16 @@
 
 They show spheres, orientation marks, walls and boxes.
 """
+from __future__ import annotations
+
 import os
+from typing import TYPE_CHECKING, Optional, Sequence
 
 import numpy as np
 from openmm import NonbondedForce, unit
 
 from .. import _units
+from .._types import Numbers, Path
 from .._quaternions import rotation_matrices
 from .._systems import BodyDefinitions, forces_of, hydrodynamic_radii
 from ..integrator import CustomRigidHIIntegrator
@@ -16,6 +20,10 @@ from .bodystates import BodyStates, readBodyStates
 from .gsdfiles import readGsd
 from .h5mdfiles import readH5md
 from .trajectories import Trajectory
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import openmm
 
 #: Colours of bodies, by Okabe and Ito, which can be told apart without seeing red and green.
 _COLOURS = np.array([(0, 114, 178), (230, 159, 0), (0, 158, 115), (213, 94, 0), (204, 121, 167),
@@ -35,7 +43,10 @@ _EACH_ITS_OWN = 12
 _TIMES = (('s', 1e12), ('ms', 1e9), ('µs', 1e6), ('ns', 1e3), ('ps', 1))
 
 
-def show(context, radii=None, view=(20, -60), wrap=True, ax=None, title=None):
+def show(context: openmm.Context, radii: Optional[Numbers] = None, view: tuple[float,
+                                                                               float] = (20, -60),
+         wrap: bool = True, ax: Optional[matplotlib.axes.Axes] = None,
+         title: Optional[str] = None) -> matplotlib.axes.Axes:
     """Draw the bodies of a Context as they stand, with walls and periodic box.
 
     In a notebook the picture appears.
@@ -99,8 +110,10 @@ def show(context, radii=None, view=(20, -60), wrap=True, ax=None, title=None):
     return ax
 
 
-def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True, walls=None,
-          every=1, framesPerSecond=12, width=5.0, quiet=False):
+def movie(file: Path, output: Optional[Path] = None, context: Optional[openmm.Context] = None,
+          radii: Optional[Numbers] = None, view: tuple[float, float] = (20, -60), wrap: bool = True,
+          walls: Optional[Sequence[tuple]] = None, every: int = 1, framesPerSecond: float = 12,
+          width: float = 5.0, quiet: bool = False) -> str:
     """Draw a trajectory file of bodies frame by frame into a GIF or MP4.
 
     Parameters

@@ -20,11 +20,15 @@ Numbers have single precision, except for times:
 Without periodic boundaries the box is a cube about the origin. Its edge is a power of 2 nm, and
 large enough for all that is in it.
 """
+from __future__ import annotations
+
 import os
+from typing import Optional, Sequence
 
 import numpy as np
 
 from .. import _loading, _units
+from .._types import Number, Numbers, Path
 from .._quaternions import conjugate, product, rotate
 from .trajectories import (BodyReporter, BodyScene, Trajectory, checkedFrames, readingFrom,
                            requireFinite, rowsBefore, unitQuaternions)
@@ -74,8 +78,9 @@ class GsdReporter(BodyReporter):
     while the run goes on. Whenever the run is killed, the file holds all frames that were finished.
     A report takes about a millisecond.
     """
-    def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False,
-                 types=None, radii=None):
+    def __init__(self, file: Path, reportInterval: int, append: bool = False,
+                 velocities: bool = False, blobs: bool = False,
+                 types: Optional[Sequence[str]] = None, radii: Optional[Numbers] = None) -> None:
         super().__init__(file, reportInterval, append)
         _gsd()
         self._velocities = _units.boolean(velocities, self._name, 'velocities')
@@ -166,7 +171,8 @@ class GsdReporter(BodyReporter):
                     'those types, or write to another file')
 
 
-def readGsd(file, stepSize=None, frames=None):
+def readGsd(file: Path, stepSize: Optional[Number] = None,
+            frames: Optional[slice] = None) -> Trajectory:
     """Read poses of rigid bodies from a GSD file.
 
     The file may be of GsdReporter or of another program that writes orientations.

@@ -25,13 +25,17 @@ Its step and time are the same data sets everywhere:
 
 H5MD 1.1 has no name for orientations. The name "orientation" is that of proposal 104 to H5MD.
 """
+from __future__ import annotations
+
 import getpass
 import re
 import warnings
+from typing import Optional, Sequence
 
 import numpy as np
 
 from .. import _loading, _units
+from .._types import Numbers, Path
 from .trajectories import (BodyScene, Hdf5Reporter, Trajectory, addSeries, checkedFrames, openHdf5,
                            readingFrom, requireFinite, unitQuaternions)
 
@@ -102,8 +106,10 @@ class H5mdReporter(Hdf5Reporter):
 
     _STEPS = f'particles/{_BODIES}/position/step'
 
-    def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False,
-                 types=None, radii=None, author=None):
+    def __init__(self, file: Path, reportInterval: int, append: bool = False,
+                 velocities: bool = False, blobs: bool = False,
+                 types: Optional[Sequence[str]] = None, radii: Optional[Numbers] = None,
+                 author: Optional[str] = None) -> None:
         super().__init__(file, reportInterval, append)
         self._velocities = _units.boolean(velocities, self._name, 'velocities')
         self._needsPositions = self._blobs = _units.boolean(blobs, self._name, 'blobs')
@@ -255,7 +261,8 @@ class H5mdReporter(Hdf5Reporter):
                 'same radii, or write to another file')
 
 
-def readH5md(file, group=None, velocities=True, frames=None):
+def readH5md(file: Path, group: Optional[str] = None, velocities: bool = True,
+             frames: Optional[slice] = None) -> Trajectory:
     """Read poses of rigid bodies from an H5MD file, of H5mdReporter or of another program.
 
     Every element of the file has steps of its own. A frame has the entries of all elements at one

@@ -1,12 +1,16 @@
 """Energy minimisation with rigid bodies as units."""
+from __future__ import annotations
+
 import dataclasses
 import warnings
+from typing import Callable, Optional
 
 import numpy as np
 import openmm
 from openmm import unit
 
 from .. import _units
+from .._types import Number
 from .._quaternions import rotation_matrices
 from .._systems import BodyDefinitions, hydrodynamic_radii
 from ..integrator import CustomRigidHIIntegrator
@@ -47,7 +51,9 @@ class MinimizationResult:
     tolerance: unit.Quantity = None
 
 
-def minimize(context, tolerance=None, maxIterations=0, reporter=None, progress=None):
+def minimize(context: openmm.Context, tolerance: Optional[Number] = None, maxIterations: int = 0,
+             reporter: Optional[Callable] = None,
+             progress: Optional[bool] = None) -> MinimizationResult:
     """Minimise the potential energy with the bodies of a CustomRigidHIIntegrator as rigid units.
 
     OpenMM's own minimiser moves the members of bodies one by one. That does not work for bodies

@@ -1,11 +1,20 @@
 """Put bodies in their places, and make bodies whole that a periodic box has torn apart."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Optional
+
 import numpy as np
 import openmm
 
 from .. import _units
+from .._types import Number, Numbers
 from .._quaternions import rotate
 from .._systems import BodyDefinitions
 from ..integrator import CustomRigidHIIntegrator
+
+if TYPE_CHECKING:
+    from openmm import unit
+    import numpy.typing as npt
 
 #: The largest distance of a particle from its place, in units of the largest distance of a site
 #: from the centre of the body. Particles that are farther off are another molecule, or the same one
@@ -17,7 +26,10 @@ _ANY_DISTANCE = 1e300
 _LENGTH_ERROR = 1e-3
 
 
-def placeBodies(context, positions=None, orientations=None, particlePositions=None, tolerance=None):
+def placeBodies(context: openmm.Context, positions: Optional[Numbers] = None,
+                orientations: Optional[npt.ArrayLike] = None,
+                particlePositions: Optional[Numbers] = None,
+                tolerance: Optional[Number] = None) -> unit.Quantity:
     """Set the poses of bodies, and put all their particles exactly in their places.
 
     Poses are given by positions and orientations, or fitted to the coordinates of particles, as a
@@ -249,7 +261,8 @@ class _Placement:
         return float(distances.max())
 
 
-def makeWhole(integrator, positions, boxVectors):
+def makeWhole(integrator: CustomRigidHIIntegrator, positions: Numbers,
+              boxVectors: Numbers) -> unit.Quantity:
     """Make bodies whole whose particles were wrapped one by one into the periodic box.
 
     Programs that write files often move each particle into the box, so that bodies at its faces are

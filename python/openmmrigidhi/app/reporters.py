@@ -1,5 +1,8 @@
 """A StateDataReporter that counts the degrees of freedom of rigid bodies."""
+from __future__ import annotations
+
 import functools
+from typing import IO, Any, Union
 
 import openmm.app
 
@@ -31,8 +34,9 @@ class StateDataReporter(openmm.app.StateDataReporter):
         about that of the heat bath. The relative standard deviation of a single report is
         sqrt(2/degrees of freedom).
     """
-    def __init__(self, file, reportInterval, *args, translationalTemperature=False,
-                 rotationalTemperatures=False, **kwargs):
+    def __init__(self, file: Union[str, IO[str]], reportInterval: int, *args: Any,
+                 translationalTemperature: bool = False, rotationalTemperatures: bool = False,
+                 **kwargs: Any) -> None:
         super().__init__(file, reportInterval, *args, **kwargs)
         self._columns = {}
         if self._temperature:

@@ -1,7 +1,15 @@
 """Blob models of simple shapes."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .. import _units
+from .._types import Number
+
+if TYPE_CHECKING:
+    from openmm import unit
 
 #: How many times the faces of an icosahedron are divided into four, for each number of vertices,
 #: 10*4^k + 2.
@@ -11,7 +19,7 @@ _SUBDIVISIONS = {12: 0, 42: 1, 162: 2, 642: 3, 2562: 4}
 SHELL_RADII = {12: 1.262447, 42: 1.122022, 162: 1.052965, 642: 1.023940, 2562: 1.011270}
 
 
-def sphereShell(n, radius):
+def sphereShell(n: int, radius: Number) -> unit.Quantity:
     """Get points spread evenly over a sphere: the vertices of a subdivided icosahedron.
 
     Parameters
@@ -47,7 +55,7 @@ def sphereShell(n, radius):
     return _units.LENGTH.attach(radius*vertices)
 
 
-def rod(n, spacing):
+def rod(n: int, spacing: Number) -> unit.Quantity:
     """Get blobs in a row along the x axis.
 
     Parameters
@@ -70,7 +78,7 @@ def rod(n, spacing):
     return _units.LENGTH.attach(points)
 
 
-def cylinder(radius, length, spacing, closed=True):
+def cylinder(radius: Number, length: Number, spacing: Number, closed: bool = True) -> unit.Quantity:
     """Get blobs on the surface of a cylinder about the x axis.
 
     The blobs lie on staggered rings on the side, and on rings that fill the two ends.
@@ -114,7 +122,7 @@ def _ring(x, radius, n, turn):
     return np.stack([np.full(n, x), radius*np.cos(angles), radius*np.sin(angles)], axis=1)
 
 
-def boomerang(spacing, blobsPerArm=7):
+def boomerang(spacing: Number, blobsPerArm: int = 7) -> unit.Quantity:
     """Get blobs of a right-angled boomerang.
 
     The boomerang of Delong, Balboa Usabiaga and Donev 2015 has 15 blobs of radius 0.265*sqrt(1.5)
@@ -142,7 +150,7 @@ def boomerang(spacing, blobsPerArm=7):
         np.stack([np.maximum(0, -steps), np.maximum(0, steps), 0*steps], axis=1))
 
 
-def tetramer(spacing):
+def tetramer(spacing: Number) -> unit.Quantity:
     """Get four blobs at the corners of a regular tetrahedron.
 
     Parameters
@@ -161,7 +169,7 @@ def tetramer(spacing):
     return _units.LENGTH.attach(np.concatenate([base, [(0, 0, spacing*np.sqrt(3/8))]]))
 
 
-def icosahedron(radius):
+def icosahedron(radius: Number) -> unit.Quantity:
     """Get twelve blobs at the vertices of a regular icosahedron, two of them on the z axis.
 
     It is :func:`sphereShell` of 12 points, turned. Delong, Balboa Usabiaga and Donev 2015 hang a
@@ -213,7 +221,7 @@ def _icosahedron():
     return vertices/np.linalg.norm(vertices[0]), faces
 
 
-def multiblobSphere(n, radius):
+def multiblobSphere(n: int, radius: Number) -> tuple[unit.Quantity, unit.Quantity]:
     """Get a sphere as a rigid multiblob: a shell of blobs.
 
     The hydrodynamic radius of the shell for translation is that of the sphere. The radius of the

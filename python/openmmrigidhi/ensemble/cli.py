@@ -1,10 +1,13 @@
 """The command line: python3 -m openmmrigidhi.ensemble."""
+from __future__ import annotations
+
 import argparse
 import contextlib
 import json
 import signal
 import sys
 import threading
+from typing import Optional
 
 import openmm
 from tqdm import tqdm
@@ -45,7 +48,7 @@ OF_NEW_STUDIES = {
 OF_EXTENSIONS = ('set', 'sweep', 'replicas', 'length')
 
 
-def parser():
+def parser() -> argparse.ArgumentParser:
     """The argument parser."""
     result = argparse.ArgumentParser(prog='python3 -m openmmrigidhi.ensemble',
                                      description=DESCRIPTION, epilog=EPILOG,
@@ -98,7 +101,7 @@ def parser():
     return result
 
 
-def main(arguments=None):
+def main(arguments: Optional[list[str]] = None) -> int:
     """Run the command line.
 
     Parameters

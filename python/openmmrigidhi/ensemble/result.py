@@ -1,4 +1,6 @@
 """What a study found: means over replicas with their errors, and the outcome of each task."""
+from __future__ import annotations
+
 import csv
 import io
 import json
@@ -8,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._types import Array
 from ..accuracy.statistics import quantile
 from ..analysis.series import LARGEST_RHAT, independentRuns
 from . import taskfiles
@@ -76,7 +79,8 @@ class EnsembleResult:
     about : dict
         the study's JSON: machine, versions, sessions, failures
     """
-    def __init__(self, definition, observables, tasks, contents, about):
+    def __init__(self, definition: dict, observables: dict, tasks: list[TaskRecord], contents: dict,
+                 about: dict) -> None:
         self.definition, self.observables, self.tasks, self.about = (definition, observables, tasks,
                                                                      about)
         self._contents = contents
@@ -85,7 +89,7 @@ class EnsembleResult:
             for name in observables
         ]
 
-    def series(self, observable, setting, replica):
+    def series(self, observable: str, setting: int, replica: int) -> Array:
         """The samples of one task.
 
         Parameters
@@ -105,7 +109,7 @@ class EnsembleResult:
                 'begun: see the tasks of this result')
         return content.series[observable]
 
-    def row(self, observable, setting=0):
+    def row(self, observable: str, setting: int = 0) -> dict:
         """One row of the table.
 
         Parameters
@@ -121,11 +125,11 @@ class EnsembleResult:
                     if (row['observable'], row['setting']) == (observable, setting))
 
     @property
-    def isComplete(self):
+    def isComplete(self) -> bool:
         """Whether all tasks are complete."""
         return all(task.status == 'complete' for task in self.tasks)
 
-    def problems(self):
+    def problems(self) -> list:
         """Tasks that failed or whose file is damaged, as list of TaskRecord."""
         return [task for task in self.tasks if task.status in ('failed', 'damaged')]
 
@@ -189,7 +193,7 @@ class EnsembleResult:
 
     # ---- Text and files --------------------------------------------------------------------------
 
-    def table(self):
+    def table(self) -> str:
         """The rows as text, and what went wrong."""
         lines = [
             f'{"setting":40} {"observable":26} {"mean":>14} {"error":>10} {"t":>3} {"R-hat":>6} '
@@ -206,7 +210,7 @@ class EnsembleResult:
                          f'{row["unit"]}{"; " if row["unit"] and row["note"] else ""}{row["note"]}')
         return '\n'.join([*lines, *(str(task) for task in self.problems())])
 
-    def asDict(self):
+    def asDict(self) -> dict:
         """Everything but the samples, as values that JSON can hold."""
         tasks = [{
             'setting': task.setting,
@@ -229,7 +233,7 @@ class EnsembleResult:
             'sessions': self.about['sessions']
         }
 
-    def write(self, directory):
+    def write(self, directory: str) -> list[str]:
         """Write results.json and results.csv.
 
         Parameters

@@ -1,4 +1,6 @@
 """Studies: settings times replicas, in one directory that can be continued and extended."""
+from __future__ import annotations
+
 import contextlib
 import fcntl
 import hashlib
@@ -9,6 +11,7 @@ import os
 import socket
 import time
 import uuid
+from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Union
 
 import numpy as np
 
@@ -20,13 +23,18 @@ from . import taskfiles
 from .result import EnsembleResult, TaskRecord
 from .simulation import SCENE_DIRECTORY, SceneSource, Task, expectations, simulate
 
+if TYPE_CHECKING:
+    import distributed
+    from ..accuracy.observables import Observable
+    from ..accuracy.scenes import Scene
+
 FORMAT = 'openmmrigidhi ensemble study 1'
 STUDY, TASKS, LOCK, CHECKSUM = 'study.json', 'tasks', 'study.lock', 'checksum'
 #: What an extension may change, and in which direction; everything else must stay.
 GROWING = ('length', 'replicas', 'settings')
 
 
-def sweep(**values):
+def sweep(**values: Any) -> list[dict]:
     """All combinations of values; the last name changes fastest.
 
     Parameters
@@ -47,7 +55,7 @@ def sweep(**values):
     return [dict(zip(values, each)) for each in itertools.product(*values.values())]
 
 
-def taskSeed(seed, setting, replica):
+def taskSeed(seed: int, setting: int, replica: int) -> int:
     """The seed of a task.
 
     It depends only on the study's seed and the task's place in the study. Replicas of one setting
@@ -139,9 +147,12 @@ class Study:
     >>> [row['replicas'] for row in result.rows]
     [2, 2]
     """
-    def __init__(self, scene, settings=({},), replicas=4, length=None,
-                 observables=observablesModule.DEFAULT, seed=1, platform='CPU', threads=1,
-                 equilibration=None, sampleInterval=None, checkpointInterval=60.0):
+    def __init__(self, scene: Union[str, Callable, Scene], settings: Sequence[dict] = ({},),
+                 replicas: int = 4, length: Optional[float] = None,
+                 observables: Sequence[Union[str, Observable,
+                                             Callable]] = observablesModule.DEFAULT, seed: int = 1,
+                 platform: str = 'CPU', threads: int = 1, equilibration: Optional[float] = None,
+                 sampleInterval: Optional[float] = None, checkpointInterval: float = 60.0) -> None:
         self.source = scene if isinstance(scene, SceneSource) else SceneSource(scene)
         self.settings = [dict(each) for each in settings]
         self.replicas, self.length, self.seed = replicas, length, seed
@@ -213,7 +224,7 @@ class Study:
 
     # ---- What it is ------------------------------------------------------------------------------
 
-    def definition(self):
+    def definition(self) -> dict:
         """The definition of the study, as its JSON has it, a dict."""
         names = [
             each if isinstance(each, str) else
@@ -239,7 +250,7 @@ class Study:
             }))
 
     @classmethod
-    def load(cls, directory, checkpointInterval=60.0):
+    def load(cls, directory: str, checkpointInterval: float = 60.0) -> Study:
         """The study in a directory, to continue it with run(), or to extend it.
 
         Parameters
@@ -261,7 +272,8 @@ class Study:
         study._defaultEquilibration = about['default_equilibration']
         return study
 
-    def extended(self, length=None, replicas=None, settings=()):
+    def extended(self, length: Optional[float] = None, replicas: Optional[int] = None,
+                 settings: Sequence[dict] = ()) -> Study:
         """A larger study.
 
         ``run(directory, extend=True)`` of the larger study extends the directory of this study, and
@@ -289,14 +301,16 @@ class Study:
         larger._check()
         return larger
 
-    def seeds(self):
+    def seeds(self) -> list:
         """The seeds of all tasks, a list over settings of lists over replicas."""
         return [_seeds(self.seed, setting, self.replicas) for setting in range(len(self.settings))]
 
     # ---- The run ---------------------------------------------------------------------------------
 
-    def run(self, directory, jobs=1, cluster=None, *, extend=False, retries=_tasks.RETRIES,
-            timeout=60.0, quiet=False, finished=None):
+    def run(self, directory: str, jobs: int = 1,
+            cluster: Optional[Union[str, distributed.Client]] = None, *, extend: bool = False,
+            retries: int = _tasks.RETRIES, timeout: float = 60.0, quiet: bool = False,
+            finished: Optional[Callable] = None) -> EnsembleResult:
         """Do what is not done yet, and return the result.
 
         In an empty directory the study begins; in its own directory it goes on. Ctrl-C ends the
@@ -486,7 +500,7 @@ def _observable(given):
         given, str) and given in overdamped.OBSERVABLES else observablesModule.byName(given)
 
 
-def taskName(setting, replica):
+def taskName(setting: int, replica: int) -> str:
     """The name of a task.
 
     Parameters
@@ -496,7 +510,7 @@ def taskName(setting, replica):
     return f's{setting:04d}_r{replica:04d}'
 
 
-def taskPath(directory, setting, replica):
+def taskPath(directory: str, setting: int, replica: int) -> str:
     """The path of a task's file.
 
     Parameters
@@ -591,7 +605,7 @@ def _read_about(directory):
             f'is: put a copy back, the tasks in {TASKS} are whole for themselves') from error
 
 
-def read(directory):
+def read(directory: str) -> EnsembleResult:
     """Read what there is of a study, finished or not.
 
     Damaged files are named in the result; all other files are used. Nothing is imported for it.
