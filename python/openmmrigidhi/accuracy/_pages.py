@@ -14,7 +14,7 @@ from .._types import Path
 from ._results import finite, times
 
 if TYPE_CHECKING:
-    import matplotlib.axis
+    import matplotlib.axes
     import matplotlib.figure
     from ._results import Result
     from ._results import Wanted
@@ -253,7 +253,7 @@ def png(figure: matplotlib.figure.Figure, title: str) -> bytes:
     return buffer.getvalue()
 
 
-def plain_ticks(axes: Iterable[matplotlib.axis.Axis]) -> None:
+def plain_ticks(axes: matplotlib.axes.Axes) -> None:
     """Numbers such as 0.2 and 50 on logarithmic axes, a list of them that is not too long."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
     for axis in (axes.xaxis, axes.yaxis):

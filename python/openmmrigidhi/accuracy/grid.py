@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 import time
-from typing import TYPE_CHECKING, Callable, Optional, Sequence
+from typing import TYPE_CHECKING, Callable, Optional, Sequence, Union
 
 import numpy as np
 import openmm
@@ -134,7 +134,8 @@ class GridStudy:
     >>> print(study.run(rounds=1).recommend('forces:0.1%').setting['tolerance'])
     0.0001
     """
-    def __init__(self, scene: Optional[Scene] = None, tolerances: Sequence[float] = TOLERANCES,
+    def __init__(self, scene: Optional[Union[Scene, dict[float, Scene]]] = None,
+                 tolerances: Sequence[float] = TOLERANCES,
                  finenesses: Optional[tuple[float, float]] = FINENESSES,
                  observables: Sequence[str] = tuple(OBSERVABLES), platform: str = 'CPU',
                  threads: int = 1, seed: int = 1) -> None:

@@ -1,16 +1,13 @@
 """What the hydrodynamic ladder found: errors and times of the models, and recommended models."""
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Optional, Sequence, Union
+from typing import Optional, Sequence, Union
 
 from ._results import (DECIDED, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE, UNDECIDED, UNUSABLE,
                        Recommendation, Result, decide, worst)
 from .ladderreport import LadderReport, duration, percent
 from .measurement import STABLE
 from .rungs import BEST
-
-if TYPE_CHECKING:
-    from .scenes import Scene
 
 #: This name takes the place of a rung's name for exact numbers of the scenes.
 EXACT = 'exact numbers'
@@ -43,7 +40,7 @@ class LadderResult(Result):
                'is_reference', 'seconds_step', 'seconds_low', 'seconds_high', 'seconds_forces',
                'platform', 'solver', 'message')
 
-    def __init__(self, scene: Scene, parameter: Optional[str], rows: list[dict], references: dict,
+    def __init__(self, scene: dict, parameter: Optional[str], rows: list[dict], references: dict,
                  observables: dict[str, dict], rungs: dict[str, str], provenance: dict) -> None:
         self.scene = scene
         self.parameter = parameter

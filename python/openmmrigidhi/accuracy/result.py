@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, Optional, Sequence, Union
+from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 
@@ -16,9 +16,6 @@ from .measurement import SECONDS_PER_DAY, STABLE
 from .price import NO_MEAN_NOTES, Prices, completeNoise
 from .report import StudyReport
 from .statistics import Extrapolation, errorCurve, quantile
-
-if TYPE_CHECKING:
-    from .scenes import Scene
 
 
 @dataclass(frozen=True)
@@ -181,7 +178,7 @@ class StudyResult(Result):
                'effective_per_second', 'effective_per_cpu_second', 'effective_per_wall_second',
                'ns_per_wall_day')
 
-    def __init__(self, knob: Knob, scene: Scene, rows: list[dict], references: dict,
+    def __init__(self, knob: Knob, scene: dict, rows: list[dict], references: dict,
                  orders: dict[str, int], observables: dict[str, dict], refusals: dict[str, str],
                  provenance: dict, confidence: float = 0.95) -> None:
         self.knob = knob
