@@ -107,8 +107,7 @@ def main():
             'scaling_of_two_workers': round(scaling, 3)
         }
         print(f'{cluster}: overhead {100*overhead:.2f} % of tasks of {np.mean(one["work"]):.1f} s; '
-              f'{one["begun"]:.1f} s before the first; two workers '
-              f'{scaling:.2f} times as fast')
+              f'{one["begun"]:.1f} s before the first; two workers {scaling:.2f} times as fast')
         save(options.output, 'ensemble.json', machine, {'clusters': found})
 
 

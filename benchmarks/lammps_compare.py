@@ -251,9 +251,8 @@ def main():
         'physics': comparePhysics(lmp, 20000)
     }
     for name, row in result['physics']['kinetic_temperature_over_kT'].items():
-        print(f'kinetic temperature of {name:12} over kT: expected {row["expected"]:.4f}; '
-              f'LAMMPS {row["LAMMPS"][0]:.4f} +- {row["LAMMPS"][1]:.4f} (z = '
-              f'{row["z_LAMMPS"]:+.1f}); '
+        print(f'kinetic temperature of {name:12} over kT: expected {row["expected"]:.4f}; LAMMPS '
+              f'{row["LAMMPS"][0]:.4f} +- {row["LAMMPS"][1]:.4f} (z = {row["z_LAMMPS"]:+.1f}); '
               f'here {row["here"][0]:.4f} +- {row["here"][1]:.4f} (z = {row["z_here"]:+.1f})')
     for count in (1000, 8000):
         speed = compareSpeed(lmp, count, max(100, int(arguments.body_steps/count)),

@@ -113,9 +113,8 @@ def main():
                 result['dense'].setdefault(platform, {})[str(bodies)] = row
                 tqdm.tqdm.write(
                     f'  {platform:9} {bodies:4} bodies: {show(row["microseconds_step"], 1)} us a '
-                    f'step, '
-                    f'{show(row["microseconds_eigh"], 1)} us eigh, ratio {show(row["ratio"], 2)}, '
-                    f'goal {row["goal"]}')
+                    f'step, {show(row["microseconds_eigh"], 1)} us eigh, ratio '
+                    f'{show(row["ratio"], 2)}, goal {row["goal"]}')
     if arguments.only != 'dense':
         rows = {}
         for bodies in tqdm.tqdm(sorted(arguments.sizes), desc='Matrix-free'):

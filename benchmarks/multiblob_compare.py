@@ -144,8 +144,7 @@ def main():
             rows.append(row)
             tqdm.tqdm.write(
                 f'  {count:3} at {apart} um {ours:24} theirs {show(row["their_ms_step"])} ms, ours '
-                f'{show(row["our_ms_step"])} ms, '
-                f'ratio {show(row["ratio"], 1)}')
+                f'{show(row["our_ms_step"])} ms, ratio {show(row["ratio"], 1)}')
     save(arguments.output, 'multiblob_compare.json', machine, {
         'rounds': arguments.rounds,
         'numba': numba,

@@ -297,8 +297,7 @@ def measure(code, blobs, name, what, tolerance, arguments):
                    ratio_of_processors=spread(ratio[1]), rounds=len(pairs))
         tqdm.tqdm.write(
             f'  {blobs:4} {name:6} {what:18} {tolerance:5g}: theirs {show(row["their_ms"], 1)} ms, '
-            f'ours {show(row["our_ms"], 2)} ms, '
-            f'ratio {show(row["ratio"], 1)}, of processor time '
+            f'ours {show(row["our_ms"], 2)} ms, ratio {show(row["ratio"], 1)}, of processor time '
             f'{show(row["ratio_of_processors"], 1)}')
     else:
         clock, processors = 1e3*np.array(

@@ -124,9 +124,8 @@ def main():
         })
     for row in rows:
         print(f'{row["scene"]:<12} {row["platform"]:<10} {row.get("Precision", ""):<7} ours '
-              f'{show(row["microseconds_ours"], 2)}, '
-              f'Verlet {show(row["microseconds_verlet"], 2)}, more '
-              f'{show(row["microseconds_more"], 2)} us')
+              f'{show(row["microseconds_ours"], 2)}, Verlet {show(row["microseconds_verlet"], 2)}, '
+              f'more {show(row["microseconds_more"], 2)} us')
     save(arguments.output, 'platforms.json', machine, {
         'seed': SEED,
         'rounds': arguments.rounds,

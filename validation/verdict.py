@@ -189,8 +189,7 @@ def trapped():
             ('' if asPrinted else ', a tenth of the paper\'s value, where linear theory holds') +
             which, f'curves; ours are compared with {of} linear theory',
             f'largest difference from theory {max(r["largest_difference"].values()):.4f}, standard '
-            f'errors up to '
-            f'{r["largest_standard_error"]:.4f}', f'rms of a curve: {z:.1f} at most',
+            f'errors up to {r["largest_standard_error"]:.4f}', f'rms of a curve: {z:.1f} at most',
             'agrees' if z < AGREES_BELOW else 'disagrees', f'time {r["time"]:.3g}, h = {r["h"]:g}')
 
 

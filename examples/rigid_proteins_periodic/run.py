@@ -346,8 +346,7 @@ def priceTable(results):
     for price in results:
         for name, row in price['kinds'].items():
             yield (f'| {price["proteins"]}, {price["atoms"]} | {name} | {row["ms"]:.0f} '
-                   f'({row["ms_median"]:.0f}) | '
-                   f'{row["ms_forces"]:.0f} | {row["ms_fluid"]:.0f} | '
+                   f'({row["ms_median"]:.0f}) | {row["ms_forces"]:.0f} | {row["ms_fluid"]:.0f} | '
                    f'{row["ms_fluid"]/row["ms_forces"]:.2f} | {row["ms_transforms"]:.0f} | '
                    f'{row["iterations"]:.0f} |')
 

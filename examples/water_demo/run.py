@@ -155,8 +155,7 @@ def referenceCheck(topology, positions, forceField, output, steps):
         require(
             sameBits(uninterrupted, resumed),
             f'Reference platform, {waters} waters, resumed from a {how}: after {steps} more steps '
-            f'positions and velocities '
-            'are bit for bit those of the uninterrupted run')
+            'positions and velocities are bit for bit those of the uninterrupted run')
 
 
 # ---- Analysis ------------------------------------------------------------------------------------
@@ -320,8 +319,7 @@ def printResults(results, table, resumedAt):
     rotation = (table['T_rot1'] + table['T_rot2'] + table['T_rot3'])/3
     value, error = results['T_rot'] = mean(rotation, 2*BLOCKS)
     print(f'  {"rotational temperature, mean of the three":40} {value:8.2f} +- {error:.2f} K; '
-          f'expected at this step size '
-          f'{expected["T_rot"]:.1f} K')
+          f'expected at this step size {expected["T_rot"]:.1f} K')
     print('  (Kinetic temperatures of Langevin C read low by an error of second order in the step; '
           'README.md, point 6.)')
     value, error = results['U']
@@ -411,8 +409,7 @@ def main():
             require(
                 apart < 1e-3*moved,
                 f'{how}: after {witnessed} more steps the particles have moved by up to '
-                f'{moved:.3f} nm, and are within '
-                f'{apart:.1g} nm of where the uninterrupted run was')
+                f'{moved:.3f} nm, and are within {apart:.1g} nm of where the uninterrupted run was')
 
     print('5. Second half, from the checkpoint')
     before = simulation.integrator.getStepStatistics()
@@ -434,8 +431,7 @@ def main():
     draw(output/'water.png', table, results, r, rdf, resumedAt)
     (output/'results.json').write_text(json.dumps(results, indent=1) + '\n')
     print(f'Written to {output}: water.png (look at it), results.json, table.csv, trajectory.dcd, '
-          f'bodies.h5 ({len(states)} '
-          'frames), half_way.chk, half_way.xml')
+          f'bodies.h5 ({len(states)} frames), half_way.chk, half_way.xml')
 
 
 if __name__ == '__main__':

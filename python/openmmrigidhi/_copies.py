@@ -14,7 +14,7 @@ def _unpickle(cls, xml, attributes):
 class Copies:
     """A class over a SWIG class `_base`, which OpenMM returns as the more general `_generic`."""
     @classmethod
-    def _castGeneric(cls, obj):
+    def _cast_generic(cls, obj):
         return obj if isinstance(obj, cls) else cls._adopt(obj)
 
     @classmethod
@@ -27,8 +27,7 @@ class Copies:
         if found is None:
             raise TypeError(
                 f'{cls.__name__}.cast: obj: got {type(obj).__name__}; it must be a {cls.__name__}, '
-                f'or an '
-                f'openmm.{cls._generic.__name__} that is one: give such an object')
+                f'or an openmm.{cls._generic.__name__} that is one: give such an object')
         result = cls.__new__(cls)
         result.this = found.this
         result.thisown = obj.thisown
@@ -43,19 +42,19 @@ class Copies:
             setattr(result, name, value)
         return result
 
-    def _pythonAttributes(self):
+    def _python_attributes(self):
         hidden = ('this', '_rigidHISource')
         return {name: value for name, value in self.__dict__.items() if name not in hidden}
 
     def __copy__(self):
         """A new object with the same settings, bound to no Context."""
-        return type(self)._adopt(openmm.XmlSerializer.clone(self), self._pythonAttributes())
+        return type(self)._adopt(openmm.XmlSerializer.clone(self), self._python_attributes())
 
     def __deepcopy__(self, memo):
         """A new object with the same settings, bound to no Context."""
         return type(self)._adopt(openmm.XmlSerializer.clone(self),
-                                 copy.deepcopy(self._pythonAttributes(), memo))
+                                 copy.deepcopy(self._python_attributes(), memo))
 
     def __reduce__(self):
         return _unpickle, (type(self), openmm.XmlSerializer.serialize(self),
-                           self._pythonAttributes())
+                           self._python_attributes())

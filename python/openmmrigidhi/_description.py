@@ -1,4 +1,6 @@
 """What is installed and loaded, in the form of a bug report."""
+from __future__ import annotations
+
 import ctypes
 import os
 import platform
@@ -12,7 +14,7 @@ from . import _loading
 _CPU_LIBRARY = 'libOpenMMRigidHICPU.so'
 
 
-def describe():
+def describe() -> str:
     """Describe versions, platforms, instruction sets and libraries, for a bug report.
 
     Returns
@@ -38,7 +40,7 @@ def describe():
     failures = openmm.Platform.getPluginLoadFailures()
     if failures:
         lines.append('plugins of OpenMM that failed to load: ' + '; '.join(failures))
-    path = _loading.findPlatformLibrary(_CPU_LIBRARY)
+    path = _loading.find_platform_library(_CPU_LIBRARY)
     if path is None:
         lines.append(f'{_CPU_LIBRARY} is in neither plugin directory')
     else:

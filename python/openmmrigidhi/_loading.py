@@ -1,5 +1,8 @@
 """Loads the plugin's libraries, which lie beside this file, and explains failures."""
+from __future__ import annotations
+
 import os
+from typing import Union
 
 import openmm
 
@@ -53,10 +56,9 @@ def _check_versions(bindings):
     if os.path.isdir(own) and os.path.dirname(loaded) != os.path.realpath(own):
         raise ImportError(
             f'openmmrigidhi: its library libOpenMMRigidHI.so was loaded from {loaded}, by OpenMM '
-            f'or another program, and not from '
-            f'{own}, where the libraries of this package are; two copies of openmm-rigidhi would '
-            f'be mixed: remove the other copy, '
-            'or have OPENMM_PLUGIN_DIR name a directory without it')
+            f'or another program, and not from {own}, where the libraries of this package are; two '
+            'copies of openmm-rigidhi would be mixed: remove the other copy, or have '
+            'OPENMM_PLUGIN_DIR name a directory without it')
 
 
 def _plugin_libraries():
@@ -66,10 +68,9 @@ def _plugin_libraries():
     paths = [os.path.join(_PLUGIN_DIRECTORY, name) for name in names if name.endswith('.so')]
     if not paths:
         raise ImportError(
-            f'openmmrigidhi: there is no platform library (libOpenMMRigidHI*.so) in '
-            f'{_PLUGIN_DIRECTORY}: '
-            'the package is incomplete, build or install it anew with "make build" or "make '
-            'install"')
+            'openmmrigidhi: there is no platform library (libOpenMMRigidHI*.so) in '
+            f'{_PLUGIN_DIRECTORY}: the package is incomplete, build or install it anew with "make '
+            'build" or "make install"')
     return paths
 
 
@@ -79,7 +80,7 @@ def _served():
     return [platform.getName() for platform in present if platform.supportsKernels([_KERNEL])]
 
 
-def findPlatformLibrary(name):
+def find_platform_library(name):
     """The path of a platform library of this plugin; None if it is in no directory.
 
     The directories are those of this package and OpenMM's plugin directories.
@@ -97,7 +98,7 @@ def findPlatformLibrary(name):
     return None
 
 
-def checkPlatform(platform):
+def checkPlatform(platform: Union[str, openmm.Platform]) -> None:
     """Check that a platform can run this plugin's integrator, and say why if it cannot.
 
     A platform that was loaded after this package gets the plugin's kernels now.
@@ -116,7 +117,7 @@ def checkPlatform(platform):
         if OpenMM has no such platform, or the platform lacks our kernels
     """
     name = platform if isinstance(platform, str) else platform.getName()
-    late = findPlatformLibrary(_FOR_ANY_PLATFORM)
+    late = find_platform_library(_FOR_ANY_PLATFORM)
     if late is not None:
         openmm.Platform.loadPluginLibrary(late)
     names = [

@@ -2,7 +2,7 @@
 import numpy as np
 
 
-def rotationMatrices(q):
+def rotation_matrices(q):
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4).
 
     For the orientations of bodies they turn vectors of the body frame into vectors of the lab

@@ -2,9 +2,11 @@
 
 The enumeration, its docstrings and the tables of the pages are made from the table.
 """
+from __future__ import annotations
+
 import enum
 import textwrap
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from . import _bindings
 
@@ -30,13 +32,16 @@ TABLE = [SchemeTraits(*row) for row in _bindings.schemeTable()]
 
 class _TableEnum(enum.IntEnum):
     @property
-    def traits(self):
+    def traits(self) -> SchemeTraits:
         """What the table of schemes says of this scheme, a SchemeTraits."""
         return TABLE[self]
 
 
-Scheme = _TableEnum('Scheme', {traits.name: traits.number
-                               for traits in TABLE}, module='openmmrigidhi.integrator')
+if TYPE_CHECKING:
+    from ._schemenames import Scheme
+else:
+    Scheme = _TableEnum('Scheme', {traits.name: traits.number
+                                   for traits in TABLE}, module='openmmrigidhi.integrator')
 Scheme.__doc__ = """The time-stepping schemes that setScheme() takes.
 
 They are also class attributes of CustomRigidHIIntegrator. LangevinA, LangevinB and LangevinC (the
@@ -51,12 +56,12 @@ take for which scene.
 """
 
 
-def page(name, folder='docs/schemes/'):
+def page(name: str, folder: str = 'docs/schemes/') -> str:
     """The page of a scheme."""
     return f'{folder}{name}.md'
 
 
-def facts(traits):
+def facts(traits: SchemeTraits) -> str:
     """What a scheme has, needs and costs, in one sentence that its page has, too."""
     cold = (f', and order {traits.coldOrder} at T = 0'
             if traits.coldOrder != traits.weakOrder else '')
@@ -98,7 +103,7 @@ for _scheme in Scheme:
         f'{page(_scheme.name)} has one step of it, every symbol, cost, limits and an example.')
 
 
-def summary(indent=4):
+def summary(indent: int = 4) -> str:
     """The list of schemes in a docstring, with an item for each kind."""
     kinds = (('with momenta, without a fluid', True, False), ('without momenta, without a fluid',
                                                               False, False),
@@ -111,7 +116,7 @@ def summary(indent=4):
     return ('\n' + ' '*indent).join(items)
 
 
-def markdown(folder='schemes/'):
+def markdown(folder: str = 'schemes/') -> str:
     """The table of schemes of the user guide and of the schemes' own pages.
 
     The pages lie in this folder, as seen from the file with the table.

@@ -1,11 +1,20 @@
 """What a System says about this package's Forces, and an integrator about its bodies."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Optional
+
 import numpy as np
 
 from . import _units
+from ._types import Array, Numbers
 from .mobility import MobilityForce
 
+if TYPE_CHECKING:
+    import openmm
+    from .integrator import CustomRigidHIIntegrator
 
-def forcesOf(system, kind):
+
+def forces_of(system: openmm.System, kind: type) -> list:
     """The System's forces of one of this package's classes."""
     found = []
     for force in system.getForces():
@@ -16,25 +25,25 @@ def forcesOf(system, kind):
     return found
 
 
-def hydrodynamicRadii(system, radii, where):
+def hydrodynamic_radii(system: openmm.System, radii: Optional[Numbers], where: str) -> Array:
     """Radius of each particle of the System, nm.
 
     The radii are those given, or else those of the MobilityForce, or else 0.
     """
     count = system.getNumParticles()
     if radii is not None:
-        return np.array(_units.perSite(radii, _units.LENGTH, count, where, 'radii'))
-    fluids = forcesOf(system, MobilityForce)
+        return np.array(_units.per_site(radii, _units.LENGTH, count, where, 'radii'))
+    fluids = forces_of(system, MobilityForce)
     return np.array([fluids[0].getParticleRadius(i)._value
                      for i in range(count)]) if fluids else np.zeros(count)
 
 
-def refuseDrivenFlow(system, where, consequence):
+def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> None:
     """Refuse a System whose fluid is driven, where equilibrium is assumed.
 
     The text consequence says what is wrong then, and what to do instead.
     """
-    for fluid in forcesOf(system, MobilityForce):
+    for fluid in forces_of(system, MobilityForce):
         velocity, gradient = (quantity._value for quantity in fluid.getBackgroundFlow())
         f0 = fluid.getSinusoidalForceDensity()[0]._value
         if velocity.any() or gradient.any():
@@ -47,8 +56,7 @@ def refuseDrivenFlow(system, where, consequence):
             continue
         raise ValueError(
             f'{where}: its MobilityForce drives the fluid by {flow}; there is no equilibrium in a '
-            f'driven flow, {consequence}, or take the '
-            f'flow away by {setter} with zeros')
+            f'driven flow, {consequence}, or take the flow away by {setter} with zeros')
 
 
 class BodyDefinitions:
@@ -69,7 +77,7 @@ class BodyDefinitions:
     first : array of shape (n + 1,)
         where each body begins in these arrays
     """
-    def __init__(self, integrator):
+    def __init__(self, integrator: CustomRigidHIIntegrator) -> None:
         definitions = [
             integrator.getRigidBodyParameters(i)
             for i in range(integrator.getNumRigidBodiesOfContext())

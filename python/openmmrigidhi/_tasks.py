@@ -3,6 +3,8 @@
 Users see it as ensemble.tasks. Workers come and go. A task whose worker dies is given to another
 worker, up to a fixed number of times. A task keeps what it has to remember in files.
 """
+from __future__ import annotations
+
 import asyncio
 import collections
 import concurrent.futures
@@ -23,11 +25,14 @@ import uuid
 import warnings
 from dataclasses import dataclass, field
 from multiprocessing.reduction import ForkingPickler
-from typing import Any, Callable, Optional
+from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Union
 
 from tqdm import tqdm
 
 from . import _loading
+
+if TYPE_CHECKING:
+    import distributed
 
 #: Seconds between two reports of a task, and between two looks at a cluster.
 BETWEEN_REPORTS, BETWEEN_LOOKS = 0.5, 0.5
@@ -93,7 +98,7 @@ class Outcome:
     attempts: int = 1
     seconds: float = 0.0
 
-    def get(self):
+    def get(self) -> Any:
         """The value; raises TaskError if there is none."""
         if self.failure is not None:
             raise TaskError(f'task {self.name}: it failed with {self.failure.kind}: '
@@ -120,7 +125,7 @@ class Job:
     _tell: Optional[Callable] = None
     _last: float = field(default=-1e300, repr=False)
 
-    def report(self, done):
+    def report(self, done: float) -> None:
         """Say how much is done; frequent calls cost nothing.
 
         The progress bar shows it. It is also how progress is seen when workers die: a task that
@@ -213,7 +218,7 @@ class _Worker:
     def __init__(self, context):
         self.connection, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        with _mainThatCanBeImported():
+        with _main_that_can_be_imported():
             self.process.start()
         # Without this copy the pipe ends when the process does.
         theirs.close()
@@ -221,7 +226,7 @@ class _Worker:
 
 
 @contextlib.contextmanager
-def _mainThatCanBeImported():
+def _main_that_can_be_imported():
     """New processes import the main module by its file.
 
     Where there is no such file (a program from stdin, '<stdin>'), they would die of it, and so they
@@ -336,7 +341,7 @@ def _within(seconds, call):
         raise TimeoutError(f'no answer within {seconds:g} s') from error
 
 
-def _performPickled(payload, topic):
+def _perform_pickled(payload, topic):
     """One task on a worker of dask, and its Outcome as bytes.
 
     Everything is in one piece of bytes, in which dask looks for no tasks of its own, and whose
@@ -395,7 +400,7 @@ class _Cluster:
                 self.client = address
             else:
                 self.client = self._connect(address)
-            self._checkWorkers()
+            self._check_workers()
             self.client.subscribe_topic(self.topic, self._hear)
             self.place.callback(self.client.unsubscribe_topic, self.topic)
             ifItFails.pop_all()
@@ -424,19 +429,17 @@ class _Cluster:
         except (OSError, ValueError) as error:
             raise ConnectionError(
                 f'cluster {address}: it gave no answer within {self.timeout:g} s ({error}): start '
-                f'a scheduler there '
-                '(dask-scheduler), correct the address, or leave it out for processes on this '
-                'machine') from error
+                'a scheduler there (dask-scheduler), correct the address, or leave it out for '
+                'processes on this machine') from error
 
-    def _checkWorkers(self):
+    def _check_workers(self):
         """Wait for a worker, and check that all workers have this package; both within timeout."""
         try:
             self.client.wait_for_workers(1, timeout=self.timeout)
         except (OSError, self.distributed.TimeoutError) as error:
             raise ConnectionError(
                 f'cluster {self.address}: no worker came within {self.timeout:g} s; at least 1 is '
-                f'needed: start some there '
-                '(dask-worker)') from error
+                'needed: start some there (dask-worker)') from error
         workers = list(self.client.nthreads())
         self.known.update(workers)
         for problem in self._problems(workers).values():
@@ -452,12 +455,13 @@ class _Cluster:
                             lambda: self.client.run(eval, text, workers=workers, on_error='return'))
         except TimeoutError as error:
             self.isSilent = True
-            return dict.fromkeys(workers, self._silentWorker('one of ' + ', '.join(workers), error))
+            return dict.fromkeys(workers, self._silent_worker('one of ' + ', '.join(workers),
+                                                              error))
         return {worker: self._problem(worker, version) for worker, version in found.items()}
 
     def _problem(self, worker, version):
         if isinstance(version, (OSError, asyncio.TimeoutError)):
-            return self._silentWorker(f'the worker {worker}', version)
+            return self._silent_worker(f'the worker {worker}', version)
         if isinstance(version, BaseException):
             return ImportError(
                 f'cluster {self.address}: the worker {worker} cannot import openmmrigidhi '
@@ -465,9 +469,8 @@ class _Cluster:
                 'install it there, or put it on the PYTHONPATH of the worker')
         if version != _loading.version:
             return ImportError(
-                f'cluster {self.address}: the worker {worker} has openmmrigidhi {version}; it '
-                f'must be {_loading.version}, as '
-                'here: install the same version there')
+                f'cluster {self.address}: the worker {worker} has openmmrigidhi {version}; it must '
+                f'be {_loading.version}, as here: install the same version there')
         return None
 
     def _hear(self, event):
@@ -479,7 +482,7 @@ class _Cluster:
         except (OSError, RuntimeError) as error:
             self.isSilent = isinstance(error, TimeoutError)
             raise self._lost(f' ({error})' if self.isSilent else '') from error
-        self._checkLateWorkers(threads)
+        self._check_late_workers(threads)
         self.usable = [worker for worker in threads if worker not in self.unusable]
         slots = sum(threads[worker] for worker in self.usable)
         if self.local is not None and slots < self.jobs and time.monotonic(
@@ -495,13 +498,12 @@ class _Cluster:
         elif time.monotonic() - self.lonelySince > self.timeout:
             raise ConnectionError(
                 f'cluster {self.address}: it has had no worker for {self.timeout:g} s; at least 1 '
-                f'is needed: start some '
-                'there, then go on where this ended')
+                'is needed: start some there, then go on where this ended')
         # No more tasks than can be done at once: a worker that dies then uses up no attempts of
         # other tasks.
         return slots - len(self.futures)
 
-    def _checkLateWorkers(self, workers):
+    def _check_late_workers(self, workers):
         """Workers of others may come while tasks are done; one that cannot be used gets none."""
         late = [worker for worker in workers if worker not in self.known]
         if self.local is None and late:
@@ -511,7 +513,7 @@ class _Cluster:
                     self.say(f'{problem}; it gets no tasks')
         self.known.update(late)
 
-    def _silentWorker(self, which, error):
+    def _silent_worker(self, which, error):
         return ConnectionError(
             f'cluster {self.address}: {which} does not answer ({error}); every worker must: end '
             f'it, or look what it waits for')
@@ -530,7 +532,7 @@ class _Cluster:
             self.submitted += 1
             # If all of them are gone when it begins, any other one may take it.
             self.futures[job.index] = self.client.submit(
-                _performPickled, payload, self.topic, pure=False,
+                _perform_pickled, payload, self.topic, pure=False,
                 key=f'{self.topic}-{self.submitted}',
                 workers=self.usable if self.unusable else None,
                 allow_other_workers=bool(self.unusable))
@@ -588,8 +590,7 @@ def _backend(function, jobs, cluster, retries, timeout):
     if importlib.util.find_spec('distributed') is None:
         raise ImportError(
             f'cluster {cluster}: dask.distributed is not installed, which talks to clusters: '
-            f'install python3-distributed, or leave the '
-            'cluster out for processes on this machine')
+            'install python3-distributed, or leave the cluster out for processes on this machine')
     return _Cluster(function, jobs, None if cluster == 'local' else cluster, retries, timeout)
 
 
@@ -642,7 +643,7 @@ class _Attempts:
 # ---- All tasks -----------------------------------------------------------------------------------
 
 
-def checkNumbers(jobs, retries):
+def check_numbers(jobs, retries):
     """Check how many tasks are wanted at a time, and how many retries.
 
     Parameters
@@ -662,8 +663,12 @@ def checkNumbers(jobs, retries):
             f'correct it')
 
 
-def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None, amounts=None,
-        unit='task', title='', retries=RETRIES, timeout=60.0, finished=None, quiet=False):
+def run(function: Callable, arguments: Sequence, jobs: int = 1,
+        cluster: Optional[Union[str, distributed.Client]] = None, *,
+        names: Optional[Sequence[str]] = None, directory: Optional[str] = None,
+        amounts: Optional[Sequence[float]] = None, unit: str = 'task', title: str = '',
+        retries: int = RETRIES, timeout: float = 60.0, finished: Optional[Callable] = None,
+        quiet: bool = False) -> list[Outcome]:
     """Call a function for each of many arguments, several at a time.
 
     Outcomes do not depend on who computes what, in which order, unless the function does. Arguments
@@ -735,91 +740,133 @@ def run(function, arguments, jobs=1, cluster=None, *, names=None, directory=None
     [1, 4, 9]
     """
     arguments = list(arguments)
-    checkNumbers(jobs, retries)
-    names = [str(k)
-             for k in range(len(arguments))] if names is None else [str(name) for name in names]
-    if len(names) != len(arguments) or len(set(names)) < len(names):
-        raise ValueError(
-            f'tasks.run: names: got {len(names)} with {len(set(names))} different ones for '
-            f'{len(arguments)} tasks; each task needs one of '
-            'its own: correct the list')
+    check_numbers(jobs, retries)
+    names = _checked_names(names, len(arguments))
     if not arguments:
         return []
-    outcomes, waiting = {}, collections.deque(range(len(arguments)))
-    attempts = [_Attempts() for _ in arguments]
-    # Whether no attempt has begun since a task was submitted last, and how many workers in a row
-    # have died so early.
-    fresh, unborn = [True]*len(arguments), [0]*len(arguments)
     backend = _backend(function, jobs, cluster, retries, timeout)
     bar = _Bar(amounts, len(arguments), unit, title, quiet)
-    backend.tell, backend.say = lambda event: bar.show(event[1], event[2]), bar.say
+    tasks = [
+        _Task(argument, index, name, directory)
+        for index, (argument, name) in enumerate(zip(arguments, names))
+    ]
+    return _Run(tasks, backend, bar, retries, finished).outcomes()
 
-    def end(outcome):
-        outcome.name, outcome.attempts = names[outcome.index], max(1,
-                                                                   attempts[outcome.index].starts)
-        outcomes[outcome.index] = outcome
-        bar.end(outcome.index)
-        if finished is not None:
-            finished(outcome)
 
-    def giveUp(index, how=None):
-        end(
-            Outcome(
-                index, names[index], failure=Failure(
-                    'WorkerDied',
-                    f'{attempts[index].starts + unborn[index]} workers died with it, one after the '
-                    f'other{"" if how is None else f" ({how})"}; more retries than {retries} '
-                    f'without progress are not made: look '
-                    'for what ends the process (memory?), then run it again')))
+def _checked_names(names, count):
+    """The names of all tasks; default: their numbers."""
+    names = [str(k) for k in range(count)] if names is None else [str(name) for name in names]
+    if len(names) != count or len(set(names)) < len(names):
+        raise ValueError(f'tasks.run: names: got {len(names)} with {len(set(names))} different '
+                         f'ones for {count} tasks; each task needs one of its own: correct the '
+                         'list')
+    return names
 
-    def isEarly(index, how):
-        """Whether a worker died before it began with the task; counts them."""
+
+class _Task:
+    """An argument, and what has become of it so far."""
+    def __init__(self, argument, index, name, directory):
+        self.argument, self.index, self.name = argument, index, name
+        self.directory = None if directory is None else os.path.join(directory, name)
+        self.attempts = _Attempts()
+        #: Whether no attempt has begun since the task was submitted last.
+        self.isFresh = True
+        #: How many workers in a row have died so early.
+        self.unborn = 0
+
+    def submit(self, backend):
+        self.isFresh = True
+        backend.submit(self.argument, Job(self.index, self.name, self.directory))
+
+    def start(self):
+        """A worker begins with the task."""
+        # A scheduler has tried it again by itself.
+        if not self.isFresh:
+            self.attempts.end()
+        self.isFresh, self.unborn = False, 0
+        self.attempts.start()
+
+    def has_early_death(self, how):
+        """Whether a worker died before it began with the task; counts such workers."""
         # A scheduler does not tell how its workers died, and counts by itself.
-        early = how is not None and fresh[index]
-        unborn[index] += early
-        return early
+        isEarly = how is not None and self.isFresh
+        self.unborn += isEarly
+        return isEarly
 
-    with contextlib.closing(backend), contextlib.closing(bar):
-        while len(outcomes) < len(arguments):
-            places = backend.free()
-            while waiting and places > 0:
-                index, places = waiting.popleft(), places - 1
-                fresh[index] = True
-                backend.submit(
-                    arguments[index],
-                    Job(index, names[index],
-                        None if directory is None else os.path.join(directory, names[index])))
-            for event, index, what in backend.look():
-                if event == STARTED:
-                    mine = attempts[index]
-                    # A scheduler has tried it again by itself.
-                    if not fresh[index]:
-                        mine.end()
-                    fresh[index], unborn[index] = False, 0
-                    mine.start()
-                    if mine.starts > 1:
-                        bar.say(f'{names[index]}: its worker died; attempt {mine.starts}')
-                    # An external scheduler may allow more attempts.
-                    if mine.fruitless > retries:
-                        backend.cancel(index)
-                        giveUp(index)
-                elif event == PROGRESS:
-                    attempts[index].report(what)
-                    bar.show(index, what)
-                elif event == DONE:
-                    end(what)
-                elif isEarly(index, what) and unborn[index] <= UNBORN*(retries + 1):
-                    # The task has nothing to do with it, unless it never begins.
-                    waiting.appendleft(index)
-                else:
-                    attempts[index].end()
-                    # A scheduler that gives up ignores progress, and has a number of retries of its
-                    # own.
-                    if attempts[index].fruitless <= retries:
-                        waiting.appendleft(index)
-                    else:
-                        giveUp(index, what)
-    return [outcomes[index] for index in range(len(arguments))]
+
+class _Run:
+    """All tasks, from the first one that is submitted to the last outcome.
+
+    Each kind of event that a backend sees has a method of its own.
+    """
+    def __init__(self, tasks, backend, bar, retries, finished):
+        self._tasks, self._backend, self._bar = tasks, backend, bar
+        self._retries, self._finished = retries, finished
+        self._waiting = collections.deque(tasks)
+        self._outcomes = {}
+        self._events = {
+            STARTED: self._start,
+            PROGRESS: self._report,
+            DONE: self._end,
+            DIED: self._bury
+        }
+        backend.tell, backend.say = lambda event: bar.show(event[1], event[2]), bar.say
+
+    def outcomes(self):
+        """Do all tasks. Returns the list of Outcome, in the order of the tasks."""
+        with contextlib.closing(self._backend), contextlib.closing(self._bar):
+            while len(self._outcomes) < len(self._tasks):
+                places = self._backend.free()
+                while self._waiting and places > 0:
+                    self._waiting.popleft().submit(self._backend)
+                    places -= 1
+                for event, index, what in self._backend.look():
+                    self._events[event](self._tasks[index], what)
+        return [self._outcomes[task.index] for task in self._tasks]
+
+    def _start(self, task, _):
+        task.start()
+        if task.attempts.starts > 1:
+            self._bar.say(f'{task.name}: its worker died; attempt {task.attempts.starts}')
+        # An external scheduler may allow more attempts.
+        if task.attempts.fruitless > self._retries:
+            self._backend.cancel(task.index)
+            self._give_up(task)
+
+    def _report(self, task, done):
+        task.attempts.report(done)
+        self._bar.show(task.index, done)
+
+    def _end(self, task, outcome):
+        outcome.name, outcome.attempts = task.name, max(1, task.attempts.starts)
+        self._outcomes[task.index] = outcome
+        self._bar.end(task.index)
+        if self._finished is not None:
+            self._finished(outcome)
+
+    def _bury(self, task, how):
+        """A worker has died with the task: another one gets it, if it has a chance."""
+        if task.has_early_death(how) and task.unborn <= UNBORN*(self._retries + 1):
+            # The task has nothing to do with it, unless it never begins.
+            self._waiting.appendleft(task)
+            return
+        task.attempts.end()
+        # A scheduler that gives up ignores progress, and has a number of retries of its own.
+        if task.attempts.fruitless <= self._retries:
+            self._waiting.appendleft(task)
+        else:
+            self._give_up(task, how)
+
+    def _give_up(self, task, how=None):
+        died = f'{task.attempts.starts + task.unborn} workers died with it, one after the other'
+        cause = '' if how is None else f' ({how})'
+        self._end(
+            task,
+            Outcome(
+                task.index, task.name, failure=Failure(
+                    'WorkerDied',
+                    f'{died}{cause}; more retries than {self._retries} without progress are not '
+                    'made: look for what ends the process (memory?), then run it again')))
 
 
 class _Bar:

@@ -104,7 +104,7 @@ def constant(value, kind, where, name):
     if isinstance(value, str):
         if value not in kind.__members__:
             raise ValueError(f'{where}: {name}: {value!r} is no {kind.__name__}; the names are '
-                             f'{", ".join(_likeliestFirst(value, kind))}: give one of these names')
+                             f'{", ".join(_likeliest_first(value, kind))}: give one of these names')
         return int(kind[value])
     if isinstance(value, (bool, np.bool_)) or not hasattr(value, '__index__') or (isinstance(
             value, enum.Enum) and not isinstance(value, kind)):
@@ -113,7 +113,7 @@ def constant(value, kind, where, name):
     return integer(value, where, name)
 
 
-def _likeliestFirst(wrong, kind):
+def _likeliest_first(wrong, kind):
     """The names of an enumeration; a name that the user may have meant comes first."""
     names = {member.lower(): member for member in kind.__members__}
     near = [names[key] for key in difflib.get_close_matches(wrong.lower(), names)]
@@ -187,7 +187,7 @@ def vector(value, dimension, where, name):
     return array
 
 
-def oneOrEach(values, dimension, columns, items, where, name):
+def one_or_each(values, dimension, columns, items, where, name):
     """An array (columns,) for all items of a stack, or (n, columns) for each item.
 
     items is None if there is only one item; then n may be any number.
@@ -208,12 +208,11 @@ def sequence(values, dimension, where, name):
     if array.ndim != 1:
         raise ValueError(
             f'{where}: {name}: got an array of shape {array.shape}; it must be a plain sequence of '
-            f'numbers: '
-            'give one number per item')
+            'numbers: give one number per item')
     return array
 
 
-def perSite(values, dimension, count, where, name):
+def per_site(values, dimension, count, where, name):
     """A list of one number for each site, finite and not negative; a single number is for all."""
     try:
         numbers_ = np.full(count, number(values, dimension, where, name))
@@ -236,8 +235,7 @@ def frames(values, dimension, columns, where, name):
     if array.ndim != 3 or array.shape[2] != columns or array.size == 0:
         raise ValueError(
             f'{where}: {name}: got an array of shape {array.shape}; a trajectory must have the '
-            f'shape '
-            f'(frames, bodies, {columns}): reshape it')
+            f'shape (frames, bodies, {columns}): reshape it')
     if not np.all(np.isfinite(array)):
         frame, body, _ = np.argwhere(~np.isfinite(array))[0]
         raise ValueError(f'{where}: {name}: frame {frame}, body {body}: the trajectory holds '

@@ -1,9 +1,12 @@
 """CustomBodyForce: the Python side of the C++ class, with checked types and documentation."""
+from __future__ import annotations
+
 import numpy as np
 import openmm
 from openmm import unit
 
 from . import _bindings, _copies, _units
+from ._types import Number, Numbers
 
 _Base = _bindings.CustomBodyForce
 
@@ -94,7 +97,7 @@ class CustomBodyForce(_copies.Copies, _Base):
     _base = _Base
     _generic = openmm.Force
 
-    def __init__(self, fx, fy, fz, tx, ty, tz):
+    def __init__(self, fx: str, fy: str, fz: str, tx: str, ty: str, tz: str) -> None:
         given = {'fx': fx, 'fy': fy, 'fz': fz, 'tx': tx, 'ty': ty, 'tz': tz}
         super().__init__(*[_text(value, '__init__', name) for name, value in given.items()])
 
@@ -104,7 +107,7 @@ class CustomBodyForce(_copies.Copies, _Base):
         return f'<CustomBodyForce: {expressions}, {self.getNumBodies()} bodies>'
 
     @staticmethod
-    def cast(obj):
+    def cast(obj: openmm.Force) -> CustomBodyForce:
         """Get a CustomBodyForce from a generic openmm.Force.
 
         ``system.getForce`` and deserialisation return the generic class.
@@ -125,11 +128,11 @@ class CustomBodyForce(_copies.Copies, _Base):
         TypeError
             if obj is anything else
         """
-        return CustomBodyForce._castGeneric(obj)
+        return CustomBodyForce._cast_generic(obj)
 
     # ---- Expressions -----------------------------------------------------------------------------
 
-    def getExpression(self, component):
+    def getExpression(self, component: str) -> str:
         """Get one of the six expressions, a str.
 
         Parameters
@@ -139,7 +142,7 @@ class CustomBodyForce(_copies.Copies, _Base):
         """
         return super().getExpression(_text(component, 'getExpression', 'component'))
 
-    def setExpression(self, component, expression):
+    def setExpression(self, component: str, expression: str) -> None:
         """Set one of the six expressions.
 
         The expression takes effect at the next Context creation or reinitialize().
@@ -156,11 +159,11 @@ class CustomBodyForce(_copies.Copies, _Base):
 
     # ---- Parameters ------------------------------------------------------------------------------
 
-    def getNumPerBodyParameters(self):
+    def getNumPerBodyParameters(self) -> int:
         """Get the number of per-body parameters."""
         return super().getNumPerBodyParameters()
 
-    def addPerBodyParameter(self, name):
+    def addPerBodyParameter(self, name: str) -> int:
         """Add a per-body parameter, and get its index.
 
         Parameters
@@ -171,11 +174,11 @@ class CustomBodyForce(_copies.Copies, _Base):
         """
         return super().addPerBodyParameter(_text(name, 'addPerBodyParameter', 'name'))
 
-    def getPerBodyParameterName(self, index):
+    def getPerBodyParameterName(self, index: int) -> str:
         """Get the name of a per-body parameter by its index."""
         return super().getPerBodyParameterName(self._index(index, 'getPerBodyParameterName'))
 
-    def setPerBodyParameterName(self, index, name):
+    def setPerBodyParameterName(self, index: int, name: str) -> None:
         """Set the name of a per-body parameter by its index.
 
         Parameters and errors as in :meth:`addPerBodyParameter`.
@@ -183,11 +186,11 @@ class CustomBodyForce(_copies.Copies, _Base):
         super().setPerBodyParameterName(self._index(index, 'setPerBodyParameterName'),
                                         _text(name, 'setPerBodyParameterName', 'name'))
 
-    def getNumGlobalParameters(self):
+    def getNumGlobalParameters(self) -> int:
         """Get the number of global parameters."""
         return super().getNumGlobalParameters()
 
-    def addGlobalParameter(self, name, defaultValue):
+    def addGlobalParameter(self, name: str, defaultValue: Number) -> int:
         """Add a global parameter, which is a parameter of the Context, and get its index.
 
         Parameters
@@ -202,11 +205,11 @@ class CustomBodyForce(_copies.Copies, _Base):
             _text(name, 'addGlobalParameter', 'name'),
             _value(defaultValue, 'addGlobalParameter', 'defaultValue'))
 
-    def getGlobalParameterName(self, index):
+    def getGlobalParameterName(self, index: int) -> str:
         """Get the name of a global parameter by its index."""
         return super().getGlobalParameterName(self._index(index, 'getGlobalParameterName'))
 
-    def setGlobalParameterName(self, index, name):
+    def setGlobalParameterName(self, index: int, name: str) -> None:
         """Set the name of a global parameter by its index.
 
         Parameters and errors as in :meth:`addGlobalParameter`.
@@ -214,12 +217,12 @@ class CustomBodyForce(_copies.Copies, _Base):
         super().setGlobalParameterName(self._index(index, 'setGlobalParameterName'),
                                        _text(name, 'setGlobalParameterName', 'name'))
 
-    def getGlobalParameterDefaultValue(self, index):
+    def getGlobalParameterDefaultValue(self, index: int) -> float:
         """Get the value of a global parameter in a new Context by its index, in OpenMM's units."""
         return super().getGlobalParameterDefaultValue(
             self._index(index, 'getGlobalParameterDefaultValue'))
 
-    def setGlobalParameterDefaultValue(self, index, defaultValue):
+    def setGlobalParameterDefaultValue(self, index: int, defaultValue: Number) -> None:
         """Set the value of a global parameter in a new Context.
 
         Parameters
@@ -235,11 +238,11 @@ class CustomBodyForce(_copies.Copies, _Base):
 
     # ---- Bodies ----------------------------------------------------------------------------------
 
-    def getNumBodies(self):
+    def getNumBodies(self) -> int:
         """Get the number of entries; an entry lets this force act on a body."""
         return super().getNumBodies()
 
-    def addBody(self, bodyIndex, parameters=()):
+    def addBody(self, bodyIndex: int, parameters: Numbers = ()) -> int:
         """Let the force act on a body; it acts twice on a body that is added twice.
 
         Parameters
@@ -257,7 +260,7 @@ class CustomBodyForce(_copies.Copies, _Base):
         return super().addBody(_units.integer(bodyIndex, _where('addBody'), 'bodyIndex'),
                                self._parameters(parameters, 'addBody'))
 
-    def getBodyParameters(self, index):
+    def getBodyParameters(self, index: int) -> tuple[int, tuple[float, ...]]:
         """Get the body and the parameters of an entry.
 
         Parameters
@@ -275,7 +278,7 @@ class CustomBodyForce(_copies.Copies, _Base):
         body, buffer = super().getBodyParameters(self._index(index, 'getBodyParameters'))
         return body, tuple(np.frombuffer(buffer, dtype=np.double).tolist())
 
-    def setBodyParameters(self, index, bodyIndex, parameters=()):
+    def setBodyParameters(self, index: int, bodyIndex: int, parameters: Numbers = ()) -> None:
         """Set the body and the parameters of an entry.
 
         The change takes effect at the next Context creation, or with
@@ -295,7 +298,7 @@ class CustomBodyForce(_copies.Copies, _Base):
             _units.integer(bodyIndex, _where('setBodyParameters'), 'bodyIndex'),
             self._parameters(parameters, 'setBodyParameters'))
 
-    def updateParametersInContext(self, context):
+    def updateParametersInContext(self, context: openmm.Context) -> None:
         """Copy the per-body parameters of all entries to a Context.
 
         Expressions, names and the set of bodies stay as they were when the Context was created.
@@ -314,7 +317,7 @@ class CustomBodyForce(_copies.Copies, _Base):
         super().updateParametersInContext(
             _units.context(context, _where('updateParametersInContext')))
 
-    def usesPeriodicBoundaryConditions(self):
+    def usesPeriodicBoundaryConditions(self) -> bool:
         """Get whether this force uses periodic boundary conditions.
 
         It does not: positions are unwrapped.

@@ -1,9 +1,18 @@
 """CustomRigidHIIntegrator: the Python side of the C++ class, with units and checked shapes."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Iterable, Optional, Sequence, Union
+
 import numpy as np
 import openmm
 
 from . import _bindings, _copies, _enums, _schemes, _units
+from ._types import Array, Number, Numbers
 from ._schemes import Scheme
+
+if TYPE_CHECKING:
+    from openmm import unit
+    import numpy.typing as npt
 
 _Base = _bindings.CustomRigidHIIntegrator
 
@@ -20,8 +29,7 @@ class NoiseLaw(_enums.Documented):
         '(Davidchack 2015, eq. 21).')
     TwoPoint = _Base.TwoPoint, (
         '+-1 with probability 1/2 each: enough for weak order 1, so for GradientThermostat and the '
-        'schemes without momenta in a fluid '
-        '(Davidchack 2015, eq. 31).')
+        'schemes without momenta in a fluid (Davidchack 2015, eq. 31).')
 
 
 class WallRejection(_enums.Documented):
@@ -35,8 +43,7 @@ class WallRejection(_enums.Documented):
         '(default).')
     Crossing = _Base.Crossing, (
         'Steps after which the centre of a hydrodynamic particle is on the wall or behind it; '
-        'particles that reach through a NoSlipWall '
-        'have damped mobilities.')
+        'particles that reach through a NoSlipWall have damped mobilities.')
 
 
 class DriftCorrectorScaling(_enums.Documented):
@@ -49,6 +56,13 @@ class DriftCorrectorScaling(_enums.Documented):
         'The slips (random surface velocities) alone (default): the same weak order, without noise '
         'on what forces do.')
     Whole = _Base.Whole, 'The whole step, as in Westwood 2022, eq. 44.'
+
+
+# The class has attributes of the same names, which its annotations would mean.
+_Scheme = Scheme
+_NoiseLaw = NoiseLaw
+_WallRejection = WallRejection
+_DriftCorrectorScaling = DriftCorrectorScaling
 
 
 def _where(method):
@@ -113,7 +127,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     SlipOnly = DriftCorrectorScaling.SlipOnly
     Whole = DriftCorrectorScaling.Whole
 
-    def __init__(self, temperature, stepSize, *others, **named):
+    def __init__(self, temperature: Number, stepSize: Number, *others: Any, **named: Any) -> None:
         if others or named:
             # Langevin integrators of OpenMM take (temperature, friction, stepSize).
             extra = ', '.join([f'{value!r}' for value in (temperature, stepSize, *others)] +
@@ -129,13 +143,12 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     def __repr__(self):
         return (f'<CustomRigidHIIntegrator: {self.getScheme().name}, {self.getTemperature()}, '
-                f'{self.getStepSize()}, '
-                f'{self.getNumRigidBodies()} bodies>')
+                f'{self.getStepSize()}, {self.getNumRigidBodies()} bodies>')
 
     # ---- Copies ----------------------------------------------------------------------------------
 
     @staticmethod
-    def cast(obj):
+    def cast(obj: openmm.Integrator) -> CustomRigidHIIntegrator:
         """Get a CustomRigidHIIntegrator from a generic openmm.Integrator.
 
         OpenMM's deserialisation and copies return the generic class.
@@ -156,14 +169,16 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         TypeError
             if obj is anything else
         """
-        return CustomRigidHIIntegrator._castGeneric(obj)
+        return CustomRigidHIIntegrator._cast_generic(obj)
 
     _base = _Base
     _generic = openmm.Integrator
 
     # ---- Bodies ----------------------------------------------------------------------------------
 
-    def addRigidBody(self, particles, mass=None, principalMoments=None, sitePositions=None):
+    def addRigidBody(self, particles: Sequence[int], mass: Optional[Number] = None,
+                     principalMoments: Optional[Numbers] = None,
+                     sitePositions: Optional[Numbers] = None) -> int:
         """Add a rigid body.
 
         With particles alone, shape, mass and inertia come from the System. Mass and inertia come
@@ -224,19 +239,19 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                 f'explicit body '
                 'needs all three: give them all, or none to take them from the System')
         return super().addRigidBody(
-            indices, *self._explicitBody(where, mass, principalMoments, sitePositions))
+            indices, *self._explicit_body(where, mass, principalMoments, sitePositions))
 
     @staticmethod
-    def _explicitBody(where, mass, principalMoments, sitePositions):
+    def _explicit_body(where, mass, principalMoments, sitePositions):
         return (_units.number(mass, _units.MASS, where, 'mass'),
                 _units.vector(principalMoments, _units.MOMENT, where, 'principalMoments'),
                 _units.rows(sitePositions, _units.LENGTH, 3, where, 'sitePositions'))
 
-    def getNumRigidBodies(self):
+    def getNumRigidBodies(self) -> int:
         """Get the number of rigid bodies."""
         return super().getNumRigidBodies()
 
-    def getNumRigidBodiesOfContext(self):
+    def getNumRigidBodiesOfContext(self) -> int:
         """Get the number of rigid bodies of the bound Context.
 
         It is the number of bodies at the creation of the Context. Bodies that are added later wait
@@ -244,7 +259,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return super().getNumRigidBodiesOfContext()
 
-    def getRigidBodyParameters(self, index):
+    def getRigidBodyParameters(
+            self, index: int) -> tuple[list[int], unit.Quantity, unit.Quantity, unit.Quantity]:
         """Get the definition of a body.
 
         For a body without explicit geometry this needs a Context whose positions are set (or a
@@ -277,7 +293,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                 _units.MOMENT.attach(_units.array(moments)),
                 _units.LENGTH.attach(_units.array(sites, 3)))
 
-    def getRigidBodyParticles(self, index):
+    def getRigidBodyParticles(self, index: int) -> list[int]:
         """Get the indices of a body's particles, a list of int; no Context is needed.
 
         Parameters
@@ -288,16 +304,17 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         buffer = super().getRigidBodyParticles(self._index(index, 'getRigidBodyParticles'))
         return np.frombuffer(buffer, dtype=np.intc).tolist()
 
-    def getRigidBodyIsExplicit(self, index):
+    def getRigidBodyIsExplicit(self, index: int) -> bool:
         """Get whether a body was given explicit mass, moments and sites."""
         return super().getRigidBodyIsExplicit(self._index(index, 'getRigidBodyIsExplicit'))
 
-    def getRigidBodyGeometryIsKnown(self, index):
+    def getRigidBodyGeometryIsKnown(self, index: int) -> bool:
         """Get whether mass, moments and sites of a body are known."""
         return super().getRigidBodyGeometryIsKnown(self._index(index,
                                                                'getRigidBodyGeometryIsKnown'))
 
-    def setRigidBodyParameters(self, index, particles, mass, principalMoments, sitePositions):
+    def setRigidBodyParameters(self, index: int, particles: Iterable[int], mass: Number,
+                               principalMoments: Numbers, sitePositions: Numbers) -> None:
         """Replace the definition of a body by an explicit one.
 
         The definition takes effect at the next Context creation or reinitialize(). A state that was
@@ -308,9 +325,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setRigidBodyParameters(
             self._index(index, 'setRigidBodyParameters'),
             _units.indices(particles, where, 'particles'),
-            *self._explicitBody(where, mass, principalMoments, sitePositions))
+            *self._explicit_body(where, mass, principalMoments, sitePositions))
 
-    def resetBodyGeometry(self):
+    def resetBodyGeometry(self) -> None:
         """Forget the geometry of all bodies that were added without an explicit one.
 
         The present positions of the Context, or the next ones, define the geometry anew.
@@ -323,11 +340,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     # ---- Settings --------------------------------------------------------------------------------
 
-    def getScheme(self):
+    def getScheme(self) -> _Scheme:
         """Get the scheme, one of the class attributes that :meth:`setScheme` takes."""
         return Scheme(super().getScheme())
 
-    def setScheme(self, scheme):
+    def setScheme(self, scheme: Union[_Scheme, str, int]) -> None:
         """Set the scheme (default LangevinC); it may be changed between steps.
 
         Parameters
@@ -345,11 +362,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         super().setScheme(_units.constant(scheme, Scheme, _where('setScheme'), 'scheme'))
 
-    def getNoiseLaw(self):
+    def getNoiseLaw(self) -> _NoiseLaw:
         """Get the law of the random numbers (Gaussian, ThreePoint or TwoPoint)."""
         return NoiseLaw(super().getNoiseLaw())
 
-    def setNoiseLaw(self, law):
+    def setNoiseLaw(self, law: Union[_NoiseLaw, str, int]) -> None:
         """Set the law of the random numbers; all have mean 0 and variance 1.
 
         Parameters
@@ -362,11 +379,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         super().setNoiseLaw(_units.constant(law, NoiseLaw, _where('setNoiseLaw'), 'law'))
 
-    def getTemperature(self):
+    def getTemperature(self) -> unit.Quantity:
         """Get the temperature of the heat bath, a Quantity in K."""
         return _units.TEMPERATURE.attach(super().getTemperature())
 
-    def setTemperature(self, temperature):
+    def setTemperature(self, temperature: Number) -> None:
         """Set the temperature of the heat bath, K; not negative, finite.
 
         At 0 there is no noise, and no random numbers are drawn.
@@ -374,22 +391,22 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setTemperature(
             self._number(temperature, _units.TEMPERATURE, 'setTemperature', 'temperature'))
 
-    def getFriction(self):
+    def getFriction(self) -> unit.Quantity:
         """Get the translational friction gamma of the Langevin schemes, a Quantity in 1/ps."""
         return _units.RATE.attach(super().getFriction())
 
-    def setFriction(self, gamma):
+    def setFriction(self, gamma: Number) -> None:
         """Set gamma, the rate at which momenta relax (eq. 8), 1/ps; default 1.
 
         It is for the momenta of bodies and of free particles.
         """
         super().setFriction(self._number(gamma, _units.RATE, 'setFriction', 'gamma'))
 
-    def getRotationalFriction(self):
+    def getRotationalFriction(self) -> unit.Quantity:
         """Get the rotational friction Gamma of the Langevin schemes, a Quantity in 1/ps."""
         return _units.RATE.attach(super().getRotationalFriction())
 
-    def setRotationalFriction(self, Gamma):
+    def setRotationalFriction(self, Gamma: Number) -> None:
         """Set Gamma (eqs. 9, 10), 1/ps; default 1.
 
         Body axis k relaxes at the rate Gamma / (I_k sum_j 1/I_j). Where a moment is below a tenth
@@ -398,11 +415,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setRotationalFriction(
             self._number(Gamma, _units.RATE, 'setRotationalFriction', 'Gamma'))
 
-    def getInertiaScale(self):
+    def getInertiaScale(self) -> float:
         """Get the factor of the principal moments in the dynamics."""
         return super().getInertiaScale()
 
-    def setInertiaScale(self, factor):
+    def setInertiaScale(self, factor: float) -> None:
         """Set the factor of the principal moments in the dynamics; default 1.
 
         Schemes with momenta multiply the principal moments of all bodies by the factor.
@@ -434,7 +451,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         super().setInertiaScale(self._number(factor, _units.NONE, 'setInertiaScale', 'factor'))
 
-    def setBodyFriction(self, index, gamma, Gamma):
+    def setBodyFriction(self, index: int, gamma: Number, Gamma: Number) -> None:
         """Give one body its own frictions.
 
         Parameters
@@ -448,7 +465,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                                 self._number(gamma, _units.RATE, 'setBodyFriction', 'gamma'),
                                 self._number(Gamma, _units.RATE, 'setBodyFriction', 'Gamma'))
 
-    def getBodyFriction(self, index):
+    def getBodyFriction(self, index: int) -> tuple[unit.Quantity, unit.Quantity]:
         """Get the pair (gamma, Gamma) of one body, Quantities in 1/ps.
 
         They are the body's own frictions, or else those of the integrator.
@@ -456,34 +473,34 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         gamma, Gamma = super().getBodyFriction(self._index(index, 'getBodyFriction'))
         return _units.RATE.attach(gamma), _units.RATE.attach(Gamma)
 
-    def getBodyHasOwnFriction(self, index):
+    def getBodyHasOwnFriction(self, index: int) -> bool:
         """Get whether a body has its own frictions."""
         return super().getBodyHasOwnFriction(self._index(index, 'getBodyHasOwnFriction'))
 
-    def clearBodyFriction(self, index):
+    def clearBodyFriction(self, index: int) -> None:
         """Let a body use the frictions of the integrator again."""
         super().clearBodyFriction(self._index(index, 'clearBodyFriction'))
 
-    def getGradientRelaxationTime(self):
+    def getGradientRelaxationTime(self) -> unit.Quantity:
         """Get upsilon of GradientThermostat, a Quantity in ps."""
         return _units.TIME.attach(super().getGradientRelaxationTime())
 
-    def setGradientRelaxationTime(self, upsilon):
+    def setGradientRelaxationTime(self, upsilon: Number) -> None:
         """Set upsilon of GradientThermostat (eq. 15), ps; default 0.004; positive, finite."""
         super().setGradientRelaxationTime(
             self._number(upsilon, _units.TIME, 'setGradientRelaxationTime', 'upsilon'))
 
-    def getGradientRotationalRelaxationTime(self):
+    def getGradientRotationalRelaxationTime(self) -> unit.Quantity:
         """Get Upsilon of GradientThermostat, a Quantity in ps."""
         return _units.TIME.attach(super().getGradientRotationalRelaxationTime())
 
-    def setGradientRotationalRelaxationTime(self, Upsilon):
+    def setGradientRotationalRelaxationTime(self, Upsilon: Number) -> None:
         """Set Upsilon of GradientThermostat (eq. 16), ps; default 0.001; positive, finite."""
         method = 'setGradientRotationalRelaxationTime'
         super().setGradientRotationalRelaxationTime(
             self._number(Upsilon, _units.TIME, method, 'Upsilon'))
 
-    def getRandomNumberSeed(self):
+    def getRandomNumberSeed(self) -> int:
         """Get the seed in use, an int.
 
         It is that of the bound Context, which was set, drawn afresh, or loaded with a checkpoint or
@@ -491,11 +508,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return super().getRandomNumberSeed()
 
-    def getRandomNumberSeedAsSet(self):
+    def getRandomNumberSeedAsSet(self) -> int:
         """Get the seed that the next Context begins with: as it was set, 0 for a fresh one."""
         return super().getRandomNumberSeedAsSet()
 
-    def setRandomNumberSeed(self, seed):
+    def setRandomNumberSeed(self, seed: int) -> None:
         """Set the seed, an int.
 
         With 0 (default) each Context draws a fresh seed. A bound Context uses the new seed from its
@@ -508,11 +525,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         super().setRandomNumberSeed(_units.integer(seed, _where('setRandomNumberSeed'), 'seed'))
 
-    def getPoseTolerance(self):
+    def getPoseTolerance(self) -> unit.Quantity:
         """Get the pose tolerance, a Quantity in nm."""
         return _units.LENGTH.attach(super().getPoseTolerance())
 
-    def setPoseTolerance(self, tolerance):
+    def setPoseTolerance(self, tolerance: Number) -> None:
         """Set how far a particle may lie from its place in the body, nm; default 2e-3.
 
         The tolerance applies when positions are given to the Context. Particles within the
@@ -524,11 +541,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setPoseTolerance(
             self._number(tolerance, _units.LENGTH, 'setPoseTolerance', 'tolerance'))
 
-    def getFiniteDifferenceStep(self):
+    def getFiniteDifferenceStep(self) -> float:
         """Get the relative finite-difference step; 0: chosen by the solver."""
         return super().getFiniteDifferenceStep()
 
-    def setFiniteDifferenceStep(self, relative):
+    def setFiniteDifferenceStep(self, relative: Number) -> None:
         """Set the relative step delta of the finite differences; from 0 to 0.1.
 
         The schemes without momenta in a fluid take these differences. Bodies are displaced by delta
@@ -545,11 +562,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setFiniteDifferenceStep(
             self._number(relative, _units.NONE, 'setFiniteDifferenceStep', 'relative'))
 
-    def getNumHostThreads(self):
+    def getNumHostThreads(self) -> int:
         """Get the number of threads of the host as it was set (0: OpenMM's default)."""
         return super().getNumHostThreads()
 
-    def setNumHostThreads(self, number):
+    def setNumHostThreads(self, number: int) -> None:
         """Set the number of threads for bodies, fluid and noise on a device's host; 0 to 1024.
 
         The number is for platforms other than Reference and CPU. On these platforms forces are
@@ -561,11 +578,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         super().setNumHostThreads(_units.integer(number, _where('setNumHostThreads'), 'number'))
 
-    def getWallRejection(self):
+    def getWallRejection(self) -> _WallRejection:
         """Get which steps through a wall are redone (Overlap or Crossing)."""
         return WallRejection(super().getWallRejection())
 
-    def setWallRejection(self, rejection):
+    def setWallRejection(self, rejection: Union[_WallRejection, str, int]) -> None:
         """Set which steps through a wall are redone with new noise.
 
         The setting is for a MobilityForce with the boundary NoSlipWall or SlipChannel. It may be
@@ -588,11 +605,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setWallRejection(
             _units.constant(rejection, WallRejection, _where('setWallRejection'), 'rejection'))
 
-    def getDriftCorrectorScaling(self):
+    def getDriftCorrectorScaling(self) -> _DriftCorrectorScaling:
         """Get what the drift factor of the drift-correctors multiplies (SlipOnly or Whole)."""
         return DriftCorrectorScaling(super().getDriftCorrectorScaling())
 
-    def setDriftCorrectorScaling(self, scaling):
+    def setDriftCorrectorScaling(self, scaling: Union[_DriftCorrectorScaling, str, int]) -> None:
         """Set what the drift factor nu of DriftCorrectorFD and DriftCorrectorRFD multiplies.
 
         nu = 1 + (h/2) div V is one number for all bodies of a group. It fluctuates about 1 by the
@@ -611,11 +628,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             _units.constant(scaling, DriftCorrectorScaling, _where('setDriftCorrectorScaling'),
                             'scaling'))
 
-    def getMaximumRejections(self):
+    def getMaximumRejections(self) -> int:
         """Get how many times in a row a step may be redone."""
         return super().getMaximumRejections()
 
-    def setMaximumRejections(self, number):
+    def setMaximumRejections(self, number: int) -> None:
         """Set how many times in a row a step may be redone with new noise; default 100.
 
         The number is from 0 to 65535. More redone steps in a row are an error. Steps are redone
@@ -626,7 +643,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setMaximumRejections(
             _units.integer(number, _where('setMaximumRejections'), 'number'))
 
-    def getNumRejectedSteps(self):
+    def getNumRejectedSteps(self) -> int:
         """Get how many steps were redone since the Context was created, at most 2**31 - 1.
 
         In schemes without momenta every group of :meth:`MobilityForce.setGroups` counts its own
@@ -634,11 +651,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return super().getNumRejectedSteps()
 
-    def setStepSize(self, size):
+    def setStepSize(self, size: Number) -> None:
         """Set the step size, ps; positive, finite."""
         super().setStepSize(self._number(size, _units.TIME, 'setStepSize', 'size'))
 
-    def setConstraintTolerance(self, tolerance):
+    def setConstraintTolerance(self, tolerance: Number) -> None:
         """Set the relative tolerance of the constraints of free particles; positive, finite."""
         super().setConstraintTolerance(
             self._number(tolerance, _units.NONE, 'setConstraintTolerance', 'tolerance'))
@@ -649,7 +666,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     # ---- State of the bodies of the bound Context ------------------------------------------------
 
-    def getBodyPositions(self):
+    def getBodyPositions(self) -> unit.Quantity:
         """Get the positions of the bodies' origins, a Quantity of shape (n, 3).
 
         The positions are in nm, in the lab frame, unwrapped. The origin is the centre of mass.
@@ -659,14 +676,14 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return _units.LENGTH.attach(_units.array(super().getBodyPositions(), 3))
 
-    def getBodyOrientations(self):
+    def getBodyOrientations(self) -> Array:
         """Get the orientations of the bodies, an array of shape (n, 4).
 
         Rows are unit quaternions (w, x, y, z), from the body frame to the lab frame.
         """
         return _units.array(super().getBodyOrientations(), 4)
 
-    def getBodyVelocities(self):
+    def getBodyVelocities(self) -> unit.Quantity:
         """Get the velocities of the bodies' origins, a Quantity of shape (n, 3).
 
         The velocities are in nm/ps, in the lab frame. Under schemes without momenta they are the
@@ -674,11 +691,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return _units.VELOCITY.attach(_units.array(super().getBodyVelocities(), 3))
 
-    def getBodyAngularVelocities(self):
+    def getBodyAngularVelocities(self) -> unit.Quantity:
         """Get the angular velocities of the bodies: Quantity of shape (n, 3), rad/ps, lab frame."""
         return _units.ANGULAR_VELOCITY.attach(_units.array(super().getBodyAngularVelocities(), 3))
 
-    def setBodyPositions(self, positions):
+    def setBodyPositions(self, positions: Numbers) -> None:
         """Set the positions of the bodies' origins, and move their particles.
 
         Parameters
@@ -689,7 +706,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setBodyPositions(
             self._rows(positions, _units.LENGTH, 3, 'setBodyPositions', 'positions'))
 
-    def setBodyOrientations(self, orientations):
+    def setBodyOrientations(self, orientations: npt.ArrayLike) -> None:
         """Set the orientations of the bodies, and move their particles.
 
         Parameters
@@ -701,7 +718,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setBodyOrientations(
             self._rows(orientations, _units.NONE, 4, 'setBodyOrientations', 'orientations'))
 
-    def setBodyVelocities(self, velocities):
+    def setBodyVelocities(self, velocities: Numbers) -> None:
         """Set the velocities of the bodies' origins.
 
         Parameters
@@ -712,7 +729,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setBodyVelocities(
             self._rows(velocities, _units.VELOCITY, 3, 'setBodyVelocities', 'velocities'))
 
-    def setBodyAngularVelocities(self, angularVelocities):
+    def setBodyAngularVelocities(self, angularVelocities: Numbers) -> None:
         """Set the angular velocities of the bodies.
 
         Components about axes without inertia are dropped.
@@ -738,13 +755,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         if len(result) != count:
             raise ValueError(
                 f'{_where(method)}: {name}: got {len(result)} rows; {count} of the integrator\'s '
-                f'{known} bodies are there, the '
-                'others were added after the Context was created: give a row for each that is '
-                'there, or reinitialize the '
-                'Context')
+                f'{known} bodies are there, the others were added after the Context was created: '
+                'give a row for each that is there, or reinitialize the Context')
         return result
 
-    def getBodyForces(self):
+    def getBodyForces(self) -> unit.Quantity:
         """Get the total forces on the bodies at the last force evaluation of the last step.
 
         Returns
@@ -754,7 +769,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return _units.FORCE.attach(_units.array(super().getBodyForces(), 3))
 
-    def getBodyTorques(self):
+    def getBodyTorques(self) -> unit.Quantity:
         """Get the total torques on the bodies at the last force evaluation of the last step.
 
         The torques are about the bodies' origins.
@@ -766,7 +781,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return _units.ENERGY.attach(_units.array(super().getBodyTorques(), 3))
 
-    def getPoseResidual(self):
+    def getPoseResidual(self) -> unit.Quantity:
         """Get the largest distance of a particle from its place in its body, a Quantity in nm.
 
         The distance is that of the last fit of poses to positions.
@@ -775,14 +790,14 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     # ---- Energies and temperature ----------------------------------------------------------------
 
-    def computeTranslationalKineticEnergy(self):
+    def computeTranslationalKineticEnergy(self) -> unit.Quantity:
         """Get the translational kinetic energy of all bodies, a Quantity in kJ/mol.
 
         It is 0 for schemes without momenta.
         """
         return _units.ENERGY.attach(super().computeTranslationalKineticEnergy())
 
-    def computeRotationalKineticEnergies(self):
+    def computeRotationalKineticEnergies(self) -> unit.Quantity:
         """Get the rotational kinetic energies, summed over bodies; 0 for schemes without momenta.
 
         Returns
@@ -793,14 +808,14 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return _units.ENERGY.attach(_units.array(super().computeRotationalKineticEnergies()))
 
-    def computeFreeParticleKineticEnergy(self):
+    def computeFreeParticleKineticEnergy(self) -> unit.Quantity:
         """Get the kinetic energy of the free particles, a Quantity in kJ/mol.
 
         It is 0 for schemes without momenta.
         """
         return _units.ENERGY.attach(super().computeFreeParticleKineticEnergy())
 
-    def getDegreesOfFreedom(self):
+    def getDegreesOfFreedom(self) -> dict:
         """Get the numbers of kinetic degrees of freedom, a dict of int.
 
         Returns
@@ -818,7 +833,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return super().getDegreesOfFreedom()
 
-    def computeSystemTemperature(self):
+    def computeSystemTemperature(self) -> unit.Quantity:
         """Get the instantaneous temperature of bodies and free particles.
 
         It is 2 E_kin / (k_B n) with the number n of degrees of freedom of
@@ -836,7 +851,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return _units.TEMPERATURE.attach(super().computeSystemTemperature())
 
-    def computeMidStepTemperature(self):
+    def computeMidStepTemperature(self) -> unit.Quantity:
         """Get the mid-step temperature of bodies and free particles.
 
         It is that of the momenta with which the first drift of the next step moves bodies and
@@ -868,7 +883,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return _units.TEMPERATURE.attach(super().computeMidStepTemperature())
 
-    def computeMidStepTemperatures(self):
+    def computeMidStepTemperatures(self) -> dict[str, unit.Quantity]:
         """Get the mid-step temperatures of bodies and free particles, apart.
 
         Returns
@@ -890,11 +905,11 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
     # ---- What the scene costs --------------------------------------------------------------------
 
-    def describeEffects(self):
+    def describeEffects(self) -> str:
         """Get which effects are on, and why, as text; a Context is needed."""
         return super().describeEffects()
 
-    def getEffects(self):
+    def getEffects(self) -> dict:
         """Get which effects are on, and why; a Context is needed.
 
         Returns
@@ -907,7 +922,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """
         return super().getEffects()
 
-    def getStepStatistics(self):
+    def getStepStatistics(self) -> dict:
         """Get counters and times since the Context was created; a Context is needed.
 
         Returns
@@ -925,7 +940,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             for name, value in super().getStepStatistics().items()
         }
 
-    def step(self, steps):
+    def step(self, steps: int) -> None:
         """Advance the simulation.
 
         A step costs one evaluation of the Context's forces, or two with FixmanMidpoint and

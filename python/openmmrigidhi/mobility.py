@@ -1,8 +1,17 @@
 """MobilityForce: the Python face of the C++ class, with units, checked shapes and documentation."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Sequence, Union
+
 import numpy as np
 import openmm
 
 from . import _bindings, _copies, _enums, _units
+from ._types import Array, Number, Numbers
+
+if TYPE_CHECKING:
+    from openmm import unit
+    import numpy.typing as npt
 
 _Base = _bindings.MobilityForce
 _TENSOR = (6, 6)
@@ -92,6 +101,13 @@ class Solver(_enums.Documented):
         'Krylov methods, or a grid, compute products and solutions to the solver tolerance.')
 
 
+# The class has attributes of the same names, which its annotations would mean.
+_Model = Model
+_Boundary = Boundary
+_SphereWallMobility = SphereWallMobility
+_Solver = Solver
+
+
 def _where(method):
     return 'MobilityForce.' + method
 
@@ -154,13 +170,16 @@ class MobilityForce(_copies.Copies, _Base):
     _base = _Base
     _generic = openmm.Force
 
+    def __init__(self) -> None:
+        # Type checkers take an inherited constructor for one of the base class.
+        super().__init__()
+
     def __repr__(self):
         return (f'<MobilityForce: {self.getModel().name}, {self.getBoundary().name}, viscosity '
-                f'{self.getViscosity()}, '
-                f'{self.getNumParticles()} particles>')
+                f'{self.getViscosity()}, {self.getNumParticles()} particles>')
 
     @staticmethod
-    def cast(obj):
+    def cast(obj: openmm.Force) -> MobilityForce:
         """Get a MobilityForce from a generic openmm.Force.
 
         ``system.getForce`` and deserialisation return the generic class.
@@ -181,15 +200,15 @@ class MobilityForce(_copies.Copies, _Base):
         TypeError
             if obj is anything else
         """
-        return MobilityForce._castGeneric(obj)
+        return MobilityForce._cast_generic(obj)
 
     # ---- Particles and fluid ---------------------------------------------------------------------
 
-    def getNumParticles(self):
+    def getNumParticles(self) -> int:
         """Get the number of particles that were added."""
         return super().getNumParticles()
 
-    def addParticle(self, radius):
+    def addParticle(self, radius: Number) -> int:
         """Add the next particle of the System.
 
         Parameters
@@ -204,12 +223,12 @@ class MobilityForce(_copies.Copies, _Base):
         """
         return super().addParticle(self._number(radius, _units.LENGTH, 'addParticle', 'radius'))
 
-    def getParticleRadius(self, index):
+    def getParticleRadius(self, index: int) -> unit.Quantity:
         """Get the hydrodynamic radius of a particle, a Quantity in nm."""
         return _units.LENGTH.attach(super().getParticleRadius(
             self._index(index, 'getParticleRadius', 'index')))
 
-    def setParticleRadius(self, index, radius):
+    def setParticleRadius(self, index: int, radius: Number) -> None:
         """Set the hydrodynamic radius of a particle.
 
         :meth:`updateParametersInContext` hands it to a Context.
@@ -225,11 +244,11 @@ class MobilityForce(_copies.Copies, _Base):
             self._index(index, 'setParticleRadius', 'index'),
             self._number(radius, _units.LENGTH, 'setParticleRadius', 'radius'))
 
-    def getViscosity(self):
+    def getViscosity(self) -> unit.Quantity:
         """Get the viscosity, a Quantity in dalton/(nm ps)."""
         return _units.VISCOSITY.attach(super().getViscosity())
 
-    def setViscosity(self, eta):
+    def setViscosity(self, eta: Number) -> None:
         """Set the viscosity; default: that of water at 298.15 K, 0.89 mPa s.
 
         Parameters
@@ -240,22 +259,22 @@ class MobilityForce(_copies.Copies, _Base):
         """
         super().setViscosity(_units.viscosity(eta, _where('setViscosity'), 'eta'))
 
-    def getModel(self):
+    def getModel(self) -> _Model:
         """Get the model (FreeDraining, RotnePragerYamakawa, StokesianDynamics or ForceCoupling)."""
         return Model(super().getModel())
 
-    def setModel(self, model):
+    def setModel(self, model: Union[_Model, str, int]) -> None:
         """Set the model (default RotnePragerYamakawa), one of the class attributes or its name.
 
         The model takes effect at Context creation.
         """
         super().setModel(_units.constant(model, Model, _where('setModel'), 'model'))
 
-    def getBoundary(self):
+    def getBoundary(self) -> _Boundary:
         """Get what bounds the fluid (Unbounded, NoSlipWall, Periodic or SlipChannel)."""
         return Boundary(super().getBoundary())
 
-    def setBoundary(self, boundary):
+    def setBoundary(self, boundary: Union[_Boundary, str, int]) -> None:
         """Set what bounds the fluid.
 
         The boundary takes effect at Context creation.
@@ -271,11 +290,11 @@ class MobilityForce(_copies.Copies, _Base):
         """
         super().setBoundary(_units.constant(boundary, Boundary, _where('setBoundary'), 'boundary'))
 
-    def getWallHeight(self):
+    def getWallHeight(self) -> unit.Quantity:
         """Get the z of the NoSlipWall, a Quantity in nm."""
         return _units.LENGTH.attach(super().getWallHeight())
 
-    def setWallHeight(self, height):
+    def setWallHeight(self, height: Number) -> None:
         """Set the z of the NoSlipWall; other boundaries ignore it.
 
         The height takes effect at Context creation.
@@ -287,12 +306,12 @@ class MobilityForce(_copies.Copies, _Base):
         """
         super().setWallHeight(self._number(height, _units.LENGTH, 'setWallHeight', 'height'))
 
-    def getChannelWalls(self):
+    def getChannelWalls(self) -> tuple[unit.Quantity, unit.Quantity]:
         """Get the y of both walls of the SlipChannel, (yLow, yHigh), Quantities in nm."""
         low, high = super().getChannelWalls()
         return _units.LENGTH.attach(low), _units.LENGTH.attach(high)
 
-    def setChannelWalls(self, yLow, yHigh):
+    def setChannelWalls(self, yLow: Number, yHigh: Number) -> None:
         """Set the y of both walls of the SlipChannel; other boundaries ignore them.
 
         The walls take effect at Context creation.
@@ -306,11 +325,11 @@ class MobilityForce(_copies.Copies, _Base):
         super().setChannelWalls(self._number(yLow, _units.LENGTH, 'setChannelWalls', 'yLow'),
                                 self._number(yHigh, _units.LENGTH, 'setChannelWalls', 'yHigh'))
 
-    def getSphereWallMobility(self):
+    def getSphereWallMobility(self) -> _SphereWallMobility:
         """Get how a single sphere above a NoSlipWall moves (FromModel or BestKnown)."""
         return SphereWallMobility(super().getSphereWallMobility())
 
-    def setSphereWallMobility(self, mobility):
+    def setSphereWallMobility(self, mobility: Union[_SphereWallMobility, str, int]) -> None:
         """Set how a single sphere above a NoSlipWall moves.
 
         The setting takes effect at Context creation.
@@ -334,22 +353,22 @@ class MobilityForce(_copies.Copies, _Base):
             _units.constant(mobility, SphereWallMobility, _where('setSphereWallMobility'),
                             'mobility'))
 
-    def getLubrication(self):
+    def getLubrication(self) -> bool:
         """Get whether StokesianDynamics includes lubrication."""
         return super().getLubrication()
 
-    def setLubrication(self, enabled):
+    def setLubrication(self, enabled: bool) -> None:
         """Set whether StokesianDynamics includes lubrication (default True).
 
         Other models have no lubrication.
         """
         super().setLubrication(_units.boolean(enabled, _where('setLubrication'), 'enabled'))
 
-    def getMinimumGap(self):
+    def getMinimumGap(self) -> float:
         """Get the smallest gap of StokesianDynamics, in mean radii."""
         return super().getMinimumGap()
 
-    def setMinimumGap(self, gap):
+    def setMinimumGap(self, gap: Number) -> None:
         """Set the smallest gap between spheres for StokesianDynamics; default 0.
 
         The gap is relative to the mean radius of the two spheres. It is finite and not negative.
@@ -358,11 +377,11 @@ class MobilityForce(_copies.Copies, _Base):
         """
         super().setMinimumGap(self._number(gap, _units.NONE, 'setMinimumGap', 'gap'))
 
-    def getSolver(self):
+    def getSolver(self) -> _Solver:
         """Get how the linear algebra is done (Auto, Dense or MatrixFree)."""
         return Solver(super().getSolver())
 
-    def setSolver(self, solver):
+    def setSolver(self, solver: Union[_Solver, str, int]) -> None:
         """Set how the linear algebra is done.
 
         Parameters
@@ -387,11 +406,11 @@ class MobilityForce(_copies.Copies, _Base):
         """
         super().setSolver(_units.constant(solver, Solver, _where('setSolver'), 'solver'))
 
-    def getSolverTolerance(self):
+    def getSolverTolerance(self) -> float:
         """Get the relative tolerance of MatrixFree."""
         return super().getSolverTolerance()
 
-    def setSolverTolerance(self, tolerance):
+    def setSolverTolerance(self, tolerance: Number) -> None:
         """Set the relative tolerance of MatrixFree (default 1e-6), from 1e-14 to 0.1.
 
         With LangevinHI, friction and noise of a step differ from the Dense ones by at most five
@@ -407,11 +426,11 @@ class MobilityForce(_copies.Copies, _Base):
         super().setSolverTolerance(
             self._number(tolerance, _units.NONE, 'setSolverTolerance', 'tolerance'))
 
-    def getGridSpacing(self):
+    def getGridSpacing(self) -> unit.Quantity:
         """Get the largest spacing of the nodes of a grid, in nm; 0: the tolerance sets it."""
         return _units.LENGTH.attach(super().getGridSpacing())
 
-    def setGridSpacing(self, spacing):
+    def setGridSpacing(self, spacing: Number) -> None:
         """Set the largest spacing of the nodes of a grid.
 
         A fluid is on a grid with the boundary Periodic or SlipChannel and MatrixFree. The grid has
@@ -427,11 +446,11 @@ class MobilityForce(_copies.Copies, _Base):
         """
         super().setGridSpacing(self._number(spacing, _units.LENGTH, 'setGridSpacing', 'spacing'))
 
-    def getFastSummation(self):
+    def getFastSummation(self) -> bool:
         """Get whether products of many particles with the mobility may be done by multipoles."""
         return super().getFastSummation()
 
-    def setFastSummation(self, enabled):
+    def setFastSummation(self, enabled: bool) -> None:
         """Set whether products of many particles with the mobility may be done by multipoles.
 
         Multipoles (default True) are for RotnePragerYamakawa with the boundary Unbounded or
@@ -453,7 +472,7 @@ class MobilityForce(_copies.Copies, _Base):
 
     # ---- Driven flows ----------------------------------------------------------------------------
 
-    def getBackgroundFlow(self):
+    def getBackgroundFlow(self) -> tuple[unit.Quantity, unit.Quantity]:
         """Get the flow that :meth:`setBackgroundFlow` has set, as (velocity, gradient).
 
         Both are Quantities: velocity has the shape (3,) in nm/ps, gradient (3, 3) in 1/ps.
@@ -462,7 +481,7 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.VELOCITY.attach(_units.array(velocity)), _units.RATE.attach(
             _units.array(gradient, 3))
 
-    def setBackgroundFlow(self, velocity, gradient):
+    def setBackgroundFlow(self, velocity: Numbers, gradient: Numbers) -> None:
         """Set a flow that is there without bodies, v(x) = velocity + gradient x.
 
         x counts from the origin of coordinates. The flow carries and turns bodies. Blobs have the
@@ -491,7 +510,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setBackgroundFlow(_units.vector(velocity, _units.VELOCITY, where, 'velocity'),
                                   rows.reshape(-1))
 
-    def getSinusoidalForceDensity(self):
+    def getSinusoidalForceDensity(self) -> tuple[unit.Quantity, int, int, int]:
         """Get what :meth:`setSinusoidalForceDensity` has set.
 
         It is the tuple (f0, forceAxis, waveAxis, waveVectorIndex), with f0 a Quantity in
@@ -500,7 +519,8 @@ class MobilityForce(_copies.Copies, _Base):
         f0, forceAxis, waveAxis, waveVectorIndex = super().getSinusoidalForceDensity()
         return _units.FORCE_DENSITY.attach(f0), forceAxis, waveAxis, waveVectorIndex
 
-    def setSinusoidalForceDensity(self, f0, forceAxis, waveAxis, waveVectorIndex):
+    def setSinusoidalForceDensity(self, f0: Number, forceAxis: int, waveAxis: int,
+                                  waveVectorIndex: int) -> None:
         """Drive the fluid by a force density f0 sin(k x_waveAxis) along forceAxis.
 
         k is 2 pi waveVectorIndex/L with the edge L of the Context's box along waveAxis. Without
@@ -530,7 +550,7 @@ class MobilityForce(_copies.Copies, _Base):
 
     # ---- Bodies ----------------------------------------------------------------------------------
 
-    def setBodyMobility(self, body, mobility):
+    def setBodyMobility(self, body: int, mobility: npt.ArrayLike) -> None:
         """Give a body its own mobility tensor, that of the body alone in unbounded fluid.
 
         FreeDraining takes the tensor as it is. RotnePragerYamakawa combines it with the
@@ -550,7 +570,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setBodyMobility(_units.integer(body, where, 'body'),
                                 _units.matrix(mobility, _TENSOR, where, 'mobility'))
 
-    def setBodyFriction(self, body, friction):
+    def setBodyFriction(self, body: int, friction: npt.ArrayLike) -> None:
         """Give a body its own tensor by the inverse, the friction tensor of shape (6, 6).
 
         :meth:`setBodyMobility` says how body and tensor are used; friction is in the same frame.
@@ -559,37 +579,37 @@ class MobilityForce(_copies.Copies, _Base):
         super().setBodyFriction(_units.integer(body, where, 'body'),
                                 _units.matrix(friction, _TENSOR, where, 'friction'))
 
-    def getBodyHasOwnTensor(self, body):
+    def getBodyHasOwnTensor(self, body: int) -> bool:
         """Get whether a body has a tensor of its own."""
         return super().getBodyHasOwnTensor(self._index(body, 'getBodyHasOwnTensor', 'body'))
 
-    def getBodyTensorIsFriction(self, body):
+    def getBodyTensorIsFriction(self, body: int) -> bool:
         """Get whether a body's own tensor was given as friction; an error if the body has none."""
         return super().getBodyTensorIsFriction(self._index(body, 'getBodyTensorIsFriction', 'body'))
 
-    def getBodyMobility(self, body):
+    def getBodyMobility(self, body: int) -> Array:
         """Get a body's own mobility tensor of shape (6, 6); an error if the body has none."""
         return _units.array(super().getBodyMobility(self._index(body, 'getBodyMobility', 'body')),
                             6)
 
-    def getBodyFriction(self, body):
+    def getBodyFriction(self, body: int) -> Array:
         """Get a body's own friction tensor of shape (6, 6); an error if the body has none."""
         return _units.array(super().getBodyFriction(self._index(body, 'getBodyFriction', 'body')),
                             6)
 
-    def clearBodyTensor(self, body):
+    def clearBodyTensor(self, body: int) -> None:
         """Take a body's own tensor away."""
         super().clearBodyTensor(self._index(body, 'clearBodyTensor', 'body'))
 
-    def getBodiesWithOwnTensors(self):
+    def getBodiesWithOwnTensors(self) -> Array:
         """Get the indices of the bodies with own tensors, an array of int."""
         return np.frombuffer(super().getBodiesWithOwnTensors(), dtype=np.intc)
 
-    def getGroups(self):
+    def getGroups(self) -> Array:
         """Get the group of each body, an array of int; empty: all bodies are in one group."""
         return np.frombuffer(super().getGroups(), dtype=np.intc)
 
-    def setGroups(self, groups):
+    def setGroups(self, groups: Sequence[int]) -> None:
         """Set groups of bodies; bodies feel each other through the fluid only within a group.
 
         In this way replicas of a scene can run in one Context, at a cost linear in their number.
@@ -610,7 +630,7 @@ class MobilityForce(_copies.Copies, _Base):
 
     # ---- In a Context ----------------------------------------------------------------------------
 
-    def updateParametersInContext(self, context):
+    def updateParametersInContext(self, context: openmm.Context) -> None:
         """Hand changed parameters to a Context.
 
         The parameters are viscosity, radii, own tensors, lubrication, minimum gap, solver,
@@ -620,7 +640,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().updateParametersInContext(
             _units.context(context, _where('updateParametersInContext')))
 
-    def getMobilityInContext(self, context):
+    def getMobilityInContext(self, context: openmm.Context) -> Array:
         """Get the mobility matrix of the bodies at their present poses.
 
         The matrix is computed with dense matrices. MatrixFree iterates column by column, to its
@@ -638,7 +658,7 @@ class MobilityForce(_copies.Copies, _Base):
             _units.context(context, _where('getMobilityInContext'))))
         return numbers.reshape(2*(int(np.sqrt(numbers.size)),))
 
-    def getFrictionInContext(self, context):
+    def getFrictionInContext(self, context: openmm.Context) -> Array:
         """Get the friction matrix of the bodies, an array of shape (6n, 6n).
 
         It is the inverse of the mobility matrix. For bodies whose blobs lie on a line it is the
@@ -648,7 +668,7 @@ class MobilityForce(_copies.Copies, _Base):
             _units.context(context, _where('getFrictionInContext'))))
         return numbers.reshape(2*(int(np.sqrt(numbers.size)),))
 
-    def applyMobilityInContext(self, context, wrenches):
+    def applyMobilityInContext(self, context: openmm.Context, wrenches: npt.ArrayLike) -> Array:
         """Get the velocities that forces and torques on the bodies would give without inertia.
 
         The computation is dense or matrix-free, as :meth:`setSolver` says. For spheres it is always
@@ -671,7 +691,7 @@ class MobilityForce(_copies.Copies, _Base):
         context = _units.context(context, _where('applyMobilityInContext'))
         return _units.array(super().applyMobilityInContext(context, rows.reshape(-1)), 6)
 
-    def applyBlobMobilityInContext(self, context, forces):
+    def applyBlobMobilityInContext(self, context: openmm.Context, forces: Numbers) -> unit.Quantity:
         """Get the velocities that forces on hydrodynamic particles would give if each were free.
 
         The result is the product of the forces with the mobility of the blobs, without the rigidity
@@ -701,7 +721,7 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.VELOCITY.attach(
             _units.array(super().applyBlobMobilityInContext(context, rows.reshape(-1)), 3))
 
-    def getFlowInContext(self, context, points):
+    def getFlowInContext(self, context: openmm.Context, points: Numbers) -> unit.Quantity:
         """Get the velocities of the fluid at points.
 
         The flow of the fluid is the driven flow and the flow that the bodies cause. Within a
@@ -744,7 +764,8 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.VELOCITY.attach(
             _units.array(super().getFlowInContext(_units.context(context, where), rows), 3))
 
-    def getFlowModeInContext(self, context, forceAxis, waveAxis, waveVectorIndex):
+    def getFlowModeInContext(self, context: openmm.Context, forceAxis: int, waveAxis: int,
+                             waveVectorIndex: int) -> unit.Quantity:
         """Get the amplitudes of a wave in the flow of :meth:`getFlowInContext`.
 
         They are the amplitudes of sin(k x_waveAxis) and of cos(k x_waveAxis) in the component
@@ -773,7 +794,8 @@ class MobilityForce(_copies.Copies, _Base):
                 _units.context(context, where),
                 *self._wave(where, forceAxis, waveAxis, waveVectorIndex))))
 
-    def getRandomFlowModeInContext(self, context, forceAxis, waveAxis, waveVectorIndex):
+    def getRandomFlowModeInContext(self, context: openmm.Context, forceAxis: int, waveAxis: int,
+                                   waveVectorIndex: int) -> unit.Quantity:
         """Get the amplitudes of a wave in the random field of the last step, without nu.
 
         The random field is the part of the noise that the model draws itself, on a grid; the
@@ -797,7 +819,7 @@ class MobilityForce(_copies.Copies, _Base):
                 _units.context(context, where),
                 *self._wave(where, forceAxis, waveAxis, waveVectorIndex))))
 
-    def usesPeriodicBoundaryConditions(self):
+    def usesPeriodicBoundaryConditions(self) -> bool:
         """Get whether this Force makes the System periodic.
 
         It does with the boundaries Periodic and SlipChannel.

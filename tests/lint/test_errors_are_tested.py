@@ -113,7 +113,7 @@ def python_message(node):
 
 
 def python_sites():
-    for name in git_files('python/*.py'):
+    for name in git_files('python/openmmrigidhi/*.py'):
         for node in ast.walk(ast.parse(read(name))):
             if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
                 message = python_message(node.exc.args[0])

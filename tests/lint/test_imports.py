@@ -28,6 +28,8 @@ def python_modules():
 
 def imports(name, source, isPackage, known):
     """The imports of known modules in a module: (line, imported module, whether within a function).
+
+    Imports for type checkers alone never run.
     """
     package = name if isPackage else name.rpartition('.')[0]
     found = []
@@ -35,6 +37,8 @@ def imports(name, source, isPackage, known):
     def look(node, inFunction):
         for child in ast.iter_child_nodes(node):
             targets = []
+            if isinstance(child, ast.If) and ast.unparse(child.test) == 'TYPE_CHECKING':
+                child = ast.Module(child.orelse, [])
             if isinstance(child, ast.Import):
                 targets = [alias.name for alias in child.names]
             elif isinstance(child, ast.ImportFrom):
@@ -130,11 +134,11 @@ def test_reasons_are_still_needed():
 
 def test_what_counts_as_a_circle():
     """Circles are found for two modules that import each other, also from within a function, and
-    for two packages by the imports of their __init__."""
+    for two packages by the imports of their __init__. What type checkers import is no circle."""
     sources = {
         'p': '',
         'p.a': 'from .b import x\ndef f():\n    from . import c',
-        'p.b': 'import numpy',
+        'p.b': 'import numpy\nif TYPE_CHECKING:\n    from .a import X',
         'p.c': 'from . import a',
         'p.one': 'from .top import x',
         'p.one.top': 'from ..two.leaf import y',

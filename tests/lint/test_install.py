@@ -86,6 +86,12 @@ def test_every_python_file_is_installed(prefix):
         assert (package.parent/file.relative_to(source)).exists(), f'{file} is not installed'
 
 
+def test_what_type_checkers_read_is_installed(prefix):
+    (package,) = prefix.glob('**/openmmrigidhi/__init__.py')
+    for name in ('py.typed', '_bindings.pyi', '_schemenames.pyi'):
+        assert (package.parent/name).exists(), f'{name} is not installed'
+
+
 def test_cpp_program_builds_against_the_installation(prefix, tmp_path):
     if shutil.which('g++') is None:
         pytest.skip('no g++')

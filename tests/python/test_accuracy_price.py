@@ -940,8 +940,7 @@ def test_the_cheapest_oscillator_is_recommended(oscillators, percent):
         seconds = exact[each['method'], each['value']]
         print(
             f'{each["method"]} {each["value"]}: {each["seconds"]:.3g} s ({each["seconds_low"]:.3g} '
-            f'to {each["seconds_high"]:.3g}), exact {seconds:.3g}; '
-            f'{each["verdict"]}')
+            f'to {each["seconds_high"]:.3g}), exact {seconds:.3g}; {each["verdict"]}')
         outside += not each['seconds_low'] <= seconds <= each['seconds_high']
         assert each['verdict'] in ('no', 'undecided') or math.isfinite(seconds)
     # Of nine intervals of 95 %, five miss with probability 3e-5.

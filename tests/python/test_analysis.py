@@ -10,7 +10,7 @@ from openmm import unit
 
 import openmmrigidhi
 from openmmrigidhi import analysis, app
-from openmmrigidhi._quaternions import product, rotationMatrices
+from openmmrigidhi._quaternions import product, rotation_matrices
 
 KT = (unit.MOLAR_GAS_CONSTANT_R*300*unit.kelvin).value_in_unit(unit.kilojoule_per_mole)
 #: 1 nm^2/ps in um^2/s, and 1/ps in 1/s.
@@ -65,7 +65,7 @@ def test_displacements_along_body_axes():
     R = (np.arange(40)[:, None]*velocity)[:, None]
     msd = analysis.translationalMSD(R, np.tile(q, (40, 1, 1)), 1, (0, 0, 0), lags=[2], numBlocks=2,
                                     bodyFrame=True)
-    inBody = rotationMatrices(q).T @ velocity
+    inBody = rotation_matrices(q).T @ velocity
     assert np.allclose(numbers(msd.mean, NM2)[0], 4*np.outer(inBody, inBody), rtol=1e-12)
 
 
@@ -98,7 +98,7 @@ def test_constant_rotation_about_different_points():
 def test_rotational_displacement_is_that_of_equation_20():
     random = np.random.default_rng(2)
     q = turns(random.normal(size=(2, 1, 3)))
-    A = rotationMatrices(q)[:, 0]
+    A = rotation_matrices(q)[:, 0]
     u = 0.5*np.cross(A[0].T, A[1].T).sum(axis=0)  # body axes are the columns
     expected = np.outer(u, u)
     q = np.tile(q, (4, 1, 1))  # four blocks of the two frames
@@ -389,7 +389,7 @@ def test_the_planar_angle_diffuses_with_its_mobility(boomerang):
     msd = analysis.planarAngleMSD(q, 1e-4, BISECTOR, [1], numBlocks=1, independentBodies=True)
     found = analysis.shortTimeDiffusion(msd)
     inLab = analysis.mobilityInBodyFrame(boomerang, q[0, 0]*(-1, 1, 1, 1))  # the inverse turn
-    expected = KT*SECONDS*analysis.planarAngleMobility(inLab, rotationMatrices(q[0, 0]) @ BISECTOR)
+    expected = KT*SECONDS*analysis.planarAngleMobility(inLab, rotation_matrices(q[0, 0]) @ BISECTOR)
     assert abs(expected/D[2, 2] - 1) > 0.2
     assert found.value._value == pytest.approx(expected, abs=4*found.error._value)
     assert found.error._value == pytest.approx(expected*np.sqrt(2/40000), rel=0.05)
@@ -410,7 +410,7 @@ def brownianBoomerangs(boomerang):
     R, q = np.zeros((1000, 1000, 3)), np.empty((1000, 1000, 4))
     q[0] = turns(random.normal(scale=10, size=(1000, 3)))
     for k, step in enumerate(steps):
-        R[k + 1] = R[k] + np.einsum('nij,nj->ni', rotationMatrices(q[k]), step[:, :3])
+        R[k + 1] = R[k] + np.einsum('nij,nj->ni', rotation_matrices(q[k]), step[:, :3])
         q[k + 1] = product(q[k], turns(step[:, 3:]))
         q[k + 1] /= np.linalg.norm(q[k + 1], axis=-1, keepdims=True)
     return D, R, q, center.value_in_unit(unit.micrometer)

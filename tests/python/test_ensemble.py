@@ -905,7 +905,7 @@ def test_every_change_of_study_json_is_noticed(tmp_path):
     directory = tmp_path/'study'
     small(settings=[{'temperature': 280.0}], replicas=2, length=0.1).run(str(directory), quiet=True)
     path = directory/'study.json'
-    data, good = path.read_bytes(), studyModule._readAbout(directory)
+    data, good = path.read_bytes(), studyModule._read_about(directory)
     changed = [data.replace(b'280.0', b'281.0'), data.replace(b'"length": 0.1', b'"length": 0.2')]
     rng = np.random.default_rng(3)
     for place in rng.choice(len(data), 150, replace=False):
@@ -916,7 +916,7 @@ def test_every_change_of_study_json_is_noticed(tmp_path):
     for each in changed:
         path.write_bytes(each)
         try:
-            found = studyModule._readAbout(directory)
+            found = studyModule._read_about(directory)
         except ValueError as error:
             refused += 1
             assert 'study.json: it is damaged' in str(error)
@@ -1055,7 +1055,7 @@ def test_a_worker_that_does_not_see_the_directory(tmp_path):
     study, directory = small(replicas=1), str(tmp_path/'study')
     study.run(directory, quiet=True)
     larger = study.extended(length=4.0)
-    about = studyModule._readAbout(directory)
+    about = studyModule._read_about(directory)
     task, = larger._left(directory, about)[0]
     task.study = 'another'
     outcome, = tasks.run(studyModule.simulate, [task], quiet=True)
@@ -1161,13 +1161,14 @@ def test_rhat_sees_means_widths_and_drifts():
     print(f'means: {value:.4f}, expected {expected:.4f}')
     assert value == pytest.approx(expected, abs=0.015)
     wide = chains*np.array([1, 1, 1, 3])[:, None]
-    assert seriesModule._rHat(
-        seriesModule._normalScores(wide)) < 1.01 < 1.1 < seriesModule.splitRHat(wide)
+    assert seriesModule._r_hat(
+        seriesModule._normal_scores(wide)) < 1.01 < 1.1 < seriesModule.splitRHat(wide)
     assert seriesModule.splitRHat(chains[:1] + np.linspace(-1, 1, 4000)) > 1.2
     # R-hat depends only on ranks. So heavy tails, monotone functions and reflections do not change
     # it.
-    bulk = seriesModule._rHat(seriesModule._normalScores(np.exp(5*shifted)))
-    assert bulk == pytest.approx(seriesModule._rHat(seriesModule._normalScores(shifted)), rel=1e-12)
+    bulk = seriesModule._r_hat(seriesModule._normal_scores(np.exp(5*shifted)))
+    assert bulk == pytest.approx(seriesModule._r_hat(seriesModule._normal_scores(shifted)),
+                                 rel=1e-12)
 
 
 def test_rhat_by_hand():

@@ -192,8 +192,7 @@ def wave(*arguments):
      ('NoSlipWall', wave(1, 0, 1, 1), 'needs a periodic fluid, and the boundary is NoSlipWall'),
      ('SlipChannel', wave(1, 1, 0, 1),
       'the sinusoidal force density is along axis 1 with its wave along axis 0, and a SlipChannel '
-      'has its walls '
-      'across axis 1; both must be along the walls: give axes 0 and 2'),
+      'has its walls across axis 1; both must be along the walls: give axes 0 and 2'),
      ('SlipChannel', wave(1, 0, 1, 1), 'along axis 0 with its wave along axis 1'),
      ('Periodic', background((0, 0, 1), np.zeros((3, 3))),
       'a background flow cannot be used with boundary Periodic, because the mean velocity of a '

@@ -17,7 +17,7 @@ from openmm import unit
 
 import openmmrigidhi
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, analysis, app
-from openmmrigidhi._quaternions import rotationMatrices
+from openmmrigidhi._quaternions import rotation_matrices
 from openmmrigidhi.accuracy.statistics import quantile
 from openmmrigidhi.analysis import _moves
 from openmmrigidhi.analysis import walkers as walkersModule
@@ -50,7 +50,7 @@ def check(statistics, exact, relativeError=None):
 
 def axis(samples, k):
     """Components (samples, bodies, 3) of body axis k in the lab."""
-    return rotationMatrices(samples.orientations)[..., :, k]
+    return rotation_matrices(samples.orientations)[..., :, k]
 
 
 def walkers(energy, count=1000, position=(0, 0, 0), seed=1, burnIn=150, samples=40, interval=3,
@@ -68,7 +68,7 @@ def test_random_rotations_are_uniform_up_to_the_largest_angle(largest):
     """Haar's measure has the density 1 - cos(angle), about any axis. A chi^2 of 20 x 10 bins is
     used, which fails by chance once in 1e5."""
     n = 100_000
-    q = _moves.uniformRotations(np.random.default_rng(3), np.full(n, largest))
+    q = _moves.uniform_rotations(np.random.default_rng(3), np.full(n, largest))
     assert np.allclose(np.linalg.norm(q, axis=1), 1, rtol=0, atol=1e-14)
     angle = 2*np.arccos(np.minimum(1, q[:, 0]))
     assert angle.max() <= largest*(1 + 1e-7)
@@ -134,15 +134,15 @@ def test_gravitational_height_over_a_wall(rejection, lowest):
 
 @pytest.mark.parametrize('kr, exact', [(2, 0.4292307058), (10, 0.7642662212), (200, 0.9899487014)])
 def test_orientations_in_a_quadrupolar_well(kr, exact):
-    samples = walkers(lambda R, q: -kr/2*KT*rotationMatrices(q)[:, 0, 0]**2, coordinates='rotation',
-                      samples=60)
+    samples = walkers(lambda R, q: -kr/2*KT*rotation_matrices(q)[:, 0, 0]**2,
+                      coordinates='rotation', samples=60)
     check(samples.average(axis(samples, 0)[..., 0]**2), exact, 0.005)
     assert not samples.positions._value.any()
 
 
 @pytest.mark.parametrize('k', [0.5, 4, 30])
 def test_a_dipole_in_a_field(k):
-    samples = walkers(lambda R, q: -k*KT*rotationMatrices(q)[:, 2, 2], coordinates=['rotation'],
+    samples = walkers(lambda R, q: -k*KT*rotation_matrices(q)[:, 2, 2], coordinates=['rotation'],
                       samples=60)
     n = axis(samples, 2)
     check(samples.average(n[..., 2]), 1/np.tanh(k) - 1/k, 0.02)
@@ -167,7 +167,7 @@ def test_turning_about_a_point_far_from_the_origin_changes_no_distribution():
     """An origin in a harmonic well and a dipole in a field are independent, although the moves mix
     both.
     """
-    samples = walkers(lambda R, q: KT*(0.5*8*(R**2).sum(axis=1) - 3*rotationMatrices(q)[:, 2, 2]),
+    samples = walkers(lambda R, q: KT*(0.5*8*(R**2).sum(axis=1) - 3*rotation_matrices(q)[:, 2, 2]),
                       trackingPoint=(0.4, -0.3, 0.5), samples=60)
     R = samples.positions._value
     for k in range(3):
@@ -182,20 +182,20 @@ def test_the_tracking_point_stays_where_it_is():
     point = np.array([0.4, -0.3, 0.5])
     samples = walkers(lambda R, q: 0*R[:, 0], count=20, position=(1, 2, 3), coordinates='rotation',
                       trackingPoint=point)
-    there = samples.positions._value + rotationMatrices(samples.orientations) @ point
+    there = samples.positions._value + rotation_matrices(samples.orientations) @ point
     assert np.allclose(there,
                        (1.4, 1.7, 3.5), rtol=0, atol=1e-12) and samples.positions._value.std() > 0.1
     points = np.array([(0.1, 0.2, 0.1), (0, -0.3, 0)])
     samples = Scene().sample(sweeps=100, coordinates='rotation', trackingPoints=points)
     there = samples.positions._value + np.einsum('sbij,bj->sbi',
-                                                 rotationMatrices(samples.orientations), points)
+                                                 rotation_matrices(samples.orientations), points)
     assert np.allclose(there, points + [(0, 0, 0), (0, 0, 3)], rtol=0,
                        atol=1e-12) and samples.positions._value.std(axis=0).max() > 0.1
 
 
 def test_turning_about_one_axis_only():
     """A dipole in the plane has <cos phi> = I1(k)/I0(k)."""
-    samples = walkers(lambda R, q: -2*KT*rotationMatrices(q)[:, 0, 0], coordinates=['rotation'],
+    samples = walkers(lambda R, q: -2*KT*rotation_matrices(q)[:, 0, 0], coordinates=['rotation'],
                       rotationAxis=(0, 0, -3), samples=60)
     assert not samples.orientations[..., 1:3].any()
     check(samples.average(axis(samples, 0)[..., 0]),
@@ -218,7 +218,7 @@ def overWall(sites, weights, strength):
     """The energy of weights, in kT/a, on the blobs, and of their repulsion, strength kT a/(h - a)
     exp(-2(h - a)/a), in units of a (Delong 2015, eq. 73)."""
     def energy(R, q):
-        h = R[:, 2:] + rotationMatrices(q)[:, 2] @ sites.T
+        h = R[:, 2:] + rotation_matrices(q)[:, 2] @ sites.T
         return KT*(h @ weights + (strength/(h - 1)*np.exp(-2*(h - 1))).sum(axis=1))
 
     return energy
@@ -480,7 +480,7 @@ def test_further_energy():
                  'give the potential of its forces and torques'):
         analysis.GibbsBoltzmannSampler(scene.bind())
     samples = scene.sample(sweeps=2500,
-                           energyFunction=lambda R, q: -3*KT*rotationMatrices(q[0])[0, 2],
+                           energyFunction=lambda R, q: -3*KT*rotation_matrices(q[0])[0, 2],
                            coordinates='rotation')
     check(samples.average(axis(samples, 2)[:, 0, 0]), 1/np.tanh(3) - 1/3, 0.1)
     check(samples.average(axis(samples, 2)[:, 1, 0]), 0)
@@ -609,7 +609,7 @@ def test_sampling_goes_on_after_an_interruption():
         # The energy is that of the same numbers, but for poses that are rounded in places.
         assert sampler._evaluate(sampler._positions,
                                  sampler._orientations) == pytest.approx(sampler._energy, abs=1e-9)
-        members = sampler._membersAt(slice(None), sampler._positions, sampler._orientations)
+        members = sampler._members_at(slice(None), sampler._positions, sampler._orientations)
         assert np.abs(sampler._places[sampler._members] - members).max() < 1e-12
     assert np.any(sampler._places[sampler._free] != free)
 

@@ -9,7 +9,7 @@ import openmm
 import pytest
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, accuracy
-from openmmrigidhi._systems import forcesOf
+from openmmrigidhi._systems import forces_of
 from openmmrigidhi.accuracy import cli, grid, gridreport
 
 
@@ -102,7 +102,7 @@ def test_a_flow_that_drives_the_scene_does_not_matter(result):
     """The study compares products, which do not depend on the driven flow."""
     scene = accuracy.scenes.periodicSuspension(8, 0.1)
     system = openmm.XmlSerializer.clone(scene.system)
-    fluid, = forcesOf(system, MobilityForce)
+    fluid, = forces_of(system, MobilityForce)
     fluid.setSinusoidalForceDensity(2, 0, 1, 1)
     driven = accuracy.Scene(system, scene.positions, scene.makeIntegrator())
     row, = accuracy.GridStudy(driven, [1e-2], None, ['forces']).run(rounds=1).rows

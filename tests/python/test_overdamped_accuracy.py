@@ -28,7 +28,7 @@ def small():
 
 def test_quadrature_of_the_published_boomerang():
     """For g = 1 independent quadratures give the mean height and <cos^2>, to 1e-4."""
-    found = overdamped.quadrature(overdamped._bodySites(7), overdamped.WEIGHT)
+    found = overdamped.quadrature(overdamped._body_sites(7), overdamped.WEIGHT)
     assert found['height'] == pytest.approx(10.8544, rel=1e-4)
     assert found['cos2'] == pytest.approx(0.37016, rel=1e-4)
 
@@ -91,7 +91,7 @@ def test_monte_carlo_of_the_suspension_has_the_forces_of_the_scene():
 
 def test_monte_carlo_samples_the_quadrature():
     """Monte Carlo of one body, far inside the pen, has the mean height of the quadrature."""
-    sites = overdamped._bodySites(1)
+    sites = overdamped._body_sites(1)
     sampler = overdamped._Pen(sites, 1, 3.0, 1e6, 400, 7)
     sampler.burnIn(100)
     heights = np.zeros(400)
@@ -112,7 +112,7 @@ def test_masses_relax_at_the_rate_they_are_named_for(small, name):
     integrator = overdamped.METHODS[name].makeIntegrator(small, step, 1)
     mass, moments = (x._value for x in integrator.getRigidBodyParameters(3)[1:3])
     assert integrator.getScheme() == CustomRigidHIIntegrator.LangevinHI
-    N = np.linalg.inv(overdamped._bulkMobility(small.sites))
+    N = np.linalg.inv(overdamped._bulk_mobility(small.sites))
     # The rate is that of the mean mobility, which determines diffusion.
     mean = 3/np.trace(np.linalg.inv(N)[:3, :3])
     assert mean/mass*step == pytest.approx(overdamped.INERTIA[name], rel=1e-10)

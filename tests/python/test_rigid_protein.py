@@ -26,8 +26,7 @@ def test_diffusion_of_a_protein():
     result, _ = example.diffusion(copies=7, step=0.02, total=11200, blockTime=100.0, quiet=True)
     entries = result['against_kT_mobility_at_this_step']
     print(f'chi2 {entries["chi2"]:.1f} of 21, largest z {entries["largest_z"]:.2f}, errors '
-          f'{min(entries["error"]):.3f} to '
-          f'{max(entries["error"]):.3f}')
+          f'{min(entries["error"]):.3f} to {max(entries["error"]):.3f}')
     assert entries['chi2'] < 60 and max(entries['error']) < 0.07
     assert 'constant tensor' in result['effects']['hydrodynamics'] and '7 alone' in result[
         'effects']['hydrodynamics']

@@ -363,12 +363,10 @@ def test_schemes_whose_mean_flow_lacks_the_brownian_stress():
     for scheme, problem in (
         ('EulerMaruyama',
          'its scheme is EulerMaruyama at a temperature above 0, with bodies that have a stochastic '
-         'drift, which it omits; its mean flow '
-         'then lacks Brownian stress: use DriftCorrectorFD'),
+         'drift, which it omits; its mean flow then lacks Brownian stress: use DriftCorrectorFD'),
         ('LangevinHI',
          'its scheme is LangevinHI, whose flow is that of the friction forces, at a temperature '
-         'above 0; the mean must have the Brownian '
-         'stress: use a scheme without momenta')):
+         'above 0; the mean must have the Brownian stress: use a scheme without momenta')):
         integrator, _, context = driven([(CROSS, 1.0, (1, 2, 3))], (9, 9, 9), temperature=300,
                                         scheme=scheme, step=1e-4)
         for call in (lambda: analysis.viscosity(context, 20),

@@ -181,8 +181,7 @@ class State:
         if str(found.pop('settings')) != self.settings:
             raise ValueError(
                 f'{self.path}: this run was begun with other settings than those asked for; it '
-                f'cannot go on with these: give another --work, or '
-                '--fresh to begin all anew')
+                'cannot go on with these: give another --work, or --fresh to begin all anew')
         return found
 
     def isDue(self):

@@ -13,7 +13,7 @@ import numpy as np
 import openmm
 
 import openmmrigidhi
-from openmmrigidhi.accuracy._results import jsonText
+from openmmrigidhi.accuracy._results import json_text
 
 HERE = pathlib.Path(__file__).resolve().parent
 
@@ -76,7 +76,7 @@ def plain(value):
 def save(folder, name, data):
     """Write a JSON, with numbers of 12 digits, and each list of numbers on one line."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder/name).write_text(jsonText(plain(data)))
+    (folder/name).write_text(json_text(plain(data)))
     print(f'wrote {folder/name}')
 
 

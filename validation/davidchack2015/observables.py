@@ -69,9 +69,8 @@ class PairSums:
         if self.reach > self.length/2:
             raise ValueError(
                 f"{n} molecules: half the box, {self.length / 2:.3f} nm, is less than the cutoff "
-                f"plus two molecular "
-                f"radii, {self.reach:.3f} nm, so nearest images of molecules miss pairs of sites: "
-                f"take at least 440")
+                f"plus two molecular radii, {self.reach:.3f} nm, so nearest images of molecules "
+                "miss pairs of sites: take at least 440")
         self.bins = int(round(tip4p.R_CUT**2/bin_width))
         self.bin_width = tip4p.R_CUT**2/self.bins
         self.s = (np.arange(self.bins) + 0.5)*self.bin_width

@@ -251,10 +251,9 @@ def table(analysis):
                            if "E_if_A0_is_300" in line else "")
             paper = PAPER[scheme][row]
             lines.append(f"| {LABELS[row]} | {with_error(line['A0'], Z95 * line['A0_error'])} | "
-                         f"{with_error(*paper[:2])} | "
-                         f"{line['z_A0']:+.1f} | {with_error(line['E'], Z95 * line['E_error'])} | "
-                         f"{with_error(*paper[2:])} | "
-                         f"{line['z_E']:+.1f} | {constrained} | "
+                         f"{with_error(*paper[:2])} | {line['z_A0']:+.1f} | "
+                         f"{with_error(line['E'], Z95 * line['E_error'])} | "
+                         f"{with_error(*paper[2:])} | {line['z_E']:+.1f} | {constrained} | "
                          f"{line['chi2']:.1f}/{line['degrees_of_freedom']} |")
     return "\n".join(lines).strip() + "\n"
 
@@ -354,8 +353,7 @@ def write_report(out, work):
     analysis = analyse(runs)
     summary = {
         "what": "Davidchack, Ouldridge, Tretyakov 2015, Table 1",
-        "confidence": "errors named error95 are 95 %; others one "
-        "standard error",
+        "confidence": "errors named error95 are 95 %; others one standard error",
         "schemes": analysis,
         "runs": [{
             k: r.get(k)

@@ -246,8 +246,7 @@ def import_plugin():
                 raise
     raise ModuleNotFoundError(
         "openmmrigidhi is neither installed nor in build/python: run `make build` at the top of "
-        "the "
-        "repository, or set OPENMMRIGIDHI_BUILD to a build folder")
+        "the repository, or set OPENMMRIGIDHI_BUILD to a build folder")
 
 
 def make_integrator(n, scheme, step_fs, gamma=5.0, Gamma=10.0, upsilon_fs=4.0, Upsilon_fs=1.0,

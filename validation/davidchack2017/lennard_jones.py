@@ -47,8 +47,7 @@ MODELS = {
 }
 # (S3): u_LJ (1 - 10 z^3 + 15 z^4 - 6 z^5).
 POTENTIAL = (f'4*s6*(s6-1)*(1-step(r-{SWITCH})*z*z*z*(10-z*(15-6*z))); '
-             f'z=(r*r-{SWITCH**2})/{CUTOFF**2 - SWITCH**2}; '
-             f's6=s2*s2*s2; s2={SIGMA**2}/(r*r)')
+             f'z=(r*r-{SWITCH**2})/{CUTOFF**2 - SWITCH**2}; s6=s2*s2*s2; s2={SIGMA**2}/(r*r)')
 QUANTITIES = ('kT_t', 'kT_r1', 'kT_r2', 'kT_r3', 'U/N')
 #: Table S2, as (A0, error, E_A, error); and Monte Carlo of this repository for U/N, independent of
 #: any integrator (A0, error).

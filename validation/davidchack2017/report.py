@@ -20,8 +20,7 @@ def lennardJones(data):
             yield (f'| {kT} | {name} | {brackets(fit["A0"], fit["A0_error"])} | '
                    f'{brackets(paper["A0"], paper["A0_error"])} | {exact} | '
                    f'{brackets(fit["E_A"], fit["E_A_error"])} | '
-                   f'{brackets(paper["E_A"], paper["E_A_error"])} | '
-                   f'{fit["chi2_per_dof"]:.1f} | '
+                   f'{brackets(paper["E_A"], paper["E_A_error"])} | {fit["chi2_per_dof"]:.1f} | '
                    f'{brackets(order["order"], order["error"]) if order else "–"} |')
     yield ''
     yield ('| kT | model | h | U/N | z to Monte Carlo + paper\'s E_A h² | '
@@ -59,18 +58,16 @@ def trapped(data):
     if 'runs' not in data:  # biases of steps
         return
     yield ('| set | R | kT | h | bias of h | time | largest standard error | largest difference '
-           '(function) | rms z: least, median, greatest of ten | '
-           '⟨x²⟩kt/kT | ⟨χ²⟩kr/kT |')
+           '(function) | rms z: least, median, greatest of ten | ⟨x²⟩kt/kT | ⟨χ²⟩kr/kT |')
     yield '|---'*11 + '|'
     for r in data['runs']:
         worst = max(r['largest_difference'], key=r['largest_difference'].get)
         z, v = sorted(r['rms_z'].values()), r['variance_over_kT_by_K']
         yield (
             f'| {r["set"].split()[0]} | {r["R"]:g} | {r["kT"]:g} | {r["h"]:g} | '
-            f'{r["bias_of_this_step"]:.4f} | {r["time"]:.3g} | '
-            f'{r["largest_standard_error"]:.4f} | {r["largest_difference"][worst]:.4f} ({worst}) | '
-            f'{z[0]:.2f}, {z[len(z)//2]:.2f}, {z[-1]:.2f} | '
-            f'{(v["x"] + v["z"])/2:.4f} | {(v["chiy"] + v["chiz"])/2:.4f} |')
+            f'{r["bias_of_this_step"]:.4f} | {r["time"]:.3g} | {r["largest_standard_error"]:.4f} | '
+            f'{r["largest_difference"][worst]:.4f} ({worst}) | {z[0]:.2f}, {z[len(z)//2]:.2f}, '
+            f'{z[-1]:.2f} | {(v["x"] + v["z"])/2:.4f} | {(v["chiy"] + v["chiz"])/2:.4f} |')
 
 
 def spread(values, digits, sign=''):
@@ -100,8 +97,7 @@ def ring(data):
                    f'{spread(periods, 1) if periods else "–"} | '
                    f'{spread([q["orbital_speed"] for q in same], 4, "+")} | '
                    f'{spread([q["spin"] for q in same], 4, "+")} | '
-                   f'{spread([q["smallest_gap"] for q in same], 3)} | '
-                   f'{", ".join(independent)} |')
+                   f'{spread([q["smallest_gap"] for q in same], 3)} | {", ".join(independent)} |')
 
 
 def diagram(data):

@@ -273,10 +273,8 @@ def made(args, path, tasks):
         })
         print(
             f'f {row["f"]:g} tau {row["tau"]:g} seed {row["seed"]}: {row["state"]}, period '
-            f'{row["period"]}, '
-            f'Om {row["orbital_speed"]:.4f}, spin {row["spin"]:.4f}, smallest gap '
-            f'{row["smallest_gap"]:.3f} '
-            f'{more}  [{row["seconds"]:.0f} s]', flush=True)
+            f'{row["period"]}, Om {row["orbital_speed"]:.4f}, spin {row["spin"]:.4f}, smallest gap '
+            f'{row["smallest_gap"]:.3f} {more}  [{row["seconds"]:.0f} s]', flush=True)
 
     together(runState, [arguments for arguments, _ in todo], args, finish)
     return [rows[k] for k in order]
@@ -363,10 +361,9 @@ def noise(args, path):
         row.update({'name': name, 'paper': paper})
         print(
             f'{name} kT {row["kT"]:g}: {row["state"]} (distances '
-            f'{row.get("distances_to_noiseless")}, fluctuation {row["fluctuation"]:.3f}, '
-            f'mismatch after a shift by one {row["least_mismatch_by_one"]:.2f}), Om '
-            f'{row["orbital_speed"]:.4f}, '
-            f'spin {row["spin"]:.4f}', flush=True)
+            f'{row.get("distances_to_noiseless")}, fluctuation {row["fluctuation"]:.3f}, mismatch '
+            f'after a shift by one {row["least_mismatch_by_one"]:.2f}), Om '
+            f'{row["orbital_speed"]:.4f}, spin {row["spin"]:.4f}', flush=True)
     save(path.parent, path.name, {'rows': rows, 'provenance': provenance(args)})
     return rows
 

@@ -437,10 +437,9 @@ def main():
         runs.sort(key=lambda r: (list(SETS).index(r['set']), r['kT'], r['R']))
         print(
             f'{r["set"]} R {r["R"]:g} kT {r["kT"]:g}: h {r["h"]:g} (bias '
-            f'{r["bias_of_this_step"]:.1e}), largest error '
-            f'{r["largest_standard_error"]:.4f}, largest difference '
-            f'{max(r["largest_difference"].values()):.4f}, '
-            f'rms z {max(r["rms_z"].values()):.2f}  [{r["seconds"]:.0f} s]', flush=True)
+            f'{r["bias_of_this_step"]:.1e}), largest error {r["largest_standard_error"]:.4f}, '
+            f'largest difference {max(r["largest_difference"].values()):.4f}, rms z '
+            f'{max(r["rms_z"].values()):.2f}  [{r["seconds"]:.0f} s]', flush=True)
         save(args.output, name, {'runs': runs, 'provenance': provenance(args)})
 
     names = [f'{task[0].split()[0]} R {task[1]:g} kT {task[2]:g} {args.model}' for task in todo]

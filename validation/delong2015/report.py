@@ -114,9 +114,8 @@ def boomerang(data):
         }
         chi = data['table'][str(r['g'])]['averages (mean, error)']['chi_2D CoH']
         yield (f'| {r["g"]} | {r["scheme"]} | {first["parallel CoH"]} | {late["parallel CoH"]} | '
-               f'{brackets(*chi)} | {first["parallel tip"]} | '
-               f'{late["parallel tip"]} | {first["parallel cross point"]} | '
-               f'{late["parallel cross point"]} |')
+               f'{brackets(*chi)} | {first["parallel tip"]} | {late["parallel tip"]} | '
+               f'{first["parallel cross point"]} | {late["parallel cross point"]} |')
 
 
 if __name__ == '__main__':

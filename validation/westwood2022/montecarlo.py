@@ -5,7 +5,7 @@ Many independent systems run at once. They share nothing but the sizes of moves.
 import numpy as np
 
 from openmmrigidhi._quaternions import product, rotate
-from openmmrigidhi.analysis._moves import StepSizes, uniformRotations
+from openmmrigidhi.analysis._moves import StepSizes, uniform_rotations
 from model import CONTACT, HALF_LENGTH, OFF_AXIS, PAIR_RANGE, PAIR_STRENGTH, SITES, wallEnergy
 
 AXIS = np.array((0.0, 0.0, 1.0))
@@ -124,7 +124,7 @@ class Systems:
         elif kind == 'slide':
             R += size*self.random.standard_normal((n, 1))*self.axes[:, i]
         elif kind == 'turn':
-            q = product(uniformRotations(self.random, np.full(n, size)), q)
+            q = product(uniform_rotations(self.random, np.full(n, size)), q)
         else:
             R[:, 1] = self.scene.width - R[:, 1]
             # y -> -y in the lab and x -> -x in the body, under which the beads are the same: half
@@ -173,7 +173,7 @@ def starts(scene, count, flat, random):
     while len(missing):
         n = len(missing)
         R[missing] = random.random((n, 3))*(scene.side, scene.width, scene.side)
-        q[missing] = uniformRotations(random, np.full(n, np.pi))
+        q[missing] = uniform_rotations(random, np.full(n, np.pi))
         if flat:
             # About z, then the turn that takes the axis from z to x, then about y.
             a, b = np.pi*random.random((2, n))

@@ -229,8 +229,7 @@ def monteCarlo(argument, job):
     if chains.load() and chains.count != systems:
         raise ValueError(
             f'{chains.kept.path}: it has {chains.count} systems, where {systems} are asked for; it '
-            f'cannot go on with these: give another --work, or --fresh to '
-            'begin all anew')
+            'cannot go on with these: give another --work, or --fresh to begin all anew')
     chains.run(sweeps, job.report)
     return {'sweeps': chains.sweeps}
 
@@ -593,8 +592,7 @@ def tables(data):
                 label = '' if variant(run) == PAPERS else f' ({variant(run)})'
                 yield (row +
                        f' {brackets(mean["mean"], mean["error"])}{label} | {mean["z"]:+.1f} | '
-                       f'{brackets(change["mean"], change["error"])} | '
-                       f'{change["z"]:+.1f} |')
+                       f'{brackets(change["mean"], change["error"])} | {change["z"]:+.1f} |')
     yield ''
     yield (
         '| Ly | cut-off/a | rods | scheme | runs × time/τ | redone steps | ms a step | y: bins | '
@@ -635,8 +633,7 @@ def makeRuns(plans, args):
             if wanted > systems:
                 raise SystemExit(
                     f'{scenes[key].name}: {wanted} runs want as many Monte Carlo systems to start '
-                    f'from, and there are {systems}: give a smaller --long, '
-                    'or more systems')
+                    f'from, and there are {systems}: give a smaller --long, or more systems')
             todo += [(*key, args.part, args.scheme, args.scaling, args.coarser, number, steps)
                      for number in range(wanted)]
         names = [

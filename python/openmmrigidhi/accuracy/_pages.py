@@ -1,13 +1,23 @@
 """How the reports of all studies are made: pictures, and one self-contained HTML page."""
+from __future__ import annotations
+
 import base64
 import html
 import io
 import os
 import re
+from typing import TYPE_CHECKING, Any, Collection, Iterable, Optional, Sequence, Union
 
 import numpy as np
 
+from .._types import Path
 from ._results import finite, times
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import matplotlib.figure
+    from ._results import Result
+    from ._results import Wanted
 
 #: The place in an advice where the factor of the answer comes in.
 FACTOR = '{factor}'
@@ -38,7 +48,7 @@ class Report:
     #: The parts of an answer that the JSON keeps.
     ANSWER = ('verdict', 'setting', 'text', 'candidates')
 
-    def __init__(self, result, wanted=()):
+    def __init__(self, result: Result, wanted: Union[str, Sequence[str]] = ()) -> None:
         self.result = result
         self.wanted = [wanted] if isinstance(wanted, str) else list(wanted)
         self.answers = [result.recommend(item) for item in self.wanted]
@@ -46,7 +56,7 @@ class Report:
         self.single = list(
             dict.fromkeys(part.strip() for item in self.wanted for part in item.split(',')))
 
-    def write(self, directory):
+    def write(self, directory: Path) -> list[str]:
         """Write all files into a directory, and return their paths.
 
         The directory is made if it does not exist.
@@ -72,15 +82,15 @@ class Report:
             file.write(self.page(pictures))
         return paths
 
-    def otherPictures(self):
+    def otherPictures(self) -> dict[str, bytes]:
         """Pictures in addition to those of observables' errors: file name -> PNG."""
         return {}
 
-    def answerTexts(self):
+    def answerTexts(self) -> list[str]:
         """The answers as text, with which paragraphs() begins."""
         return [answer.text for answer in self.answers]
 
-    def extras(self):
+    def extras(self) -> dict:
         """What the JSON has in addition to the result."""
         return {
             'recommendations': [{
@@ -90,45 +100,45 @@ class Report:
             } for answer in self.answers]
         }
 
-    def limits(self, observable):
+    def limits(self, observable: str) -> list[Wanted]:
         """The wanted errors of one observable."""
         return [
             each for item in self.single for each in self.result.parseWanted(item)
             if each.observable == observable
         ]
 
-    def draw(self, observable):
+    def draw(self, observable: str) -> bytes:
         """The picture of an observable, a PNG."""
-        figure, panels = emptyPanels(
+        figure, panels = empty_panels(
             f'{sentence(self.result.observables[observable]["label"])}, '
             f'{self.result.scene["name"]}', self.widths(observable))
         self.panels(*panels, observable, self.limits(observable))
         return png(figure, f'Error of {observable}')
 
-    def widths(self, observable):
+    def widths(self, observable: str) -> Sequence[float]:
         """The relative widths of the panels of a picture."""
         return 1.35, 1
 
-    def questions(self):
+    def questions(self) -> list[str]:
         """What was asked, a sentence for each answer."""
         return [
             f'Which {self.CHOICE} is the cheapest with an error of at most '
             f'{" and ".join(each.text for each in answer.wanted)}?' for answer in self.answers
         ]
 
-    def advice(self):
+    def advice(self) -> tuple[list[str], list[str]]:
         """How sure the answers are, and what to do with them: two lists of paragraphs."""
         return advise(self)
 
-    def compared(self):
+    def compared(self) -> str:
         """What was compared, a sentence."""
         raise NotImplementedError
 
-    def describePicture(self, observable):
+    def describePicture(self, observable: str) -> str:
         """What the picture of an observable shows, for readers who do not see it."""
         raise NotImplementedError
 
-    def image(self, observable, pictures):
+    def image(self, observable: str, pictures: dict[str, bytes]) -> str:
         """The picture of an observable as HTML; a reference to it, if it stands with the answer."""
         if observable == self._shown(pictures):
             return '<p>The picture is <a href="#answer">with the answer</a>.</p>'
@@ -139,7 +149,7 @@ class Report:
         asked = [each.observable for item in self.single for each in self.result.parseWanted(item)]
         return next((name for name in (*asked, *pictures) if name in pictures), None)
 
-    def page(self, pictures):
+    def page(self, pictures: dict[str, bytes]) -> str:
         """One HTML page with everything in it; nothing is loaded from elsewhere.
 
         It begins with what was asked, the answers with a picture, how sure they are, and what to
@@ -193,7 +203,7 @@ class Report:
         ]) + '\n'
 
 
-def advise(report):
+def advise(report: Any) -> tuple[list[str], list[str]]:
     """How sure the answers of a report are, and what to do with them, each text once.
 
     Where the texts differ, each one begins with the wanted errors that it is about.
@@ -207,22 +217,23 @@ def advise(report):
     -------
     (list of str, list of str)
     """
-    found = {}, {}
+    found: tuple[dict, dict] = ({}, {})
     for answer in report.answers:
         about = ' and '.join(item.text for item in answer.wanted)
         for texts, text in zip(found, report.ADVICE[answer.verdict, answer.reason]):
             text = text.replace(FACTOR, times(answer.factor)) if FACTOR in text else text
             texts.setdefault(text, []).append(about)
-    return tuple([
+    sure, following = ([
         text if len(texts) == 1 else f'For {"; ".join(abouts)}: {text}'
         for text, abouts in texts.items()
     ] for texts in found)
+    return sure, following
 
 
 # ---- Pictures ------------------------------------------------------------------------------------
 
 
-def emptyPanels(title, widths):
+def empty_panels(title: str, widths: Sequence[float]) -> tuple:
     """An empty figure with panels side by side, of relative widths: (figure, panels)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -235,14 +246,14 @@ def emptyPanels(title, widths):
     return figure, panels
 
 
-def png(figure, title):
+def png(figure: matplotlib.figure.Figure, title: str) -> bytes:
     """The bytes of a picture."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format='png', dpi=110, metadata={'Title': title, 'Software': None})
     return buffer.getvalue()
 
 
-def plainTicks(axes):
+def plain_ticks(axes: matplotlib.axes.Axes) -> None:
     """Numbers such as 0.2 and 50 on logarithmic axes, a list of them that is not too long."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
     for axis in (axes.xaxis, axes.yaxis):
@@ -269,17 +280,17 @@ th{background:#f0f0f0}td:first-child,th:first-child,td.t{text-align:left}tr.bad 
 summary{cursor:pointer;font-weight:bold}'''
 
 
-def sentence(text):
+def sentence(text: str) -> str:
     """The text with a capital at the start."""
     return text[:1].upper() + text[1:]
 
 
-def number(value, form):
+def number(value: Optional[float], form: str) -> str:
     """A number as text, empty where there is none."""
     return '' if value is None else format(value, form)
 
 
-def duration(seconds):
+def duration(seconds: float) -> str:
     """Seconds as text: three digits, in a suitable unit.
 
     Parameters
@@ -294,7 +305,7 @@ def duration(seconds):
     return f'{seconds/scale:.3g} {name}'
 
 
-def section(title, name=None):
+def section(title: str, name: Optional[str] = None) -> str:
     """The heading of a section, which the contents refer to.
 
     Parameters
@@ -308,19 +319,20 @@ def section(title, name=None):
     return f'<h2 id="{name}">{html.escape(title)}</h2>'
 
 
-def paragraph(text):
+def paragraph(text: str) -> str:
     """A paragraph of plain text."""
     return f'<p>{html.escape(text)}</p>'
 
 
-def picture(content, text):
+def picture(content: bytes, text: str) -> str:
     """A PNG within a page; the text describes it for readers who do not see it."""
     return ('<div class="wide" tabindex="0" role="region" aria-label="Picture">'
             f'<img alt="{html.escape(text)}" '
             f'src="data:image/png;base64,{base64.b64encode(content).decode()}"></div>')
 
 
-def table(head, rows, notes=False, pale=()):
+def table(head: Optional[Sequence[str]], rows: Iterable[Sequence[str]], notes: bool = False,
+          pale: Collection[int] = ()) -> str:
     """A table of texts.
 
     Parameters

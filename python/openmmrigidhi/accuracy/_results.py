@@ -1,4 +1,6 @@
 """What the results of all studies share: wanted errors and answers, the machine, CSV and JSON."""
+from __future__ import annotations
+
 import csv
 import json
 import math
@@ -7,13 +9,16 @@ import platform
 import re
 import time
 from dataclasses import dataclass
-from typing import Optional
+from typing import TYPE_CHECKING, Any, Collection, Optional, Sequence, TypeVar, Union
 
 import numpy as np
 import openmm
 import scipy
 
 from .. import _loading
+
+if TYPE_CHECKING:
+    from ._pages import Report
 
 RECOMMENDED, NONE, UNDECIDED = 'recommended', 'none of these', 'cannot tell'
 #: Above this factor, "run N times longer" is not given as advice.
@@ -71,7 +76,8 @@ class Recommendation:
         return self.text
 
 
-def splitWanted(wanted, names, example):
+def split_wanted(wanted: Union[str, Sequence[str]], names: Collection[str],
+                 example: str) -> list[tuple[str, str, float]]:
     """Wanted errors from text, as (observable, amount as written, its number).
 
     Parameters
@@ -97,8 +103,7 @@ def splitWanted(wanted, names, example):
         if name not in names:
             raise ValueError(
                 f'wanted error: got {item.strip()!r}, which is not measured; name one that is: the '
-                f'observable must be one of '
-                f'{", ".join(names)}, as in {example}')
+                f'observable must be one of {", ".join(names)}, as in {example}')
         try:
             value = float(amount.rstrip('%'))
         except ValueError:
@@ -111,7 +116,8 @@ def splitWanted(wanted, names, example):
     return result
 
 
-def checkLengths(where, budget=None, length=None, equilibration=None, rounds=None):
+def check_lengths(where: str, budget: Optional[float] = None, length: Optional[float] = None,
+                  equilibration: Optional[float] = None, rounds: Optional[int] = None) -> None:
     """Refuse impossible lengths of a measurement; None is not checked.
 
     Parameters
@@ -141,7 +147,7 @@ def checkLengths(where, budget=None, length=None, equilibration=None, rounds=Non
         raise ValueError(f'{where}: {name}: got {value!r}; {what}: correct it')
 
 
-def checkedConfidence(confidence, where):
+def checked_confidence(confidence: float, where: str) -> float:
     """A confidence, if it is one.
 
     Parameters
@@ -156,7 +162,7 @@ def checkedConfidence(confidence, where):
     return confidence
 
 
-def worst(verdicts):
+def worst(verdicts: Collection[str]) -> str:
     """The verdict about a setting from the verdicts about each wanted error.
 
     'no' comes before 'n/a' before 'undecided' before 'yes'.
@@ -164,7 +170,7 @@ def worst(verdicts):
     return next((verdict for verdict in ('no', 'n/a', 'undecided') if verdict in verdicts), 'yes')
 
 
-def decide(candidates):
+def decide(candidates: Sequence[dict]) -> tuple[str, Optional[dict], list[dict]]:
     """The verdict, the cheapest candidate that qualifies or None, and those that may qualify.
 
     Candidates are by ascending cost.
@@ -176,7 +182,7 @@ def decide(candidates):
             best, undecided)
 
 
-def factorToDecide(undecided):
+def factor_to_decide(undecided: list[dict]) -> float:
     """How many times longer to run for an answer where no setting is decided in favour.
 
     A setting that is decided in favour is an answer. If none looks like it, all must be decided.
@@ -190,7 +196,7 @@ def factorToDecide(undecided):
     return min(likely) if likely else max(candidate['factor'] for candidate in undecided)
 
 
-def times(factor):
+def times(factor: float) -> str:
     """How many times longer to run, as text of two digits.
 
     Parameters
@@ -203,7 +209,7 @@ def times(factor):
 # ---- Files ---------------------------------------------------------------------------------------
 
 
-def jsonText(data):
+def json_text(data: dict) -> str:
     """Data as JSON that people can read: each list of numbers is on one line.
 
     Parameters
@@ -216,6 +222,10 @@ def jsonText(data):
     """
     return re.sub(r'\[[^\[\]{}"]*\]', lambda match: ' '.join(match.group().split()),
                   json.dumps(data, indent=1)) + '\n'
+
+
+#: The class of a result.
+_Kind = TypeVar('_Kind', bound='Result')
 
 
 class Result:
@@ -237,8 +247,12 @@ class Result:
 
     #: The name of the format in the JSON; the columns of the CSV; the class of the report.
     FORMAT, COLUMNS, REPORT = '', (), None
+    rows: list[dict]
+    observables: dict[str, dict]
+    scene: dict
+    provenance: dict
 
-    def parseWanted(self, wanted):
+    def parseWanted(self, wanted: Union[str, Sequence[str]]) -> list[Wanted]:
         """Wanted relative errors from text.
 
         Parameters
@@ -253,10 +267,10 @@ class Result:
         return [
             Wanted(name, value/100 if amount.endswith('%') else value,
                    f'{amount} of {self.observables[name]["label"]}')
-            for name, amount, value in splitWanted(wanted, self.observables, self.REPORT.EXAMPLE)
+            for name, amount, value in split_wanted(wanted, self.observables, self.REPORT.EXAMPLE)
         ]
 
-    def report(self, wanted=()):
+    def report(self, wanted: Sequence[str] = ()) -> Report:
         """The report: the files of :meth:`write`, textTable() and paragraphs().
 
         Parameters
@@ -271,7 +285,7 @@ class Result:
         """
         return self.REPORT(self, wanted)
 
-    def write(self, directory, wanted=()):
+    def write(self, directory: str, wanted: Sequence[str] = ()) -> list[str]:
         """Write CSV, JSON, pictures and an HTML page into a directory.
 
         The CSV has the rows, and the JSON has everything.
@@ -290,7 +304,7 @@ class Result:
         """
         return self.report(wanted).write(directory)
 
-    def writeJson(self, path, **extra):
+    def writeJson(self, path: str, **extra: Any) -> None:
         """Write everything as JSON; extra entries are added at the top level.
 
         Parameters
@@ -298,10 +312,10 @@ class Result:
         path : str
         """
         with open(path, 'w') as file:
-            file.write(jsonText(dict(self.asDict(), **extra)))
+            file.write(json_text(dict(self.asDict(), **extra)))
 
     @classmethod
-    def isOne(cls, path):
+    def isOne(cls, path: str) -> bool:
         """Whether writeJson() of this class wrote a file.
 
         Parameters
@@ -311,7 +325,7 @@ class Result:
         return _read(path).get('format') == cls.FORMAT
 
     @classmethod
-    def fromJson(cls, path):
+    def fromJson(cls: type[_Kind], path: str) -> _Kind:
         """Read what writeJson() wrote.
 
         Parameters
@@ -330,7 +344,7 @@ class Result:
                 f'give the file of such a study')
         return cls.fromDict(data)
 
-    def writeCsv(self, path):
+    def writeCsv(self, path: str) -> None:
         """Write the table as CSV, one line for each row; a cell without a number is empty.
 
         Parameters
@@ -348,7 +362,7 @@ class Result:
                 ])
 
 
-def finite(value):
+def finite(value: Any) -> Any:
     """A value for JSON, where infinite numbers are null, in dicts and lists, too."""
     if isinstance(value, dict):
         return {key: finite(each) for key, each in value.items()}
@@ -365,12 +379,12 @@ def _read(path):
 # ---- The machine ---------------------------------------------------------------------------------
 
 
-def beginning():
+def beginning() -> dict:
     """When a measurement began, and how busy the machine was."""
     return {'started': _now(), 'load_at_start': _load()}
 
 
-def provenance(began):
+def provenance(began: float) -> dict:
     """When, on which machine and with which versions something was measured.
 
     Parameters

@@ -1,6 +1,15 @@
 """The rigid bodies of a scene, for integrators that know particles only."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import openmm
+
+from .._types import Array
+
+if TYPE_CHECKING:
+    from .scenes import Scene
 
 
 class BodyTable:
@@ -12,7 +21,7 @@ class BodyTable:
 
     smallestMoment = 1e-9
 
-    def __init__(self, scene):
+    def __init__(self, scene: Scene) -> None:
         masses = np.array(
             [scene.system.getParticleMass(i)._value for i in range(scene.system.getNumParticles())])
         sizes = {}
@@ -43,7 +52,7 @@ class BodyTable:
         second = np.einsum('bk,bki,bkj->bij', mass, arms, arms)
         return np.trace(second, axis1=1, axis2=2)[:, None, None]*np.eye(3) - second
 
-    def kineticEnergies(self, positions, velocities):
+    def kineticEnergies(self, positions: Array, velocities: Array) -> Array:
         """As Sample.kineticEnergies, from particle positions (nm) and velocities (nm/ps)."""
         total = np.zeros(4)
         for members, mass in self.groups:

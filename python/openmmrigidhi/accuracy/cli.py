@@ -1,11 +1,14 @@
 """The command line: python3 -m openmmrigidhi.accuracy."""
+from __future__ import annotations
+
 import argparse
 import sys
 import time
+from typing import Optional
 
 from .. import _tasks
 from . import grid, methods, mobilities, observables, overdamped, rungs, scenes
-from ._results import checkLengths, splitWanted
+from ._results import check_lengths, split_wanted
 from .grid import GridStudy
 from .gridresult import GridResult
 from .ladder import LadderStudy
@@ -46,7 +49,7 @@ EPILOG = '''examples:
       --price potential_energy:0.2% --spend potential_energy:2h'''
 
 
-def parser():
+def parser() -> argparse.ArgumentParser:
     """The argument parser."""
     result = argparse.ArgumentParser(prog='python3 -m openmmrigidhi.accuracy',
                                      description=DESCRIPTION, epilog=EPILOG,
@@ -77,10 +80,9 @@ def parser():
     what.add_argument(
         '--methods', nargs='+', default=None, metavar='NAME[:STEPS]',
         help=f'among {", ".join(methods.BUILT_IN)}; with step sizes of its own in fs, e.g. '
-        f'GradientThermostat:1,2,3,4; '
-        'options may follow a name: -I8 inertia scale, -g2 and -G4 frictions, -H3 hydrogens of 3 '
-        'dalton, -N2 reciprocal space in every other step '
-        f'(default: LangevinC LangevinMiddle); with --overdamped among '
+        'GradientThermostat:1,2,3,4; options may follow a name: -I8 inertia scale, -g2 and '
+        '-G4 frictions, -H3 hydrogens of 3 dalton, -N2 reciprocal space in every other step '
+        '(default: LangevinC LangevinMiddle); with --overdamped among '
         f'{", ".join(overdamped.METHODS)}, steps in tau_D (default: all)')
     what.add_argument(
         '--steps', metavar='FS',
@@ -89,8 +91,7 @@ def parser():
     what.add_argument(
         '--observables', nargs='+', default=None, metavar='NAME',
         help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, or module:function of the '
-        f'Context '
-        f'(default: energy and temperatures); with --overdamped among '
+        'Context (default: energy and temperatures); with --overdamped among '
         f'{", ".join(overdamped.OBSERVABLES)} (default: all)')
     what.add_argument(
         '--wanted-error', nargs='+', default=[], metavar='NAME:ERROR',
@@ -99,8 +100,7 @@ def parser():
     what.add_argument(
         '--price', nargs='+', default=[], metavar='NAME:ERROR', help=
         'what it takes to know a number to this error, bias and standard error together: the time '
-        'of every setting, and the cheapest; '
-        'written as for --wanted-error')
+        'of every setting, and the cheapest; written as for --wanted-error')
     what.add_argument(
         '--spend', nargs='+', default=[], metavar='NAME:TIME',
         help='the setting with which a number is known best after this time, e.g. '
@@ -127,8 +127,7 @@ def parser():
     nodes.add_argument(
         '--grid', action='store_true', help=
         'compare tolerances of ForceCoupling on a grid; the scene has spheres and a MobilityForce '
-        'with the boundary '
-        f'Periodic. Observables: {", ".join(grid.OBSERVABLES)}')
+        f'with the boundary Periodic. Observables: {", ".join(grid.OBSERVABLES)}')
     nodes.add_argument('--tolerances', metavar='EPS',
                        help='e.g. 1e-2,1e-4,1e-6 (default: 1e-2 to 1e-10)')
     how = result.add_argument_group('how it is measured')
@@ -168,7 +167,7 @@ def parser():
     return result
 
 
-def main(arguments=None):
+def main(arguments: Optional[list[str]] = None) -> int:
     """Run the command line.
 
     Parameters
@@ -193,10 +192,10 @@ def main(arguments=None):
                 StudyResult).fromJson(options.source)
         else:
             # Before a scene is made, which may take minutes.
-            checkLengths('accuracy', options.budget, options.length, options.equilibration,
-                         options.rounds)
+            check_lengths('accuracy', options.budget, options.length, options.equilibration,
+                          options.rounds)
             result = (_ladder if options.ladder else _grid if options.grid else
-                      _overdamped if options.overdamped else _stepSizes)(options)
+                      _overdamped if options.overdamped else _step_sizes)(options)
         if isinstance(result, (LadderResult, GridResult)):
             report = result.report(options.wanted_error)
         else:
@@ -218,7 +217,7 @@ def main(arguments=None):
 # ---- The studies ---------------------------------------------------------------------------------
 
 
-def _stepSizes(options):
+def _step_sizes(options):
     """The study of step sizes."""
     options.platform = options.platform or 'CPU'
     found, steps = _methods(options.methods or ['LangevinC', 'LangevinMiddle'], methods.byName,
@@ -226,7 +225,7 @@ def _stepSizes(options):
     steps = {name: [h/1000 for h in own] for name, own in steps.items()}
     asked = options.observables or observables.DEFAULT
     names = [observables.byName(name).name for name in asked]
-    _checkWanted(options, names, 'potential_energy:0.5%')
+    _check_wanted(options, names, 'potential_energy:0.5%')
     references = dict(_reference(text, names) for text in options.reference)
     with _Bar(options.quiet) as bar:
         study = StepSizeStudy(_scene(options, bar), found, steps, references, observables=asked,
@@ -250,7 +249,7 @@ def _overdamped(options):
     found, steps = _methods(options.methods or overdamped.METHODS, overdamped.byName, options.steps,
                             'tau_D')
     names = options.observables or list(overdamped.OBSERVABLES)
-    _checkWanted(options, names, 'height:1%')
+    _check_wanted(options, names, 'height:1%')
     given = {} if options.bodies is None else {
         'replicas' if name == 'boomerang' else 'bodies': options.bodies
     }
@@ -268,10 +267,10 @@ def _overdamped(options):
 
 def _ladder(options):
     """The hydrodynamic ladder."""
-    study = LadderStudy(_sphereScene(options), options.rungs, options.observables,
+    study = LadderStudy(_sphere_scene(options), options.rungs, options.observables,
                         options.ladder_reference, (options.platform,) if options.platform else
                         ('Reference', 'CPU'), options.threads, seed=options.seed)
-    _checkWanted(options, [observable.name for observable in study.observables], 'mobility:1%')
+    _check_wanted(options, [observable.name for observable in study.observables], 'mobility:1%')
     with _Bar(options.quiet, 'run') as bar:
         return study.run(options.rounds, progress=bar.study, jobs=options.jobs,
                          cluster=options.cluster)
@@ -280,7 +279,7 @@ def _ladder(options):
 def _grid(options):
     """The grid of a periodic fluid."""
     names = options.observables or list(grid.OBSERVABLES)
-    _checkWanted(options, names, 'forces:1e-4')
+    _check_wanted(options, names, 'forces:1e-4')
     tolerances = _positives(options.tolerances) if options.tolerances else grid.TOLERANCES
     if not tolerances:
         raise ValueError(
@@ -289,7 +288,7 @@ def _grid(options):
     if not any((options.scene, options.system, options.state, options.integrator)):
         scene = scenes.periodicSuspension(options.bodies or 500, 0.1, seed=options.seed)
     else:
-        scene = _sphereScene(options)
+        scene = _sphere_scene(options)
     study = GridStudy(scene, tolerances, observables=names, platform=options.platform or 'CPU',
                       threads=options.threads, seed=options.seed)
     with _Bar(options.quiet, 'run') as bar:
@@ -299,10 +298,10 @@ def _grid(options):
 # ---- Meaning of the arguments --------------------------------------------------------------------
 
 
-def _checkWanted(options, names, example):
+def _check_wanted(options, names, example):
     """Find wrong wanted errors before anything is measured."""
     for item in options.wanted_error + options.price:
-        splitWanted(item, names, example)
+        split_wanted(item, names, example)
     for item in options.spend:
         parseSpending(item, names)
 
@@ -322,8 +321,7 @@ def _methods(texts, byName, common, unit):
             if not steps[name]:
                 raise ValueError(
                     f'step sizes: got {own or common!r}; they must be positive numbers in {unit} '
-                    f'with commas between: write '
-                    'e.g. 2,4,6')
+                    'with commas between: write e.g. 2,4,6')
     return found, steps
 
 
@@ -336,7 +334,7 @@ def _positives(text):
     return values if min(values) > 0 else []
 
 
-def _sphereScene(options):
+def _sphere_scene(options):
     files = (options.system, options.state, options.integrator)
     name = options.scene or 'pairs'
     if options.gaps and (any(files) or name != 'pairs'):
@@ -374,8 +372,7 @@ def _reference(text, names):
     if pair is None or name not in names:
         raise ValueError(
             f'--reference: got {text!r}; it must be name=value or name=value+-error, the name one '
-            f'of {", ".join(names)}: '
-            'write e.g. potential_energy=-46.5+-0.02')
+            f'of {", ".join(names)}: write e.g. potential_energy=-46.5+-0.02')
     return name, pair
 
 

@@ -2,8 +2,11 @@
 
 The products are those with the mobility of force coupling.
 """
+from __future__ import annotations
+
 import re
 import time
+from typing import TYPE_CHECKING, Callable, Optional, Sequence, Union
 
 import numpy as np
 import openmm
@@ -12,11 +15,14 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from . import scenes
-from ._results import checkLengths, provenance
+from ._results import check_lengths, provenance
 from .gridresult import GridResult
 from .measurement import NOT_APPLICABLE, STABLE
 from .rungs import Spheres
 from .scenes import platformProperties
+
+if TYPE_CHECKING:
+    from .scenes import Scene
 
 #: The tolerances that are compared by default.
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
@@ -30,15 +36,13 @@ OBSERVABLES = {
     'forces': {
         'label': 'products with forces',
         'description': 'velocities of spheres from forces on them, as for blobs: the grid follows '
-        'the envelope of forces, '
-        'sigma = a/sqrt(pi) = 0.564 a'
+        'the envelope of forces, sigma = a/sqrt(pi) = 0.564 a'
     },
     'wrenches': {
         'label': 'products with forces and torques',
         'description': 'velocities and angular velocities from forces and torques, as for bodies '
-        'that are one '
-        'sphere: the grid follows the narrower envelope of torques, sigma_D = a/(6 sqrt(pi))^(1/3) '
-        '= 0.455 a'
+        'that are one sphere: the grid follows the narrower envelope of torques, '
+        'sigma_D = a/(6 sqrt(pi))^(1/3) = 0.455 a'
     }
 }
 #: What setSolverTolerance takes.
@@ -50,7 +54,7 @@ _NOT_MEASURED = ('nodes', 'fineness', 'described', 'error', 'own_error', 'typica
                  'seconds_product', 'seconds_median')
 
 
-def gridSizes(least, most):
+def gridSizes(least: float, most: float) -> list[int]:
     """Even numbers of nodes without prime factors above 7.
 
     Parameters
@@ -61,16 +65,16 @@ def gridSizes(least, most):
     -------
     list of int
     """
-    def isSmooth(n):
+    def is_smooth(n):
         for factor in (2, 3, 5, 7):
             while n % factor == 0:
                 n //= factor
         return n == 1
 
-    return [n for n in range(2, int(most) + 1, 2) if n >= least and isSmooth(n)]
+    return [n for n in range(2, int(most) + 1, 2) if n >= least and is_smooth(n)]
 
 
-def describedGrid(integrator):
+def describedGrid(integrator: CustomRigidHIIntegrator) -> tuple[list[int], float]:
     """What an integrator says of the grid of its Context's fluid.
 
     It is the pair (nodes along the edges, tolerance of products).
@@ -130,8 +134,11 @@ class GridStudy:
     >>> print(study.run(rounds=1).recommend('forces:0.1%').setting['tolerance'])
     0.0001
     """
-    def __init__(self, scene=None, tolerances=TOLERANCES, finenesses=FINENESSES,
-                 observables=tuple(OBSERVABLES), platform='CPU', threads=1, seed=1):
+    def __init__(self, scene: Optional[Union[Scene, dict[float, Scene]]] = None,
+                 tolerances: Sequence[float] = TOLERANCES,
+                 finenesses: Optional[tuple[float, float]] = FINENESSES,
+                 observables: Sequence[str] = tuple(OBSERVABLES), platform: str = 'CPU',
+                 threads: int = 1, seed: int = 1) -> None:
         self.scene = scenes.periodicSuspension(500, 0.1, seed=seed) if scene is None else scene
         if not isinstance(self.scene, scenes.Scene):
             raise ValueError(
@@ -162,7 +169,9 @@ class GridStudy:
         self.threads = threads
         self.seed = seed
 
-    def makeContext(self, observable, solver, tolerance, spacing=0.0):
+    def makeContext(
+            self, observable: str, solver: int, tolerance: float,
+            spacing: float = 0.0) -> tuple[MobilityForce, CustomRigidHIIntegrator, openmm.Context]:
         """The spheres in a fluid, as free particles or as bodies.
 
         Parameters
@@ -206,7 +215,7 @@ class GridStudy:
             return fluid.applyMobilityInContext(context, vector.reshape(-1, 6)).ravel()
         return fluid.applyBlobMobilityInContext(context, vector.reshape(-1, 3))._value.ravel()
 
-    def run(self, rounds=5, progress=None):
+    def run(self, rounds: int = 5, progress: Optional[Callable] = None) -> GridResult:
         """Compute and time everything.
 
         Parameters
@@ -221,7 +230,7 @@ class GridStudy:
         -------
         GridResult
         """
-        checkLengths('GridStudy.run', rounds=rounds)
+        check_lengths('GridStudy.run', rounds=rounds)
         began = time.perf_counter()
         settings = [(observable, *setting) for observable in self.observables
                     for setting in self._settings(observable)]

@@ -2,18 +2,25 @@
 
 It has texts, pictures, tables and one HTML page.
 """
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ._pages import Report, paragraph, plainTicks, section, sentence, table
+from ._pages import Report, paragraph, plain_ticks, section, sentence, table
 from ._results import DECIDED, NONE, RECOMMENDED, UNUSABLE
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    from ._results import Wanted
 
 #: Errors for which the fineness is given, beside the fineness that the sampling of a Gaussian
 #: needs.
 NAMED = (1e-4, 1e-6, 1e-8)
 
 
-def gaussianFineness(error):
+def gaussianFineness(error: float) -> float:
     """The fineness sigma/dx at which a grid leaves out this part of a Gaussian.
 
     A grid leaves exp(-(pi sigma/dx)^2) of a Gaussian of width sigma out. The fineness is 0.97,
@@ -26,7 +33,7 @@ def gaussianFineness(error):
     return float(np.sqrt(np.log(1/error))/np.pi)
 
 
-def milliseconds(seconds):
+def milliseconds(seconds: float) -> str:
     """Seconds as text in milliseconds.
 
     Parameters
@@ -66,7 +73,7 @@ class GridReport(Report):
                            'could not be used.')
     }
 
-    def compared(self):
+    def compared(self) -> str:
         """What was compared, a sentence."""
         settings = sorted(
             {row['setting']
@@ -76,13 +83,13 @@ class GridReport(Report):
                 f'{", ".join(f"{setting:g}" for setting in settings)}. '
                 f'What was computed with each: {"; ".join(labels)}.')
 
-    def describePicture(self, observable):
+    def describePicture(self, observable: str) -> str:
         """What the picture of an observable shows, for readers who do not see it."""
         label = self.result.observables[observable]['label']
         return (f'Left: errors of {label} against the fineness of the grid. Right: against the '
                 f'time of a product. The table of {label} has all numbers.')
 
-    def textTable(self):
+    def textTable(self) -> str:
         """Grids, errors and times by tolerance, as text."""
         head, rows = self._table()
         lines = [head, *(row for each in rows.values() for row in each)]
@@ -103,7 +110,7 @@ class GridReport(Report):
             for observable in self.result.observables
         }
 
-    def paragraphs(self):
+    def paragraphs(self) -> list[str]:
         """The report as paragraphs, the answers first."""
         result = self.result
         lines = [answer.text for answer in self.answers]
@@ -151,7 +158,8 @@ class GridReport(Report):
             f'nearly all of it for the matrix.')
         return lines
 
-    def panels(self, left, right, observable, limits):
+    def panels(self, left: matplotlib.axes.Axes, right: matplotlib.axes.Axes, observable: str,
+               limits: list[Wanted]) -> None:
         """Draw errors against sigma/dx beside errors against the time of a product.
 
         Parameters
@@ -206,13 +214,13 @@ class GridReport(Report):
         if right.get_xlim()[0] > 0:
             low, high = right.get_xlim()
             right.set_xlim(low/1.1, high*1.3)
-        plainTicks(right)
+        plain_ticks(right)
         for axes in (left, right):
             axes.yaxis.set_major_formatter(
                 lambda value, _: f'{value:.0e}'.replace('e-0', 'e-').replace('e+00', ''))
             axes.legend(fontsize=8.5)
 
-    def body(self, pictures):
+    def body(self, pictures: dict) -> list[str]:
         """What the page has in addition to the paragraphs, as HTML.
 
         Parameters
@@ -236,16 +244,15 @@ class GridReport(Report):
                 ]
         return parts
 
-    def how(self):
+    def how(self) -> list[str]:
         """Paragraphs about how the study was measured."""
         about = self.result.provenance
         return [
             'Velocities are divided by the square roots of own mobilities, forces by those of own '
-            'frictions. The error is the norm of the difference to the matrix of '
-            'lattice sums, over the norm of that matrix. "Over own" is the norm of the difference '
-            'alone, over own mobilities. Norms are eigenvalues, found by iterations. "Random" '
-            'is the error of velocities from random forces, relative to these velocities, over '
-            'four draws.',
+            'frictions. The error is the norm of the difference to the matrix of lattice sums, '
+            'over the norm of that matrix. "Over own" is the norm of the difference alone, over '
+            'own mobilities. Norms are eigenvalues, found by iterations. "Random" is the error of '
+            'velocities from random forces, relative to these velocities, over four draws.',
             f'Times are the fastest of {about.get("rounds")} rounds in which the tolerances took '
             f'turns, on {about.get("platform")} with {about.get("threads")} thread(s) '
             '(with one thread CPU time, if less than by the clock). A product is called from '

@@ -1,4 +1,8 @@
 """What a GridStudy found: errors, grids and times of products, and recommended tolerances."""
+from __future__ import annotations
+
+from typing import Optional, Sequence, Union
+
 import numpy as np
 
 from ._results import DECIDED, NONE, RECOMMENDED, UNUSABLE, Recommendation, Result, decide
@@ -30,13 +34,13 @@ class GridResult(Result):
     COLUMNS = ('observable', 'kind', 'setting', 'status', 'nodes', 'fineness', 'described', 'error',
                'own_error', 'typical', 'seconds_product', 'seconds_median', 'message')
 
-    def __init__(self, scene, rows, observables, provenance):
+    def __init__(self, scene: dict, rows: list[dict], observables: dict, provenance: dict) -> None:
         self.scene = scene
         self.rows = rows
         self.observables = observables
         self.provenance = provenance
 
-    def select(self, observable, kind=None):
+    def select(self, observable: str, kind: Optional[str] = None) -> list[dict]:
         """Rows of one observable that have an error, from coarse to fine.
 
         Parameters
@@ -55,7 +59,7 @@ class GridResult(Result):
         ]
         return sorted(rows, key=lambda row: (row['fineness'], -row['described']))
 
-    def recommend(self, wanted):
+    def recommend(self, wanted: Union[str, Sequence[str]]) -> Recommendation:
         """The tolerance with the cheapest products whose error is below the wanted one.
 
         Parameters
@@ -109,7 +113,7 @@ class GridResult(Result):
         return Recommendation(verdict, best, text, candidates, None, wanted,
                               DECIDED if candidates else UNUSABLE)
 
-    def finenessFor(self, observable, error):
+    def finenessFor(self, observable: str, error: float) -> Optional[float]:
         """The fineness sigma/dx at which the error is this, between the measured spacings.
 
         Parameters
@@ -132,7 +136,7 @@ class GridResult(Result):
                             (fine['fineness']**2 - coarse['fineness']**2)))
         return None
 
-    def asDict(self):
+    def asDict(self) -> dict:
         """Everything, as a dict for JSON."""
         return {
             'format': self.FORMAT,
@@ -143,7 +147,7 @@ class GridResult(Result):
         }
 
     @classmethod
-    def fromDict(cls, data):
+    def fromDict(cls, data: dict) -> GridResult:
         """The result from what asDict() returned.
 
         Parameters

@@ -2,7 +2,10 @@
 
 The scenes have spheres.
 """
+from __future__ import annotations
+
 import time
+from typing import TYPE_CHECKING, Callable, Optional, Sequence, Union
 
 import numpy as np
 import openmm
@@ -10,11 +13,15 @@ import openmm
 from .. import _tasks
 from . import mobilities
 from . import rungs as rungsModule
-from ._results import checkLengths, provenance
+from ._results import check_lengths, provenance
 from .ladderresult import EXACT, LadderResult
 from .measurement import NOT_APPLICABLE, STABLE
 from .rungs import BEST, Spheres
 from .scenes import Scene, platformProperties
+
+if TYPE_CHECKING:
+    from .mobilities import MobilityObservable
+    from .rungs import Rung
 
 #: The error of StokesianDynamics with lubrication for at most two spheres. The tests of the pair's
 #: resistance functions allow this error, and no larger error was found.
@@ -27,7 +34,7 @@ LONG_STEP = 0.01
 VERY_LONG_STEP = 2.0
 
 
-def remainder(distances):
+def remainder(distances: list[float]) -> Optional[float]:
     """How far the finest multiblob is believed to be from the limit of many blobs.
 
     The number of blobs grows fourfold from rung to rung. If the last difference is q times the one
@@ -97,8 +104,13 @@ class LadderStudy:
     >>> print(study.run(rounds=1).recommend('sedimentation:0.5%').setting['rung'])
     FTS+lubrication
     """
-    def __init__(self, scene, rungs=None, observables=None, reference=None,
-                 platforms=('Reference', 'CPU'), threads=1, parameter=None, seed=1):
+    def __init__(self, scene: Union[Scene,
+                                    dict[float,
+                                         Scene]], rungs: Optional[Sequence[Union[str,
+                                                                                 Rung]]] = None,
+                 observables: Optional[Sequence[Union[str, MobilityObservable, Callable]]] = None,
+                 reference: Optional[str] = None, platforms: Sequence[str] = ('Reference', 'CPU'),
+                 threads: int = 1, parameter: Optional[str] = None, seed: int = 1) -> None:
         self.scenes = {0.0: scene} if isinstance(scene, Scene) else dict(sorted(scene.items()))
         if not self.scenes:
             raise ValueError(
@@ -126,7 +138,7 @@ class LadderStudy:
         self.threads = threads
         self.seed = seed
 
-    def chooseReference(self, observable, values):
+    def chooseReference(self, observable: MobilityObservable, values: dict) -> dict:
         """What the rungs are compared with for an observable that has no exact number.
 
         The result also says how wrong this reference is believed to be. For at most two spheres in
@@ -188,7 +200,8 @@ class LadderStudy:
             'seconds': [rung.name for rung in seconds]
         }
 
-    def run(self, rounds=5, seconds=0.05, progress=None, jobs=1, cluster=None):
+    def run(self, rounds: int = 5, seconds: float = 0.05, progress: Optional[Callable] = None,
+            jobs: int = 1, cluster: Optional[str] = None) -> LadderResult:
         """Compute and time everything.
 
         Times are measured here, one after the other, when everything else is done.
@@ -210,10 +223,10 @@ class LadderStudy:
         -------
         LadderResult
         """
-        checkLengths('LadderStudy.run', rounds=rounds)
+        check_lengths('LadderStudy.run', rounds=rounds)
         began = time.perf_counter()
         # Other estimates of the best rung are computed even if nobody asked for them as rungs.
-        extra = self._secondOpinions()
+        extra = self._second_opinions()
         total, done = len(self.scenes)*(len(self.rungs) + len(extra)) + 2*len(self.rungs), 0
         rows, references, messages = [], {}, {}
 
@@ -280,7 +293,7 @@ class LadderStudy:
     def _text(self, value, rung):
         return f'{rung.name} {self.parameter} {value:g}' if self.isSweep else rung.name
 
-    def _secondOpinions(self):
+    def _second_opinions(self):
         """Rungs that are computed, but not offered: the finest multiblob with exact own tensors."""
         if all(len(scene.bodies) <= 2
                for scene in self.scenes.values()) or all(observable.name in scene.exact
@@ -352,7 +365,7 @@ class LadderStudy:
                     _, integrator, context = spheres.makeContext(
                         rung, platform, platformProperties(platform, self.threads), self.seed)
                     integrator.step(1)
-                    one = self._ownSeconds(integrator, 1)
+                    one = self._own_seconds(integrator, 1)
                     runs.append((rung, platform, integrator, context,
                                  min(1000, max(1, round(seconds/max(one, 1e-7)))),
                                  [one] if one > VERY_LONG_STEP else []))
@@ -370,7 +383,7 @@ class LadderStudy:
                     continue
                 try:
                     spheres.reset(integrator)
-                    times.append(self._ownSeconds(integrator, steps))
+                    times.append(self._own_seconds(integrator, steps))
                 except openmm.OpenMMException as error:
                     broken.add(i)
                     problems.setdefault(rung.name, f'not timed to the end on {platform}: {error}')
@@ -394,7 +407,7 @@ class LadderStudy:
             count(f'timing {rung.name}')
         return costs, problems
 
-    def _ownSeconds(self, integrator, steps):
+    def _own_seconds(self, integrator, steps):
         """Seconds a step without the forces.
 
         They are by the clock, or the process's CPU time if it is less because other programs

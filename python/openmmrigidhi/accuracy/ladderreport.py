@@ -2,14 +2,21 @@
 
 It has texts, pictures, tables and one HTML page.
 """
+from __future__ import annotations
+
 import html
+from typing import TYPE_CHECKING, Any, Optional, Sequence
 
 import numpy as np
 
-from ._pages import Report, duration, paragraph, plainTicks, section, sentence, table
+from ._pages import Report, duration, paragraph, plain_ticks, section, sentence, table
 from ._results import (DECIDED, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE, UNDECIDED, UNUSABLE)
 from .measurement import STABLE
 from .rungs import BEST
+
+if TYPE_CHECKING:
+    from ._results import Recommendation
+    from .ladderresult import LadderResult
 
 COLOURS = {
     'FreeDraining': '#7F7F7F',
@@ -85,35 +92,35 @@ class LadderReport(Report):
             'Ask for another observable (--observables), or take another scene.')
     }
 
-    def compared(self):
+    def compared(self) -> str:
         """What was compared, a sentence."""
         rungs = dict.fromkeys(row['rung'] for row in self.result.rows)
         labels = (about['label'] for about in self.result.observables.values())
         return (f'These models were compared: {", ".join(rungs)}. '
                 f'What was computed with each: {"; ".join(labels)}.')
 
-    def describePicture(self, observable):
+    def describePicture(self, observable: str) -> str:
         """What the picture of an observable shows, for readers who do not see it."""
         label = self.result.observables[observable]['label']
         return (f'Error of {label} for each model, against '
                 f'{self.result.parameter + " and against " if self.result.parameter else ""}'
                 f'the time of a step. The table of {label} has all numbers.')
 
-    def textTable(self):
+    def textTable(self) -> str:
         """As the function textTable()."""
         return textTable(self.result)
 
-    def paragraphs(self):
+    def paragraphs(self) -> list[str]:
         """The report as paragraphs, the answers first."""
         return summary(self.result, self.answers, self.wanted)
 
-    def widths(self, observable):
+    def widths(self, observable: str) -> Sequence[float]:
         """As the base class; a third panel has the numbers where exact numbers are known."""
         return (1,
                 *super().widths(observable)) if self.result.parameter and self.result.exactNumbers(
                     observable) else super().widths(observable)
 
-    def panels(self, *panels):
+    def panels(self, *panels: Any) -> None:
         """Draw errors against the parameter beside errors against time per step.
 
         For a single scene the former are bars. A further panel has the numbers where exact numbers
@@ -127,14 +134,14 @@ class LadderReport(Report):
         """
         *numbers, left, right, observable, limits = panels
         for axes in numbers:
-            _drawNumbers(axes, self.result, observable)
-        (_drawSweep if self.result.parameter else _drawBars)(left, self.result, observable)
-        _drawCost(right, self.result, observable)
+            _draw_numbers(axes, self.result, observable)
+        (_draw_sweep if self.result.parameter else _draw_bars)(left, self.result, observable)
+        _draw_cost(right, self.result, observable)
         for axes in (left, right) if self.result.parameter else (right,):
             for item in limits:
                 axes.axhline(item.tolerance, color='black', ls='--', lw=1)
 
-    def body(self, pictures):
+    def body(self, pictures: dict) -> list[str]:
         """What the page has in addition to the paragraphs, as HTML.
 
         Parameters
@@ -155,19 +162,17 @@ class LadderReport(Report):
             ]
         return parts
 
-    def how(self):
+    def how(self) -> list:
         """Paragraphs about how the study was measured."""
         scene, provenance = self.result.scene, self.result.provenance
         text = (
             'Errors are relative: (value - reference)/|reference|. For matrices and several '
-            'velocities they are the norm of the difference over '
-            f'that of the reference. Times are for a step of LangevinHI with noise at '
-            f'{scene["temperature"]:g} K. They are medians over '
-            f'{provenance.get("rounds")} rounds in which the models took turns, on the faster of '
-            f'{provenance.get("platforms")} '
-            f'({provenance.get("threads")} thread(s); with one thread CPU time, if less than by '
-            f'the clock). Noise alone moved the spheres, and the time of the scene\'s own forces '
-            'in a step was added.')
+            'velocities they are the norm of the difference over that of the reference. Times are '
+            f'for a step of LangevinHI with noise at {scene["temperature"]:g} K. They are medians '
+            f'over {provenance.get("rounds")} rounds in which the models took turns, on the faster '
+            f'of {provenance.get("platforms")} ({provenance.get("threads")} thread(s); with one '
+            'thread CPU time, if less than by the clock). Noise alone moved the spheres, and the '
+            'time of the scene\'s own forces in a step was added.')
         if scene.get('timed_at') is not None:
             text += (f' They were taken at {self.result.parameter} {scene["timed_at"]:g}, on which '
                      'they hardly depend.')
@@ -197,14 +202,14 @@ def _size(row, floor=FLOOR):
     return max(abs(row['error']), floor)
 
 
-def _setParameterAxis(axes, result):
+def _set_parameter_axis(axes, result):
     if result.parameter != 'volume fraction':
         axes.set_xscale('log')
     axes.set_xlabel('gap between the surfaces, radii' if result.parameter ==
                     'gap' else result.parameter)
 
 
-def _drawNumbers(axes, result, observable):
+def _draw_numbers(axes, result, observable):
     """Draw the numbers of the models where exact numbers are known."""
     exact = result.exactNumbers(observable)
     axes.plot(list(exact), list(exact.values()), color='black', lw=2.2, marker='.', ms=8,
@@ -213,16 +218,16 @@ def _drawNumbers(axes, result, observable):
         rows = result.select(observable, rung)
         axes.plot([row['parameter'] for row in rows], [row['value'] for row in rows], ms=5, lw=1.2,
                   **_style(rung))
-    _setParameterAxis(axes, result)
+    _set_parameter_axis(axes, result)
     axes.set_yscale('log')
-    plainTicks(axes)
+    plain_ticks(axes)
     axes.set_ylabel(result.observables[observable]['label'])
     axes.grid(True, which='major', alpha=0.35)
     axes.legend(loc='upper left', fontsize=9)
     axes.set_title('models in the colours of the next panel', fontsize=9.5)
 
 
-def _drawSweep(axes, result, observable):
+def _draw_sweep(axes, result, observable):
     floor = _floor(result, observable)
     for rung in result.rungs:
         rows = [row for row in result.select(observable, rung)]
@@ -234,14 +239,14 @@ def _drawSweep(axes, result, observable):
                       (', exact to 1e-9' if all(entry['exact']
                                                 for entry in result.references.values()) else ''),
                       ms=9, **dict(_style(rung), ls=''))
-    _setParameterAxis(axes, result)
+    _set_parameter_axis(axes, result)
     axes.set_yscale('log')
     axes.set_ylabel('|relative error|')
     axes.grid(True, which='major', alpha=0.35)
     axes.legend(fontsize=8.5)
 
 
-def _drawBars(axes, result, observable):
+def _draw_bars(axes, result, observable):
     rows = {row['rung']: row for row in result.select(observable)}
     names = [name for name in result.rungs if name in rows]
     sizes = [_size(rows[name]) for name in names]
@@ -266,7 +271,7 @@ def _drawBars(axes, result, observable):
     axes.invert_yaxis()
 
 
-def _drawCost(axes, result, observable):
+def _draw_cost(axes, result, observable):
     values, floor = sorted(result.references), _floor(result, observable)
     chosen = sorted({values[round(k)]
                      for k in np.linspace(0,
@@ -308,7 +313,7 @@ def _drawCost(axes, result, observable):
     axes.set_yscale('log')
     low, high = axes.get_xlim()
     axes.set_xlim(low/1.3, high*3)
-    plainTicks(axes)
+    plain_ticks(axes)
     axes.set_xlabel('ms per LangevinHI step (faster platform, forces included)')
     axes.set_ylabel('|relative error|')
     if len(chosen) > 1:
@@ -321,7 +326,7 @@ def _drawCost(axes, result, observable):
 # ---- Texts and tables ----------------------------------------------------------------------------
 
 
-def percent(error):
+def percent(error: Optional[float]) -> str:
     """A relative error as text.
 
     Parameters
@@ -335,7 +340,7 @@ def percent(error):
             f'{error:.2g} %' if error >= 1e-3 or error == 0 else f'{error:.1e} %')
 
 
-def textTable(result):
+def textTable(result: LadderResult) -> str:
     """Largest errors of all rungs over the scenes, in per cent, and times, as text.
 
     Parameters
@@ -363,7 +368,8 @@ def textTable(result):
     return '\n'.join(lines)
 
 
-def summary(result, answers, wanted):
+def summary(result: LadderResult, answers: list[Recommendation],
+            wanted: Sequence[str]) -> list[str]:
     """The report as paragraphs.
 
     Parameters
@@ -380,7 +386,7 @@ def summary(result, answers, wanted):
     """
     lines = [answer.text for answer in answers] + [result.referenceText()]
     for item in wanted if result.parameter else ():
-        lines.append(f'Where {item} is met, by {result.parameter}: {_whereGood(result, item)}.')
+        lines.append(f'Where {item} is met, by {result.parameter}: {_where_good(result, item)}.')
     for observable, about in result.observables.items() if result.parameter else ():
         exact = result.exactNumbers(observable)
         if not exact:
@@ -392,7 +398,7 @@ def summary(result, answers, wanted):
         }
         lines.append(
             f'{sentence(about["label"])}: {percent(FOLLOWS)} off at most, by {result.parameter}, '
-            f'are {_whereGood(result, f"{observable}:{FOLLOWS}")}. '
+            f'are {_where_good(result, f"{observable}:{FOLLOWS}")}. '
             f'At {end:g} the exact number is {exact[end]:.4g}, and found are ' +
             ', '.join(f'{rung} {value:.4g}' for rung, value in last.items()) + '.')
     remarks = {(row['rung'], row['status']): row['message']
@@ -409,7 +415,7 @@ def summary(result, answers, wanted):
     return lines
 
 
-def _whereGood(result, wanted):
+def _where_good(result, wanted):
     """From which parameter, or up to which, each rung meets a wanted error, as text."""
     good, word = (result.goodUpTo(wanted),
                   'up to') if result.isHarderUpwards else (result.goodDownTo(wanted), 'from')
@@ -417,7 +423,7 @@ def _whereGood(result, wanted):
                      for rung, value in good.items())
 
 
-def costTable(result):
+def costTable(result: LadderResult) -> str:
     """Times per step, an HTML table.
 
     Parameters
@@ -436,7 +442,7 @@ def costTable(result):
     return table(('rung', 'what', 'a step', '16 – 84 %', 'faster on', 'matrices'), rows)
 
 
-def errorTable(result, observable):
+def errorTable(result: LadderResult, observable: str) -> str:
     """Relative errors by scene and rung, an HTML table.
 
     Parameters

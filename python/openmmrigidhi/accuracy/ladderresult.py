@@ -1,4 +1,8 @@
 """What the hydrodynamic ladder found: errors and times of the models, and recommended models."""
+from __future__ import annotations
+
+from typing import Optional, Sequence, Union
+
 from ._results import (DECIDED, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE, UNDECIDED, UNUSABLE,
                        Recommendation, Result, decide, worst)
 from .ladderreport import LadderReport, duration, percent
@@ -36,7 +40,8 @@ class LadderResult(Result):
                'is_reference', 'seconds_step', 'seconds_low', 'seconds_high', 'seconds_forces',
                'platform', 'solver', 'message')
 
-    def __init__(self, scene, parameter, rows, references, observables, rungs, provenance):
+    def __init__(self, scene: dict, parameter: Optional[str], rows: list[dict], references: dict,
+                 observables: dict[str, dict], rungs: dict[str, str], provenance: dict) -> None:
         self.scene = scene
         self.parameter = parameter
         self.rows = rows
@@ -47,7 +52,7 @@ class LadderResult(Result):
 
     # ---- Questions -------------------------------------------------------------------------------
 
-    def select(self, observable, rung=None):
+    def select(self, observable: str, rung: Optional[str] = None) -> list[dict]:
         """Rows of one observable that have an error, by ascending parameter.
 
         Parameters
@@ -63,7 +68,7 @@ class LadderResult(Result):
         return sorted((row for row in self.rows if row['observable'] == observable and rung in (
             None, row['rung']) and row['error'] is not None), key=lambda row: row['parameter'])
 
-    def seconds(self, rung):
+    def seconds(self, rung: str) -> Optional[float]:
         """Seconds a step of a rung, or None.
 
         Parameters
@@ -73,7 +78,7 @@ class LadderResult(Result):
         return next((row['seconds_step'] for row in self.rows if row['rung'] == rung), None)
 
     @staticmethod
-    def judge(row, tolerance):
+    def judge(row: dict, tolerance: float) -> str:
         """Whether an error meets a tolerance: 'yes', 'no', 'undecided' or 'n/a'.
 
         The reference itself has an error, and the error of a rung is known only up to it.
@@ -93,7 +98,7 @@ class LadderResult(Result):
             return 'yes'
         return 'no' if size - own > tolerance else 'undecided'
 
-    def recommend(self, wanted):
+    def recommend(self, wanted: Union[str, Sequence[str]]) -> Recommendation:
         """The cheapest rung whose errors are below the wanted ones in every scene.
 
         Parameters
@@ -176,7 +181,7 @@ class LadderResult(Result):
                      if least else '.'))
         return Recommendation(verdict, best, text, candidates, None, wanted, reason)
 
-    def goodDownTo(self, wanted):
+    def goodDownTo(self, wanted: str) -> dict:
         """For several scenes: the parameter from which upward each rung meets a wanted error.
 
         Parameters
@@ -189,9 +194,9 @@ class LadderResult(Result):
             rung -> the smallest parameter from which on all scenes meet it, or None if not even the
             last scene does
         """
-        return self._goodTo(wanted, sorted(self.references, reverse=True))
+        return self._good_to(wanted, sorted(self.references, reverse=True))
 
-    def goodUpTo(self, wanted):
+    def goodUpTo(self, wanted: str) -> dict:
         """For several scenes: the parameter up to which each rung meets a wanted error.
 
         Parameters
@@ -204,14 +209,14 @@ class LadderResult(Result):
             rung -> the largest parameter up to which all scenes meet it, or None if not even the
             first scene does
         """
-        return self._goodTo(wanted, sorted(self.references))
+        return self._good_to(wanted, sorted(self.references))
 
     @property
-    def isHarderUpwards(self):
+    def isHarderUpwards(self) -> bool:
         """Whether approximations get worse for larger parameters."""
         return self.scene.get('harder') == 'larger'
 
-    def exactNumbers(self, observable):
+    def exactNumbers(self, observable: str) -> dict:
         """Exact numbers of the scenes: parameter -> number.
 
         The dict is empty if there is no exact number for one of the scenes.
@@ -228,7 +233,7 @@ class LadderResult(Result):
                 for value in sorted(found)} if all(entry['rung'] == EXACT
                                                    for entry in found.values()) else {}
 
-    def _goodTo(self, wanted, values):
+    def _good_to(self, wanted, values):
         """How far along these values each rung meets a wanted error."""
         result = {}
         items = self.parseWanted(wanted)
@@ -246,7 +251,7 @@ class LadderResult(Result):
                 result[rung] = value
         return result
 
-    def referenceText(self):
+    def referenceText(self) -> str:
         """What the errors are compared with, and how good it is, as text."""
         if all(entry['exact'] for entry in self.references.values()):
             return f'Compared with {BEST}, which is exact for a pair of spheres, to 1e-9.'
@@ -275,7 +280,7 @@ class LadderResult(Result):
 
     # ---- Files -----------------------------------------------------------------------------------
 
-    def asDict(self):
+    def asDict(self) -> dict:
         """Everything, as a dict for JSON."""
         return {
             'format': self.FORMAT,
@@ -292,7 +297,7 @@ class LadderResult(Result):
         }
 
     @classmethod
-    def fromDict(cls, data):
+    def fromDict(cls, data: dict) -> LadderResult:
         """The result from what asDict() returned.
 
         Parameters

@@ -2,9 +2,12 @@
 
 A run has samples and times, and ends when it blows up.
 """
+from __future__ import annotations
+
 import math
 import time
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Callable, Optional
 
 import numpy as np
 import openmm
@@ -12,6 +15,11 @@ import openmm
 from .observables import Sample
 from .scenes import GAS_CONSTANT
 from .statistics import autocorrelationTime, noise, replicaStatistics, seriesStatistics
+
+if TYPE_CHECKING:
+    from .observables import Observable
+    from .result import Knob
+    from .scenes import Scene
 
 STABLE, UNSTABLE, NOT_APPLICABLE = 'stable', 'unstable', 'not applicable'
 #: Runs in other processes that failed, and those that an interruption left no time for.
@@ -79,8 +87,9 @@ class Run:
     platform, properties
         platform and properties of the Context, for observables that need their own Context
     """
-    def __init__(self, scene, observables, makeContext, stepSize, sampleInterval, platform,
-                 properties):
+    def __init__(self, scene: Scene, observables: list[Observable], makeContext: Callable,
+                 stepSize: float, sampleInterval: float, platform: openmm.Platform,
+                 properties: dict[str, str]) -> None:
         self.scene = scene
         self.observables = observables
         self.stepSize = stepSize
@@ -108,11 +117,11 @@ class Run:
             self.end(NOT_APPLICABLE, str(error))
 
     @property
-    def isAlive(self):
+    def isAlive(self) -> bool:
         """Whether the run can be advanced."""
         return self.record.status == STABLE
 
-    def end(self, status, message):
+    def end(self, status: str, message: str) -> None:
         """End the run: its record gets this status, and the Context goes.
 
         Parameters
@@ -124,7 +133,8 @@ class Run:
         self.record.message = message
         self.context = None
 
-    def advance(self, samples, record=True, progress=None):
+    def advance(self, samples: int, record: bool = True,
+                progress: Optional[Callable] = None) -> None:
         """Advance by a number of sample intervals, which make one entry in the timings.
 
         Parameters
@@ -177,7 +187,7 @@ class Run:
                 raise Explosion(f'{observable.name} has become infinite')
             self.record.series[observable.name].append(value)
 
-    def secondsPerStep(self, seconds=0.3, leastSamples=2):
+    def secondsPerStep(self, seconds: float = 0.3, leastSamples: int = 2) -> Optional[float]:
         """Wall seconds per step, sampling included, from a short warm-up; None if the run ended.
 
         Parameters
@@ -203,7 +213,8 @@ class Run:
 # ---- Rows ----------------------------------------------------------------------------------------
 
 
-def summarise(knob, runs, observables, clock):
+def summarise(knob: Knob, runs: list[tuple], observables: list[Observable],
+              clock: str) -> list[dict]:
     """The rows of all settings.
 
     Block lengths are 20 autocorrelation times, of the run itself or the median over the runs of its
@@ -230,7 +241,7 @@ def summarise(knob, runs, observables, clock):
             series = _series(record, observable)
             if series is not None:
                 taus.setdefault(setting.method.name, []).append(
-                    autocorrelationTime(_overReplicas(series))*record.samplesAt)
+                    autocorrelationTime(_over_replicas(series))*record.samplesAt)
         typical = {method: float(np.median(values)) for method, values in taus.items()}
         for setting, record, seed in runs:
             rows.append(
@@ -249,7 +260,7 @@ def _series(record, observable):
         series).all() else None
 
 
-def _overReplicas(series):
+def _over_replicas(series):
     return series if series.ndim == 1 else series.mean(axis=1)
 
 
@@ -304,7 +315,7 @@ def _row(knob, setting, record, observable, seed, clock, typicalTau):
     row.update(variance=own.variance, own_tau=own.tau*record.samplesAt,
                own_tau_error=own.tauError*record.samplesAt, noise=own.value*record.samplesAt,
                noise_degrees=own.degrees)
-    series = _overReplicas(series)
+    series = _over_replicas(series)
     row.update(mean=summary.mean, standard_error=summary.standardError, degrees=summary.degrees,
                tau=summary.tau*record.samplesAt, samples=summary.samples,
                drift=_drift(series, summary))

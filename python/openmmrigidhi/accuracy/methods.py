@@ -5,17 +5,22 @@ integrate, followed by what differs from the scene. LangevinC-I8-g2-G4 is Langev
 times 8 and frictions of 2/ps and 4/ps. LangevinMiddle-H3 has hydrogens of 3 dalton. :data:`OPTIONS`
 lists the letters, and :func:`byName` reads such names.
 """
+from __future__ import annotations
+
 import copy
 import functools
 import math
 import re
 from dataclasses import dataclass
-from typing import Callable, Optional
+from typing import TYPE_CHECKING, Callable, Optional
 
 import openmm
 
 from .. import _schemes, _units
 from ..integrator import CustomRigidHIIntegrator
+
+if TYPE_CHECKING:
+    from .scenes import Scene
 
 
 @dataclass(frozen=True)
@@ -46,7 +51,7 @@ class Method:
     description: str = ''
     prepare: Optional[Callable] = None
 
-    def sceneOf(self, scene):
+    def sceneOf(self, scene: Scene) -> Scene:
         """The scene in which the method runs: what `prepare` makes of this scene.
 
         Parameters
@@ -73,7 +78,9 @@ class RigidScheme:
         1/ps, used instead of the scene's; bodies with their own frictions (setBodyFriction) keep
         them
     """
-    def __init__(self, scheme, inertiaScale=None, friction=None, rotationalFriction=None):
+    def __init__(self, scheme: int, inertiaScale: Optional[float] = None,
+                 friction: Optional[float] = None,
+                 rotationalFriction: Optional[float] = None) -> None:
         self.scheme = scheme
         self.inertiaScale = inertiaScale
         self.friction = friction
@@ -109,7 +116,7 @@ class LangevinMiddle:
     every : int
         1: all forces in every step
     """
-    def __init__(self, friction=None, every=1):
+    def __init__(self, friction: Optional[float] = None, every: int = 1) -> None:
         self.friction = friction
         self.every = every
 
@@ -118,12 +125,12 @@ class LangevinMiddle:
         if self.every == 1:
             integrator = openmm.LangevinMiddleIntegrator(scene.temperature, friction, stepSize)
         else:
-            integrator = self._withSlowKicks(scene, friction, stepSize)
+            integrator = self._with_slow_kicks(scene, friction, stepSize)
         integrator.setRandomNumberSeed(seed)
         return integrator
 
-    def _withSlowKicks(self, scene, friction, stepSize):
-        slow, fast = _forceGroups(scene.system)
+    def _with_slow_kicks(self, scene, friction, stepSize):
+        slow, fast = _force_groups(scene.system)
         integrator = openmm.CustomIntegrator(stepSize)
         integrator.addGlobalVariable('a', math.exp(-friction*stepSize))
         integrator.addGlobalVariable('b', math.sqrt(-math.expm1(-2*friction*stepSize)))
@@ -164,13 +171,13 @@ class MTSLangevin:
     inner : int
         number of steps of the faster forces in each step
     """
-    def __init__(self, friction=None, inner=2):
+    def __init__(self, friction: Optional[float] = None, inner: int = 2) -> None:
         self.friction = friction
         self.inner = inner
 
     def __call__(self, scene, stepSize, seed):
         friction = scene.friction if self.friction is None else self.friction
-        slow, fast = _forceGroups(scene.system)
+        slow, fast = _force_groups(scene.system)
         groups = [(group, 1) for group in slow] + [(group, self.inner) for group in fast]
         integrator = openmm.MTSLangevinIntegrator(scene.temperature, friction, stepSize, groups)
         damping = friction*stepSize/self.inner
@@ -187,7 +194,7 @@ GAS_CONSTANT = _units.GAS_CONSTANT
 HEAVIEST_HYDROGEN = 1.2
 
 
-def heavyHydrogens(scene, mass):
+def heavyHydrogens(scene: Scene, mass: float) -> Scene:
     """The scene with heavier hydrogens (hydrogen mass repartitioning).
 
     The mass is taken from the heaviest particle of the hydrogen's body. The masses of bodies and
@@ -234,17 +241,17 @@ def heavyHydrogens(scene, mass):
         raise ValueError(f'heavyHydrogens: scene {scene.name!r}: no body has a particle of up to '
                          f'{HEAVIEST_HYDROGEN} dalton; hydrogens are told by their mass: '
                          'leave this method out')
-    return _velocitiesAnew(scene.withSystem(system))
+    return _velocities_anew(scene.withSystem(system))
 
 
-def _velocitiesAnew(scene):
+def _velocities_anew(scene):
     """The scene whose velocities are drawn when a Context is made."""
     changed = copy.copy(scene)
     changed.velocities = None
     return changed
 
 
-def reciprocalSpaceApart(scene):
+def reciprocalSpaceApart(scene: Scene) -> Scene:
     """The scene with the reciprocal space of its NonbondedForce in its own force group.
 
     This group is the first that has nothing else in it. The energy of the NonbondedForce's original
@@ -259,14 +266,14 @@ def reciprocalSpaceApart(scene):
     Scene
     """
     system = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(scene.system))
-    _, others = _forceGroups(system)
+    _, others = _force_groups(system)
     free = next(group for group in range(32) if group not in others)
-    for force in _withReciprocalSpace(system):
+    for force in _with_reciprocal_space(system):
         force.setReciprocalSpaceForceGroup(free)
     return scene.withSystem(system)
 
 
-def _withReciprocalSpace(system):
+def _with_reciprocal_space(system):
     methods = (openmm.NonbondedForce.Ewald, openmm.NonbondedForce.PME, openmm.NonbondedForce.LJPME)
     return [
         force for force in system.getForces()
@@ -274,33 +281,33 @@ def _withReciprocalSpace(system):
     ]
 
 
-def _forceGroups(system):
+def _force_groups(system):
     """Force groups of reciprocal spaces, and all other groups with forces."""
     reciprocal = {force.getReciprocalSpaceForceGroup()
-                  for force in _withReciprocalSpace(system)} - {-1}
+                  for force in _with_reciprocal_space(system)} - {-1}
     return sorted(reciprocal), sorted({force.getForceGroup() for force in system.getForces()})
 
 
 # ---- Methods by name -----------------------------------------------------------------------------
 
 
-def _notHeldByConstraints(scene):
+def _not_held_by_constraints(scene):
     return scene.rigidByConstraints()
 
 
-def _noReciprocalSpace(scene):
-    if not _withReciprocalSpace(scene.system):
+def _no_reciprocal_space(scene):
+    if not _with_reciprocal_space(scene.system):
         return ('there is no NonbondedForce with Ewald, PME or LJPME, so no reciprocal space that '
                 'could be evaluated less often')
     return scene.rigidByConstraints()
 
 
-def _notSplit(scene):
+def _not_split(scene):
     if any(scene.system.isVirtualSite(i) for i in range(scene.system.getNumParticles())):
         return ("OpenMM's MTSLangevinIntegrator places virtual sites only at the end of its outer "
                 "steps: the forces of its inner steps would be those of "
                 'sites left behind (LangevinMiddle-N2 places them in time)')
-    return _noReciprocalSpace(scene)
+    return _no_reciprocal_space(scene)
 
 
 #: The methods that are known by name.
@@ -316,11 +323,11 @@ BUILT_IN = {
      Method('GradientThermostat', RigidScheme(CustomRigidHIIntegrator.GradientThermostat), 1, None,
             'Davidchack 2015, eq. 30'),
      Method(
-         'LangevinMiddle', LangevinMiddle(), 2, _notHeldByConstraints,
+         'LangevinMiddle', LangevinMiddle(), 2, _not_held_by_constraints,
          "OpenMM's LangevinMiddleIntegrator, bodies held by constraints (SETTLE for water), "
          "friction gamma"),
      Method(
-         'MTSLangevin', MTSLangevin(), 2, _notSplit,
+         'MTSLangevin', MTSLangevin(), 2, _not_split,
          "OpenMM's MTSLangevinIntegrator: reciprocal space once a step, the other forces several "
          "times (2, or -N), friction gamma", reciprocalSpaceApart),
      )
@@ -346,15 +353,15 @@ class Option:
     values: str
 
 
-def _isPositive(value):
+def _is_positive(value):
     return 0 < value < math.inf
 
 
 #: Options by letter; byName() says which methods have them.
 OPTIONS = {
-    'I': Option('moments times {}', _isPositive, 'above 0'),
-    'g': Option('gamma = {}/ps', _isPositive, 'above 0'),
-    'G': Option('Gamma = {}/ps', _isPositive, 'above 0'),
+    'I': Option('moments times {}', _is_positive, 'above 0'),
+    'g': Option('gamma = {}/ps', _is_positive, 'above 0'),
+    'G': Option('Gamma = {}/ps', _is_positive, 'above 0'),
     'H': Option('hydrogens of {} dalton, their mass taken from the heaviest particle of the body',
                 lambda mass: HEAVIEST_HYDROGEN < mass < math.inf,
                 f'above {HEAVIEST_HYDROGEN}, the heaviest hydrogen'),
@@ -365,7 +372,7 @@ OPTIONS = {
 _NUMBER = r'[0-9]+(?:\.[0-9]+)?(?:e-?[0-9]+)?'
 
 
-def byName(name):
+def byName(name: str) -> Method:
     """The method of this name: a built-in method, with options behind its name.
 
     ==========  ===================================  ==============================================
@@ -401,33 +408,32 @@ def byName(name):
     name = str(name)
     base = BUILT_IN.get(re.split('-', name)[0])
     if base is None:
-        raise _wrongName(name, 'there is no such method')
+        raise _wrong_name(name, 'there is no such method')
     text = name[len(base.name):]
     found = re.findall(f'-([A-Za-z])({_NUMBER})', text)
     if ''.join(f'-{letter}{number}' for letter, number in found) != text:
-        raise _wrongName(name, f'{text!r} are no options, each a dash, a letter and a number')
+        raise _wrong_name(name, f'{text!r} are no options, each a dash, a letter and a number')
     values = {}
     for letter, number in found:
-        if letter not in _optionsOf(base):
-            raise _wrongName(
-                name, f'{base.name} has no option -{letter}, only {_listed(_optionsOf(base))}')
+        if letter not in _options_of(base):
+            raise _wrong_name(
+                name, f'{base.name} has no option -{letter}, only {_listed(_options_of(base))}')
         if letter in values:
-            raise _wrongName(name, f'-{letter} is there twice')
+            raise _wrong_name(name, f'-{letter} is there twice')
         values[letter] = float(number)
         if not OPTIONS[letter].isGood(values[letter]):
-            raise _wrongName(name, f'the number behind -{letter} must be {OPTIONS[letter].values}')
-    return _withOptions(name, base, values) if values else base
+            raise _wrong_name(name, f'the number behind -{letter} must be {OPTIONS[letter].values}')
+    return _with_options(name, base, values) if values else base
 
 
-def _wrongName(name, why):
+def _wrong_name(name, why):
     return ValueError(
         f'method: got {name!r}: {why}; it must be a Method or the name of one of these: '
-        f'{", ".join(BUILT_IN)}; options may follow, '
-        'such as LangevinC-I8 (moments times 8) or LangevinMiddle-g1 (friction 1/ps): correct the '
-        'name')
+        f'{", ".join(BUILT_IN)}; options may follow, such as LangevinC-I8 (moments times 8) or '
+        'LangevinMiddle-g1 (friction 1/ps): correct the name')
 
 
-def _optionsOf(method):
+def _options_of(method):
     make = method.makeIntegrator
     if isinstance(make, RigidScheme):
         return 'IgG' if _schemes.TABLE[make.scheme].hasMomenta else ''
@@ -438,33 +444,33 @@ def _listed(letters):
     return ', '.join(f'-{letter}' for letter in letters) or 'none'
 
 
-def _withOptions(name, base, values):
+def _with_options(name, base, values):
     make, prepare, whyNot = base.makeIntegrator, base.prepare, base.whyNot
     gamma = values.get('g')
     if isinstance(make, RigidScheme):
         made = RigidScheme(make.scheme, values.get('I'), gamma, values.get('G'))
         # The scene's velocities belong to its own moments. With moments 8 times as large they would
         # be 8 times too hot.
-        prepare = _velocitiesAnew if 'I' in values else None
+        prepare = _velocities_anew if 'I' in values else None
     elif isinstance(make, MTSLangevin):
         made = MTSLangevin(gamma, int(values.get('N', make.inner)))
     else:
         made = LangevinMiddle(gamma, int(values.get('N', 1)))
         if 'N' in values:
-            prepare, whyNot = reciprocalSpaceApart, _noReciprocalSpace
+            prepare, whyNot = reciprocalSpaceApart, _no_reciprocal_space
     if 'H' in values:
-        prepare = functools.partial(_heavyThen, mass=values['H'], then=prepare)
-        whyNot = functools.partial(_notHeavy, mass=values['H'], first=whyNot)
+        prepare = functools.partial(_heavy_then, mass=values['H'], then=prepare)
+        whyNot = functools.partial(_not_heavy, mass=values['H'], first=whyNot)
     meanings = [OPTIONS[letter].meaning.format(f'{value:g}') for letter, value in values.items()]
     return Method(name, made, base.order, whyNot, '; '.join([base.description, *meanings]), prepare)
 
 
-def _heavyThen(scene, mass, then):
+def _heavy_then(scene, mass, then):
     scene = heavyHydrogens(scene, mass)
     return scene if then is None else then(scene)
 
 
-def _notHeavy(scene, mass, first):
+def _not_heavy(scene, mass, first):
     refusal = first(scene)
     if refusal is not None:
         return refusal

@@ -2,9 +2,14 @@
 
 The numbers are those for given forces.
 """
+from __future__ import annotations
+
+from typing import Callable, Optional, Union
+
 import numpy as np
 
 from .. import _units
+from .._types import Array
 from .scenes import findObservable
 
 
@@ -24,7 +29,8 @@ class MobilitySample:
     forces, torques : arrays of shape (n, 3)
         forces and torques of the scene on its bodies at the start, about the spheres' centres
     """
-    def __init__(self, mobility, centres, radii, viscosity, forces, torques):
+    def __init__(self, mobility: Array, centres: Array, radii: Array, viscosity: float,
+                 forces: Array, torques: Array) -> None:
         self.mobility = mobility
         self.centres = centres
         self.radii = radii
@@ -33,11 +39,12 @@ class MobilitySample:
         self.torques = torques
 
     @property
-    def friction(self):
+    def friction(self) -> Array:
         """Inverse of the mobility, an array of shape (6n, 6n)."""
         return np.linalg.inv(self.mobility)
 
-    def twists(self, forces, torques=0.0):
+    def twists(self, forces: Union[float, Array],
+               torques: Union[float, Array] = 0.0) -> tuple[Array, Array]:
         """Velocities and angular velocities from forces and torques on the bodies.
 
         The result is two arrays of shape (n, 3).
@@ -68,7 +75,8 @@ class MobilityObservable:
         norm(x - r)/norm(r)
     description : str
     """
-    def __init__(self, name, label, measure, compare=None, description=''):
+    def __init__(self, name: str, label: str, measure: Callable, compare: Optional[Callable] = None,
+                 description: str = '') -> None:
         self.name = name
         self.label = label
         self.measure = measure
@@ -92,7 +100,7 @@ def _drag(sample):
     return float((forces/(6*np.pi*sample.viscosity*sample.radii)).mean())
 
 
-def _rotationalDrag(sample):
+def _rotational_drag(sample):
     """Torques about z, over Stokes', that rotate all spheres alike about z without moving them."""
     torques = sample.friction[5::6, 5::6].sum(axis=1)
     return float((torques/(8*np.pi*sample.viscosity*sample.radii**3)).mean())
@@ -118,12 +126,12 @@ def _sedimentation(sample):
     return float(sample.twists((0, 0, 1))[0][:, 2].mean())
 
 
-def _rotationTranslation(sample):
+def _rotation_translation(sample):
     velocities, angular = sample.twists((0, 0, 1))
     return angular/velocities[:, 2].mean() if len(sample.radii) > 1 else None
 
 
-def _relativeMobility(sample):
+def _relative_mobility(sample):
     n = len(sample.radii)
     if n < 2:
         return None
@@ -139,7 +147,7 @@ def _relativeMobility(sample):
     return float((velocities[j] - velocities[i]) @ normal)
 
 
-def _ownForces(sample):
+def _own_forces(sample):
     if not (sample.forces.any() or sample.torques.any()):
         return None
     velocities, angular = sample.twists(sample.forces, sample.torques)
@@ -161,22 +169,21 @@ BUILT_IN = {
     (MobilityObservable(
         'mobility', 'mobility matrix', _scaled, description=
         'Frobenius norm of the error of the mobility matrix over that of the matrix, both divided '
-        'by the '
-        'roots of the Stokes mobilities of the spheres alone'),
+        'by the roots of the Stokes mobilities of the spheres alone'),
      MobilityObservable(
          'sedimentation', 'settling velocity', _sedimentation,
          description='mean velocity along z under the same force along z on every body'),
      MobilityObservable(
          'relative_mobility', 'mobility along the line of centres of the closest pair',
-         _relativeMobility, description=
+         _relative_mobility, description=
          'relative velocity of the two spheres with the smallest gap when they are pulled apart'),
      MobilityObservable(
-         'rotation_translation', 'rotation per settling velocity', _rotationTranslation, description
-         ='angular velocities of all bodies over their mean velocity, under the same force along z '
-         'on every '
-         'body; norm'),
+         'rotation_translation', 'rotation per settling velocity', _rotation_translation,
+         description=
+         'angular velocities of all bodies over their mean velocity, under the same force along z '
+         'on every body; norm'),
      MobilityObservable(
-         'own_forces', "velocities under the scene's own forces", _ownForces, description=
+         'own_forces', "velocities under the scene's own forces", _own_forces, description=
          "velocities, and radii times angular velocities, under the scene's forces at its start; "
          "norm"),
      MobilityObservable(
@@ -185,7 +192,7 @@ BUILT_IN = {
          "Stokes' drag; in an array it is "
          'known as K'),
      MobilityObservable(
-         'rotational_drag', 'rotational drag KR of spheres that rotate alike', _rotationalDrag,
+         'rotational_drag', 'rotational drag KR of spheres that rotate alike', _rotational_drag,
          description=
          "mean torque about z on spheres that all rotate alike about z and do not move, over "
          "Stokes' torque"),
@@ -199,7 +206,7 @@ BUILT_IN = {
 DEFAULT = ('mobility', 'sedimentation', 'relative_mobility', 'rotation_translation', 'own_forces')
 
 
-def byName(name):
+def byName(name: Union[str, MobilityObservable, Callable]) -> MobilityObservable:
     """An observable by its name on the command line.
 
     Parameters
@@ -219,6 +226,5 @@ def byName(name):
     if found is None:
         raise ValueError(
             f'observable of mobility: got {name!r}; it must be one of {", ".join(BUILT_IN)}, or '
-            f'module:function: '
-            'correct the name')
+            'module:function: correct the name')
     return found

@@ -2,25 +2,32 @@
 
 A user's own function of the Context can be measured, too.
 """
+from __future__ import annotations
+
 from collections import deque
 from functools import cached_property
+from typing import TYPE_CHECKING, Callable, Optional, Union
 
 import numpy as np
 import openmm
 
 from .. import _units
+from .._types import Array
 from ..integrator import CustomRigidHIIntegrator
 from .scenes import GAS_CONSTANT, findObservable
+
+if TYPE_CHECKING:
+    from .scenes import Scene
 
 
 class Sample:
     """The present moment of a run; everything is computed once, when it is first asked for."""
-    def __init__(self, scene, context):
+    def __init__(self, scene: Scene, context: openmm.Context) -> None:
         self.scene = scene
         self.context = context
 
     @cached_property
-    def rigid(self):
+    def rigid(self) -> Optional[CustomRigidHIIntegrator]:
         """The CustomRigidHIIntegrator, or None for OpenMM's own integrators."""
         integrator = self.context.getIntegrator()
         try:
@@ -29,22 +36,22 @@ class Sample:
             return None
 
     @cached_property
-    def energies(self):
+    def energies(self) -> openmm.State:
         """The State with the energies."""
         return self.context.getState(getEnergy=True)
 
     @cached_property
-    def potentialEnergy(self):
+    def potentialEnergy(self) -> float:
         """The potential energy, kJ/mol."""
         return self.energies.getPotentialEnergy()._value
 
     @cached_property
-    def positions(self):
+    def positions(self) -> Array:
         """Positions of all particles, nm, array of shape (particles, 3), unwrapped."""
         return self.context.getState(getPositions=True).getPositions(asNumpy=True)._value
 
     @cached_property
-    def kineticEnergies(self):
+    def kineticEnergies(self) -> Array:
         """Kinetic energies summed over bodies, kJ/mol.
 
         They are those of translation, and of rotation about the axis of the smallest, middle and
@@ -59,7 +66,7 @@ class Sample:
             state.getVelocities(asNumpy=True)._value)
 
     @cached_property
-    def degrees(self):
+    def degrees(self) -> dict[str, int]:
         """Kinetic degrees of freedom, as CustomRigidHIIntegrator.getDegreesOfFreedom()."""
         if self.rigid is not None:
             return self.rigid.getDegreesOfFreedom()
@@ -86,7 +93,8 @@ class Observable:
         (sample, object). If it remembers earlier samples, its methods `memory()` -> array and
         `recall(array)` make an ensemble go on from a checkpoint as without an interruption.
     """
-    def __init__(self, name, label, unit, measure, exact=None, setup=None):
+    def __init__(self, name: str, label: str, unit: str, measure: Callable,
+                 exact: Optional[Callable] = None, setup: Optional[Callable] = None) -> None:
         self.name = name
         self.label = label
         self.unit = unit
@@ -94,7 +102,7 @@ class Observable:
         self._exact = exact
         self.setup = setup
 
-    def exact(self, scene):
+    def exact(self, scene: Scene) -> Optional[float]:
         """The exact canonical average, or None where only the limit of small steps can tell."""
         if self.name in scene.exact:
             return scene.exact[self.name]
@@ -212,8 +220,7 @@ class _Charges:
         if len(forces) != 1:
             raise ValueError(
                 f'observable dipole_squared: there are {len(forces)} NonbondedForces; charges are '
-                f'those of the only one: leave this '
-                'observable out')
+                'those of the only one: leave this observable out')
         charges = np.array([
             forces[0].getParticleParameters(i)[0]._value for i in range(forces[0].getNumParticles())
         ])
@@ -224,9 +231,8 @@ class _Charges:
             if abs(net) > LARGEST_NET_CHARGE:
                 raise ValueError(
                     f'observable dipole_squared: body {index} has a net charge of {net:.6g} e; the '
-                    f'dipole moment of a charged body depends on '
-                    'the origin, and that of a periodic box on where its images are: leave this '
-                    'observable out')
+                    'dipole moment of a charged body depends on the origin, and that of a periodic '
+                    'box on where its images are: leave this observable out')
         free = np.flatnonzero((charges != 0) & ~inBodies)
         if len(free):
             raise ValueError(
@@ -237,7 +243,7 @@ class _Charges:
         self.charges = charges
 
 
-def dipoleMoment(sample, charges):
+def dipoleMoment(sample: Sample, charges: _Charges) -> Array:
     """Total dipole moment of the bodies, e nm, array of shape (3,).
 
     Bodies are whole in a Context's positions, on whichever side of a periodic boundary they are.
@@ -361,7 +367,7 @@ DEFAULT = ('potential_energy', 'translational_temperature', 'rotational_temperat
            'rotational_temperature_2', 'rotational_temperature_3')
 
 
-def diffusionCoefficient(window):
+def diffusionCoefficient(window: float) -> Observable:
     """The observable diffusion_coefficient over another window.
 
     A body's centre of mass is followed without wrapping it into the box. Its mean square
@@ -388,7 +394,7 @@ def diffusionCoefficient(window):
                       'nm^2/ps', _DiffusionCoefficient(window), setup=_Centres)
 
 
-def byName(name):
+def byName(name: Union[str, Observable, Callable]) -> Observable:
     """An observable by its name on the command line.
 
     Parameters
@@ -404,7 +410,7 @@ def byName(name):
     -------
     Observable
     """
-    found = findObservable(name, Observable, BUILT_IN, _fromFunction)
+    found = findObservable(name, Observable, BUILT_IN, _from_function)
     if found is not None:
         return found
     if name.startswith('energy_group_') and name[13:].isdigit() and int(name[13:]) < 32:
@@ -415,7 +421,7 @@ def byName(name):
         'energy_group_31, or module:function: correct the name')
 
 
-def _fromFunction(function):
+def _from_function(function):
     exact = getattr(function, 'exact', None)
     return Observable(function.__name__, function.__name__, getattr(function, 'unit', ''),
                       _UserFunction(function), None if exact is None else _Constant(exact))

@@ -3,13 +3,17 @@
 The schemes without momenta are compared with LangevinHI. All numbers are in units of the blob
 radius a and of the time tau_D = 6 pi eta a^3/kT, in which a blob diffuses about its radius.
 """
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING, Any, Optional, Sequence, Union
 
 import numpy as np
 import openmm
 
 from .. import app
-from .._quaternions import product, rotationMatrices
+from .._types import Array
+from .._quaternions import product, rotation_matrices
 from ..analysis import WalkerSampler, mobilityAboutPoint
 from ..integrator import CustomRigidHIIntegrator, Scheme
 from ..mobility import MobilityForce
@@ -18,6 +22,10 @@ from .methods import Method, RigidScheme
 from .observables import Observable
 from .scenes import GAS_CONSTANT, Scene
 from .study import Knob, StepSizeStudy
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    from .result import Reference
 
 #: Delong, Balboa Usabiaga, Donev 2015: spacing over radius of the boomerang's blobs; repulsion by
 #: the wall, kT, and its weight at g = 1, kT/a.
@@ -35,7 +43,7 @@ SCHEMES = ('EulerMaruyama', 'FixmanMidpoint', 'RandomFiniteDifference', 'Tractio
            'TrapezoidalSlip', 'DriftCorrectorFD', 'DriftCorrectorRFD')
 
 
-def picoseconds(h):
+def picoseconds(h: float) -> float:
     """A time in ps.
 
     Parameters
@@ -46,7 +54,7 @@ def picoseconds(h):
     return h*6*math.pi*VISCOSITY*RADIUS**3/(GAS_CONSTANT*TEMPERATURE)
 
 
-def wallRepulsion(gaps):
+def wallRepulsion(gaps: Array) -> Array:
     """Energy of blobs in the repulsion by the wall, kT.
 
     Parameters
@@ -73,14 +81,17 @@ class WallScene(Scene):
         frictions of a body in unbounded fluid: mean of translation, dalton/ps; about its axes,
         dalton nm^2/ps
     """
-    def __init__(self, system, positions, integrator, sites, replicas, **kwargs):
+    def __init__(self, system: openmm.System, positions: Array, integrator: CustomRigidHIIntegrator,
+                 sites: Array, replicas: int, **kwargs: Any) -> None:
         self.timeUnit = picoseconds(1)
         self.sites, self.replicas, self.cross = sites, replicas, len(sites) // 2
-        N = _bulkMobility(sites)
+        N = _bulk_mobility(sites)
         self.frictions = 3/np.trace(N[:3, :3]), 1/np.diag(N)[3:]
         super().__init__(system, positions, integrator, sampleInterval=self.timeUnit, **kwargs)
 
-    def makeContext(self, integrator, platform, properties, seed, system=None):
+    def makeContext(self, integrator: openmm.Integrator, platform: openmm.Platform,
+                    properties: dict[str, str], seed: int,
+                    system: Optional[openmm.System] = None) -> openmm.Context:
         """As Scene.makeContext(), but bodies without mass get no velocities.
 
         Parameters
@@ -96,7 +107,7 @@ class WallScene(Scene):
         return context
 
 
-def _bodySites(blobsPerArm):
+def _body_sites(blobsPerArm):
     """Sites about the centre of mass along principal axes.
 
     x is along the bisector and z normal to the plane.
@@ -106,7 +117,7 @@ def _bodySites(blobsPerArm):
     return sites @ np.array([(1, 1, 0), (-1, 1, 0), (0, 0, math.sqrt(2))]).T/math.sqrt(2)
 
 
-def _bulkMobility(sites):
+def _bulk_mobility(sites):
     system, fluid, integrator = openmm.System(), MobilityForce(), CustomRigidHIIntegrator(0, 1)
     integrator.setScheme(Scheme.RandomFiniteDifference)
     fluid.setViscosity(VISCOSITY)
@@ -142,7 +153,7 @@ def _system(sites, bodies, weight):
     return system, fluid, integrator
 
 
-def quadrature(sites, weight, orientations=32):
+def quadrature(sites: npt.ArrayLike, weight: float, orientations: int = 32) -> dict:
     """Exact averages of one body above the wall, by quadrature.
 
     The quadrature is over the body's height and the direction of the vertical in its frame.
@@ -187,7 +198,8 @@ def quadrature(sites, weight, orientations=32):
     return dict(zip(('height', 'cos2', 'repulsion'), (sums[1:]/sums[0]).tolist()))
 
 
-def boomerang(replicas=32, weight=10*WEIGHT, blobsPerArm=7, seed=1):
+def boomerang(replicas: int = 32, weight: float = 10*WEIGHT, blobsPerArm: int = 7,
+              seed: int = 1) -> WallScene:
     """Independent boomerangs above a wall, in equilibrium, by setGroups.
 
     The scene is that of Delong, Balboa Usabiaga, Donev 2015, Figs 8 and 9.
@@ -208,14 +220,14 @@ def boomerang(replicas=32, weight=10*WEIGHT, blobsPerArm=7, seed=1):
     WallScene
         with exact averages, by quadrature
     """
-    sites = _bodySites(blobsPerArm)
+    sites = _body_sites(blobsPerArm)
     system, fluid, integrator = _system(sites, replicas, weight)
     fluid = MobilityForce.cast(system.getForce(0))
     fluid.setGroups(range(replicas))
     kT = GAS_CONSTANT*TEMPERATURE
 
     def energy(R, q):
-        vertical = rotationMatrices(q)[:, 2, :]
+        vertical = rotation_matrices(q)[:, 2, :]
         gaps = (R[:, 2:] + vertical @ sites.T)/RADIUS - 1
         return kT*(weight*R[:, 2]/RADIUS + wallRepulsion(gaps).sum(axis=1))
 
@@ -251,7 +263,7 @@ class _Pen:
     def _blobs(self, R, q):
         return R[..., None, :] + np.einsum(
             '...ij,kj->...ki',
-            rotationMatrices(q.reshape(-1, 4)).reshape(q.shape[:-1] + (3, 3)), self.sites)
+            rotation_matrices(q.reshape(-1, 4)).reshape(q.shape[:-1] + (3, 3)), self.sites)
 
     def _energy(self, blobs, others):
         """Energy of one body in each system (systems, blobs, 3).
@@ -302,8 +314,9 @@ class _Pen:
             self.move = np.clip(self.move*math.exp(0.1*(self.sweep() - 0.4)), 1e-3, 2)
 
 
-def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=500, systems=60,
-               seed=1):
+def suspension(bodies: int = 16, weight: float = 10*WEIGHT, blobsPerArm: int = 2,
+               radius: float = 9.0, sweeps: int = 500, systems: int = 60,
+               seed: int = 1) -> WallScene:
     """Interacting boomerangs above a wall, held together by a round pen.
 
     The fluid and a soft repulsion couple them.
@@ -330,7 +343,7 @@ def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=50
         its attribute `sampled` has the averages of the Monte Carlo run: name -> (value, standard
         error)
     """
-    sites, kT = _bodySites(blobsPerArm), GAS_CONSTANT*TEMPERATURE
+    sites, kT = _body_sites(blobsPerArm), GAS_CONSTANT*TEMPERATURE
     system, _, integrator = _system(sites, bodies, weight)
     pen = openmm.CustomExternalForce(f'{PEN*kT!r}*max(0,sqrt(x^2+y^2)/{RADIUS}-{radius})^2')
     pair = openmm.CustomNonbondedForce(f'{PAIR*kT!r}*exp(-3*(r/{RADIUS}-2))')
@@ -370,10 +383,10 @@ def suspension(bodies=16, weight=10*WEIGHT, blobsPerArm=2, radius=9.0, sweeps=50
 def _places(R, q, sites):
     """Positions of all blobs of bodies at R (n, 3), q (n, 4): nm."""
     return (np.asarray(R)[:, None, :] +
-            np.einsum('bij,kj->bki', rotationMatrices(np.asarray(q)), sites)).reshape(-1, 3)
+            np.einsum('bij,kj->bki', rotation_matrices(np.asarray(q)), sites)).reshape(-1, 3)
 
 
-def measure(R, q, sites):
+def measure(R: npt.ArrayLike, q: npt.ArrayLike, sites: npt.ArrayLike) -> dict:
     """The observables of bodies, as functions of their poses.
 
     Parameters
@@ -390,7 +403,7 @@ def measure(R, q, sites):
         height (of the cross point, blob radii), cos2, repulsion (kT), each of shape (...)
     """
     R, q = np.asarray(R, dtype=float), np.asarray(q, dtype=float)
-    vertical = rotationMatrices(q.reshape(-1, 4))[:, 2, :].reshape(q.shape[:-1] + (3,))
+    vertical = rotation_matrices(q.reshape(-1, 4))[:, 2, :].reshape(q.shape[:-1] + (3,))
     heights = (R[..., 2:] + vertical @ sites.T)/RADIUS
     gaps = heights - 1
     return {
@@ -473,7 +486,7 @@ METHODS = {
 }
 
 
-def byName(name):
+def byName(name: str) -> Method:
     """A method by its name.
 
     Parameters
@@ -523,8 +536,10 @@ class OverdampedStudy(StepSizeStudy):
     >>> study.run(length=40*study.scene.timeUnit).recommend('height:50%').verdict
     'recommended'
     """
-    def __init__(self, scene, methods=tuple(METHODS), stepSizes=None,
-                 observables=tuple(OBSERVABLES), platform='Reference', **kwargs):
+    def __init__(self, scene: WallScene, methods: Sequence[str] = tuple(METHODS),
+                 stepSizes: Optional[Union[Sequence[float], dict[str, Sequence[float]]]] = None,
+                 observables: Sequence[str] = tuple(OBSERVABLES), platform: str = 'Reference',
+                 **kwargs: Any) -> None:
         if isinstance(stepSizes, dict):
             stepSizes = {
                 name: [h*scene.timeUnit for h in steps]
@@ -550,7 +565,7 @@ class OverdampedStudy(StepSizeStudy):
                     '(τ_D), the time between samples: take e.g. 0.05, 0.1, 0.2, 0.25, 0.5')
         self.knob = Knob('step_size', 'step', 'τ_D', 1/scene.timeUnit, 'τ_D/s', perDay)
 
-    def reference(self, observable, rows):
+    def reference(self, observable: Observable, rows: list[dict]) -> Optional[Reference]:
         """The exact or sampled average, or the common limit of consistent schemes without momenta.
 
         Parameters

@@ -4,18 +4,26 @@ The module gives the time to a wanted error, and the error that a time buys. The
 accuracy/statistics.py. Here settings are compared, with the uncertainty of everything that was
 measured.
 """
+from __future__ import annotations
+
 import math
 import numbers
 import re
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Collection, Optional
 
 import numpy as np
 
+from .._types import Array
 from ._pages import duration
 from ._results import (DECIDED, NO_MEAN, NO_REFERENCE, NONE, RECOMMENDED, UNDECIDED, UNUSABLE,
-                       Recommendation, checkedConfidence, factorToDecide, worst)
+                       Recommendation, checked_confidence, factor_to_decide, worst)
 from .measurement import SECONDS_PER_DAY, SLOW, STABLE
 from .statistics import errorAfter, noiseDegrees, resampledNoise, timeToError
+
+if TYPE_CHECKING:
+    from ._results import Wanted
+    from .result import StudyResult
 
 #: Verdicts about settings.
 CHEAPEST, SAME, DEARER, OPEN = 'cheapest', 'not distinguishable', 'dearer', 'undecided'
@@ -34,7 +42,7 @@ MOST_NAMES = 6
 FEWEST_NOISE_DEGREES = 8
 
 
-def completeNoise(row, clock=None):
+def completeNoise(row: dict, clock: Optional[str] = None) -> None:
     """Give a row what prices are made of, as far as the row has it.
 
     A price is made of noise, the row's own times, and independent samples a second. Results that
@@ -97,7 +105,7 @@ class Prices:
     result : StudyResult
     resamplings : int
     """
-    def __init__(self, result, resamplings=2000):
+    def __init__(self, result: StudyResult, resamplings: int = 2000) -> None:
         if not resamplings >= FEWEST_RESAMPLINGS:
             raise ValueError(f'price: resamplings: got {resamplings}; intervals need at least '
                              f'{FEWEST_RESAMPLINGS}: give more')
@@ -122,7 +130,7 @@ class Prices:
                  (self.resamplings, 0))
         self._known = {}
 
-    def known(self, observable):
+    def known(self, observable: str) -> _Known:
         """What is known of an observable.
 
         Parameters
@@ -168,7 +176,7 @@ class Prices:
 
     # ---- Time to a wanted error ------------------------------------------------------------------
 
-    def recommend(self, wanted, confidence):
+    def recommend(self, wanted: list[Wanted], confidence: float) -> Recommendation:
         """See StudyResult.price().
 
         Parameters
@@ -180,7 +188,7 @@ class Prices:
         -------
         Recommendation
         """
-        checkedConfidence(confidence, 'price')
+        checked_confidence(confidence, 'price')
         all_ = [self.known(item.observable) for item in wanted]
         times = np.array([
             timeToError(item.tolerance, each.bias, each.noise, self.speed, each.equilibration)
@@ -247,10 +255,9 @@ class Prices:
             verdict = RECOMMENDED
             text += (
                 f'{self._name(best)}, {duration(best["seconds"])}{clock} ({_between(best)}). It '
-                f'takes the least time of the settings whose bias is below that with '
-                f'{100*confidence:g} % confidence; '
-                f'{100*best["bias_part"]:.0f} % of the squared error is bias, '
-                f'{100*best["equilibration_part"]:.0f} % of the time equilibration' +
+                'takes the least time of the settings whose bias is below that with '
+                f'{100*confidence:g} % confidence; {100*best["bias_part"]:.0f} % of the squared '
+                f'error is bias, {100*best["equilibration_part"]:.0f} % of the time equilibration' +
                 (f', {self.result.observables[best["observable"]]["label"]} takes longest'
                  if len(wanted) > 1 else '') + '.')
             same = [each for each in candidates if each['verdict'] == SAME]
@@ -266,32 +273,28 @@ class Prices:
                 if method != best['method'] and own is not None:
                     others.append(
                         f'{self._name(own)} ({duration(own["seconds"])}, {own["ratio"]:.2f} times '
-                        f'as long, '
-                        f'{own["ratio_low"]:.2f} to {_bound(own["ratio_high"])})')
+                        f'as long, {own["ratio_low"]:.2f} to {_bound(own["ratio_high"])})')
             if others:
                 text += f' The best of the other methods: {"; ".join(others)}.'
             if undecided:
                 factor = min(each['factor'] for each in undecided)
                 reason, todo = self.result.outlook(factor, undecided, wanted, confidence)
-                text += (
-                    f' Settings that may cost less or never get there, since their bias is not '
-                    f'known well enough: '
-                    f'{self._names(undecided)}; {todo}.')
+                text += (' Settings that may cost less or never get there, since their bias is not '
+                         f'known well enough: {self._names(undecided)}; {todo}.')
             if best['marks']:
                 text += f' Beware: {"; ".join(best["marks"])}.'
         elif undecided:
-            verdict, factor = UNDECIDED, factorToDecide(undecided)
+            verdict, factor = UNDECIDED, factor_to_decide(undecided)
             reason, todo = self.result.outlook(factor, undecided, wanted, confidence)
             text += ('cannot tell. The bias is not known well enough for '
                      f'{self._names(undecided)}; {todo}.')
         elif candidates and all(each['verdict'] == 'n/a' for each in candidates):
             verdict = UNDECIDED
-            why = self._whyNoMean(candidates)
+            why = self._why_no_mean(candidates)
             reason = NO_MEAN if why else NO_REFERENCE
             text += f'cannot tell. {why}' if why else (
                 'cannot tell. There is nothing to compare with, or no correlation time. An exact '
-                'value, a reference or smaller steps are '
-                'needed, and runs with samples.')
+                'value, a reference or smaller steps are needed, and runs with samples.')
         else:
             verdict = NONE
             reason = DECIDED if candidates else UNUSABLE
@@ -306,7 +309,7 @@ class Prices:
 
     # ---- Error after a time ----------------------------------------------------------------------
 
-    def spend(self, observable, seconds, confidence):
+    def spend(self, observable: str, seconds: float, confidence: float) -> Recommendation:
         """See StudyResult.spend().
 
         Parameters
@@ -320,7 +323,7 @@ class Prices:
         Recommendation
         """
         self._check(observable, seconds)
-        checkedConfidence(confidence, 'spend')
+        checked_confidence(confidence, 'spend')
         known = self.known(observable)
         label, unit = (self.result.observables[observable][key] for key in ('label', 'unit'))
         errors = errorAfter(seconds, known.bias, known.noise, self.speed, known.equilibration)
@@ -349,22 +352,20 @@ class Prices:
             each['verdict'] = each['verdict'] or (BEST if k == best else
                                                   WORSE if each['ratio_low'] > 1 else SAME)
         chosen = None if best is None else candidates[best]
-        candidates.sort(key=lambda each: each['total_error'])
+        candidates.sort(key=lambda each: float(each['total_error']))
         text = f'With {duration(seconds)} for {label}: '
         if chosen is None:
-            why = self._whyNoMean(candidates)
+            why = self._why_no_mean(candidates)
             return Recommendation(
                 NONE, None, text + f'{NONE}. ' +
-                (why or f'It does not suffice for the equilibration of any setting, or there is '
-                 f'nothing to '
-                 'compare with; take more time.'), candidates, None, [])
+                (why or 'It does not suffice for the equilibration of any setting, or there is '
+                 'nothing to compare with; take more time.'), candidates, None, [])
         reference = self.result.references[observable].value
         part = f' ({100*chosen["total_error"]/abs(reference):.2g} %)' if reference else ''
-        text += (f'{self._name(chosen)}, which gets it to {chosen["total_error"]:.2g}'
-                 f'{" " + unit if unit else ""}{part}, '
-                 f'{chosen["total_error_low"]:.2g} to '
-                 f'{chosen["total_error_high"]:.2g}: bias {chosen["bias"]:.2g}, standard error '
-                 f'{chosen["standard_error"]:.2g}.')
+        text += (f'{self._name(chosen)}, which gets it to '
+                 f'{chosen["total_error"]:.2g}{" " + unit if unit else ""}{part}, '
+                 f'{chosen["total_error_low"]:.2g} to {chosen["total_error_high"]:.2g}: bias '
+                 f'{chosen["bias"]:.2g}, standard error {chosen["standard_error"]:.2g}.')
         same = [each for each in candidates if each['verdict'] == SAME]
         if same:
             text += f' Not distinguishable from it: {self._names(same)}.'
@@ -372,7 +373,7 @@ class Prices:
             text += f' Beware: {"; ".join(chosen["marks"])}.'
         return Recommendation(RECOMMENDED, chosen, text, candidates, None, [])
 
-    def curves(self, observable, seconds, confidence):
+    def curves(self, observable: str, seconds: Array, confidence: float) -> tuple[Array, ...]:
         """Total errors after several times.
 
         Parameters
@@ -439,7 +440,7 @@ class Prices:
             each.update(ratio=float(ratio) if np.isfinite(values[k]) else math.inf,
                         ratio_low=float(low), ratio_high=float(high))
 
-    def _whyNoMean(self, candidates):
+    def _why_no_mean(self, candidates):
         """A sentence, if settings have samples of which there is no mean; otherwise nothing."""
         mine = [each for each in candidates if set(each['marks']) & set(NO_MEAN_NOTES.values())]
         if not mine:
@@ -469,7 +470,7 @@ class Prices:
 UNITS = {'': 1, 's': 1, 'min': 60, 'h': 3600, 'd': 86400}
 
 
-def parseSpending(text, names):
+def parseSpending(text: str, names: Collection[str]) -> tuple[str, float]:
     """An observable and the seconds to spend on it, from text.
 
     Parameters
@@ -498,7 +499,7 @@ def parseSpending(text, names):
     return name, seconds
 
 
-def marks(row):
+def marks(row: dict) -> list[str]:
     """Texts about what is doubtful about the price of a setting.
 
     Parameters
@@ -522,7 +523,7 @@ def marks(row):
     return found
 
 
-def aim(item):
+def aim(item: Wanted) -> str:
     """A wanted error as text: what is to be known, and how well.
 
     Parameters

@@ -2,15 +2,22 @@
 
 They are total error against time, and the time to a wanted error against the knob.
 """
+from __future__ import annotations
+
 import math
 import re
+from typing import TYPE_CHECKING, Sequence, Union
 
 import numpy as np
 
-from ._pages import FACTOR, duration, emptyPanels, number, plainTicks, png, sentence, table
+from ._pages import FACTOR, duration, empty_panels, number, plain_ticks, png, sentence, table
 from ._results import (DECIDED, HARDLY, LONGER, NO_MEAN, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE,
                        SMALL_STEPS, UNDECIDED, UNUSABLE, finite)
 from .price import OPEN, Prices, aim
+
+if TYPE_CHECKING:
+    from ._results import Recommendation
+    from .result import StudyResult
 
 #: Uncertainties are drawn for at most so many settings, to keep the picture readable.
 MOST_BANDS = 2
@@ -95,7 +102,8 @@ class PriceReport:
             'where they are not numbers, measure another observable (--observables).')
     }
 
-    def __init__(self, result, price, spend, style, areMany=False):
+    def __init__(self, result: StudyResult, price: Union[str, Sequence[str]],
+                 spend: Sequence[tuple[str, float]], style: dict, areMany: bool = False) -> None:
         self.result = result
         self.style = style
         self.areMany = areMany
@@ -105,11 +113,11 @@ class PriceReport:
         self.spend = list(spend)
         self.spendings = [result.spend(*item) for item in self.spend]
 
-    def texts(self):
+    def texts(self) -> list:
         """The answers as text."""
         return [answer.text for answer in self.answers + self.spendings]
 
-    def asDict(self):
+    def asDict(self) -> dict:
         """The answers as a dict for JSON, where infinite numbers are null."""
         def plain(answer, **about):
             return {
@@ -133,7 +141,7 @@ class PriceReport:
             ]
         return result
 
-    def pictures(self):
+    def pictures(self) -> dict[str, bytes]:
         """File name -> PNG, one for each wanted error that has a price."""
         return {
             self.fileName(item): self.draw(item, answer)
@@ -142,7 +150,7 @@ class PriceReport:
         }
 
     @staticmethod
-    def fileName(wanted):
+    def fileName(wanted: str) -> str:
         """The file name of the picture of a wanted error.
 
         Parameters
@@ -153,7 +161,7 @@ class PriceReport:
 
     # ---- Pictures --------------------------------------------------------------------------------
 
-    def draw(self, wanted, answer):
+    def draw(self, wanted: str, answer: Recommendation) -> bytes:
         """Draw total error against time, and the time to the wanted error; return a PNG.
 
         The total error has a panel for each observable. The time is drawn against the knob.
@@ -163,18 +171,18 @@ class PriceReport:
         wanted : str
         answer : Recommendation
         """
-        figure, panels = emptyPanels(
+        figure, panels = empty_panels(
             f'What it takes to know {" and ".join(aim(item) for item in answer.wanted)}, '
             f'{self.result.scene["name"]}', [1.35]*len(answer.wanted) + [1])
         for axes, item in zip(panels, answer.wanted):
-            self._drawErrors(axes, item, answer)
-        self._drawTimes(panels[-1], answer)
+            self._draw_errors(axes, item, answer)
+        self._draw_times(panels[-1], answer)
         if self.areMany:
-            self._legendBelow(figure, panels)
+            self._legend_below(figure, panels)
         return png(figure, f'Price of {wanted}')
 
     @staticmethod
-    def _legendBelow(figure, panels):
+    def _legend_below(figure, panels):
         """One legend for all panels, below them, with as much room as it needs."""
         entries = {}
         for axes in panels:
@@ -191,10 +199,10 @@ class PriceReport:
                       fontsize=8, title='thick: the best setting of a method, by time',
                       title_fontsize=8)
 
-    def _drawErrors(self, axes, item, answer):
+    def _draw_errors(self, axes, item, answer):
         result, reference = self.result, self.result.references[item.observable].value
         scale = 100/abs(reference) if reference else 1.0
-        finite = _positiveTimes(answer)
+        finite = _positive_times(answer)
         known = self.prices.known(item.observable)
         # Before the end of the first equilibration there is nothing to see.
         first = max(np.nanmin(known.equilibration/self.prices.speed), min(finite)/MARGIN)
@@ -225,7 +233,7 @@ class PriceReport:
                       zorder=3, label=method, marker=marker if self.areMany else None,
                       markevery=(len(seconds) // 12, 25), ms=6)
             bottom = min(bottom, envelope.min())
-            self._nameSettings(axes, seconds, envelope, own, colour)
+            self._name_settings(axes, seconds, envelope, own, colour)
             for key in [(name, value) for name, value in best[:MOST_BANDS] if name == method]:
                 k = self.prices.keys.index(key)
                 there = np.isfinite(low[:, k])
@@ -250,11 +258,11 @@ class PriceReport:
         axes.set_title(f'{sentence(result.observables[item.observable]["label"])}: bias and noise',
                        fontsize=10.5)
         axes.grid(True, which='major', alpha=0.35)
-        plainTicks(axes)
+        plain_ticks(axes)
         axes.legend(loc='lower left', fontsize=8, framealpha=0.9,
                     title='thick: the best setting of a method, by time', title_fontsize=8)
 
-    def _nameSettings(self, axes, seconds, envelope, own, colour):
+    def _name_settings(self, axes, seconds, envelope, own, colour):
         """Write a setting's name where it is the best of its method."""
         there = np.isfinite(envelope)
         for k in dict.fromkeys(own[there]):
@@ -265,9 +273,9 @@ class PriceReport:
                               (seconds[at], envelope[at]), xytext=(3, 4),
                               textcoords='offset points', fontsize=8.5, color=colour, zorder=5)
 
-    def _drawTimes(self, axes, answer):
+    def _draw_times(self, axes, answer):
         result, knob = self.result, self.result.knob
-        finite = _positiveTimes(answer)
+        finite = _positive_times(answer)
         top = min(max(finite), FAR*min(finite))*4
         bottom = min([each['seconds_low']
                       for each in answer.candidates if each['seconds_low'] > 0] + finite)/2
@@ -318,7 +326,7 @@ class PriceReport:
         axes.set_title(f'Time to it: lower is better (bars: {100*result.confidence:g} %)',
                        fontsize=10.5)
         axes.grid(True, alpha=0.3)
-        plainTicks(axes)
+        plain_ticks(axes)
         axes.legend(loc='best', fontsize=8, framealpha=0.9)
 
     # ---- Tables ----------------------------------------------------------------------------------
@@ -335,7 +343,7 @@ class PriceReport:
         for each in answer.candidates:
             interval = '' if not math.isfinite(
                 each['seconds_low']
-            ) else f'{duration(each["seconds_low"])} – {_orNever(each["seconds_high"])}'
+            ) else f'{duration(each["seconds_low"])} – {_or_never(each["seconds_high"])}'
             ratio = '' if each['ratio'] is None or not math.isfinite(
                 each['ratio']) else f'{each["ratio"]:.2f}'
             ratios = '' if not ratio else f'{each["ratio_low"]:.2f} – ' + (
@@ -350,7 +358,7 @@ class PriceReport:
                                                       '.3g'), each['verdict']))
         return rows
 
-    def tables(self):
+    def tables(self) -> list[str]:
         """HTML tables, one for each wanted error."""
         return [
             table((*self._head(wanted), 'note'), [
@@ -359,7 +367,7 @@ class PriceReport:
             ], True) for wanted, answer in zip(self.wanted, self.answers)
         ]
 
-    def textTables(self):
+    def textTables(self) -> list[str]:
         """The same tables as text, one for each wanted error."""
         result = []
         for wanted, answer in zip(self.wanted, self.answers):
@@ -372,7 +380,7 @@ class PriceReport:
             ]))
         return result
 
-    def how(self):
+    def how(self) -> list[str]:
         """Paragraphs about how prices were computed."""
         if not self.answers and not self.spendings:
             return []
@@ -390,11 +398,11 @@ class PriceReport:
         ]
 
 
-def _orNever(seconds):
+def _or_never(seconds):
     return duration(seconds) if math.isfinite(seconds) else '∞'
 
 
-def _positiveTimes(answer):
+def _positive_times(answer):
     """Finite times of the candidates that have a logarithm; a second where there is none.
 
     A constant observable without equilibration takes no time at all.

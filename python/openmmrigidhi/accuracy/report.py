@@ -2,18 +2,26 @@
 
 It has texts, pictures, tables and one HTML page.
 """
+from __future__ import annotations
+
 import html
 import itertools
 from functools import cached_property
+from typing import TYPE_CHECKING, Sequence, Union
 
 import numpy as np
 
-from ._pages import (FACTOR, Report, advise, duration, number, picture, plainTicks, section,
+from ._pages import (FACTOR, Report, advise, duration, number, picture, plain_ticks, section,
                      sentence, table)
 from ._results import (DECIDED, HARDLY, LONGER, NO_MEAN, NO_REFERENCE, NONE, RECOMMENDED, REFERENCE,
                        SMALL_STEPS, UNDECIDED, UNUSABLE)
 from .measurement import FAILED, NOT_RUN, SLOW, STABLE, UNSTABLE
 from .pricereport import PriceReport
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    from ._results import Wanted
+    from .result import StudyResult
 
 #: Colours that the colour-blind can tell apart (Okabe and Ito), one for each method. Users' own
 #: methods take the other colours in turn.
@@ -135,7 +143,11 @@ class StudyReport(Report):
             'methods (--observables, --methods).')
     }
 
-    def __init__(self, result, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
+    def __init__(
+        self, result: StudyResult, wanted: Union[str, Sequence[str]] = (),
+        baseline: str = 'LangevinMiddle', price: Union[str, Sequence[str]] = (),
+        spend: Sequence[tuple[str, float]] = ()
+    ) -> None:
         super().__init__(result, wanted)
         self.baseline = baseline
         self.priced = PriceReport(result, price, spend, self._style(),
@@ -143,31 +155,32 @@ class StudyReport(Report):
         #: Wanted error -> what StudyResult.compareAt() returned for it.
         self.comparisons = {item: result.compareAt(item, baseline) for item in self.single}
 
-    def extras(self):
+    def extras(self) -> dict:
         """What the JSON has in addition to the result."""
         return {**super().extras(), 'at_wanted_error': self.comparisons, **self.priced.asDict()}
 
-    def answerTexts(self):
+    def answerTexts(self) -> list[str]:
         """The answers as text: settings for wanted errors, prices, and what a time buys."""
         return super().answerTexts() + self.priced.texts()
 
-    def questions(self):
+    def questions(self) -> list[str]:
         """What was asked, a sentence for each answer: also prices, and what a time buys."""
         priced, labels = self.priced, self._labels()
         return super().questions() + [
-            'How long does it take to know '
-            f'{" and ".join(item.text for item in answer.wanted)}, bias and standard error '
-            'together?' for answer in priced.answers
+            f'How long does it take to know {" and ".join(item.text for item in answer.wanted)}, '
+            'bias and standard error together?' for answer in priced.answers
         ] + [
             f'How well is {labels[name]} known after {duration(seconds)}?'
             for name, seconds in priced.spend
         ]
 
-    def advice(self):
+    def advice(self) -> tuple[list[str], list[str]]:
         """How sure the answers are, prices too, and what to do: two lists of paragraphs."""
-        return tuple(own + ofPrices for own, ofPrices in zip(super().advice(), advise(self.priced)))
+        sure, following = super().advice()
+        surePrices, followingPrices = advise(self.priced)
+        return sure + surePrices, following + followingPrices
 
-    def compared(self):
+    def compared(self) -> str:
         """What was compared, a sentence."""
         result, knob = self.result, self.result.knob
         parts = []
@@ -180,7 +193,7 @@ class StudyReport(Report):
     def _labels(self):
         return {name: about['label'] for name, about in self.result.observables.items()}
 
-    def describePicture(self, observable):
+    def describePicture(self, observable: str) -> str:
         """What the picture of an observable shows, for readers who do not see it."""
         label, knob = self.result.observables[observable]['label'], self.result.knob
         return (f'Left: error of {label} against {knob.speedUnit} for '
@@ -189,12 +202,12 @@ class StudyReport(Report):
 
     # ---- Pictures --------------------------------------------------------------------------------
 
-    def otherPictures(self):
+    def otherPictures(self) -> dict[str, bytes]:
         """The pictures of prices."""
-        return self._pricePictures
+        return self._price_pictures
 
     @cached_property
-    def _pricePictures(self):
+    def _price_pictures(self):
         return self.priced.pictures()
 
     def _style(self):
@@ -217,7 +230,8 @@ class StudyReport(Report):
         return (f'{self.result.provenance.get("platform")} platform, '
                 f'{threads} thread{"" if threads == 1 else "s"}')
 
-    def panels(self, left, right, observable, limits):
+    def panels(self, left: matplotlib.axes.Axes, right: matplotlib.axes.Axes, observable: str,
+               limits: list[Wanted]) -> None:
         """Draw errors against speed beside the means against the knob.
 
         Parameters
@@ -230,12 +244,12 @@ class StudyReport(Report):
         reference, unit = self.result.references[observable], self.result.observables[observable][
             'unit']
         scale = 100/abs(reference.value) if reference.value else 1.0
-        self._drawErrors(left, observable, scale,
-                         f'% of {abs(reference.value):.5g} {unit}' if reference.value else unit,
-                         limits)
-        self._drawMeans(right, observable, reference, limits)
+        self._draw_errors(left, observable, scale,
+                          f'% of {abs(reference.value):.5g} {unit}' if reference.value else unit,
+                          limits)
+        self._draw_means(right, observable, reference, limits)
 
-    def _drawErrors(self, axes, observable, scale, unit, lines):
+    def _draw_errors(self, axes, observable, scale, unit, lines):
         result, style = self.result, self._style()
         rows = [
             row for row in result.select(observable)
@@ -304,7 +318,7 @@ class StudyReport(Report):
         axes.set_title('Error against speed: down and to the right is better', fontsize=10.5)
         axes.grid(True, which='major', alpha=0.35)
         axes.grid(True, which='minor', alpha=0.12)
-        plainTicks(axes)
+        plain_ticks(axes)
         axes.plot([], [], marker='o', mfc='white', color='grey', ls='',
                   label='not distinguishable from 0')
         many = len(result.methods()) > MANY_METHODS
@@ -317,7 +331,7 @@ class StudyReport(Report):
                     title=f'bars: {100*result.confidence:g} % confidence (error), 16–84 % (speed)',
                     title_fontsize=8)
 
-    def _drawMeans(self, axes, observable, reference, lines):
+    def _draw_means(self, axes, observable, reference, lines):
         result, style, knob = self.result, self._style(), self.result.knob
         for method in result.methods():
             colour, marker = style[method]
@@ -367,7 +381,7 @@ class StudyReport(Report):
 
     # ---- Words -----------------------------------------------------------------------------------
 
-    def atWantedError(self, comparison):
+    def atWantedError(self, comparison: dict) -> list[str]:
         """How the methods compare at the wanted error, a sentence for each method.
 
         Parameters
@@ -395,12 +409,11 @@ class StudyReport(Report):
                 }.get((entry['capped'], comparison[self.baseline]['capped']), '')
                 text += (
                     f'; {bound}{entry["ratio"]:.2f} times the {knob.speedUnit} of {self.baseline} '
-                    f'({entry["ratio_low"]:.2f} to '
-                    f'{entry["ratio_high"]:.2f})')
+                    f'({entry["ratio_low"]:.2f} to {entry["ratio_high"]:.2f})')
             lines.append(text + '.')
         return lines
 
-    def paragraphs(self):
+    def paragraphs(self) -> list[str]:
         """The report as paragraphs, the answers first."""
         result, knob = self.result, self.result.knob
         lines = self.answerTexts()
@@ -450,14 +463,13 @@ class StudyReport(Report):
                 'themselves uncertain (marked in the table).')
         return lines
 
-    def how(self):
+    def how(self) -> list[str]:
         """Paragraphs about how the study was measured."""
         result, provenance = self.result, self.result.provenance
         lines = [
             f'{self._platform()}, {provenance.get("rounds")} rounds in which the settings took '
-            f'turns in a random order. '
-            f'{result.knob.speedUnit} is the median over rounds of the integration steps alone '
-            f'({provenance.get("clock")} time).',
+            f'turns in a random order. {result.knob.speedUnit} is the median over rounds of the '
+            f'integration steps alone ({provenance.get("clock")} time).',
             'Standard errors are from block averages with blocks of 20 integrated autocorrelation '
             "times. Intervals use Student's t with the number of blocks."
         ]
@@ -490,7 +502,7 @@ class StudyReport(Report):
 
     # ---- Tables ----------------------------------------------------------------------------------
 
-    def textTable(self):
+    def textTable(self) -> str:
         """Errors of all settings as text, with a column for each observable.
 
         Errors are in per cent where that has a meaning.
@@ -532,7 +544,7 @@ class StudyReport(Report):
             lines.append(line)
         return '\n\n'.join(['\n'.join(lines), *self.priced.textTables()])
 
-    def body(self, pictures):
+    def body(self, pictures: dict) -> list[str]:
         """What the page has in addition to the paragraphs, as HTML.
 
         Parameters
@@ -541,14 +553,14 @@ class StudyReport(Report):
             observable -> PNG
         """
         parts = [
-            self._comparisonTable(wanted, comparison)
+            self._comparison_table(wanted, comparison)
             for wanted, comparison in self.comparisons.items() if comparison
         ]
         if self.priced.answers:
             parts.append(section('Prices'))
             parts += [
                 picture(content, 'Total error against time, and the time to the wanted error')
-                for content in self._pricePictures.values()
+                for content in self._price_pictures.values()
             ]
             parts += self.priced.tables()
         parts.append(section('Pictures and tables'))
@@ -559,7 +571,7 @@ class StudyReport(Report):
             parts.append(self._table(observable))
         return parts
 
-    def _comparisonTable(self, wanted, comparison):
+    def _comparison_table(self, wanted, comparison):
         knob, confidence, rows = self.result.knob, f'{100*self.result.confidence:g} %', []
         for method, entry in comparison.items():
             atLeast = '≥ ' if entry['capped'] else ''

@@ -1,13 +1,16 @@
 """What a study found: a table with errors, recommended settings, and a comparison of methods."""
+from __future__ import annotations
+
 import math
 from dataclasses import asdict, dataclass, field
-from typing import Any, Optional
+from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 
+from .._types import Array
 from ._results import (DECIDED, HARDLY, LARGEST_FACTOR, LONGER, NO_MEAN, NO_REFERENCE, NONE,
                        RECOMMENDED, REFERENCE, SMALL_STEPS, UNDECIDED, UNUSABLE, Recommendation,
-                       Result, Wanted, checkedConfidence, decide, factorToDecide, splitWanted,
+                       Result, Wanted, checked_confidence, decide, factor_to_decide, split_wanted,
                        times, worst)
 from .measurement import SECONDS_PER_DAY, STABLE
 from .price import NO_MEAN_NOTES, Prices, completeNoise
@@ -42,11 +45,11 @@ class Knob:
     speedUnit: str = 'ns/day'
     speedScale: float = 1.0
 
-    def format(self, value):
+    def format(self, value: float) -> str:
         """A value with its unit, for texts."""
         return f'{value*self.scale:.6g} {self.unit}'.strip()
 
-    def speed(self, nsPerDay):
+    def speed(self, nsPerDay: float) -> str:
         """A speed with its unit, for texts: three digits, without an exponent."""
         value = nsPerDay*self.speedScale
         return f'{value:.3g} {self.speedUnit}' if value < 1000 else f'{value:.0f} {self.speedUnit}'
@@ -78,7 +81,7 @@ class Reference:
     fit: Optional[Any] = None
     points: list = field(default_factory=list)
 
-    def weight(self, method, value):
+    def weight(self, method: str, value: float) -> float:
         """d(reference)/d(mean of a setting).
 
         The mean is part of the reference that it is compared with.
@@ -93,7 +96,7 @@ class Reference:
             return 0.0
         return dict(zip(self.points, self.fit.weights)).get((method, value), 0.0)
 
-    def asDict(self):
+    def asDict(self) -> dict:
         """The reference as a dict for JSON."""
         result = {'value': self.value, 'standard_error': self.standardError, 'kind': self.kind}
         if self.fit is not None:
@@ -117,7 +120,7 @@ class Reference:
         return result
 
     @staticmethod
-    def fromDict(observable, data):
+    def fromDict(observable: str, data: dict) -> Reference:
         """The reference from a dict of JSON.
 
         Parameters
@@ -175,8 +178,9 @@ class StudyResult(Result):
                'effective_per_second', 'effective_per_cpu_second', 'effective_per_wall_second',
                'ns_per_wall_day')
 
-    def __init__(self, knob, scene, rows, references, orders, observables, refusals, provenance,
-                 confidence=0.95):
+    def __init__(self, knob: Knob, scene: dict, rows: list[dict], references: dict,
+                 orders: dict[str, int], observables: dict[str, dict], refusals: dict[str, str],
+                 provenance: dict, confidence: float = 0.95) -> None:
         self.knob = knob
         self.scene = scene
         self.rows = rows
@@ -207,7 +211,8 @@ class StudyResult(Result):
 
     # ---- Questions -------------------------------------------------------------------------------
 
-    def select(self, observable, method=None, stableOnly=True):
+    def select(self, observable: str, method: Optional[str] = None,
+               stableOnly: bool = True) -> list[dict]:
         """Rows of one observable, by ascending knob value.
 
         Parameters
@@ -229,11 +234,11 @@ class StudyResult(Result):
         ]
         return sorted(rows, key=lambda row: (row['method'], row['value']))
 
-    def methods(self):
+    def methods(self) -> list:
         """Names of the methods that were run, in the order given."""
         return list(dict.fromkeys(row['method'] for row in self.rows))
 
-    def parseWanted(self, wanted):
+    def parseWanted(self, wanted: Union[str, Sequence[str]]) -> list[Wanted]:
         """Wanted errors from text.
 
         Parameters
@@ -247,7 +252,7 @@ class StudyResult(Result):
         list of Wanted
         """
         result = []
-        for name, amount, value in splitWanted(wanted, self.observables, 'potential_energy:0.5%'):
+        for name, amount, value in split_wanted(wanted, self.observables, 'potential_energy:0.5%'):
             if amount.endswith('%'):
                 reference = self.references.get(name)
                 if reference is not None and not reference.value:
@@ -262,7 +267,8 @@ class StudyResult(Result):
             result.append(Wanted(name, value, text))
         return result
 
-    def recommend(self, wanted, confidence=None):
+    def recommend(self, wanted: Union[str, Sequence[str]],
+                  confidence: Optional[float] = None) -> Recommendation:
         """The cheapest setting whose errors are below the wanted ones, with confidence.
 
         A setting qualifies if the one-sided upper bound of ``|error|`` is below the tolerance for
@@ -283,8 +289,8 @@ class StudyResult(Result):
             likely (whether the errors as measured are below the wanted ones) and factor (how many
             times longer to run for a decision, or None)
         """
-        confidence = checkedConfidence(self.confidence if confidence is None else confidence,
-                                       'recommend')
+        confidence = checked_confidence(self.confidence if confidence is None else confidence,
+                                        'recommend')
         wanted = self.parseWanted(wanted)
         candidates = []
         for key in dict.fromkeys((row['method'], row['value']) for row in self.rows):
@@ -311,7 +317,8 @@ class StudyResult(Result):
         candidates.sort(key=lambda candidate: -candidate['ns_per_day'])
         return self._conclude(candidates, wanted, confidence)
 
-    def judge(self, row, item, confidence, isReferenceExact=False):
+    def judge(self, row: dict, item: Wanted, confidence: float,
+              isReferenceExact: bool = False) -> tuple[str, Optional[float], bool]:
         """Whether the error of a setting is below a wanted one.
 
         Parameters
@@ -345,18 +352,19 @@ class StudyResult(Result):
             room = min(room, item.tolerance)
         # The error of a given reference stays the same, however long the runs are, and so does what
         # the model of an extrapolation may be wrong by.
-        fixed = self._fixedError(item.observable)
+        fixed = self._fixed_error(item.observable)
         room = (room/quantile(confidence, math.inf, sided=1))**2
         room -= 0 if isReferenceExact else fixed**2
         return 'undecided', float(sigma**2 - fixed**2)/room if room > 0 else math.inf, likely
 
-    def _fixedError(self, observable):
+    def _fixed_error(self, observable):
         reference = self.references[observable]
         if reference.fit is not None:
             return float(reference.fit.modelError)
         return float(reference.standardError) if reference.kind == 'given' else 0.0
 
-    def outlook(self, factor, undecided, wanted, confidence):
+    def outlook(self, factor: float, undecided: list[dict], wanted: list[Wanted],
+                confidence: float) -> tuple[str, str]:
         """What decides about settings: the reason of the answer, and what to do, as text.
 
         Parameters
@@ -376,11 +384,11 @@ class StudyResult(Result):
             return LONGER, f'run longer: about {times(factor)} times'
         keys = [(each['method'], each['value']) for each in undecided if each['factor'] >= factor]
         for item in wanted:
-            fixed = self._fixedError(item.observable) if item.observable in self.references else 0
+            fixed = self._fixed_error(item.observable) if item.observable in self.references else 0
             rows = [
                 row for row in self.select(item.observable) if (row['method'], row['value']) in keys
             ]
-            if fixed > 0 and any(self._isForReference(row, item, confidence) for row in rows):
+            if fixed > 0 and any(self._is_for_reference(row, item, confidence) for row in rows):
                 label, unit = (self.observables[item.observable][key] for key in ('label', 'unit'))
                 reason, what, remedy = (
                     SMALL_STEPS, 'limit of small steps',
@@ -392,7 +400,7 @@ class StudyResult(Result):
         return HARDLY, ('their errors are so close to the limit that longer runs will hardly '
                         'decide it; ask for a larger error')
 
-    def _isForReference(self, row, item, confidence):
+    def _is_for_reference(self, row, item, confidence):
         """Whether runs of some length would decide, if the reference were known exactly."""
         factors = [self.judge(row, item, confidence, isExact)[1] for isExact in (False, True)]
         return None not in factors and factors[1] <= LARGEST_FACTOR < factors[0]
@@ -411,14 +419,14 @@ class StudyResult(Result):
                 reason, todo = self.outlook(factor, faster, wanted, confidence)
                 text += (f' Faster settings that may or may not meet it: '
                          f'{", ".join(self._name(c) for c in faster)}; {todo}.')
-            text += self._bestOfOthers(candidates, best)
+            text += self._best_of_others(candidates, best)
         elif undecided:
-            factor = factorToDecide(undecided)
+            factor = factor_to_decide(undecided)
             reason, todo = self.outlook(factor, undecided, wanted, confidence)
             text += (f'cannot tell. The statistics do not suffice for '
                      f'{", ".join(self._name(c) for c in undecided)}; {todo}.')
         elif verdict == UNDECIDED:
-            notes = self._whyNoMean(wanted)
+            notes = self._why_no_mean(wanted)
             reason = NO_MEAN if notes else NO_REFERENCE
             text += 'cannot tell. ' + (
                 f'There is no mean, since {" and ".join(notes)}: look at the observable.'
@@ -436,7 +444,7 @@ class StudyResult(Result):
                  if unknown else ''))
         return Recommendation(verdict, best, text, candidates, factor, wanted, reason)
 
-    def _whyNoMean(self, wanted):
+    def _why_no_mean(self, wanted):
         """Why no setting has means of all these observables; empty if a reference is wanting."""
         if not all(
                 math.isfinite(item.tolerance) and item.observable in self.references
@@ -448,7 +456,7 @@ class StudyResult(Result):
                 NO_MEAN_NOTES.get(row['note'], 'the table has none') for row in self.rows
                 if row['observable'] in names and row['status'] == STABLE and row['mean'] is None))
 
-    def _bestOfOthers(self, candidates, best):
+    def _best_of_others(self, candidates, best):
         """What the other methods reach, as text."""
         parts = []
         for method in self.methods():
@@ -458,14 +466,14 @@ class StudyResult(Result):
                        None)
             if own is not None:
                 parts.append(f'{self._name(own)} ({self.knob.speed(own["ns_per_day"])}, '
-                             f'{best["ns_per_day"]/own["ns_per_day"]:.2f} '
-                             'times slower)')
+                             f'{best["ns_per_day"]/own["ns_per_day"]:.2f} times slower)')
         return f' The best of the other methods that meet it: {"; ".join(parts)}.' if parts else ''
 
     def _name(self, candidate):
         return f'{candidate["method"]} at {self.knob.format(candidate["value"])}'
 
-    def compareAt(self, wanted, baseline='LangevinMiddle', resamplings=1000):
+    def compareAt(self, wanted: str, baseline: str = 'LangevinMiddle',
+                  resamplings: int = 1000) -> dict:
         """How fast each method is at the wanted error, between the steps that were measured.
 
         The errors of each method up to twice the wanted error are fitted by E h^p + F h^2p. Beyond,
@@ -547,7 +555,7 @@ class StudyResult(Result):
                 entry['ratio_low'], entry['ratio_high'] = float(low), float(high)
         return {method: curves[method] for method in self.methods() if method in curves}
 
-    def deviations(self, rows, rng, resamplings):
+    def deviations(self, rows: list[dict], rng: np.random.Generator, resamplings: int) -> Array:
         """By how much errors may be off, by the normal law.
 
         Rows that share a reference are correlated.
@@ -571,7 +579,8 @@ class StudyResult(Result):
         return rng.multivariate_normal(np.zeros(len(rows)), covariance, size=resamplings,
                                        method='eigh')
 
-    def price(self, wanted, confidence=None, resamplings=2000):
+    def price(self, wanted: Union[str, Sequence[str]], confidence: Optional[float] = None,
+              resamplings: int = 2000) -> Recommendation:
         """The setting that makes a number known to a wanted total error in the least time.
 
         The total error is the root mean square of bias and standard error. A setting whose bias
@@ -612,7 +621,8 @@ class StudyResult(Result):
                       resamplings).recommend(self.parseWanted(wanted),
                                              self.confidence if confidence is None else confidence)
 
-    def spend(self, observable, seconds, confidence=None, resamplings=2000):
+    def spend(self, observable: str, seconds: float, confidence: Optional[float] = None,
+              resamplings: int = 2000) -> Recommendation:
         """The setting that makes a number known best in a given time.
 
         Parameters
@@ -638,7 +648,7 @@ class StudyResult(Result):
                       resamplings).spend(observable, seconds,
                                          self.confidence if confidence is None else confidence)
 
-    def stepsPerSecond(self, observable, method, step):
+    def stepsPerSecond(self, observable: str, method: str, step: float) -> Array:
         """Steps per second in each round at a step size.
 
         They are interpolated between the measured step sizes around it. A step costs nearly the
@@ -667,7 +677,7 @@ class StudyResult(Result):
 
     # ---- Files -----------------------------------------------------------------------------------
 
-    def asDict(self):
+    def asDict(self) -> dict:
         """Everything, as a dict for JSON.
 
         The rounds' speeds are the same for all observables and are listed once.
@@ -694,7 +704,7 @@ class StudyResult(Result):
         }
 
     @classmethod
-    def fromDict(cls, data):
+    def fromDict(cls, data: dict) -> StudyResult:
         """The result from what asDict() returned.
 
         Parameters
@@ -712,7 +722,10 @@ class StudyResult(Result):
         return cls(Knob(**data['knob']), data['scene'], data['rows'], references, data['orders'],
                    data['observables'], data['refusals'], data['provenance'], data['confidence'])
 
-    def report(self, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
+    def report(
+        self, wanted: Sequence[str] = (), baseline: str = 'LangevinMiddle',
+        price: Sequence[str] = (), spend: Sequence[float] = ()
+    ) -> StudyReport:
         """The report: the files of :meth:`write`, textTable() and paragraphs().
 
         Parameters
@@ -726,7 +739,10 @@ class StudyResult(Result):
         """
         return StudyReport(self, wanted, baseline, price, spend)
 
-    def write(self, directory, wanted=(), baseline='LangevinMiddle', price=(), spend=()):
+    def write(
+        self, directory: str, wanted: Sequence[str] = (), baseline: str = 'LangevinMiddle',
+        price: Sequence[str] = (), spend: Sequence[tuple[str, float]] = ()
+    ) -> list[str]:
         """Write results.csv, results.json, pictures and report.html into a directory.
 
         Parameters

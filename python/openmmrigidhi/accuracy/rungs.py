@@ -1,15 +1,21 @@
 """The rungs of the hydrodynamic ladder, and a scene's spheres as each rung sees them."""
+from __future__ import annotations
+
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Optional, Union
 
 import numpy as np
 import openmm
 
 from .. import app
-from .._systems import BodyDefinitions, forcesOf
+from .._systems import BodyDefinitions, forces_of
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .mobilities import MobilitySample
+
+if TYPE_CHECKING:
+    from .scenes import Scene
 
 #: A mobility matrix with more rows of blobs is not made, since it would take gigabytes.
 LARGEST_ROWS = 8000
@@ -44,7 +50,7 @@ class Rung:
     description: str = ''
 
     @property
-    def isBest(self):
+    def isBest(self) -> bool:
         """Whether the rung is exact for a pair."""
         return self.model == MobilityForce.StokesianDynamics and self.lubrication
 
@@ -78,7 +84,7 @@ PERIODIC = ('FreeDraining', 'RPY', 'ForceCoupling', 'FTS', 'multiblob12', 'multi
             'multiblob162', BEST)
 
 
-def byName(name):
+def byName(name: Union[str, Rung]) -> Rung:
     """The rung of this name.
 
     Parameters
@@ -115,7 +121,7 @@ class Spheres:
     ValueError
         for another scene
     """
-    def __init__(self, scene):
+    def __init__(self, scene: Scene) -> None:
         self.scene = scene
         system = openmm.XmlSerializer.clone(scene.system)
         fluid = self._fluid(system)
@@ -128,21 +134,18 @@ class Spheres:
         if len(fluid.getBodiesWithOwnTensors()):
             raise ValueError(
                 'the hydrodynamic ladder: a body has a tensor of its own; the models are compared '
-                'on spheres: take it '
-                'away with clearBodyTensor()')
+                'on spheres: take it away with clearBodyTensor()')
         members = [[i for i in body if radii[i] > 0] for body in scene.bodies]
         for index, found in enumerate(members):
             if len(found) != 1:
                 raise ValueError(
                     f'the hydrodynamic ladder: body {index} has {len(found)} hydrodynamic '
-                    f'particles; it must be a '
-                    'sphere, which has one: choose another scene')
+                    'particles; it must be a sphere, which has one: choose another scene')
         self.radii = radii[[found[0] for found in members]]
         if np.count_nonzero(radii) > len(members):
             raise ValueError(
                 'the hydrodynamic ladder: a particle that is in no body has a hydrodynamic radius; '
-                'all must be '
-                'bodies: make it one with addRigidBody()')
+                'all must be bodies: make it one with addRigidBody()')
         # The cheapest model is enough for geometry and forces. Mobilities do not depend on a flow
         # that drives the fluid.
         fluid.setBackgroundFlow((0, 0, 0), np.zeros((3, 3)))
@@ -171,12 +174,11 @@ class Spheres:
 
     @staticmethod
     def _fluid(system):
-        found = forcesOf(system, MobilityForce)
+        found = forces_of(system, MobilityForce)
         if len(found) != 1:
             raise ValueError(
                 f'the hydrodynamic ladder: the System has {len(found)} MobilityForces; it must '
-                f'have one, which gives the '
-                'radii and the viscosity: add it')
+                'have one, which gives the radii and the viscosity: add it')
         return found[0]
 
     def _start(self, platform, properties):
@@ -188,7 +190,7 @@ class Spheres:
                                          properties, 1, self._system)
         return integrator, context
 
-    def secondsOfForces(self, platform, properties, seconds=0.2):
+    def secondsOfForces(self, platform: str, properties: dict, seconds: float = 0.2) -> float:
         """Seconds a step that the scene's own forces take.
 
         Parameters
@@ -209,7 +211,9 @@ class Spheres:
         return (after['seconds_forces'] - before['seconds_forces'])/(after['forceEvaluations'] -
                                                                      before['forceEvaluations'])
 
-    def makeContext(self, rung, platform='Reference', properties=None, seed=1):
+    def makeContext(self, rung: Rung, platform: str = 'Reference',
+                    properties: Optional[dict] = None,
+                    seed: int = 1) -> tuple[MobilityForce, CustomRigidHIIntegrator, openmm.Context]:
         """The spheres alone, without the scene's forces, in a fluid by one of the rungs.
 
         Parameters
@@ -229,8 +233,7 @@ class Spheres:
         if rows > LARGEST_ROWS:
             raise ValueError(
                 f'{rows//3} blobs in all; their matrix would have {rows} rows, and at most '
-                f'{LARGEST_ROWS} are '
-                'computed: choose fewer blobs or spheres')
+                f'{LARGEST_ROWS} are computed: choose fewer blobs or spheres')
         system, fluid, integrator = openmm.System(), MobilityForce(), self._integrator(seed)
         fluid.setViscosity(self.viscosity)
         fluid.setModel(rung.model)
@@ -280,7 +283,7 @@ class Spheres:
         eta = self.viscosity
         return turn @ np.diag([1/(6*np.pi*eta*radius)]*3 + [1/(8*np.pi*eta*radius**3)]*3) @ turn.T
 
-    def reset(self, integrator):
+    def reset(self, integrator: CustomRigidHIIntegrator) -> None:
         """Put the bodies back where the scene starts, at rest.
 
         Parameters
@@ -293,7 +296,7 @@ class Spheres:
         integrator.setBodyVelocities(np.zeros_like(self.positions))
         integrator.setBodyAngularVelocities(np.zeros_like(self.positions))
 
-    def sample(self, fluid, context):
+    def sample(self, fluid: MobilityForce, context: openmm.Context) -> MobilitySample:
         """The mobility about the spheres' centres, a MobilitySample.
 
         Parameters

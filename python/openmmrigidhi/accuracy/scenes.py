@@ -1,8 +1,11 @@
 """Scenes to measure: built-in scenes, and the user's own."""
+from __future__ import annotations
+
 import copy
 import importlib
 import math
 import os
+from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Union
 
 import numpy as np
 import openmm
@@ -10,10 +13,14 @@ import openmm.app
 from openmm import unit
 
 from .. import _units, app
-from .._quaternions import rotationMatrices
+from .._types import Numbers
+from .._quaternions import rotation_matrices
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .bodytable import BodyTable
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 GAS_CONSTANT = _units.GAS_CONSTANT
 
@@ -51,21 +58,23 @@ class Scene:
     ValueError
         if it has no bodies
     """
-    def __init__(self, system, state, integrator, name='scene', description='', exact=None,
-                 equilibration=None, sampleInterval=0.1,
-                 stepSizes=(0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008)):
+    def __init__(
+        self, system: openmm.System, state: Union[openmm.State,
+                                                  Numbers], integrator: CustomRigidHIIntegrator,
+        name: str = 'scene', description: str = '', exact: Optional[dict] = None,
+        equilibration: Optional[float] = None, sampleInterval: float = 0.1,
+        stepSizes: Sequence[float] = (0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008)
+    ) -> None:
         try:
             integrator = CustomRigidHIIntegrator.cast(integrator)
         except TypeError:
             raise TypeError(f'Scene: integrator: got a {type(integrator).__name__}; it must be a '
-                            f'CustomRigidHIIntegrator, '
-                            'which says what the bodies are: build one, with addRigidBody() or '
-                            'app.addRigidWater()') from None
+                            'CustomRigidHIIntegrator, which says what the bodies are: build one, '
+                            'with addRigidBody() or app.addRigidWater()') from None
         if integrator.getNumRigidBodies() == 0:
             raise ValueError(
                 'Scene: integrator: it has no bodies; there must be at least one: call '
-                'addRigidBody() or '
-                'app.addRigidWater()')
+                'addRigidBody() or app.addRigidWater()')
         self.name = name
         self.description = description
         self.exact = dict(exact or {})
@@ -93,16 +102,16 @@ class Scene:
                 f'Scene: state: got positions of shape {self.positions.shape}; the shape must be '
                 f'({system.getNumParticles()}, 3): give one row per particle of the System')
         self._system = None
-        self._bodyTable = None
+        self._bodyTable: Optional[BodyTable] = None
 
     @property
-    def system(self):
+    def system(self) -> openmm.System:
         """The System (one copy, shared by all Contexts)."""
         if self._system is None:
             self._system = openmm.XmlSerializer.deserialize(self._systemXml)
         return self._system
 
-    def withSystem(self, system):
+    def withSystem(self, system: openmm.System) -> Scene:
         """The same scene with another System.
 
         Parameters
@@ -119,11 +128,13 @@ class Scene:
         changed._system = changed._bodyTable = None
         return changed
 
-    def makeIntegrator(self):
+    def makeIntegrator(self) -> CustomRigidHIIntegrator:
         """A fresh copy of the template integrator."""
         return CustomRigidHIIntegrator.cast(openmm.XmlSerializer.deserialize(self._integratorXml))
 
-    def makeContext(self, integrator, platform, properties, seed, system=None):
+    def makeContext(self, integrator: openmm.Integrator, platform: openmm.Platform,
+                    properties: dict, seed: int,
+                    system: Optional[openmm.System] = None) -> openmm.Context:
         """A Context of this scene at its start.
 
         Velocities that the scene does not give are drawn at its temperature.
@@ -149,7 +160,7 @@ class Scene:
             context.setVelocities(self.velocities)
         return context
 
-    def rigidByConstraints(self):
+    def rigidByConstraints(self) -> Optional[str]:
         """Whether constraints hold every body rigid, so that OpenMM's own integrators can move it.
 
         Returns
@@ -172,7 +183,7 @@ class Scene:
                 return f'the constraints do not hold body {index} rigid'
         return None
 
-    def bodyTable(self):
+    def bodyTable(self) -> BodyTable:
         """The bodies' particles, masses and degrees of freedom.
 
         They are for integrators that know particles only.
@@ -204,8 +215,10 @@ def _velocities(state):
         return None
 
 
-def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.0, cutoff=0.9,
-          equilibration=40.0, seed=1, platform='CPU', threads=None, progress=None):
+def water(molecules: int = 216, temperature: float = 298.15, gamma: float = 5.0,
+          Gamma: float = 10.0, density: float = 995.0, cutoff: float = 0.9,
+          equilibration: float = 40.0, seed: int = 1, platform: str = 'CPU',
+          threads: Optional[int] = None, progress: Optional[Callable] = None) -> Scene:
     """A box of TIP4P-Ew water with PME, equilibrated with LangevinC.
 
     The force field is that of openmm.app.
@@ -244,9 +257,8 @@ def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.
     if cutoff > wanted/2:
         raise ValueError(
             f'water: molecules: got {molecules}; the box is {wanted:.3f} nm wide, less than twice '
-            f'the cutoff '
-            f'of {cutoff} nm: use at least {math.ceil((2*cutoff)**3*density*0.602214076/18.01528)} '
-            f'molecules')
+            f'the cutoff of {cutoff} nm: use at least '
+            f'{math.ceil((2*cutoff)**3*density*0.602214076/18.01528)} molecules')
     old = topology.getPeriodicBoxVectors()[0][0]._value
     sites = len(positions) // molecules
     centres = np.repeat(positions.reshape(molecules, sites, 3).mean(axis=1), sites, axis=0)
@@ -296,7 +308,8 @@ def water(molecules=216, temperature=298.15, gamma=5.0, Gamma=10.0, density=995.
         stepSizes=[0.001*k for k in range(1, 10)])
 
 
-def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0, field=2.0, seed=1):
+def trap(bodies: int = 400, temperature: float = 300.0, gamma: float = 10.0, Gamma: float = 20.0,
+         frequency: float = 100.0, field: float = 2.0, seed: int = 1) -> Scene:
     """Triangular rigid bodies in a harmonic trap with a uniform field on their dipoles.
 
     Every average is known exactly. The bodies do not see each other. Each body has three massive
@@ -357,15 +370,14 @@ def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0,
     rng = np.random.default_rng(seed)
     centres = rng.normal(scale=math.sqrt(kT/masses.sum())/frequency, size=(bodies, 1, 3))
     quaternions = rng.normal(size=(bodies, 4))
-    rotations = rotationMatrices(quaternions/np.linalg.norm(quaternions, axis=1, keepdims=True))
+    rotations = rotation_matrices(quaternions/np.linalg.norm(quaternions, axis=1, keepdims=True))
     positions = (centres + np.einsum('bij,kj->bki', rotations, shape)).reshape(-1, 3)
     inWell, inField = 1.5*kT, -field*kT*(1/math.tanh(field) - 1/field)
     return Scene(
         system, positions, integrator, 'trap',
         f'{bodies} independent triangular bodies in a harmonic trap (w = {frequency:g}/ps) with a '
-        f'field of {field:g} '
-        f'kT on their dipoles, {temperature:g} K; gamma = {gamma:g}/ps, Gamma = {Gamma:g}/ps; '
-        f'exact averages known', exact={
+        f'field of {field:g} kT on their dipoles, {temperature:g} K; gamma = {gamma:g}/ps, Gamma = '
+        f'{Gamma:g}/ps; exact averages known', exact={
             'potential_energy': inWell + inField,
             'energy_group_0': inWell,
             'energy_group_1': inField
@@ -373,8 +385,10 @@ def trap(bodies=400, temperature=300.0, gamma=10.0, Gamma=20.0, frequency=100.0,
         stepSizes=[0.1/frequency*k for k in (2, 4, 6, 8, 10, 12)])
 
 
-def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.001, density=1000.0,
-            force=None, name='spheres', description='', edges=None, exact=None):
+def spheres(centres: npt.ArrayLike, radii: npt.ArrayLike = 1.0, temperature: float = 300.0,
+            viscosity: Optional[float] = None, stepSize: float = 0.001, density: float = 1000.0,
+            force: Optional[npt.ArrayLike] = None, name: str = 'spheres', description: str = '',
+            edges: Optional[npt.ArrayLike] = None, exact: Optional[dict] = None) -> Scene:
     """Spheres in a fluid, each a body of one particle.
 
     Parameters
@@ -428,7 +442,7 @@ def spheres(centres, radii=1.0, temperature=300.0, viscosity=None, stepSize=0.00
     return Scene(system, centres, integrator, name, description, exact)
 
 
-def pair(gap, ratio=1.0, temperature=1e-9):
+def pair(gap: float, ratio: float = 1.0, temperature: float = 1e-9) -> Scene:
     """Two spheres side by side, along x, the first of radius 1 nm, in water.
 
     Parameters
@@ -450,7 +464,8 @@ def pair(gap, ratio=1.0, temperature=1e-9):
                    ', the forces of settling across their line of centres')
 
 
-def pairs(gaps=(0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10), ratio=1.0):
+def pairs(gaps: Sequence[float] = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10),
+          ratio: float = 1.0) -> dict:
     """Pairs of spheres over gaps, for :class:`openmmrigidhi.accuracy.LadderStudy`.
 
     Parameters
@@ -479,7 +494,7 @@ class Sweep(dict):
         'smaller' or 'larger': the values towards which approximations get worse
     scenes : dict
     """
-    def __init__(self, parameter, harder, scenes):
+    def __init__(self, parameter: str, harder: str, scenes: dict) -> None:
         super().__init__(scenes)
         self.parameter = parameter
         self.harder = harder
@@ -500,7 +515,7 @@ SIMPLE_CUBIC = {
 }
 
 
-def array(fraction, radius=1.0):
+def array(fraction: float, radius: float = 1.0) -> Scene:
     """A simple cubic array of spheres in water: one sphere in a cubic periodic box.
 
     Parameters
@@ -528,7 +543,7 @@ def array(fraction, radius=1.0):
                        zip(('drag', 'rotational_drag'), SIMPLE_CUBIC[fraction])))
 
 
-def arrays(fractions=tuple(SIMPLE_CUBIC)):
+def arrays(fractions: Sequence[float] = tuple(SIMPLE_CUBIC)) -> Sweep:
     """Simple cubic arrays of spheres over volume fractions.
 
     They are for :class:`openmmrigidhi.accuracy.LadderStudy`.
@@ -548,7 +563,8 @@ def arrays(fractions=tuple(SIMPLE_CUBIC)):
                   for fraction in fractions})
 
 
-def suspension(bodies=12, fraction=0.1, radius=1.0, leastGap=0.02, temperature=300.0, seed=1):
+def suspension(bodies: int = 12, fraction: float = 0.1, radius: float = 1.0, leastGap: float = 0.02,
+               temperature: float = 300.0, seed: int = 1) -> Scene:
     """Spheres of one size at random places without overlap, within a sphere, in water, settling.
 
     Parameters
@@ -569,14 +585,14 @@ def suspension(bodies=12, fraction=0.1, radius=1.0, leastGap=0.02, temperature=3
     Scene
     """
     outer = radius*(bodies/fraction)**(1/3)
-    centres = _randomCentres(bodies, fraction, outer, (2 + leastGap)*radius, None, seed)
+    centres = _random_centres(bodies, fraction, outer, (2 + leastGap)*radius, None, seed)
     return spheres(
         centres, radius, temperature, force=(0, 0, -1), name=f'suspension{bodies}', description=
         f'{bodies} spheres at random in a larger sphere, volume fraction {fraction:g}, settling in '
         f'water')
 
 
-def _randomCentres(bodies, fraction, outer, least, side, seed):
+def _random_centres(bodies, fraction, outer, least, side, seed):
     """Places that are no nearer to each other than `least`.
 
     They are in a sphere of this radius, or in a periodic cube of this side.
@@ -603,8 +619,8 @@ def _randomCentres(bodies, fraction, outer, least, side, seed):
     return centres
 
 
-def periodicSuspension(bodies=8, fraction=0.15, radius=1.0, leastGap=0.02, temperature=300.0,
-                       seed=1):
+def periodicSuspension(bodies: int = 8, fraction: float = 0.15, radius: float = 1.0,
+                       leastGap: float = 0.02, temperature: float = 300.0, seed: int = 1) -> Scene:
     """Spheres of one size at random places in a cubic periodic box of water, settling.
 
     The spheres do not overlap.
@@ -627,7 +643,7 @@ def periodicSuspension(bodies=8, fraction=0.15, radius=1.0, leastGap=0.02, tempe
     Scene
     """
     side = radius*(4*np.pi/3*bodies/fraction)**(1/3)
-    centres = _randomCentres(bodies, fraction, side/2, (2 + leastGap)*radius, side, seed)
+    centres = _random_centres(bodies, fraction, side/2, (2 + leastGap)*radius, side, seed)
     return spheres(
         centres, radius, temperature, force=(0, 0, -1), name=f'periodic suspension of {bodies}',
         edges=(side,)*3, description=
@@ -635,7 +651,7 @@ def periodicSuspension(bodies=8, fraction=0.15, radius=1.0, leastGap=0.02, tempe
         f'water')
 
 
-def fromFiles(system, state, integrator):
+def fromFiles(system: str, state: str, integrator: str) -> Scene:
     """The user's scene from three XML files.
 
     openmm.XmlSerializer and Simulation.saveState write such files.
@@ -657,7 +673,7 @@ def fromFiles(system, state, integrator):
                  description=f'system {system}, state {state}')
 
 
-def fromFunction(specification):
+def fromFunction(specification: str) -> Scene:
     """The user's scene from a Python function.
 
     Parameters
@@ -678,7 +694,7 @@ def fromFunction(specification):
     return Scene(*result, name=specification.split(':')[1], description=f'scene {specification}')
 
 
-def importObject(specification, what):
+def importObject(specification: str, what: str) -> Any:
     """The object "module:name".
 
     Parameters
@@ -703,7 +719,7 @@ def importObject(specification, what):
                          f'{remedy}') from error
 
 
-def findObservable(name, kind, builtIn, fromFunction):
+def findObservable(name: Any, kind: type, builtIn: dict, fromFunction: Callable) -> Any:
     """An observable from what a user may give for it.
 
     Parameters
@@ -732,7 +748,7 @@ def findObservable(name, kind, builtIn, fromFunction):
                           fromFunction) if ':' in name else None
 
 
-def platformProperties(platform, threads):
+def platformProperties(platform: str, threads: Optional[int]) -> dict:
     """Properties of a Context.
 
     Parameters

@@ -3,12 +3,16 @@
 Means of series and their errors are those of analysis.series. This module uses numpy and scipy, not
 OpenMM, so every rule here can be tested on synthetic numbers.
 """
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import Optional, Union
 
 import numpy as np
 import scipy.stats
 
+from .._types import Array
 from ..analysis.series import (  # noqa: F401
     SeriesStatistics, autocorrelationTime, noise, noiseDegrees, replicaStatistics, seriesStatistics)
 
@@ -20,7 +24,7 @@ UNTESTED = 'the extrapolation could not be tested: add smaller steps'
 SMALLEST_FIT_PROBABILITY = 0.01
 
 
-def quantile(confidence, degrees, sided=2):
+def quantile(confidence: float, degrees: float, sided: int = 2) -> float:
     """How many standard errors a confidence interval reaches, by Student's t.
 
     Parameters
@@ -87,7 +91,7 @@ class Extrapolation:
     modelError: float = 0.0
 
 
-def extrapolate(points):
+def extrapolate(points: list[Point]) -> Optional[Extrapolation]:
     """Fit mean = A0 + E_m h^p + F_m h^2p to points, with A0 common to all methods.
 
     The term F_m is there if a method has 4 or more steps. The fit is by least squares, with points
@@ -121,22 +125,22 @@ def extrapolate(points):
             return None
         if fit.degrees == 0 or fit.probability >= SMALLEST_FIT_PROBABILITY:
             break
-        worst = _worstMethod(points, fit)
+        worst = _worst_method(points, fit)
         if worst is None:
             note = 'the fit is poor (chi2 is too large); its error is enlarged accordingly'
             break
         used = list(fit.used)
         used[worst] = False
     fit.note = note
-    _addModelError(points, fit)
+    _add_model_error(points, fit)
     return fit
 
 
-def _addModelError(points, fit):
+def _add_model_error(points, fit):
     """Enlarge the standard error of a fit by what its model may be wrong by."""
     indices = [i for i in range(len(points)) if fit.used[i]]
     changes = []
-    for other in _otherFits(points, fit, indices):
+    for other in _other_fits(points, fit, indices):
         # A0 of both fits is linear in the same means.
         sigma = np.array(
             [points[i].standardError if i in indices else 0 for i in range(len(points))])
@@ -154,7 +158,7 @@ def _addModelError(points, fit):
     fit.standardError = math.hypot(fit.standardError, fit.modelError)
 
 
-def _otherFits(points, fit, indices):
+def _other_fits(points, fit, indices):
     """Fits of the same kind that are as good where the model is right."""
     largest = max(points[i].h for i in indices)
     used = [flag and points[i].h < largest for i, flag in enumerate(fit.used)]
@@ -181,7 +185,7 @@ def _terms(steps):
     return 2 if steps >= 4 else 1
 
 
-def _worstMethod(points, fit):
+def _worst_method(points, fit):
     """The index of the largest step of the method whose points deviate most.
 
     Only methods that can spare a step count.
@@ -284,7 +288,7 @@ class ErrorCurve:
     chi2: float
     degrees: int
 
-    def stepFor(self, tolerance):
+    def stepFor(self, tolerance: float) -> tuple[float, Array]:
         """The step at which ``|error|`` first reaches the tolerance, capped at `largest`.
 
         The result is the value, and an ndarray for the cloud.
@@ -314,7 +318,8 @@ class ErrorCurve:
         return self.largest
 
 
-def errorCurve(h, errors, sigma, resampled, order, tolerance, largest):
+def errorCurve(h: Array, errors: Array, sigma: Array, resampled: Array, order: int,
+               tolerance: float, largest: float) -> ErrorCurve:
     """Fit E h^p + F h^2p to the errors of one method up to twice a tolerance.
 
     The points beyond are kept as they are.
@@ -361,7 +366,8 @@ def errorCurve(h, errors, sigma, resampled, order, tolerance, largest):
 # ---- Bias and noise together ---------------------------------------------------------------------
 
 
-def timeToError(tolerance, bias, noise, speed, equilibration):
+def timeToError(tolerance: float, bias: float, noise: float, speed: float,
+                equilibration: float) -> Union[float, Array]:
     """How long a run must be for a total error.
 
     The total error is the root mean square of bias and standard error: bias^2 + noise/length =
@@ -396,7 +402,8 @@ def timeToError(tolerance, bias, noise, speed, equilibration):
                         np.inf)[()]
 
 
-def errorAfter(seconds, bias, noise, speed, equilibration):
+def errorAfter(seconds: float, bias: float, noise: float, speed: float,
+               equilibration: float) -> Union[float, Array]:
     """The total error after a time: the root mean square of bias and standard error.
 
     Parameters
@@ -416,7 +423,8 @@ def errorAfter(seconds, bias, noise, speed, equilibration):
                     np.inf)[()]
 
 
-def resampledNoise(noise, degrees, rng, resamplings):
+def resampledNoise(noise: Array, degrees: Array, rng: np.random.Generator,
+                   resamplings: int) -> Array:
     """What noises may really be, given the noises that were measured.
 
     Parameters

@@ -4,26 +4,33 @@
 :class:`StepSizeStudy` changes the step size. A study of another quantity (hydrodynamic model,
 solver tolerance, grid spacing) overrides ``knob``, ``settings``, ``makeContext`` and ``reference``.
 """
+from __future__ import annotations
+
 import contextlib
 import math
 import time
 import zlib
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Union
 
 import numpy as np
 import openmm
 
-from .._systems import refuseDrivenFlow
+from .._systems import refuse_driven_flow
 from .. import _tasks
 from . import methods as methodsModule
 from . import observables as observablesModule
-from ._results import beginning, checkLengths, provenance
+from ._results import beginning, check_lengths, provenance
 from .measurement import FAILED, NOT_RUN, STABLE, Run, summarise
 from .methods import Method
 # Users look for Knob in the module of the study.
 from .result import STEP_SIZE, Knob, Reference, StudyResult  # noqa: F401
 from .scenes import platformProperties, water
 from .statistics import Point, extrapolate
+
+if TYPE_CHECKING:
+    from .observables import Observable
+    from .scenes import Scene
 
 #: With fewer samples than this a run is too short for any statement.
 FEWEST_SAMPLES = 20
@@ -67,8 +74,11 @@ class Study:
 
     knob = None
 
-    def __init__(self, scene, methods, observables=observablesModule.DEFAULT, platform='CPU',
-                 threads=1, seed=1, clock='wall', sampleInterval=None):
+    def __init__(self, scene: Scene, methods: Sequence[Union[str, Method]],
+                 observables: Sequence[Union[str, Observable,
+                                             Callable]] = observablesModule.DEFAULT,
+                 platform: str = 'CPU', threads: int = 1, seed: int = 1, clock: str = 'wall',
+                 sampleInterval: Optional[float] = None) -> None:
         if clock not in ('wall', 'cpu'):
             raise ValueError(f'Study: clock: got {clock!r}; it must be wall or cpu: correct it')
         if sampleInterval is not None and not (math.isfinite(sampleInterval)
@@ -76,7 +86,7 @@ class Study:
             raise ValueError(
                 f'Study: sampleInterval: got {sampleInterval}; the time between samples must be '
                 f'positive, in ps: correct it')
-        refuseDrivenFlow(
+        refuse_driven_flow(
             scene.system, f'{type(self).__name__}: scene',
             'where alone all methods have the same averages: compare steady states of one '
             'method at several steps by runs of your own')
@@ -101,11 +111,11 @@ class Study:
 
     # ---- What a study of another knob overrides --------------------------------------------------
 
-    def settings(self):
+    def settings(self) -> list[Setting]:
         """All settings, a list of Setting."""
         raise NotImplementedError
 
-    def makeContext(self, setting, seed):
+    def makeContext(self, setting: Setting, seed: int) -> openmm.Context:
         """A Context of the scene for one setting.
 
         Parameters
@@ -118,7 +128,7 @@ class Study:
         return scene.makeContext(integrator, openmm.Platform.getPlatformByName(self.platform),
                                  platformProperties(self.platform, self.threads), seed)
 
-    def reference(self, observable, rows):
+    def reference(self, observable: Observable, rows: Sequence[dict]) -> Optional[Reference]:
         """What the means of an observable are compared with, a Reference or None.
 
         rows are the observable's rows of stable settings.
@@ -128,7 +138,7 @@ class Study:
 
     # ---- The run ---------------------------------------------------------------------------------
 
-    def settingSeed(self, setting):
+    def settingSeed(self, setting: Setting) -> int:
         """The seed of a setting.
 
         It depends only on the study's seed, the method's name and the value.
@@ -136,14 +146,15 @@ class Study:
         text = f'{self.seed}|{setting.method.name}|{setting.value:.9g}'
         return zlib.crc32(text.encode()) % (2**31 - 2) + 1
 
-    def _makeRun(self, setting):
+    def _make_run(self, setting):
         return Run(setting.method.sceneOf(self.scene), self.observables,
                    lambda: self.makeContext(setting, self.settingSeed(setting)), setting.stepSize,
                    self.sampleInterval, openmm.Platform.getPlatformByName(self.platform),
                    platformProperties(self.platform, self.threads))
 
-    def run(self, budget=600.0, length=None, equilibration=None, rounds=20, jobs=1, progress=None,
-            cluster=None):
+    def run(self, budget: float = 600.0, length: Optional[float] = None,
+            equilibration: Optional[float] = None, rounds: int = 20, jobs: int = 1,
+            progress: Optional[Callable] = None, cluster: Optional[str] = None) -> StudyResult:
         """Measure.
 
         The runs take turns. In each round every setting advances by a part of its length, in a
@@ -185,8 +196,8 @@ class Study:
         TaskError
             if all runs in other processes failed
         """
-        checkLengths(f'{type(self).__name__}.run', budget if length is None else None, length,
-                     equilibration, rounds)
+        check_lengths(f'{type(self).__name__}.run', budget if length is None else None, length,
+                      equilibration, rounds)
         began = time.perf_counter()
         about = beginning()
         settings = self.settings()
@@ -197,11 +208,11 @@ class Study:
             if refusal is not None:
                 refusals[setting.method.name] = refusal
             else:
-                runs.append((setting, self._makeRun(setting)))
+                runs.append((setting, self._make_run(setting)))
         cost = [run.secondsPerStep() for _, run in runs]
         # The length of the trial depends on the machine. The results do not: settings that survived
         # the trial start afresh.
-        runs = [(setting, self._makeRun(setting) if run.isAlive else run) for setting, run in runs]
+        runs = [(setting, self._make_run(setting) if run.isAlive else run) for setting, run in runs]
         inTurn = jobs == 1 and cluster is None
         lengths, left = self._plan(runs, cost, budget - (time.perf_counter() - began), length,
                                    equilibration, jobs, rounds, inTurn)
@@ -211,7 +222,7 @@ class Study:
                 for (_, run), (total, left) in zip(runs, zip(lengths, left)) if run.isAlive))
         deadline = math.inf if length is not None else began + budget
         if inTurn:
-            done = self._inTurn(runs, lengths, left, rounds, deadline, meter)
+            done = self._in_turn(runs, lengths, left, rounds, deadline, meter)
         else:
             done = rounds
             self._together(runs, lengths, left, jobs, cluster, meter)
@@ -243,7 +254,7 @@ class Study:
                                 1e-9)*interval
         return lengths, left
 
-    def _inTurn(self, runs, lengths, left, rounds, deadline, meter):
+    def _in_turn(self, runs, lengths, left, rounds, deadline, meter):
         rng = np.random.default_rng([self.seed, 1])
         turn = 0
         try:
@@ -291,7 +302,7 @@ class Study:
             meter.advance(self._text(runs[i][0]))(round((lengths[i] + left[i])/runs[i][1].stepSize))
 
         try:
-            _tasks.run(_wholeRun, [(self, runs[i][0], lengths[i], left[i]) for i in order], jobs,
+            _tasks.run(_whole_run, [(self, runs[i][0], lengths[i], left[i]) for i in order], jobs,
                        cluster, names=[self._text(runs[i][0]) for i in order], finished=take,
                        quiet=True)
         except KeyboardInterrupt:
@@ -378,9 +389,9 @@ class Study:
                             for o in self.observables}, refusals, about)
 
 
-def _wholeRun(argument, job):
+def _whole_run(argument, job):
     study, setting, length, left = argument
-    run = study._makeRun(setting)
+    run = study._make_run(setting)
     run.advance(round(left/run.record.samplesAt), False)
     run.advance(round(length/run.record.samplesAt), True)
     return run.record
@@ -424,8 +435,10 @@ class StepSizeStudy(Study):
 
     knob = STEP_SIZE
 
-    def __init__(self, scene=None, methods=('LangevinC', 'LangevinMiddle'), stepSizes=None,
-                 references=None, **kwargs):
+    def __init__(self, scene: Optional[Scene] = None,
+                 methods: Sequence[Union[str, Method]] = ('LangevinC', 'LangevinMiddle'),
+                 stepSizes: Optional[Union[Sequence[float], dict[str, Sequence[float]]]] = None,
+                 references: Optional[dict] = None, **kwargs: Any) -> None:
         super().__init__(water() if scene is None else scene, methods, **kwargs)
         self.stepSizes = stepSizes
         self.references = dict(references or {})
@@ -435,7 +448,7 @@ class StepSizeStudy(Study):
                     f'StepSizeStudy: stepSizes: got {setting.stepSize}; a step must be positive, '
                     f'in ps: correct it')
 
-    def settings(self):
+    def settings(self) -> list[Setting]:
         """All settings: methods and their step sizes, in ascending order."""
         def steps(method):
             if isinstance(self.stepSizes, dict):
@@ -446,7 +459,7 @@ class StepSizeStudy(Study):
             Setting(method, h, h) for method in self.methods for h in sorted(set(steps(method)))
         ]
 
-    def reference(self, observable, rows):
+    def reference(self, observable: Observable, rows: list[dict]) -> Optional[Reference]:
         """The given value, the exact one, or the extrapolation to step 0.
 
         Parameters

@@ -27,8 +27,7 @@ class Motion:
         if unknown or not names:
             raise ValueError(
                 f'{where}: coordinates: got {coordinates!r}; they must be one or more of '
-                f'{", ".join(COORDINATES)}: '
-                'correct the names')
+                f'{", ".join(COORDINATES)}: correct the names')
         self.along = np.array([name in names for name in COORDINATES[:3]], dtype=float)
         self.kinds = [
             kind for kind, there in (('translation', self.along.any()),
@@ -40,8 +39,7 @@ class Motion:
             if not 0 < np.linalg.norm(axis) < np.inf:
                 raise ValueError(
                     f'{where}: rotationAxis: got {axis}; to turn about it its length must be '
-                    f'finite and above 0: give a '
-                    'vector such as (0, 0, 1)')
+                    'finite and above 0: give a vector such as (0, 0, 1)')
             self.axis = axis/np.linalg.norm(axis)
 
     def translations(self, random, sizes):
@@ -57,12 +55,12 @@ class Motion:
         They are uniform in Haar's measure up to these angles, or about the axis.
         """
         if self.axis is None:
-            return uniformRotations(random, angles)
+            return uniform_rotations(random, angles)
         half = 0.5*angles*random.uniform(-1, 1, len(angles))
         return np.concatenate([np.cos(half)[:, None], np.sin(half)[:, None]*self.axis], axis=1)
 
 
-def uniformRotations(random, largestAngles):
+def uniform_rotations(random, largestAngles):
     """Quaternions (n, 4) of random rotations by at most these angles (n,), at most pi.
 
     They are uniform on SO(3) among such rotations. Rotation vectors uniform in a ball have the
@@ -153,7 +151,7 @@ class Wall:
         return np.all(heights > limits if self.crossing else heights >= limits, axis=-1)
 
 
-def thermalEnergy(temperature, where):
+def thermal_energy(temperature, where):
     """k_B T in kJ/mol; a temperature above 0."""
     temperature = _units.number(temperature, _units.TEMPERATURE, where, 'temperature')
     if not 0 < temperature < np.inf:
@@ -163,14 +161,14 @@ def thermalEnergy(temperature, where):
     return _units.GAS_CONSTANT*temperature
 
 
-def plainEnergies(values, where):
+def plain_energies(values, where):
     """What an energyFunction returned, kJ/mol, as an array."""
     if unit.is_quantity(values):
         values = _units.ENERGY.strip(values, where, 'energyFunction')
     return np.asarray(values, dtype=float)
 
 
-def isNoEnergy(energies):
+def is_no_energy(energies):
     """Where energies are no numbers, or -infinity."""
     return np.isnan(energies) | (energies == -np.inf)
 
@@ -196,7 +194,7 @@ def positive(value, where, name):
     return value
 
 
-def progressBar(iterable, label, progress, things=' sweeps'):
+def progress_bar(iterable, label, progress, things=' sweeps'):
     """The iterable with a progress bar; None: on a terminal only."""
     import tqdm
     return tqdm.tqdm(iterable, desc=label, unit=things, mininterval=0.5,

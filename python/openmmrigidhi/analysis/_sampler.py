@@ -2,6 +2,10 @@
 
 They make sweeps, with moves whose sizes adapt or are fixed, and keep samples.
 """
+from __future__ import annotations
+
+from typing import Optional
+
 import numpy as np
 
 from .. import _units
@@ -12,14 +16,14 @@ from .samples import PoseSamples
 class Sampler:
     """The base of samplers.
 
-    A sampler has _steps (kind of move -> StepSizes), _sweep(adapt) and _present(), and _handBack()
+    A sampler has _steps (kind of move -> StepSizes), _sweep(adapt) and _present(), and _hand_back()
     if anything must be left tidy.
     """
 
     #: Whether the columns of the samples are independent walkers.
     _INDEPENDENT = False
 
-    def burnIn(self, sweeps, progress=None):
+    def burnIn(self, sweeps: int, progress: Optional[bool] = None) -> None:
         """Move towards equilibrium, and adapt the sizes of the moves to an acceptance of 0.4.
 
         Parameters
@@ -33,7 +37,8 @@ class Sampler:
         """
         self._run(_moves.positive(sweeps, 'burnIn', 'sweeps'), 'burn-in', progress, True)
 
-    def sample(self, numSamples, interval=1, progress=None):
+    def sample(self, numSamples: int, interval: int = 1,
+               progress: Optional[bool] = None) -> PoseSamples:
         """Sample poses, with moves of fixed sizes, beginning where the last call ended.
 
         Parameters
@@ -73,12 +78,12 @@ class Sampler:
 
     def _run(self, sweeps, label, progress, adapt, keep=None):
         try:
-            for sweep in _moves.progressBar(range(sweeps), label, progress):
+            for sweep in _moves.progress_bar(range(sweeps), label, progress):
                 self._sweep(adapt)
                 if keep is not None:
                     keep(sweep)
         finally:
-            self._handBack()
+            self._hand_back()
 
-    def _handBack(self):
+    def _hand_back(self):
         """Do nothing, unless somebody else has the bodies too."""

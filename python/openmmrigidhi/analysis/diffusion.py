@@ -1,11 +1,15 @@
 """Diffusion coefficients from mean square displacements, and the length that gravity sets."""
+from __future__ import annotations
+
 import dataclasses
+from typing import Optional
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
-from .displacements import MeanSquareDisplacement, _withoutUnit, meanAndError
+from .._types import Number
+from .displacements import MeanSquareDisplacement, _without_unit, meanAndError
 
 
 @dataclasses.dataclass
@@ -27,7 +31,8 @@ class DiffusionCoefficient:
     degrees: int
 
 
-def shortTimeDiffusion(msd, maxTime=None):
+def shortTimeDiffusion(msd: MeanSquareDisplacement,
+                       maxTime: Optional[Number] = None) -> DiffusionCoefficient:
     """Get the short-time diffusion coefficient (eq. 59).
 
     It is half the slope of a mean square displacement at zero lag time.
@@ -54,7 +59,7 @@ def shortTimeDiffusion(msd, maxTime=None):
     ValueError
         if there are no lag times above 0, or fewer than two up to maxTime
     """
-    times = _lagTimes(msd, 'shortTimeDiffusion')
+    times = _lag_times(msd, 'shortTimeDiffusion')
     if not np.any(times > 0):
         raise ValueError(
             'shortTimeDiffusion: msd: it has no lag times above 0; the slope needs one: give other '
@@ -69,15 +74,15 @@ def shortTimeDiffusion(msd, maxTime=None):
     if len(np.unique(times[chosen])) < 2:
         raise ValueError(
             f'shortTimeDiffusion: maxTime: got {maxTime} ps; extrapolation needs two lag times '
-            f'above 0 up to there: '
-            'give a longer time, or smaller lags')
+            'above 0 up to there: give a longer time, or smaller lags')
     # The row of the pseudo-inverse that gives the line's value at 0.
     line = np.stack([np.ones(chosen.sum()), times[chosen]], axis=1)
     weights[chosen] = np.linalg.pinv(line)[0]/(2*times[chosen])
     return _estimate(msd, weights)
 
 
-def longTimeDiffusion(msd, minTime, maxTime=None):
+def longTimeDiffusion(msd: MeanSquareDisplacement, minTime: Number,
+                      maxTime: Optional[Number] = None) -> DiffusionCoefficient:
     """Get the long-time diffusion coefficient (eq. 60).
 
     It is half the slope of a mean square displacement at long lag times. The slope is that of the
@@ -107,7 +112,7 @@ def longTimeDiffusion(msd, minTime, maxTime=None):
     ValueError
         if there are fewer than two lag times in the range
     """
-    times = _lagTimes(msd, 'longTimeDiffusion')
+    times = _lag_times(msd, 'longTimeDiffusion')
     minTime = _units.number(minTime, _units.TIME, 'longTimeDiffusion', 'minTime')
     maxTime = np.inf if maxTime is None else _units.number(maxTime, _units.TIME,
                                                            'longTimeDiffusion', 'maxTime')
@@ -115,16 +120,15 @@ def longTimeDiffusion(msd, minTime, maxTime=None):
     if len(np.unique(times[chosen])) < 2:
         raise ValueError(
             f'longTimeDiffusion: minTime, maxTime: got {minTime} and {maxTime} ps; a slope needs '
-            f'two lag times in that '
-            f'range, and they end at {times.max() if len(times) else 0:g} ps: widen it, or give '
-            f'more lags')
+            f'two lag times in that range, and they end at {times.max() if len(times) else 0:g} '
+            'ps: widen it, or give more lags')
     weights = np.zeros(len(times))
     centred = times[chosen] - times[chosen].mean()
     weights[chosen] = centred/(2*(centred @ centred))
     return _estimate(msd, weights)
 
 
-def gravitationalHeight(kT, weight):
+def gravitationalHeight(kT: Number, weight: Number) -> unit.Quantity:
     """Get the gravitational height kT/weight.
 
     The density of sedimenting particles falls by a factor e over this height. Eq. (70) defines a
@@ -154,17 +158,15 @@ def gravitationalHeight(kT, weight):
     if not (0 < kT < np.inf and 0 < weight < np.inf):
         raise ValueError(
             f'gravitationalHeight: got kT = {kT} kJ/mol and weight = {weight} kJ/(mol nm); both '
-            f'must be finite and '
-            'positive: give the size of a downward force')
+            'must be finite and positive: give the size of a downward force')
     return _units.LENGTH.attach(kT/weight)
 
 
-def _lagTimes(msd, where):
+def _lag_times(msd, where):
     if not isinstance(msd, MeanSquareDisplacement):
         raise TypeError(
             f'{where}: msd: got {type(msd).__name__}; it must be a MeanSquareDisplacement: give '
-            f'what the MSD functions '
-            'return')
+            'what the MSD functions return')
     return msd.lagTimes.value_in_unit(unit.picosecond)
 
 
@@ -173,7 +175,7 @@ def _estimate(msd, weights):
 
     Weights are in 1/ps.
     """
-    blocks, _ = _withoutUnit(msd.blocks)
+    blocks, _ = _without_unit(msd.blocks)
     value, error = meanAndError(np.tensordot(blocks, weights, axes=(1, 0)))
     diffusionUnit = (msd.blocks.unit
                      if unit.is_quantity(msd.blocks) else unit.dimensionless)/unit.picosecond

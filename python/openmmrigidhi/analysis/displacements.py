@@ -1,11 +1,18 @@
 """Mean square displacements of rigid bodies, with errors from blocks of the trajectory."""
+from __future__ import annotations
+
 import dataclasses
+from typing import TYPE_CHECKING, Optional, Sequence
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
+from .._types import Array, Number, Numbers
 from .._quaternions import conjugate, product, rotate
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 #: The length of quaternions may differ from 1 by the rounding of single precision.
 _NORM_TOLERANCE = 1e-6
@@ -35,21 +42,21 @@ class MeanSquareDisplacement:
     blocks: object
 
     @property
-    def parallel(self):
+    def parallel(self) -> MeanSquareDisplacement:
         """The sum of the xx and yy components, for motion along a wall or in a plane."""
         return self.component((1, 1, 0))
 
     @property
-    def perpendicular(self):
+    def perpendicular(self) -> MeanSquareDisplacement:
         """The zz component, for motion normal to a wall."""
         return self.component((0, 0, 1))
 
     @property
-    def trace(self):
+    def trace(self) -> MeanSquareDisplacement:
         """The sum of the xx, yy and zz components."""
         return self.component((1, 1, 1))
 
-    def component(self, weights):
+    def component(self, weights: npt.ArrayLike) -> MeanSquareDisplacement:
         """Get a weighted sum of components of the tensor, with an error from their correlation.
 
         Parameters
@@ -70,18 +77,19 @@ class MeanSquareDisplacement:
         weights = np.array(weights, dtype=float)
         if weights.shape == (3,):
             weights = np.diag(weights)
-        blocks, attach = _withoutUnit(self.blocks)
+        blocks, attach = _without_unit(self.blocks)
         if blocks.ndim != 4 or weights.shape != (3, 3):
             raise ValueError(
                 f'component: weights of shape {weights.shape} for a mean square displacement of '
-                f'shape {blocks.shape[1:]}; '
-                'there must be 3 or 3 x 3 weights for a tensor: nothing is left to choose from in '
-                'a scalar one')
+                f'shape {blocks.shape[1:]}; there must be 3 or 3 x 3 weights for a tensor: nothing '
+                'is left to choose from in a scalar one')
         return _summarise(self.lagTimes, np.einsum('blij,ij->bl', blocks, weights), attach)
 
 
-def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags=None, numBlocks=10,
-                     bodyFrame=False, independentBodies=False):
+def translationalMSD(positions: Numbers, orientations: npt.ArrayLike, frameInterval: Number,
+                     trackingPoint: Numbers, lags: Optional[Sequence[int]] = None,
+                     numBlocks: int = 10, bodyFrame: bool = False,
+                     independentBodies: bool = False) -> MeanSquareDisplacement:
     """Get the mean square displacement of a point of rigid bodies.
 
     The choice of the tracked point matters at short times and not at long times. At short times the
@@ -129,8 +137,7 @@ def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags
     if R.shape[:2] != q.shape[:2]:
         raise ValueError(
             f'{where}: positions: there are {R.shape[0]} frames of {R.shape[1]} bodies, but the '
-            f'orientations are '
-            f'{q.shape[0]} frames of {q.shape[1]}: give both from one trajectory')
+            f'orientations are {q.shape[0]} frames of {q.shape[1]}: give both from one trajectory')
     point = _units.vector(trackingPoint, _units.LENGTH, where, 'trackingPoint')
     blocks = _Blocks(len(R), R.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
     tracked = blocks.cut(R + rotate(q, point))
@@ -143,8 +150,10 @@ def translationalMSD(positions, orientations, frameInterval, trackingPoint, lags
     return blocks.average(displacements, lambda values: unit.Quantity(values, unit.nanometer**2))
 
 
-def rotationalMSD(orientations, frameInterval, lags=None, numBlocks=10, bodyFrame=False,
-                  independentBodies=False):
+def rotationalMSD(orientations: npt.ArrayLike, frameInterval: Number,
+                  lags: Optional[Sequence[int]] = None, numBlocks: int = 10,
+                  bodyFrame: bool = False,
+                  independentBodies: bool = False) -> MeanSquareDisplacement:
     """Get the rotational mean square displacement of rigid bodies (eqs. 20-22).
 
     The rotational displacement between two frames is u = 1/2 sum_i u_i(0) x u_i(t) over the body
@@ -191,8 +200,9 @@ def rotationalMSD(orientations, frameInterval, lags=None, numBlocks=10, bodyFram
     return blocks.average(displacements, lambda values: values)
 
 
-def planarAngleMSD(orientations, frameInterval, bodyVector, lags=None, numBlocks=10,
-                   independentBodies=False):
+def planarAngleMSD(orientations: npt.ArrayLike, frameInterval: Number, bodyVector: Numbers,
+                   lags: Optional[Sequence[int]] = None, numBlocks: int = 10,
+                   independentBodies: bool = False) -> MeanSquareDisplacement:
     """Get the mean square displacement of the angle of a body vector in the xy plane.
 
     The angle is that of the vector's projection onto the plane. It is followed from frame to frame
@@ -231,8 +241,7 @@ def planarAngleMSD(orientations, frameInterval, bodyVector, lags=None, numBlocks
     if not 0 < np.linalg.norm(vector) < np.inf:
         raise ValueError(
             f'{where}: bodyVector: got {vector}; its length must be finite and positive to have a '
-            f'direction: '
-            'give another vector')
+            'direction: give another vector')
     blocks = _Blocks(len(q), q.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
     projected = rotate(q, vector)
     angle = blocks.cut(np.unwrap(np.arctan2(projected[..., 1], projected[..., 0]), axis=0))
@@ -247,8 +256,7 @@ class _Blocks:
         if not 0 < self.interval < np.inf:
             raise ValueError(
                 f'{where}: frameInterval: got {self.interval} ps; the time between frames must be '
-                f'finite and positive: '
-                'give a value above 0')
+                'finite and positive: give a value above 0')
         self.number = _units.integer(numBlocks, where, 'numBlocks')
         self.independent = _units.boolean(independentBodies, where, 'independentBodies')
         if self.number < 1 or self.number*(bodies if self.independent else 1) < 2:
@@ -260,8 +268,7 @@ class _Blocks:
         if self.length < 2:
             raise ValueError(
                 f'{where}: {frames} frames are too few for {self.number} blocks, which need 2 '
-                f'frames each: '
-                'give a longer trajectory or fewer blocks')
+                'frames each: give a longer trajectory or fewer blocks')
         if lags is None:
             lags = np.unique(
                 np.rint(np.geomspace(1, max(1, self.length // 4), _DEFAULT_LAGS)).astype(int))
@@ -302,12 +309,12 @@ def _summarise(lagTimes, blocks, attach):
     return MeanSquareDisplacement(lagTimes, attach(mean), attach(error), attach(blocks))
 
 
-def meanAndError(blocks):
+def meanAndError(blocks: Array) -> tuple[Array, Array]:
     """Mean over the first axis and its standard error."""
     return blocks.mean(axis=0), blocks.std(axis=0, ddof=1)/np.sqrt(len(blocks))
 
 
-def _withoutUnit(values):
+def _without_unit(values):
     """The numbers of a Quantity or array, and a function that gives numbers their unit back."""
     if not unit.is_quantity(values):
         return values, lambda numbers: numbers

@@ -1,14 +1,22 @@
 """Gibbs-Boltzmann Monte Carlo of rigid bodies under the forces of an OpenMM Context."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Callable, Optional, Sequence, Union
+
 import numpy as np
 
 from .. import _units
+from .._types import Number, Numbers
 from .._quaternions import rotate
-from .._systems import BodyDefinitions, forcesOf, hydrodynamicRadii, refuseDrivenFlow
+from .._systems import BodyDefinitions, forces_of, hydrodynamic_radii, refuse_driven_flow
 from ..bodyforce import CustomBodyForce
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from . import _moves
 from ._sampler import Sampler
+
+if TYPE_CHECKING:
+    import openmm
 
 _MOVES = ('single', 'all')
 _Y, _Z = 1, 2
@@ -90,22 +98,27 @@ class GibbsBoltzmannSampler(Sampler):
     does not harm the other coordinates. Spheres that StokesianDynamics keeps from overlapping must
     here be kept apart by a force, or by an infinite energyFunction.
     """
-    def __init__(self, context, temperature=None, energyFunction=None, wallHeight=None, radii=None,
-                 rejection=None, coordinates=_moves.COORDINATES, rotationAxis=None,
-                 trackingPoints=None, bodies=None, freeParticles=None, moves='single', seed=0):
+    def __init__(self, context: openmm.Context, temperature: Optional[Number] = None,
+                 energyFunction: Optional[Callable] = None, wallHeight: Optional[Number] = None,
+                 radii: Optional[Numbers] = None, rejection: Optional[Union[int, str]] = None,
+                 coordinates: Sequence[str] = _moves.COORDINATES,
+                 rotationAxis: Optional[Numbers] = None, trackingPoints: Optional[Numbers] = None,
+                 bodies: Optional[Sequence[int]] = None,
+                 freeParticles: Optional[Sequence[int]] = None, moves: str = 'single',
+                 seed: int = 0) -> None:
         where = 'GibbsBoltzmannSampler'
         self._context = _units.context(context, where)
         system = context.getSystem()
         self._integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
-        refuseDrivenFlow(
+        refuse_driven_flow(
             system, f'{where}: context',
             'and bodies in it are not distributed as exp(-U/kT): average over steps of the '
             'integrator')
         self._groups = self._integrator.getIntegrationForceGroups()
-        self._kT = _moves.thermalEnergy(
+        self._kT = _moves.thermal_energy(
             self._integrator.getTemperature() if temperature is None else temperature, where)
         self._energyFunction = energyFunction
-        if energyFunction is None and forcesOf(system, CustomBodyForce):
+        if energyFunction is None and forces_of(system, CustomBodyForce):
             raise ValueError(
                 f'{where}: energyFunction: there is a CustomBodyForce, which has no energy; '
                 f'sampling needs one: give '
@@ -116,20 +129,20 @@ class GibbsBoltzmannSampler(Sampler):
         self._together = moves == 'all'
         self._motion = _moves.Motion(coordinates, rotationAxis, where)
         self.seed, self._random = _moves.generator(seed, where)
-        self._takeBodies(trackingPoints, where)
-        fluids = forcesOf(system, MobilityForce)
-        radii = hydrodynamicRadii(system, radii, where)
+        self._take_bodies(trackingPoints, where)
+        fluids = forces_of(system, MobilityForce)
+        radii = hydrodynamic_radii(system, radii, where)
         self._bodies = self._chosen(bodies, range(len(self._firstSite) - 1), where, 'bodies')
-        self._free = self._chosen(freeParticles, self._movableParticles(system, radii), where,
+        self._free = self._chosen(freeParticles, self._movable_particles(system, radii), where,
                                   'freeParticles')
-        self._checkConstraints(system, where)
-        self._walls = self._wallsOf(wallHeight, radii, rejection, fluids, where)
+        self._check_constraints(system, where)
+        self._walls = self._walls_of(wallHeight, radii, rejection, fluids, where)
         self._virtualSites = any(
             system.isVirtualSite(i)
             for i in set(range(system.getNumParticles())) - set(self._members.tolist()))
         self._places = context.getState(getPositions=True).getPositions(asNumpy=True)._value.copy()
-        self._adoptPoses()
-        self._checkStart(where)
+        self._adopt_poses()
+        self._check_start(where)
         extent = float(np.linalg.norm(self._sites, axis=1).max(initial=0))
         extent = extent or float(radii.max(initial=0)) or 1.0
         self._steps = _moves.stepSizes(self._motion.kinds if len(self._bodies) else [],
@@ -140,7 +153,7 @@ class GibbsBoltzmannSampler(Sampler):
 
     # ---- What there is ---------------------------------------------------------------------------
 
-    def _takeBodies(self, trackingPoints, where):
+    def _take_bodies(self, trackingPoints, where):
         """Members, sites and owners of all bodies, body after body."""
         bodies = BodyDefinitions(self._integrator)
         self._firstSite, self._members, self._sites, self._owners = (bodies.first, bodies.members,
@@ -158,11 +171,10 @@ class GibbsBoltzmannSampler(Sampler):
         if wrong or len(set(chosen.tolist())) < len(chosen):
             raise ValueError(
                 f'{where}: {name}: got {chosen.tolist()}; each must be one of the {len(possible)} '
-                f'that can move, and be there '
-                f'once: take out {wrong or "repetitions"}')
+                f'that can move, and be there once: take out {wrong or "repetitions"}')
         return chosen
 
-    def _movableParticles(self, system, radii):
+    def _movable_particles(self, system, radii):
         inBodies = set(self._members.tolist())
         return [
             i for i in range(system.getNumParticles())
@@ -170,17 +182,16 @@ class GibbsBoltzmannSampler(Sampler):
                 system.getParticleMass(i)._value > 0 or radii[i] > 0)
         ]
 
-    def _checkConstraints(self, system, where):
+    def _check_constraints(self, system, where):
         moving = set(self._free.tolist())
         for k in range(system.getNumConstraints()):
             i, j, _ = system.getConstraintParameters(k)
             if i in moving or j in moving:
                 raise ValueError(
                     f'{where}: freeParticles: a constraint holds the free particles {i} and {j}; '
-                    f'moves of one by one would '
-                    'break it: make them a body, or leave them out')
+                    'moves of one by one would break it: make them a body, or leave them out')
 
-    def _wallsOf(self, height, radii, rejection, fluids, where):
+    def _walls_of(self, height, radii, rejection, fluids, where):
         """The plane wall, if there is one, and both walls of a channel."""
         boundary = fluids[0].getBoundary().name if fluids else None
         if height is None and boundary == 'NoSlipWall':
@@ -195,22 +206,21 @@ class GibbsBoltzmannSampler(Sampler):
         if not np.any(radii > 0):
             raise ValueError(
                 f'{where}: radii: there is a wall, but every radius is 0; it would stop nothing: '
-                f'give radii, or add a '
-                'MobilityForce')
+                'give radii, or add a MobilityForce')
         if rejection is None:
             rejection = self._integrator.getWallRejection()
         return [
             _moves.Wall(place, radii, rejection, where, axis, side) for place, axis, side in places
         ]
 
-    def _adoptPoses(self):
+    def _adopt_poses(self):
         """Take the poses of the Context, and put the members where the poses say."""
         self._positions = self._integrator.getBodyPositions()._value.copy()
         self._orientations = self._integrator.getBodyOrientations().copy()
-        self._places[self._members] = self._membersAt(slice(None), self._positions,
-                                                      self._orientations)
+        self._places[self._members] = self._members_at(slice(None), self._positions,
+                                                       self._orientations)
 
-    def _checkStart(self, where):
+    def _check_start(self, where):
         for wall in self._walls:
             heights = wall.heights(self._places)
             if not wall.allows(heights):
@@ -218,17 +228,15 @@ class GibbsBoltzmannSampler(Sampler):
                 owner = self._owners[self._members == k]
                 raise ValueError(
                     f'{where}: context: particle {k} '
-                    f'({f"body {owner[0]}" if len(owner) else "free"}) is at '
-                    f'{"xyz"[wall.axis]} = {self._places[k, wall.axis]} nm, where a wall allows '
-                    f'{wall.side*wall.limits[k]} nm or '
-                    f'{"more" if wall.side > 0 else "less"}; a start must be allowed: set '
-                    f'positions away from it')
+                    f'({f"body {owner[0]}" if len(owner) else "free"}) is at {"xyz"[wall.axis]} = '
+                    f'{self._places[k, wall.axis]} nm, where a wall allows '
+                    f'{wall.side*wall.limits[k]} nm or {"more" if wall.side > 0 else "less"}; a '
+                    'start must be allowed: set positions away from it')
         self._energy = self._evaluate(self._positions, self._orientations)
         if not np.isfinite(self._energy):
             raise ValueError(
                 f'{where}: context: the energy at the start is {self._energy} kJ/mol; a start must '
-                f'have a finite one: set '
-                'other positions')
+                'have a finite one: set other positions')
 
     # ---- Sampling --------------------------------------------------------------------------------
 
@@ -239,10 +247,10 @@ class GibbsBoltzmannSampler(Sampler):
         for kind, steps in self._steps.items():
             count = len(steps.sizes)
             for which in [np.arange(count)] if self._together else np.arange(count)[:, None]:
-                trial = self._tryFree if kind == 'free' else self._tryBodies
+                trial = self._try_free if kind == 'free' else self._try_bodies
                 steps.count(which, 1, trial(kind, which, steps.sizes[which]), adapt)
 
-    def _tryBodies(self, kind, which, sizes):
+    def _try_bodies(self, kind, which, sizes):
         """Move some of the moving bodies, if Metropolis accepts the move; return whether it did."""
         bodies = self._bodies[which]
         R, q = self._positions.copy(), self._orientations.copy()
@@ -256,12 +264,12 @@ class GibbsBoltzmannSampler(Sampler):
         sites = slice(self._firstSite[bodies[0]],
                       self._firstSite[bodies[0] + 1]) if len(bodies) == 1 else slice(None)
         members = self._members[sites]
-        if not self._accept(members, self._membersAt(sites, R, q), R, q):
+        if not self._accept(members, self._members_at(sites, R, q), R, q):
             return False
         self._positions, self._orientations = R, q
         return True
 
-    def _tryFree(self, _, which, sizes):
+    def _try_free(self, _, which, sizes):
         particles = self._free[which]
         moved = self._places[particles] + self._motion.translations(self._random, sizes)
         return self._accept(particles, moved, self._positions, self._orientations)
@@ -288,7 +296,7 @@ class GibbsBoltzmannSampler(Sampler):
         self._places[particles] = before
         return False
 
-    def _membersAt(self, sites, R, q):
+    def _members_at(self, sites, R, q):
         owners = self._owners[sites]
         return R[owners] + rotate(q[owners], self._sites[sites])
 
@@ -304,8 +312,8 @@ class GibbsBoltzmannSampler(Sampler):
         energy = self._context.getState(getEnergy=True,
                                         groups=self._groups).getPotentialEnergy()._value
         if self._energyFunction is not None:
-            more = _moves.plainEnergies(self._energyFunction(R, q), 'GibbsBoltzmannSampler')
-            if more.ndim or _moves.isNoEnergy(more):
+            more = _moves.plain_energies(self._energyFunction(R, q), 'GibbsBoltzmannSampler')
+            if more.ndim or _moves.is_no_energy(more):
                 raise ValueError(
                     f'GibbsBoltzmannSampler: energyFunction: it returned {more.tolist()}; it must '
                     f'return one number, kJ/mol, or '
@@ -313,7 +321,7 @@ class GibbsBoltzmannSampler(Sampler):
             energy += float(more)
         return energy
 
-    def _handBack(self):
+    def _hand_back(self):
         """Leave the Context at the last accepted configuration, with poses exact to the bit."""
         self._context.setPositions(self._places)
         if self._virtualSites:

@@ -6,16 +6,25 @@ columns Fx Fy Fz Tx Ty Tz. MobilityForce.getMobilityInContext returns such matri
 given, and in the same frame. Functions that do not look for a point also take stacks of mobilities,
 of n bodies or configurations.
 """
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Union
+
 import numpy as np
 
 from .. import _units
-from .._quaternions import rotationMatrices
+from .._types import Array, Number, Numbers
+from .._quaternions import rotation_matrices
+
+if TYPE_CHECKING:
+    from openmm import unit
+    import numpy.typing as npt
 
 #: A mobility from an iterative solver is symmetric to its tolerance only.
 _SYMMETRY_TOLERANCE = 1e-3
 
 
-def mobilityAboutPoint(N, shift):
+def mobilityAboutPoint(N: npt.ArrayLike, shift: Numbers) -> Array:
     """Get the mobility about another point of the body (eq. 61).
 
     Parameters
@@ -38,13 +47,13 @@ def mobilityAboutPoint(N, shift):
         if N is no symmetric matrix of finite numbers of this shape, or shift no three lengths
     """
     N = _mobility(N, 'mobilityAboutPoint', stack=True)
-    shift = _oneOrEach(shift, _units.LENGTH, 3, N, 'mobilityAboutPoint', 'shift')
+    shift = _one_or_each(shift, _units.LENGTH, 3, N, 'mobilityAboutPoint', 'shift')
     transfer = np.tile(np.eye(6), shift.shape[:-1] + (1, 1))
     transfer[..., :3, 3:] = -_cross(shift)  # V + W x shift
     return transfer @ N @ transfer.swapaxes(-1, -2)
 
 
-def mobilityInBodyFrame(N, orientation):
+def mobilityInBodyFrame(N: npt.ArrayLike, orientation: npt.ArrayLike) -> Array:
     """Get a mobility in the body's frame from that in the lab frame.
 
     Parameters
@@ -66,21 +75,20 @@ def mobilityInBodyFrame(N, orientation):
         if N is no symmetric matrix of finite numbers of this shape, or orientation no quaternion
     """
     N = _mobility(N, 'mobilityInBodyFrame', stack=True)
-    q = _oneOrEach(orientation, _units.NONE, 4, N, 'mobilityInBodyFrame', 'orientation')
+    q = _one_or_each(orientation, _units.NONE, 4, N, 'mobilityInBodyFrame', 'orientation')
     length = np.linalg.norm(q, axis=-1, keepdims=True)
     good = (0 < length) & (length < np.inf)
     if not np.all(good):
         raise ValueError(
             f'mobilityInBodyFrame: orientation: got {_first(~good[..., 0], q)}; it must be four '
-            f'numbers w, x, y, z, not all 0: '
-            'give rows of getBodyOrientations()')
-    A = rotationMatrices(q/length)
+            'numbers w, x, y, z, not all 0: give rows of getBodyOrientations()')
+    A = rotation_matrices(q/length)
     turn = np.zeros(A.shape[:-2] + (6, 6))
     turn[..., :3, :3] = turn[..., 3:, 3:] = A.swapaxes(-1, -2)
     return turn @ N @ turn.swapaxes(-1, -2)
 
 
-def centerOfMobility(N):
+def centerOfMobility(N: npt.ArrayLike) -> unit.Quantity:
     """Get the centre of mobility (or diffusion) of a body (eq. 64).
 
     It is the one point about which the coupling block of N is symmetric. For an isolated body in
@@ -103,10 +111,10 @@ def centerOfMobility(N):
         if N is no symmetric matrix of finite numbers of this shape, or has no rotational part
     """
     N = _mobility(N, 'centerOfMobility')
-    return _units.LENGTH.attach(_centerOfMobility(N, 'centerOfMobility'))
+    return _units.LENGTH.attach(_center_of_mobility(N, 'centerOfMobility'))
 
 
-def centerOfHydrodynamicStress(N, tolerance=1e-6):
+def centerOfHydrodynamicStress(N: npt.ArrayLike, tolerance: float = 1e-6) -> unit.Quantity:
     """Get the centre of hydrodynamic stress: the point where the coupling block of N vanishes.
 
     Bodies of enough symmetry in unbounded fluid, such as spheres, rods and ellipsoids, have this
@@ -134,20 +142,19 @@ def centerOfHydrodynamicStress(N, tolerance=1e-6):
     where = 'centerOfHydrodynamicStress'
     N = _mobility(N, where)
     tolerance = _units.number(tolerance, _units.NONE, where, 'tolerance')
-    center = _centerOfMobility(N, where)
+    center = _center_of_mobility(N, where)
     about = mobilityAboutPoint(N, center)
     coupling = np.linalg.norm(about[:3, 3:], 2)/np.sqrt(
         np.linalg.norm(about[:3, :3], 2)*np.linalg.norm(about[3:, 3:], 2))
     if not coupling <= tolerance:
         raise ValueError(
             f'{where}: N: the coupling about the centre of mobility is {coupling:.3g}, above '
-            f'{tolerance:g}: this body has no '
-            'centre of hydrodynamic stress; take centerOfMobility or '
-            'planarCenterOfHydrodynamicStress')
+            f'{tolerance:g}: this body has no centre of hydrodynamic stress; take centerOfMobility '
+            'or planarCenterOfHydrodynamicStress')
     return _units.LENGTH.attach(center)
 
 
-def planarCenterOfHydrodynamicStress(N, z=0):
+def planarCenterOfHydrodynamicStress(N: npt.ArrayLike, z: Number = 0) -> unit.Quantity:
     """Get the quasi-two-dimensional centre of hydrodynamic stress (eq. 65).
 
     A torque about z does not move this point of the body along x and y. There is one such point at
@@ -177,13 +184,12 @@ def planarCenterOfHydrodynamicStress(N, z=0):
     if not N[5, 5] > 0:
         raise ValueError(
             f'{where}: N: the rotational mobility about z is {N[5, 5]}; it must be positive for a '
-            f'torque about z: '
-            'turn the frame')
+            'torque about z: turn the frame')
     return _units.LENGTH.attach(
         np.array([-(N[5, 1] - N[5, 3]*z)/N[5, 5], (N[5, 0] + N[5, 4]*z)/N[5, 5], z]))
 
 
-def planarAngleMobility(N, direction):
+def planarAngleMobility(N: npt.ArrayLike, direction: Numbers) -> Union[float, Array]:
     """Get the mobility of the angle of a direction's projection onto the xy plane (eq. 93).
 
     The mobility times kT is the short-time diffusion coefficient of :func:`planarAngleMSD`. It
@@ -208,7 +214,7 @@ def planarAngleMobility(N, direction):
         if N is no symmetric matrix of finite numbers of this shape, or direction is along z
     """
     N = _mobility(N, 'planarAngleMobility', stack=True)
-    v = _oneOrEach(direction, _units.NONE, 3, N, 'planarAngleMobility', 'direction')
+    v = _one_or_each(direction, _units.NONE, 3, N, 'planarAngleMobility', 'direction')
     x, y, z = np.moveaxis(v, -1, 0)
     square = x**2 + y**2
     good = (0 < square) & (square < np.inf)
@@ -222,7 +228,7 @@ def planarAngleMobility(N, direction):
     return result if result.ndim else float(result)
 
 
-def _centerOfMobility(N, where):
+def _center_of_mobility(N, where):
     coupling, rotation = N[3:, :3], N[3:, 3:]
     skew = coupling - coupling.T
     axial = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
@@ -231,8 +237,7 @@ def _centerOfMobility(N, where):
     if not np.min(np.linalg.eigvalsh(matrix)) > 0:
         raise ValueError(
             f'{where}: N: its rotational part is {rotation.tolist()}; a centre needs rotational '
-            f'mobility about two axes '
-            'or more: give the mobility of one body, 6 x 6')
+            'mobility about two axes or more: give the mobility of one body, 6 x 6')
     return -np.linalg.solve(matrix, axial)
 
 
@@ -252,10 +257,10 @@ def _first(bad, rows):
     return rows[bad][0] if rows.ndim > 1 else rows
 
 
-def _oneOrEach(values, dimension, columns, N, where, name):
+def _one_or_each(values, dimension, columns, N, where, name):
     """Checked rows of numbers for mobilities (..., 6, 6): one for all, or one for each."""
-    return _units.oneOrEach(values, dimension, columns,
-                            len(N) if N.ndim == 3 else None, where, name)
+    return _units.one_or_each(values, dimension, columns,
+                              len(N) if N.ndim == 3 else None, where, name)
 
 
 def _mobility(N, where, stack=False):
@@ -271,6 +276,5 @@ def _mobility(N, where, stack=False):
             np.abs(N - transposed) <= _SYMMETRY_TOLERANCE*scale[..., :, None]*scale[..., None, :])):
         raise ValueError(
             f'{where}: N: a mobility must be symmetric, with finite numbers, and is not: give rows '
-            f'Vx Vy Vz Wx Wy Wz and '
-            'columns Fx Fy Fz Tx Ty Tz of one body')
+            'Vx Vy Vz Wx Wy Wz and columns Fx Fy Fz Tx Ty Tz of one body')
     return (N + transposed)/2

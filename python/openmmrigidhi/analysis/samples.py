@@ -1,11 +1,18 @@
 """Samples of poses from a Boltzmann distribution, and averages with errors from correlations."""
+from __future__ import annotations
+
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
+from .._types import Array, Numbers
 from .series import SeriesStatistics, seriesStatistics
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 
 @dataclasses.dataclass
@@ -45,7 +52,7 @@ class PoseSamples:
     def __len__(self):
         return len(self.orientations)
 
-    def average(self, values):
+    def average(self, values: Numbers) -> SeriesStatistics:
         """Get the mean of an observable over all samples and its standard error.
 
         For interacting bodies the error is that of block averages over many autocorrelation times.
@@ -71,7 +78,7 @@ class PoseSamples:
         """
         return self._statistics(self._series(values, 'average'))
 
-    def histogram(self, values, edges):
+    def histogram(self, values: Numbers, edges: npt.ArrayLike) -> tuple[Array, Array]:
         """Get the probabilities of an observable's bins, with standard errors.
 
         Parameters
@@ -110,9 +117,8 @@ class PoseSamples:
         if values.shape not in shapes[1 if self.independent else 0:]:
             raise ValueError(
                 f'{where}: values: got an array of shape {values.shape} for {shapes[1][0]} samples '
-                f'of {shapes[1][1]} bodies; '
-                'the shape must be (samples, bodies), or (samples,) where bodies interact: give '
-                'one number for each')
+                f'of {shapes[1][1]} bodies; the shape must be (samples, bodies), or (samples,) '
+                'where bodies interact: give one number for each')
         return values
 
     def _statistics(self, values):

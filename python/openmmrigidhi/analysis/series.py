@@ -2,12 +2,17 @@
 
 This module uses numpy and scipy, not OpenMM, so every rule here can be tested on synthetic numbers.
 """
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Optional
+from typing import TYPE_CHECKING, Optional, Sequence
 
 import numpy as np
 import scipy.special
 import scipy.stats
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 #: Sokal's window: the autocorrelation is summed up to this many autocorrelation times.
 WINDOW = 5
@@ -65,17 +70,17 @@ class SeriesStatistics:
     isSlow: bool = False
 
     @property
-    def effectiveSamples(self):
+    def effectiveSamples(self) -> float:
         """The number of independent samples that would give the same error."""
         return self.samples/(2*self.tau)
 
     @property
-    def isTrusted(self):
+    def isTrusted(self) -> bool:
         """Whether there are enough blocks to trust the standard error."""
         return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS
 
 
-def autocorrelationTime(series):
+def autocorrelationTime(series: npt.ArrayLike) -> float:
     """Integrated autocorrelation time of a series, by Sokal's automatic window.
 
     Parameters
@@ -94,7 +99,7 @@ def autocorrelationTime(series):
     """
     series = np.asarray(series, dtype=float)
     n = len(series)
-    if n < 4 or _isConstant(series):
+    if n < 4 or _is_constant(series):
         return 0.5
     deviation = series - series.mean()
     size = 1 << (2*n - 1).bit_length()
@@ -108,7 +113,7 @@ def autocorrelationTime(series):
     return max(0.5, float(tau[window]))
 
 
-def _isConstant(values):
+def _is_constant(values):
     """Whether all numbers are the same up to rounding."""
     return np.abs(values - values.mean()).max() <= 1e-14*np.abs(values).max()
 
@@ -124,7 +129,7 @@ class _Blocks:
     used: int
 
 
-def _blockStatistics(replicas, length):
+def _block_statistics(replicas, length):
     """The _Blocks of replicas (count, n), whose deviations are about the mean of each replica.
 
     Samples that do not fill a block are left out at the start.
@@ -137,12 +142,12 @@ def _blockStatistics(replicas, length):
     return _Blocks(float(used.mean()), float(error), count*(blocks - 1), length, blocks*length)
 
 
-def _blockLength(tau, n):
+def _block_length(tau, n):
     length = int(np.ceil(BLOCK_LENGTH_IN_TAU*tau)) if tau > 0.5 else 1
     return max(1, min(length, n // 5))
 
 
-def _meanError(replicas, length, known=0.0):
+def _mean_error(replicas, length, known=0.0):
     """What the error of a mean becomes where blocks of one length do not tell all of it.
 
     A slow part of small variance under a fast one hardly shows in autocorrelations, but it can make
@@ -164,12 +169,12 @@ def _meanError(replicas, length, known=0.0):
     tuple of (_Blocks, str)
         and the last change that counted: '', SLOW or OSCILLATING
     """
-    blocks = [_blockStatistics(replicas, length)]
-    if _isConstant(replicas):
+    blocks = [_block_statistics(replicas, length)]
+    if _is_constant(replicas):
         return blocks[0], ''
     while replicas.shape[1] // (2*length) >= FEWEST_TRUSTED_BLOCKS:
         length *= 2
-        blocks.append(_blockStatistics(replicas, length))
+        blocks.append(_block_statistics(replicas, length))
     found, change, last = blocks[0], '', 0
     for k, each in enumerate(blocks):
         # The relative standard error of a standard error of d degrees of freedom is 1/sqrt(2 d).
@@ -215,7 +220,7 @@ def _resolved(replicas, least):
                    max(1.0, count*each), length, blocks*length)
 
 
-def seriesStatistics(series, leastTau=0.0):
+def seriesStatistics(series: npt.ArrayLike, leastTau: float = 0.0) -> SeriesStatistics:
     """Mean of a correlated series, and its standard error from block averages.
 
     The block length is 20 autocorrelation times (:func:`autocorrelationTime`), but never so long
@@ -242,7 +247,7 @@ def seriesStatistics(series, leastTau=0.0):
     if n < 2:
         raise ValueError(f'seriesStatistics: got {n} samples; at least 2 are needed: run longer')
     tau = max(autocorrelationTime(series), leastTau)
-    found, change = _meanError(series[None], _blockLength(tau, n))
+    found, change = _mean_error(series[None], _block_length(tau, n))
     if change:
         # One tau belongs to the error, also where that of similar runs is longer.
         tau = found.used*found.standardError**2/(2*float(series.var()))
@@ -250,7 +255,7 @@ def seriesStatistics(series, leastTau=0.0):
                             change == SLOW)
 
 
-def replicaStatistics(series, leastTau=0.0):
+def replicaStatistics(series: npt.ArrayLike, leastTau: float = 0.0) -> SeriesStatistics:
     """Mean over independent replicas, and its standard error from their spread.
 
     Correlations in time do not matter. With fewer than 10 replicas their spread is hardly known.
@@ -311,7 +316,7 @@ class Noise:
     isSlow: bool = False
 
 
-def noiseDegrees(tau, samples):
+def noiseDegrees(tau: float, samples: int) -> float:
     """Degrees of freedom of what a series says about its :class:`Noise`.
 
     Parameters
@@ -329,7 +334,7 @@ def noiseDegrees(tau, samples):
     return samples/(2*WINDOW*tau + 1)
 
 
-def noise(series):
+def noise(series: npt.ArrayLike) -> Noise:
     """How fast the mean of a series becomes known, and how well this speed is known itself.
 
     By Madras and Sokal (J. Stat. Phys. 50, 109 (1988), appendices) a sum of autocorrelations up to
@@ -359,7 +364,7 @@ def noise(series):
     each = noiseDegrees(tau, n)
     degrees = len(replicas)*each
     value = 2*float((taus*variances).mean())*(1 + 1/each)/len(replicas)
-    found, change = _meanError(replicas, _blockLength(tau, n), float(np.sqrt(value/n)))
+    found, change = _mean_error(replicas, _block_length(tau, n), float(np.sqrt(value/n)))
     other = found.used*found.standardError**2
     if change == SLOW and other < value:
         change = ''
@@ -370,7 +375,7 @@ def noise(series):
                  change == SLOW)
 
 
-def splitRHat(chains):
+def splitRHat(chains: npt.ArrayLike) -> float:
     """R-hat of several chains.
 
     It compares how much chains, and halves of chains, differ with how much chains that have
@@ -400,24 +405,24 @@ def splitRHat(chains):
         raise ValueError(
             f'splitRHat: got chains of shape {chains.shape}; there must be rows of at least 4 '
             f'samples: run longer')
-    if _isConstant(chains):
+    if _is_constant(chains):
         return float('nan')
     half = chains.shape[1] // 2
     # An odd chain loses its middle sample.
     halves = np.concatenate([chains[:, :half], chains[:, -half:]])
     # Distances of two values from their median are the same, and say nothing.
     return float(
-        np.fmax(_rHat(_normalScores(halves)),
-                _rHat(_normalScores(np.abs(halves - np.median(halves))))))
+        np.fmax(_r_hat(_normal_scores(halves)),
+                _r_hat(_normal_scores(np.abs(halves - np.median(halves))))))
 
 
-def _normalScores(values):
+def _normal_scores(values):
     """Ranks among all values, as quantiles of a normal law, by Blom's offsets."""
     ranks = scipy.stats.rankdata(values).reshape(values.shape)
     return scipy.special.ndtri((ranks - 3/8)/(values.size + 1/4))
 
 
-def _rHat(chains):
+def _r_hat(chains):
     n = chains.shape[1]
     if not np.ptp(chains, axis=1).any():
         return float('inf') if np.ptp(chains) > 0 else float('nan')
@@ -459,7 +464,7 @@ class ReplicaSummary:
     samples: int
 
 
-def independentRuns(chains):
+def independentRuns(chains: Sequence[npt.ArrayLike]) -> ReplicaSummary:
     """Mean over independent runs of the same thing.
 
     The error comes from the spread of the runs. R-hat and the effective sample size are given, too.

@@ -1,15 +1,22 @@
 """Effective viscosity of a suspension that a sinusoidal force density drives."""
+from __future__ import annotations
+
 import dataclasses
+from typing import TYPE_CHECKING, Optional
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
-from .._systems import forcesOf
+from .._types import Numbers
+from .._systems import forces_of
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
-from ._moves import positive, progressBar
+from ._moves import positive, progress_bar
 from .series import BLOCK_LENGTH_IN_TAU, FEWEST_TRUSTED_BLOCKS, seriesStatistics
+
+if TYPE_CHECKING:
+    import openmm
 
 #: The flow must have an amplitude of at least this many standard errors above 0 to measure a
 #: viscosity.
@@ -65,12 +72,13 @@ class EffectiveViscosity:
     samples: int
 
     @property
-    def isTrusted(self):
+    def isTrusted(self) -> bool:
         """Whether the errors are trusted: there are enough blocks, or nothing is random."""
         return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS or self.samples == 1
 
 
-def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
+def viscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0, interval: int = 1,
+              progress: Optional[bool] = None) -> EffectiveViscosity:
     """Get the effective viscosity of what a Context simulates.
 
     A force density f0 sin(k x_waveAxis) drives a fluid of viscosity eta to the velocity f0/(eta
@@ -127,9 +135,9 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
     wave by (k times their size)^2.
     """
     where = 'viscosity'
-    integrator, fluid, _ = _drivenScene(context, where)
-    steps = _atLeast(0, steps, where, 'steps')
-    equilibration = _atLeast(0, equilibration, where, 'equilibration')
+    integrator, fluid, _ = _driven_scene(context, where)
+    steps = _at_least(0, steps, where, 'steps')
+    equilibration = _at_least(0, equilibration, where, 'equilibration')
     interval = positive(interval, where, 'interval')
     random = integrator.getTemperature()._value > 0
     if random and steps // interval < FEWEST_TRUSTED_BLOCKS:
@@ -140,10 +148,9 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
     if 0 < steps < 2*interval:
         raise ValueError(
             f'{where}: steps, interval: got {steps} and {interval}, so {steps//interval} samples; '
-            f'a mean over time needs at least 2: give '
-            'more steps, or 0 for the present poses')
+            'a mean over time needs at least 2: give more steps, or 0 for the present poses')
     if equilibration:
-        _checkScheme(context, integrator, where)
+        _check_scheme(context, integrator, where)
         _advance(integrator, equilibration, 'equilibration', progress)
     if steps == 0:
         amplitudes = _amplitudes(context, fluid)[None]
@@ -152,7 +159,8 @@ def viscosity(context, steps=0, equilibration=0, interval=1, progress=None):
     return _estimate(context, amplitudes, where)
 
 
-def sampleFlowAmplitudes(context, steps, interval=1, progress=None):
+def sampleFlowAmplitudes(context: openmm.Context, steps: int, interval: int = 1,
+                         progress: Optional[bool] = None) -> unit.Quantity:
     """Step a Context, and sample the amplitudes of the flow that its force density drives.
 
     :func:`viscosity` averages these amplitudes. This function is for runs that go on in parts, or
@@ -175,14 +183,14 @@ def sampleFlowAmplitudes(context, steps, interval=1, progress=None):
         as :func:`viscosity`
     """
     where = 'sampleFlowAmplitudes'
-    integrator, fluid, _ = _drivenScene(context, where)
+    integrator, fluid, _ = _driven_scene(context, where)
     interval = positive(interval, where, 'interval')
-    steps = _atLeast(interval, steps, where, 'steps')
+    steps = _at_least(interval, steps, where, 'steps')
     return _units.VELOCITY.attach(
         _sampled(context, integrator, fluid, steps, interval, progress, where))
 
 
-def viscosityFromAmplitudes(context, amplitudes):
+def viscosityFromAmplitudes(context: openmm.Context, amplitudes: Numbers) -> EffectiveViscosity:
     """Get the effective viscosity from amplitudes that were sampled.
 
     Parameters
@@ -211,16 +219,15 @@ def viscosityFromAmplitudes(context, amplitudes):
     if not np.all(np.isfinite(rows)):
         raise ValueError(
             f'{where}: amplitudes: number {np.argwhere(~np.isfinite(rows))[0][0]} is not finite; '
-            f'all must be: leave out what follows a '
-            'run that blew up')
+            'all must be: leave out what follows a run that blew up')
     return _estimate(context, rows, where)
 
 
-def _drivenScene(context, where):
+def _driven_scene(context, where):
     """The integrator, the MobilityForce, and what drives the fluid: f0, k, viscosity."""
     context = _units.context(context, where)
     integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
-    fluids = forcesOf(context.getSystem(), MobilityForce)
+    fluids = forces_of(context.getSystem(), MobilityForce)
     f0, _, axis, index = fluids[0].getSinusoidalForceDensity() if fluids else (
         _units.FORCE_DENSITY.attach(0), 0, 1, 1)
     if f0._value == 0:
@@ -232,7 +239,7 @@ def _drivenScene(context, where):
     return integrator, fluids[0], (f0._value, 2*np.pi*index/edge, fluids[0].getViscosity()._value)
 
 
-def _checkScheme(context, integrator, where):
+def _check_scheme(context, integrator, where):
     """Refuse schemes whose mean flow has no Brownian stress."""
     if not integrator.getTemperature()._value > 0:
         return
@@ -245,9 +252,8 @@ def _checkScheme(context, integrator, where):
     if 'omits it' in integrator.getEffects()['stochastic drift']:
         raise ValueError(
             f'{where}: context: its scheme is EulerMaruyama at a temperature above 0, with bodies '
-            f'that have a stochastic drift, which it omits; its '
-            'mean flow then lacks Brownian stress: use DriftCorrectorFD, or another scheme that '
-            'makes the drift')
+            'that have a stochastic drift, which it omits; its mean flow then lacks Brownian '
+            'stress: use DriftCorrectorFD, or another scheme that makes the drift')
 
 
 def _amplitudes(context, fluid):
@@ -260,16 +266,16 @@ def _amplitudes(context, fluid):
 
 
 def _advance(integrator, steps, label, progress):
-    with progressBar(range(steps), label, progress, ' steps') as bar:
+    with progress_bar(range(steps), label, progress, ' steps') as bar:
         for _ in bar:
             integrator.step(1)
 
 
 def _sampled(context, integrator, fluid, steps, interval, progress, where):
     """Amplitudes (n, 4) after each interval, nm/ps."""
-    _checkScheme(context, integrator, where)
+    _check_scheme(context, integrator, where)
     found = np.empty((steps // interval, 4))
-    with progressBar(range(len(found)), 'sampling the flow', progress, ' samples') as bar:
+    with progress_bar(range(len(found)), 'sampling the flow', progress, ' samples') as bar:
         for k in bar:
             integrator.step(interval)
             found[k] = _amplitudes(context, fluid)
@@ -277,7 +283,7 @@ def _sampled(context, integrator, fluid, steps, interval, progress, where):
     return found
 
 
-def _withoutField(samples, field):
+def _without_field(samples, field):
     """Samples less a multiple of the random field's own amplitude, of mean 0.
 
     The multiple is the one that leaves the least variance.
@@ -289,13 +295,13 @@ def _withoutField(samples, field):
 
 def _estimate(context, amplitudes, where):
     """The EffectiveViscosity of amplitudes (n, 4), nm/ps."""
-    _, _, (f0, k, eta) = _drivenScene(context, where)
+    _, _, (f0, k, eta) = _driven_scene(context, where)
     amplitudes = np.sign(f0)*amplitudes
     if len(amplitudes) == 1:
         (mean, cosine), error, cosineError, degrees, tau = amplitudes[0, :2], 0.0, 0.0, 0, 0.5
     else:
         columns = [
-            _withoutField(amplitudes[:, column], amplitudes[:, 2 + column]) for column in (0, 1)
+            _without_field(amplitudes[:, column], amplitudes[:, 2 + column]) for column in (0, 1)
         ]
         found, other = (seriesStatistics(column,
                                          len(column)/(BLOCK_LENGTH_IN_TAU*MOST_BLOCKS))
@@ -319,7 +325,7 @@ def _estimate(context, amplitudes, where):
                               len(amplitudes))
 
 
-def _atLeast(least, value, where, name):
+def _at_least(least, value, where, name):
     value = _units.integer(value, where, name)
     if value < least:
         raise ValueError(

@@ -2,13 +2,21 @@
 
 The energy is a function written in NumPy.
 """
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Callable, Optional, Sequence
+
 import numpy as np
 from openmm import unit
 
 from .. import _units
-from .._quaternions import rotate, rotationMatrices
+from .._types import Number, Numbers
+from .._quaternions import rotate, rotation_matrices
 from . import _moves
 from ._sampler import Sampler
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 
 class WalkerSampler(Sampler):
@@ -82,16 +90,19 @@ class WalkerSampler(Sampler):
 
     _INDEPENDENT = True
 
-    def __init__(self, energyFunction, temperature, numWalkers, position, orientation=(1, 0, 0, 0),
-                 sitePositions=None, radii=None, wallHeight=None, rejection='Overlap',
-                 coordinates=_moves.COORDINATES, rotationAxis=None, trackingPoint=(0, 0, 0),
-                 seed=0):
+    def __init__(self, energyFunction: Callable, temperature: Number, numWalkers: int,
+                 position: Numbers, orientation: npt.ArrayLike = (1, 0, 0, 0),
+                 sitePositions: Optional[Numbers] = None, radii: Optional[Numbers] = None,
+                 wallHeight: Optional[Number] = None, rejection: str = 'Overlap',
+                 coordinates: Sequence[str] = _moves.COORDINATES,
+                 rotationAxis: Optional[Numbers] = None, trackingPoint: Numbers = (0, 0, 0),
+                 seed: int = 0) -> None:
         where = 'WalkerSampler'
         self._energyFunction = energyFunction
-        self._kT = _moves.thermalEnergy(temperature, where)
+        self._kT = _moves.thermal_energy(temperature, where)
         count = _moves.positive(numWalkers, where, 'numWalkers')
-        self._positions = _perWalker(position, _units.LENGTH, 3, count, where, 'position')
-        q = _perWalker(orientation, _units.NONE, 4, count, where, 'orientation')
+        self._positions = _per_walker(position, _units.LENGTH, 3, count, where, 'position')
+        q = _per_walker(orientation, _units.NONE, 4, count, where, 'orientation')
         norms = np.linalg.norm(q, axis=1, keepdims=True)
         if not np.all(np.abs(norms - 1) < 1e-3):
             raise ValueError(
@@ -106,9 +117,8 @@ class WalkerSampler(Sampler):
             if radii is None or sitePositions is None:
                 raise ValueError(
                     f'{where}: wallHeight: there is a wall, but no sitePositions or no radii; it '
-                    f'must be known what the wall '
-                    'stops: give both')
-            radii = np.array(_units.perSite(radii, _units.LENGTH, len(sites), where, 'radii'))
+                    'must be known what the wall stops: give both')
+            radii = np.array(_units.per_site(radii, _units.LENGTH, len(sites), where, 'radii'))
             self._wall = _moves.Wall(_units.number(wallHeight, _units.LENGTH, where, 'wallHeight'),
                                      radii, rejection, where)
         self._motion = _moves.Motion(coordinates, rotationAxis, where)
@@ -116,23 +126,21 @@ class WalkerSampler(Sampler):
         self.seed, self._random = _moves.generator(seed, where)
         extent = np.linalg.norm(sites, axis=1).max() + (0 if self._wall is None else radii.max())
         self._steps = _moves.stepSizes(self._motion.kinds, 1, extent or 1)
-        self._checkStart(where)
+        self._check_start(where)
 
-    def _checkStart(self, where):
+    def _check_start(self, where):
         allowed = self._allowed(self._positions, self._orientations)
         if not np.all(allowed):
             walker = np.argmin(allowed)
             raise ValueError(
                 f'{where}: position: walker {walker} begins at {self._positions[walker]} nm, where '
-                f'the wall stops one of its '
-                'blobs; a start must be allowed: begin higher up')
-        self._energies = self._energiesOf(self._positions, self._orientations)
+                'the wall stops one of its blobs; a start must be allowed: begin higher up')
+        self._energies = self._energies_of(self._positions, self._orientations)
         if not np.all(np.isfinite(self._energies)):
             walker = np.argmin(np.isfinite(self._energies))
             raise ValueError(
                 f'{where}: energyFunction: it is {self._energies[walker]} at the start of walker '
-                f'{walker}; there it must be '
-                'finite: begin elsewhere')
+                f'{walker}; there it must be finite: begin elsewhere')
 
     def _present(self):
         return self._positions, self._orientations, self._energies, np.empty((0, 3))
@@ -156,7 +164,7 @@ class WalkerSampler(Sampler):
         energies = np.full(len(R), np.inf)
         allowed = self._allowed(R, q)
         if np.any(allowed):
-            energies[allowed] = self._energiesOf(R[allowed], q[allowed])
+            energies[allowed] = self._energies_of(R[allowed], q[allowed])
         # -log of a uniform number is an exponential number, and needs no care with large
         # differences.
         accepted = energies - self._energies <= self._kT*self._random.standard_exponential(len(R))
@@ -168,27 +176,25 @@ class WalkerSampler(Sampler):
     def _allowed(self, R, q):
         if self._wall is None:
             return np.ones(len(R), dtype=bool)
-        return self._wall.allows(R[:, 2:] + rotationMatrices(q)[:, 2] @ self._sites.T)
+        return self._wall.allows(R[:, 2:] + rotation_matrices(q)[:, 2] @ self._sites.T)
 
-    def _energiesOf(self, R, q):
-        energies = _moves.plainEnergies(self._energyFunction(R, q), 'WalkerSampler')
+    def _energies_of(self, R, q):
+        energies = _moves.plain_energies(self._energyFunction(R, q), 'WalkerSampler')
         if energies.shape != (len(R),):
             raise ValueError(
                 f'WalkerSampler: energyFunction: it returned an array of shape {energies.shape} '
-                f'for {len(R)} poses; it must '
-                'return one energy for each: sum over the rest')
-        bad = _moves.isNoEnergy(energies)
+                f'for {len(R)} poses; it must return one energy for each: sum over the rest')
+        bad = _moves.is_no_energy(energies)
         if np.any(bad):
             k = np.argmax(bad)
             raise ValueError(
                 f'WalkerSampler: energyFunction: it returned {energies[k]} kJ/mol at position '
-                f'{R[k]} nm, orientation {q[k]}; '
-                'energies must be numbers, or infinity where a pose is forbidden: give a wall or '
-                'correct the function')
+                f'{R[k]} nm, orientation {q[k]}; energies must be numbers, or infinity where a '
+                'pose is forbidden: give a wall or correct the function')
         return energies
 
 
-def _perWalker(values, dimension, columns, count, where, name):
+def _per_walker(values, dimension, columns, count, where, name):
     """One row for each walker; a single row is for all."""
     rows = np.shape(values._value if unit.is_quantity(values) else values)
     if len(rows) == 1:

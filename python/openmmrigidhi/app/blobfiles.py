@@ -5,14 +5,21 @@ clones file where the copies of the body are. In both, ``#`` opens a comment, th
 the number of rows, and each row is a line of numbers. The unit of length is the choice of the
 file's author, often micrometers or the radius of a blob. The file does not say which.
 """
+from __future__ import annotations
+
 import os
 import warnings
+from typing import TYPE_CHECKING, Literal, Optional, Union, overload
 
 import numpy as np
 from openmm import unit as units
 
 from .. import _units
+from .._types import Array, Number, Numbers, Path
 from .trajectories import NORM_TOLERANCE, lengths
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 #: Neighbouring blobs of a body are about a diameter apart. Lengths in two units differ by 1000 or
 #: more. So spacings in diameters beyond these bounds are most likely of two units, which are found
@@ -20,7 +27,21 @@ from .trajectories import NORM_TOLERANCE, lengths
 _ODD_SPACINGS = 1/200, 500
 
 
-def readVertexFile(file, radii=False, unit=None):
+@overload
+def readVertexFile(file: Path, radii: Literal[False] = False,
+                   unit: Optional[Union[units.Unit, Number]] = None) -> Array:
+    ...
+
+
+@overload
+def readVertexFile(file: Path, radii: Literal[True],
+                   unit: Optional[Union[units.Unit, Number]] = None) -> tuple[Array, Array]:
+    ...
+
+
+def readVertexFile(
+        file: Path, radii: bool = False,
+        unit: Optional[Union[units.Unit, Number]] = None) -> Union[Array, tuple[Array, Array]]:
     """Read the positions of a body's blobs from a vertex file.
 
     The file has the number of blobs, then a row ``x y z`` for each blob, with an optional fourth
@@ -54,23 +75,24 @@ def readVertexFile(file, radii=False, unit=None):
     OSError
         if there is no such file
     """
-    radii = _units.boolean(radii, 'readVertexFile', 'radii')
-    scale = _lengthOf(unit, 'readVertexFile')
-    rows = _readRows(file, (4,) if radii else (3, 4), 'x y z radius' if radii else 'x y z', 'blobs')
+    withRadii = _units.boolean(radii, 'readVertexFile', 'radii')
+    scale = _length_of(unit, 'readVertexFile')
+    rows = _read_rows(file, (4,) if withRadii else (3, 4), 'x y z radius' if withRadii else 'x y z',
+                      'blobs')
     for line, values in rows:
-        if radii and values[3] < 0:
+        if withRadii and values[3] < 0:
             raise ValueError(
                 f"{os.fspath(file)}, line {line}: found the radius {values[3]:g}; a blob's radius "
                 f"is 0 or more: correct the row")
     rows = np.array([values for _, values in rows])*scale
-    if not radii:
+    if not withRadii:
         return rows
-    positions, radii = rows[:, :3].copy(), rows[:, 3].copy()
-    warnOfUnits(positions, radii, f'readVertexFile: {os.fspath(file)}')
-    return positions, radii
+    positions, found = rows[:, :3].copy(), rows[:, 3].copy()
+    warnOfUnits(positions, found, f'readVertexFile: {os.fspath(file)}')
+    return positions, found
 
 
-def warnOfUnits(positions, radii, where):
+def warnOfUnits(positions: Array, radii: Array, where: str) -> None:
     """Warn where the blobs of a body are so near or far that lengths seem to be in two units.
 
     Parameters
@@ -99,7 +121,7 @@ def warnOfUnits(positions, radii, where):
         f'of length; give both in nm, as by unit= of the readers of files', stacklevel=3)
 
 
-def _lengthOf(unit, where):
+def _length_of(unit, where):
     """A unit of length in nm."""
     if unit is None:
         return 1.0
@@ -110,7 +132,7 @@ def _lengthOf(unit, where):
     return scale
 
 
-def readClones(file, unit=None):
+def readClones(file: Path, unit: Optional[Union[units.Unit, Number]] = None) -> tuple[Array, Array]:
     """Read the places of a body's copies from a clones file.
 
     The file has the number of bodies, then a row ``x y z q0 q1 q2 q3`` for each body, with q0 the
@@ -140,8 +162,8 @@ def readClones(file, unit=None):
     OSError
         if there is no such file
     """
-    scale = _lengthOf(unit, 'readClones')
-    numbered = _readRows(file, (7,), 'x y z q0 q1 q2 q3', 'bodies')
+    scale = _length_of(unit, 'readClones')
+    numbered = _read_rows(file, (7,), 'x y z q0 q1 q2 q3', 'bodies')
     rows = np.array([values for _, values in numbered])
     norms = lengths(rows[:, 3:])
     for (line, _), norm in zip(numbered, norms):
@@ -152,7 +174,7 @@ def readClones(file, unit=None):
     return rows[:, :3]*scale, rows[:, 3:]/norms[:, None]
 
 
-def writeClones(file, positions, orientations):
+def writeClones(file: Path, positions: Numbers, orientations: npt.ArrayLike) -> None:
     """Write the places of bodies to a clones file, with 17 digits.
 
     :func:`readClones` reads the same numbers.
@@ -188,8 +210,7 @@ def writeClones(file, positions, orientations):
         if abs(norm - 1) > NORM_TOLERANCE:
             raise ValueError(
                 f'writeClones: orientations: the quaternion of body {body} has length {norm:.6g}; '
-                f'it must be 1: '
-                'normalise before writing')
+                'it must be 1: normalise before writing')
     with open(file, 'w', encoding='ascii') as output:
         output.write(
             '# number of bodies, then for each: x y z q0 q1 q2 q3 (q0 is the scalar part)\n')
@@ -198,7 +219,7 @@ def writeClones(file, positions, orientations):
             output.write(' '.join(repr(float(value)) for value in row) + '\n')
 
 
-def _readRows(file, widths, names, what):
+def _read_rows(file, widths, names, what):
     """The rows of a file as (line number, numbers); all rows have one of the allowed widths."""
     name = os.fspath(file)
     count, rows, line = None, [], 0
@@ -220,13 +241,11 @@ def _readRows(file, widths, names, what):
     if count is None:
         raise ValueError(
             f'{name}, line {line}: found the end of the file; expected the number of {what}: check '
-            f'that the file is '
-            'complete')
+            'that the file is complete')
     if len(rows) < count:
         raise ValueError(
             f'{name}, line {line}: found the end of the file after {len(rows)} rows; expected '
-            f'{count} {what}: '
-            'check the count at its top')
+            f'{count} {what}: check the count at its top')
     return [(line, values[:3] if widths == (4,) and names == 'x y z' else values)
             for line, values in rows]
 

@@ -1,13 +1,20 @@
 """Make bodies of residues, and tell OpenMM that a body is one molecule."""
+from __future__ import annotations
+
 import collections
 import warnings
+from typing import TYPE_CHECKING, Optional, Sequence
 
 import openmm
 
 from .. import _units
+from .._types import Number, Numbers
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .blobfiles import warnOfUnits
+
+if TYPE_CHECKING:
+    import openmm.app
 
 #: Residue names that mean water in PDB files and in the force fields that OpenMM, Amber, CHARMM and
 #: GROMACS ship.
@@ -16,7 +23,9 @@ WATER_NAMES = ('HOH', 'WAT', 'H2O', 'SOL', 'DOD', 'TIP', 'SPC', 'SPCE', 'SPE', '
                'T5E', 'TP5', 'OPC', 'OPC3', 'OP3', 'FB3', 'FB4', 'T3F', 'T4F', 'TP3F', 'TP4F')
 
 
-def addRigidWater(integrator, topology, system=None, names=(), skipFrozen=None):
+def addRigidWater(integrator: CustomRigidHIIntegrator, topology: openmm.app.Topology,
+                  system: Optional[openmm.System] = None, names: Sequence[str] = (),
+                  skipFrozen: Optional[bool] = None) -> list[int]:
     """Make every water molecule of a topology one rigid body.
 
     Extra particles (M sites, lone pairs) are part of the body. If the System was made with
@@ -80,16 +89,18 @@ def addRigidWater(integrator, topology, system=None, names=(), skipFrozen=None):
                              'rename what is not water')
     particles = _ParticlesOfAtoms(topology, system, where)
     skipped = collections.Counter(residue.name for residue in others
-                                  if not particles.areFrozen(residue))
+                                  if not particles.are_frozen(residue))
     if skipped:
         warnings.warn(
             f'{where}: {_counted(skipped)} have the composition of water, but are not made bodies, '
             f'since their name is not known: give names={sorted(skipped)} to include them',
             stacklevel=2)
-    return _addResidues(integrator, residues, particles, skipFrozen, where)
+    return _add_residues(integrator, residues, particles, skipFrozen, where)
 
 
-def addRigidResidues(integrator, topology, names, system=None, skipFrozen=False):
+def addRigidResidues(integrator: CustomRigidHIIntegrator, topology: openmm.app.Topology,
+                     names: Sequence[str], system: Optional[openmm.System] = None,
+                     skipFrozen: bool = False) -> list[int]:
     """Make every residue with one of these names one rigid body.
 
     Parameters
@@ -128,8 +139,8 @@ def addRigidResidues(integrator, topology, names, system=None, skipFrozen=False)
         raise ValueError(
             f'{where}: names: no residue is named {", ".join(sorted(wanted))}; the topology has '
             f'{", ".join(present) or "no residues"}: correct the names')
-    return _addResidues(integrator, residues, _ParticlesOfAtoms(topology, system, where),
-                        skipFrozen, where)
+    return _add_residues(integrator, residues, _ParticlesOfAtoms(topology, system, where),
+                         skipFrozen, where)
 
 
 #: What a residue of water is made of, beside extra particles.
@@ -188,12 +199,12 @@ class _ParticlesOfAtoms:
         """The particles of a residue."""
         return [self.indices[atom.index] for atom in residue.atoms()]
 
-    def areFrozen(self, residue):
+    def are_frozen(self, residue):
         """Whether all particles of a residue have mass 0, as far as the System is known."""
         return self.system is not None and all(
             self.system.getParticleMass(i)._value == 0 for i in self.of(residue))
 
-    def dependentSites(self, particles, taken):
+    def dependent_sites(self, particles, taken):
         """Virtual sites whose parents are all among these particles; those taken are left out."""
         found = []
         family = set(particles)
@@ -209,11 +220,11 @@ class _ParticlesOfAtoms:
         return sorted(found)
 
 
-def _addResidues(integrator, residues, particles, skipFrozen, where):
+def _add_residues(integrator, residues, particles, skipFrozen, where):
     """Make a body of each residue; the indices of the bodies."""
     if skipFrozen is not None:
         skipFrozen = _units.boolean(skipFrozen, where, 'skipFrozen')
-    frozen = [residue for residue in residues if particles.areFrozen(residue)]
+    frozen = [residue for residue in residues if particles.are_frozen(residue)]
     if skipFrozen is not False and frozen:
         if skipFrozen is None:
             names = collections.Counter(residue.name for residue in frozen)
@@ -224,15 +235,15 @@ def _addResidues(integrator, residues, particles, skipFrozen, where):
         left = set(map(id, frozen))
         residues = [residue for residue in residues if id(residue) not in left]
     if particles.system is not None:
-        _checkConstraints(residues, particles, where)
+        _check_constraints(residues, particles, where)
     members = [particles.of(residue) for residue in residues]
     taken = {i for body in members for i in body}
     return [
-        integrator.addRigidBody(body + particles.dependentSites(body, taken)) for body in members
+        integrator.addRigidBody(body + particles.dependent_sites(body, taken)) for body in members
     ]
 
 
-def _checkConstraints(residues, particles, where):
+def _check_constraints(residues, particles, where):
     """Every pair of massive atoms of every residue must be constrained."""
     system = particles.system
     constrained = {
@@ -259,8 +270,10 @@ def _checkConstraints(residues, particles, where):
             'pass no system to take the shape from the first positions')
 
 
-def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, mass=0,
-                      principalMoments=(0, 0, 0), particleMasses=None):
+def addRigidMultiblob(system: openmm.System, integrator: CustomRigidHIIntegrator,
+                      mobilityForce: MobilityForce, sitePositions: Numbers, radii: Numbers,
+                      mass: Number = 0, principalMoments: Numbers = (0, 0, 0),
+                      particleMasses: Optional[Numbers] = None) -> int:
     """Add particles to a System and a MobilityForce, and make them one rigid body.
 
     Call it for one body after the other, before the Context is created, while System and
@@ -310,16 +323,15 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
     integrator = CustomRigidHIIntegrator.cast(integrator)
     mobilityForce = MobilityForce.cast(mobilityForce)
     sites = _units.rows(sitePositions, _units.LENGTH, 3, where, 'sitePositions')
-    radii = _units.perSite(radii, _units.LENGTH, len(sites), where, 'radii')
+    radii = _units.per_site(radii, _units.LENGTH, len(sites), where, 'radii')
     mass = _units.number(mass, _units.MASS, where, 'mass')
-    masses = None if particleMasses is None else _units.perSite(particleMasses, _units.MASS,
-                                                                len(sites), where, 'particleMasses')
+    masses = None if particleMasses is None else _units.per_site(
+        particleMasses, _units.MASS, len(sites), where, 'particleMasses')
     first = system.getNumParticles()
     if mobilityForce.getNumParticles() != first:
         raise ValueError(
             f'{where}: mobilityForce: it has {mobilityForce.getNumParticles()} particles and the '
-            f'System {first}; '
-            'the numbers must agree before a body is added: add what is missing')
+            f'System {first}; the numbers must agree before a body is added: add what is missing')
     # The body comes first, since it checks most: if it throws, nothing has been added.
     body = integrator.addRigidBody(range(first, first + len(sites)), mass, principalMoments, sites)
     for particleMass, radius in zip(masses or len(sites)*[mass/len(sites)], radii):
@@ -329,7 +341,8 @@ def addRigidMultiblob(system, integrator, mobilityForce, sitePositions, radii, m
     return body
 
 
-def bindBodies(system, integrator):
+def bindBodies(system: openmm.System,
+               integrator: CustomRigidHIIntegrator) -> openmm.HarmonicBondForce:
     """Tie each body's particles into one molecule, for OpenMM.
 
     OpenMM keeps molecules whole in ``getState(enforcePeriodicBox=True)``, and Monte Carlo barostats

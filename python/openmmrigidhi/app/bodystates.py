@@ -17,12 +17,16 @@ unless the table says otherwise. The unit of each data set is its attribute "uni
     /bodies/sitePositions      (m, 3)      nm, body frame
     /bodies/firstParticle      (n+1,) int32  where each body's particles begin in the two above
 """
+from __future__ import annotations
+
 import dataclasses
+from typing import Optional
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
+from .._types import Path
 from .._systems import BodyDefinitions
 from .trajectories import (Hdf5Reporter, addSeries, checkedFrames, numFrames, openHdf5, readingFrom,
                            requireFinite, unitQuaternions)
@@ -84,7 +88,7 @@ class RigidBodyReporter(Hdf5Reporter):
     The file is closed between reports. It can be read while the run goes on, and it is whole if the
     run is killed between reports. Closing costs about two milliseconds a report.
     """
-    def __init__(self, file, reportInterval, append=False):
+    def __init__(self, file: Path, reportInterval: int, append: bool = False) -> None:
         super().__init__(file, reportInterval, append)
 
     def _frame(self, simulation, state, integrator):
@@ -118,23 +122,22 @@ class RigidBodyReporter(Hdf5Reporter):
         for name, (values, dimension) in self._bodies.items():
             file.create_dataset('bodies/' + name, data=values).attrs['unit'] = _label(dimension)
 
-    def _checkSame(self, file):
-        _checkFormat(file, self._file)
+    def _check_same(self, file):
+        _check_format(file, self._file)
         for entry in ('particles', 'firstParticle'):
             if not np.array_equal(file['bodies'][entry][:], self._bodies[entry][0]):
                 raise ValueError(
                     f'RigidBodyReporter: {self._file}: it holds other bodies '
-                    f'({len(file["bodies/mass"])}) than the '
-                    f'integrator ({len(self._bodies["mass"][0])}); to append they must be the '
-                    f'same: '
-                    'write to another file')
+                    f'({len(file["bodies/mass"])}) than the integrator '
+                    f'({len(self._bodies["mass"][0])}); to append they must be the same: write to '
+                    'another file')
 
     @staticmethod
     def _series(file):
         return [file[name] for name in _FRAME_DATA]
 
 
-def readBodyStates(file, frames=None):
+def readBodyStates(file: Path, frames: Optional[slice] = None) -> BodyStates:
     """Read a body-state file.
 
     Parameters
@@ -159,11 +162,11 @@ def readBodyStates(file, frames=None):
     """
     frames = checkedFrames(frames, 'readBodyStates')
     with readingFrom(file, 'readBodyStates:'), openHdf5(file, 'r') as handle:
-        return _readStates(handle, frames, file)
+        return _read_states(handle, frames, file)
 
 
-def _readStates(handle, chosen, file):
-    _checkFormat(handle, file)
+def _read_states(handle, chosen, file):
+    _check_format(handle, file)
     count = numFrames(RigidBodyReporter._series(handle))
     numbers = np.arange(count)[chosen]
     frames = {name: handle[name][:count] for name in _FRAME_DATA}
@@ -175,9 +178,8 @@ def _readStates(handle, chosen, file):
         if frames[name].shape != (count, *shape(len(spans))):
             raise ValueError(
                 f'readBodyStates: {file}: {name} has the shape {frames[name].shape}; with {count} '
-                f'frames of {len(spans)} bodies '
-                f'it must be {(count, *shape(len(spans)))}: the file is damaged, restore it from a '
-                f'copy')
+                f'frames of {len(spans)} bodies it must be {(count, *shape(len(spans)))}: the file '
+                'is damaged, restore it from a copy')
     where = f'readBodyStates: {file}'
     for name, (shape, *_) in _FRAME_DATA.items():
         frames[name] = frames[name][numbers]
@@ -189,14 +191,14 @@ def _readStates(handle, chosen, file):
     for name, item in (('mass', 'body'), ('principalMoments', 'body'), ('sitePositions', 'site')):
         requireFinite(bodies[name][:], name, where, None, item)
     return BodyStates(
-        **{name: _withUnit(values, _FRAME_DATA[name][2])
+        **{name: _with_unit(values, _FRAME_DATA[name][2])
            for name, values in frames.items()}, mass=_units.MASS.attach(bodies['mass'][:]),
         principalMoments=_units.MOMENT.attach(bodies['principalMoments'][:]),
         particles=[particles[a:b].tolist() for a, b in spans],
         sitePositions=[_units.LENGTH.attach(sites[a:b]) for a, b in spans])
 
 
-def _withUnit(array, dimension):
+def _with_unit(array, dimension):
     return array if dimension is _units.NONE else dimension.attach(array)
 
 
@@ -204,7 +206,7 @@ def _label(dimension):
     return '' if dimension is _units.NONE else dimension.label
 
 
-def _checkFormat(file, name):
+def _check_format(file, name):
     found, version = file.attrs.get('format'), file.attrs.get('version')
     if found != _FORMAT or version != _VERSION:
         raise ValueError(

@@ -2,20 +2,28 @@
 
 They show spheres, orientation marks, walls and boxes.
 """
+from __future__ import annotations
+
 import os
+from typing import TYPE_CHECKING, Optional, Sequence
 
 import numpy as np
 from openmm import NonbondedForce, unit
 
 from .. import _units
-from .._quaternions import rotationMatrices
-from .._systems import BodyDefinitions, forcesOf, hydrodynamicRadii
+from .._types import Numbers, Path
+from .._quaternions import rotation_matrices
+from .._systems import BodyDefinitions, forces_of, hydrodynamic_radii
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .bodystates import BodyStates, readBodyStates
 from .gsdfiles import readGsd
 from .h5mdfiles import readH5md
 from .trajectories import Trajectory
+
+if TYPE_CHECKING:
+    import matplotlib.axes
+    import openmm
 
 #: Colours of bodies, by Okabe and Ito, which can be told apart without seeing red and green.
 _COLOURS = np.array([(0, 114, 178), (230, 159, 0), (0, 158, 115), (213, 94, 0), (204, 121, 167),
@@ -35,7 +43,10 @@ _EACH_ITS_OWN = 12
 _TIMES = (('s', 1e12), ('ms', 1e9), ('µs', 1e6), ('ns', 1e3), ('ps', 1))
 
 
-def show(context, radii=None, view=(20, -60), wrap=True, ax=None, title=None):
+def show(context: openmm.Context, radii: Optional[Numbers] = None, view: tuple[float,
+                                                                               float] = (20, -60),
+         wrap: bool = True, ax: Optional[matplotlib.axes.Axes] = None,
+         title: Optional[str] = None) -> matplotlib.axes.Axes:
     """Draw the bodies of a Context as they stand, with walls and periodic box.
 
     In a notebook the picture appears.
@@ -86,7 +97,7 @@ def show(context, radii=None, view=(20, -60), wrap=True, ax=None, title=None):
     inBodies[bodies.members] = True
     free = np.flatnonzero(~inBodies & (radii > 0))
     positions = state.getPositions(asNumpy=True)._value
-    scene.setFree(radii[free])
+    scene.set_free(radii[free])
     box = state.getPeriodicBoxVectors(
         asNumpy=True)._value if system.usesPeriodicBoundaryConditions() else None
     frame = scene.frame(integrator.getBodyPositions()._value, integrator.getBodyOrientations(),
@@ -95,12 +106,14 @@ def show(context, radii=None, view=(20, -60), wrap=True, ax=None, title=None):
     ax = picture.axes(ax)
     picture.draw(ax, scene, frame, box)
     time = state.getTime().value_in_unit(unit.picosecond)
-    ax.set_title(_timeText(time, time) if title is None else title)
+    ax.set_title(_time_text(time, time) if title is None else title)
     return ax
 
 
-def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True, walls=None,
-          every=1, framesPerSecond=12, width=5.0, quiet=False):
+def movie(file: Path, output: Optional[Path] = None, context: Optional[openmm.Context] = None,
+          radii: Optional[Numbers] = None, view: tuple[float, float] = (20, -60), wrap: bool = True,
+          walls: Optional[Sequence[tuple]] = None, every: int = 1, framesPerSecond: float = 12,
+          width: float = 5.0, quiet: bool = False) -> str:
     """Draw a trajectory file of bodies frame by frame into a GIF or MP4.
 
     Parameters
@@ -155,10 +168,10 @@ def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True
     trajectory = _read(name)
     if not len(trajectory):
         raise ValueError(f'movie: {name}: it has no frames; there is nothing to draw: run longer')
-    scene = _sceneOf(trajectory, context, radii)
+    scene = _scene_of(trajectory, context, radii)
     chosen = range(0, len(trajectory), every)
     positions = trajectory.positions._value
-    blobs = _freeBlobs(trajectory)
+    blobs = _free_blobs(trajectory)
     boxes = [
         None if trajectory.boxVectors is None else trajectory.boxVectors._value[k] for k in chosen
     ]
@@ -172,7 +185,7 @@ def movie(file, output=None, context=None, radii=None, view=(20, -60), wrap=True
     ]
     picture = _Picture(
         _view(view, 'movie'),
-        _givenWalls(walls) if walls is not None else
+        _given_walls(walls) if walls is not None else
         [] if context is None else _walls(context.getSystem()), frames, boxes)
     _write(picture, scene, frames, boxes, trajectory.time._value[::every], output, framesPerSecond,
            width, quiet)
@@ -200,11 +213,11 @@ def _write(picture, scene, frames, boxes, times, output, framesPerSecond, width,
             ax.clear()
             picture.axes(ax)
             picture.draw(ax, scene, frame, box)
-            ax.text(0.02, 0.98, _timeText(time, times[-1]), transform=ax.transAxes, va='top')
+            ax.text(0.02, 0.98, _time_text(time, times[-1]), transform=ax.transAxes, va='top')
             writer.grab_frame()
 
 
-def _timeText(time, longest):
+def _time_text(time, longest):
     """A time in ps as text, in the unit that suits the longest time."""
     name, size = next((each for each in _TIMES if abs(longest) >= each[1]), _TIMES[-1])
     return f't = {time/size:.6g} {name}'
@@ -226,7 +239,7 @@ def _read(name):
                 f'as the second: {asH5md}; as the third: {asStates}') from None
 
 
-def _sceneOf(trajectory, context, radii):
+def _scene_of(trajectory, context, radii):
     """Sites and radii of a trajectory's bodies."""
     count = trajectory.positions._value.shape[1]
     if isinstance(trajectory, BodyStates):
@@ -249,17 +262,17 @@ def _sceneOf(trajectory, context, radii):
         total = sum(map(len, sites))
         if np.ndim(_units.plain(radii)) == 0:
             radii = np.full(total, _units.number(radii, _units.LENGTH, 'movie', 'radii'))
-        radii = np.array(_units.perSite(radii, _units.LENGTH, total, 'movie', 'radii'))
+        radii = np.array(_units.per_site(radii, _units.LENGTH, total, 'movie', 'radii'))
         known = np.split(radii, np.cumsum([len(each) for each in sites])[:-1])
     scene = _Scene(sites, known or [np.zeros(len(each)) for each in sites],
                    getattr(trajectory, 'types', None))
-    scene.setFree(
+    scene.set_free(
         np.zeros(0) if getattr(trajectory, 'blobBodies', None) is None else trajectory.blobRadii.
         _value[trajectory.blobBodies < 0])
     return scene
 
 
-def _freeBlobs(trajectory):
+def _free_blobs(trajectory):
     """Positions of free particles with a radius, frame by frame."""
     if getattr(trajectory, 'blobBodies', None) is None:
         return [np.zeros((0, 3))]*len(trajectory)
@@ -268,7 +281,7 @@ def _freeBlobs(trajectory):
 
 def _radii(system, radii, where):
     """The radii given, or else those of the MobilityForce, or else half of sigma."""
-    found = hydrodynamicRadii(system, radii, where)
+    found = hydrodynamic_radii(system, radii, where)
     if radii is not None or found.any():
         return found
     for force in system.getForces():
@@ -282,7 +295,7 @@ def _radii(system, radii, where):
 
 def _walls(system):
     """(axis, place) of the walls of the System's fluid."""
-    for fluid in forcesOf(system, MobilityForce):
+    for fluid in forces_of(system, MobilityForce):
         if fluid.getBoundary() == MobilityForce.NoSlipWall:
             return [(2, fluid.getWallHeight()._value)]
         if fluid.getBoundary() == MobilityForce.SlipChannel:
@@ -290,7 +303,7 @@ def _walls(system):
     return []
 
 
-def _givenWalls(walls):
+def _given_walls(walls):
     result = []
     for wall in walls:
         if not (isinstance(wall, (tuple, list)) and len(wall) == 2 and wall[0] in ('x', 'y', 'z')):
@@ -353,7 +366,7 @@ class _Scene:
             kinds = np.unique(counts, return_inverse=True)[1]
         return _COLOURS[kinds % len(_COLOURS)] if len(counts) else np.zeros((0, 3))
 
-    def setFree(self, radii):
+    def set_free(self, radii):
         """Radii of particles that are in no body."""
         self.freeRadii = np.asarray(radii, dtype=float)
 
@@ -364,7 +377,7 @@ class _Scene:
         """
         positions, free = (_wrapped(np.asarray(each, dtype=float).reshape(-1, 3), box)
                            for each in (positions, free))
-        turns = rotationMatrices(np.asarray(
+        turns = rotation_matrices(np.asarray(
             orientations, dtype=float)) if len(orientations) else np.zeros((0, 3, 3))
         centres = np.einsum('mij,mj->mi', turns[self.owners],
                             self.sites) + positions[self.owners] if len(self.sites) else np.zeros(
@@ -391,9 +404,9 @@ class _Picture:
         self.points = points
         self.limits = None
 
-    def _setLimits(self, scene):
+    def _set_limits(self, scene):
         reach = max(scene.radii.max(initial=0), scene.freeRadii.max(initial=0)) + self.margin
-        corners = [self._wallCorners(*wall) for wall in self.walls]
+        corners = [self._wall_corners(*wall) for wall in self.walls]
         flat = self.points @ self.view[:2].T
         edges = np.concatenate([flat - reach, flat + reach] + [
             corner @ self.view[:2].T + shift for corner in corners
@@ -420,17 +433,17 @@ class _Picture:
     def draw(self, ax, scene, frame, box):
         """Draw everything, what is farther away first."""
         if self.limits is None:
-            self._setLimits(scene)
+            self._set_limits(scene)
         (left, low), (right, high) = self.limits
         ax.set_xlim(left, right)
         ax.set_ylim(low, high)
-        self._drawWalls(ax)
+        self._draw_walls(ax)
         if box is not None:
-            self._drawBox(ax, box)
-        self._drawSpheres(ax, scene, frame)
-        self._drawAxes(ax)
+            self._draw_box(ax, box)
+        self._draw_spheres(ax, scene, frame)
+        self._draw_axes(ax)
 
-    def _wallCorners(self, axis, place):
+    def _wall_corners(self, axis, place):
         """The corners of a wall, a little wider than what is in front of it."""
         first, second = (k for k in range(3) if k != axis)
         corners = np.zeros((4, 3))
@@ -440,13 +453,13 @@ class _Picture:
         corners[:, second] = low[second], low[second], high[second], high[second]
         return corners
 
-    def _drawWalls(self, ax):
+    def _draw_walls(self, ax):
         for wall in self.walls:
-            flat = self._wallCorners(*wall) @ self.view[:2].T
+            flat = self._wall_corners(*wall) @ self.view[:2].T
             ax.fill(flat[:, 0], flat[:, 1], facecolor='#d9d2c5', edgecolor='#8c8375', alpha=0.6,
                     linewidth=1, zorder=0)
 
-    def _drawBox(self, ax, box):
+    def _draw_box(self, ax, box):
         from matplotlib.collections import LineCollection
         lines = []
         for k in range(3):
@@ -458,7 +471,7 @@ class _Picture:
         ax.add_collection(LineCollection(lines, colors='0.45', linewidths=0.8, zorder=1),
                           autolim=False)
 
-    def _drawSpheres(self, ax, scene, frame):
+    def _draw_spheres(self, ax, scene, frame):
         from matplotlib.collections import EllipseCollection
         centres, turns = frame
         radii = np.concatenate([scene.radii, scene.freeRadii])
@@ -502,7 +515,7 @@ class _Picture:
         return (xy, size*directions[:, 2], size, angle,
                 np.tile(np.array(colour, dtype=float), (len(at), 1))), at + 7/8
 
-    def _drawAxes(self, ax):
+    def _draw_axes(self, ax):
         """The lab's axes in a corner."""
         (left, low), (right, high) = self.limits
         length = 0.07*min(right - left, high - low)

@@ -20,11 +20,15 @@ Numbers have single precision, except for times:
 Without periodic boundaries the box is a cube about the origin. Its edge is a power of 2 nm, and
 large enough for all that is in it.
 """
+from __future__ import annotations
+
 import os
+from typing import Optional, Sequence
 
 import numpy as np
 
 from .. import _loading, _units
+from .._types import Number, Numbers, Path
 from .._quaternions import conjugate, product, rotate
 from .trajectories import (BodyReporter, BodyScene, Trajectory, checkedFrames, readingFrom,
                            requireFinite, rowsBefore, unitQuaternions)
@@ -74,8 +78,9 @@ class GsdReporter(BodyReporter):
     while the run goes on. Whenever the run is killed, the file holds all frames that were finished.
     A report takes about a millisecond.
     """
-    def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False,
-                 types=None, radii=None):
+    def __init__(self, file: Path, reportInterval: int, append: bool = False,
+                 velocities: bool = False, blobs: bool = False,
+                 types: Optional[Sequence[str]] = None, radii: Optional[Numbers] = None) -> None:
         super().__init__(file, reportInterval, append)
         _gsd()
         self._velocities = _units.boolean(velocities, self._name, 'velocities')
@@ -104,8 +109,8 @@ class GsdReporter(BodyReporter):
             R = np.concatenate([R, state.getPositions(asNumpy=True)._value[self._scene.blobs]])
         frame = (getattr(hoomd, 'Frame', None) or hoomd.Snapshot)()
         frame.configuration.step = simulation.currentStep
-        box = (_periodicBox(state.getPeriodicBoxVectors(
-            asNumpy=True)._value) if self._scene.periodic else _enclosingBox(R, self._reach))
+        box = (_periodic_box(state.getPeriodicBoxVectors(
+            asNumpy=True)._value) if self._scene.periodic else _enclosing_box(R, self._reach))
         frame.configuration.box = box
         particles = frame.particles
         particles.N = len(R)
@@ -137,24 +142,23 @@ class GsdReporter(BodyReporter):
         """Check that the file holds the same bodies, and drop its frames from this step on."""
         with readingFrom(self._file, f'{self._name}:'), _open(self._file, 'r') as file:
             frames = len(file)
-            _checkSizes(file.file, self._file)
+            _check_sizes(file.file, self._file)
             if frames:
-                self._checkSame(file[0].particles)
+                self._check_same(file[0].particles)
             kept = rowsBefore([_step(file.file, k) for k in range(frames)], step)
             if kept < frames:
-                _copyFrames(file.file, self._file + '.part', kept)
+                _copy_frames(file.file, self._file + '.part', kept)
         if kept < frames:
             os.replace(self._file + '.part', self._file)
 
-    def _checkSame(self, there):
-        bodies = _bodiesOf(there)
+    def _check_same(self, there):
+        bodies = _bodies_of(there)
         count, blobs = len(self._scene), len(self._scene.blobs)
         if len(bodies) != count or there.N - len(bodies) != blobs:
             raise ValueError(
                 f'{self._name}: {self._file}: it holds {len(bodies)} bodies and '
-                f'{there.N - len(bodies)} blobs, what is to be '
-                f'appended {count} and {blobs}; every frame must have as many: use the same '
-                f'options, or write to another file')
+                f'{there.N - len(bodies)} blobs, what is to be appended {count} and {blobs}; every '
+                'frame must have as many: use the same options, or write to another file')
         for name, wanted in (('types', self._constants['types']),
                              ('typeid', self._constants['typeid'].tolist())):
             found = [
@@ -163,12 +167,12 @@ class GsdReporter(BodyReporter):
             if found != list(wanted):
                 raise ValueError(
                     f'{self._name}: {self._file}: {name} is {found}, what is to be appended has '
-                    f'{list(wanted)}; bodies must be '
-                    'of the same types in the same order: give those types, or write to another '
-                    'file')
+                    f'{list(wanted)}; bodies must be of the same types in the same order: give '
+                    'those types, or write to another file')
 
 
-def readGsd(file, stepSize=None, frames=None):
+def readGsd(file: Path, stepSize: Optional[Number] = None,
+            frames: Optional[slice] = None) -> Trajectory:
     """Read poses of rigid bodies from a GSD file.
 
     The file may be of GsdReporter or of another program that writes orientations.
@@ -205,12 +209,12 @@ def readGsd(file, stepSize=None, frames=None):
     frames = checkedFrames(frames, 'readGsd')
     _gsd()
     with readingFrom(file, 'readGsd:'):
-        return _readTrajectory(file, stepSize, frames)
+        return _read_trajectory(file, stepSize, frames)
 
 
-def _readTrajectory(file, stepSize, frames):
+def _read_trajectory(file, stepSize, frames):
     with _open(os.fspath(file), 'r') as handle:
-        _checkSizes(handle.file, file)
+        _check_sizes(handle.file, file)
         if len(handle) == 0:
             raise ValueError(
                 f'readGsd: {file}: it has no frames; there is nothing to read: run longer')
@@ -219,12 +223,12 @@ def _readTrajectory(file, stepSize, frames):
             raise ValueError(
                 f'readGsd: {file}: it holds steps, but no times; these must be known: give stepSize'
             )
-        bodies = _bodiesOf(first.particles)
+        bodies = _bodies_of(first.particles)
         numbers = np.arange(len(handle))[frames]
         if not len(numbers):
             raise ValueError(f'readGsd: {file}: frames: {frames!r} has none of its {len(handle)} '
                              f'frames; there must be one: give another slice')
-        columns = [_readFrame(handle[int(k)], first, bodies, k, file) for k in numbers]
+        columns = [_read_frame(handle[int(k)], first, bodies, k, file) for k in numbers]
     names = ('step', 'time', 'box', 'R', 'image', 'q', 'v', 'angmom', 'moments')
     step, time, box, R, image, q, v, angmom, moments = (np.array(
         [column[name] for column in columns]) for name in names)
@@ -236,7 +240,7 @@ def _readTrajectory(file, stepSize, frames):
                                                                                 moments)):
         requireFinite(values, name, where, numbers, 'particle' if name == 'position' else 'body')
     q = unitQuaternions(q, where, numbers)
-    if _isPeriodic(first):
+    if _is_periodic(first):
         requireFinite(box, 'box', where, numbers, None)
         R = R + image @ box
     momenta = 0.5*product(conjugate(q), angmom)[..., 1:]
@@ -250,7 +254,7 @@ def _readTrajectory(file, stepSize, frames):
         _units.TIME.attach(time), step, _units.LENGTH.attach(R[:, bodies]), q,
         _units.VELOCITY.attach(v) if moves else None,
         _units.ANGULAR_VELOCITY.attach(omega) if moves else None,
-        _units.LENGTH.attach(box) if _isPeriodic(first) else None,
+        _units.LENGTH.attach(box) if _is_periodic(first) else None,
         [particles.types[k] for k in particles.typeid[bodies]],
         _units.LENGTH.attach(R[:, blobs]) if len(blobs) else None,
         _units.LENGTH.attach(particles.diameter[blobs].astype(float)/2) if len(blobs) else None,
@@ -272,7 +276,7 @@ def _sites(particles, bodies, blobs, R, q):
         ]
         radii = [particles.diameter[each].astype(float)/2 for each in members]
     else:
-        shapes = [_spheresOf(shape) for shape in particles.type_shapes or []]
+        shapes = [_spheres_of(shape) for shape in particles.type_shapes or []]
         if len(shapes) < len(particles.types) or any(shapes[k] is None
                                                      for k in particles.typeid[bodies]):
             return None, None
@@ -281,7 +285,7 @@ def _sites(particles, bodies, blobs, R, q):
             for each in sites], [_units.LENGTH.attach(each) for each in radii]
 
 
-def _spheresOf(shape):
+def _spheres_of(shape):
     """Centres and radii of a GSD shape that is made of spheres, else None."""
     if shape.get('type') == 'Sphere':
         return np.zeros((1, 3)), np.array([shape['diameter']])/2
@@ -290,13 +294,12 @@ def _spheresOf(shape):
     return None
 
 
-def _readFrame(frame, first, bodies, k, file):
+def _read_frame(frame, first, bodies, k, file):
     """One frame in double precision."""
     particles = frame.particles
     if particles.N != first.particles.N:
         raise ValueError(f'readGsd: {file}: frame {k} has {particles.N} particles, frame 0 has '
-                         f'{first.particles.N}; their number must not '
-                         'change: split the file')
+                         f'{first.particles.N}; their number must not change: split the file')
     return {
         'step': int(frame.configuration.step),
         'time': float(frame.log[_TIME][0]) if _TIME in frame.log else 0.0,
@@ -310,12 +313,12 @@ def _readFrame(frame, first, bodies, k, file):
     }
 
 
-def _isPeriodic(frame):
+def _is_periodic(frame):
     """Whether the frame is periodic; files of other programs, such as HOOMD, always are."""
     return bool(frame.log[_PERIODIC][0]) if _PERIODIC in frame.log else True
 
 
-def _bodiesOf(particles):
+def _bodies_of(particles):
     """Indices of particles that are bodies.
 
     They are all particles, or the central ones where HOOMD's "body" tells which are constituents.
@@ -360,13 +363,13 @@ def _shape(centers, radii):
     return {'type': 'SphereUnion', 'centers': centers.tolist(), 'diameters': (2*radii).tolist()}
 
 
-def _periodicBox(vectors):
+def _periodic_box(vectors):
     """lx, ly, lz, xy, xz, yz of OpenMM's reduced box vectors, as rounded in the file."""
     (ax, _, _), (bx, by, _), (cx, cy, cz) = vectors
     return np.array([ax, by, cz, bx/by, cx/cz, cy/cz], dtype=np.float32)
 
 
-def _enclosingBox(positions, reach):
+def _enclosing_box(positions, reach):
     """A cube about the origin for a System without periodic boundaries."""
     edge = 2**np.ceil(np.log2(max(1.0, 2*(np.abs(positions).max() + reach))))
     return np.array([edge, edge, edge, 0, 0, 0], dtype=np.float32)
@@ -412,7 +415,7 @@ def _open(name, mode):
     return hoomd.HOOMDTrajectory(file)
 
 
-def _checkSizes(file, name):
+def _check_sizes(file, name):
     """Check the numbers of particles that frames claim to have.
 
     gsd makes arrays for so many particles before it looks for them in the file.
@@ -435,7 +438,7 @@ def _step(file, frame):
     return 0
 
 
-def _copyFrames(source, name, count):
+def _copy_frames(source, name, count):
     """Copy the first frames to another file, chunk by chunk."""
     with _open(name, 'w') as target:
         chunks = source.find_matching_chunk_names('')

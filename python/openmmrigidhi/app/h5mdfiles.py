@@ -25,13 +25,17 @@ Its step and time are the same data sets everywhere:
 
 H5MD 1.1 has no name for orientations. The name "orientation" is that of proposal 104 to H5MD.
 """
+from __future__ import annotations
+
 import getpass
 import re
 import warnings
+from typing import Optional, Sequence
 
 import numpy as np
 
 from .. import _loading, _units
+from .._types import Numbers, Path
 from .trajectories import (BodyScene, Hdf5Reporter, Trajectory, addSeries, checkedFrames, openHdf5,
                            readingFrom, requireFinite, unitQuaternions)
 
@@ -102,8 +106,10 @@ class H5mdReporter(Hdf5Reporter):
 
     _STEPS = f'particles/{_BODIES}/position/step'
 
-    def __init__(self, file, reportInterval, append=False, velocities=False, blobs=False,
-                 types=None, radii=None, author=None):
+    def __init__(self, file: Path, reportInterval: int, append: bool = False,
+                 velocities: bool = False, blobs: bool = False,
+                 types: Optional[Sequence[str]] = None, radii: Optional[Numbers] = None,
+                 author: Optional[str] = None) -> None:
         super().__init__(file, reportInterval, append)
         self._velocities = _units.boolean(velocities, self._name, 'velocities')
         self._needsPositions = self._blobs = _units.boolean(blobs, self._name, 'blobs')
@@ -145,7 +151,7 @@ class H5mdReporter(Hdf5Reporter):
 
     @staticmethod
     def _series(file):
-        return list(_timeData(file).values())
+        return list(_time_data(file).values())
 
     # ---- Layout ----------------------------------------------------------------------------------
 
@@ -163,12 +169,12 @@ class H5mdReporter(Hdf5Reporter):
                                                                  dtype='i4'), _text('SI')
         bodies = file.create_group('particles').create_group(_BODIES)
         count = len(scene)
-        self._addElement(bodies, 'position', (count, 3), 'nm')
-        self._addElement(bodies, 'orientation', (count, 4), None)
+        self._add_element(bodies, 'position', (count, 3), 'nm')
+        self._add_element(bodies, 'orientation', (count, 4), None)
         if self._velocities:
-            self._addElement(bodies, 'velocity', (count, 3), 'nm ps-1')
-            self._addElement(bodies, 'angular_velocity', (count, 3), 'rad ps-1')
-        self._addBox(bodies, scene)
+            self._add_element(bodies, 'velocity', (count, 3), 'nm ps-1')
+            self._add_element(bodies, 'angular_velocity', (count, 3), 'rad ps-1')
+        self._add_box(bodies, scene)
         species = h5py.enum_dtype({name: k
                                    for k, name in enumerate(scene.typeNames)}, basetype='i4')
         bodies.create_dataset('species', data=scene.typeIndices.astype('i4'), dtype=species)
@@ -176,8 +182,8 @@ class H5mdReporter(Hdf5Reporter):
         _constant(bodies, 'principal_moments', scene.moments, 'u nm+2')
         if self._blobs:
             blobs = file['particles'].create_group(_BLOBS)
-            self._addElement(blobs, 'position', (len(scene.blobs), 3), 'nm', bodies['position'])
-            self._addBox(blobs, scene)
+            self._add_element(blobs, 'position', (len(scene.blobs), 3), 'nm', bodies['position'])
+            self._add_box(blobs, scene)
             _constant(blobs, 'radius', scene.radii[scene.blobs], 'nm')
             _constant(blobs, 'body', scene.blobBodies.astype('i4'), None)
         own = file.create_group('parameters').create_group(_BODIES)
@@ -186,15 +192,15 @@ class H5mdReporter(Hdf5Reporter):
         _constant(own, 'site_radius', scene.radii[scene.members], 'nm')
         _constant(own, 'first_site', scene.first.astype('i4'), None)
 
-    def _addBox(self, group, scene):
+    def _add_box(self, group, scene):
         box = group.create_group('box')
         box.attrs['dimension'] = np.int32(3)
         box.attrs['boundary'] = np.array(3*['periodic' if scene.periodic else 'none'], dtype='S8')
         if scene.periodic:
-            self._addElement(box, 'edges', (3, 3), 'nm', group['position'])
+            self._add_element(box, 'edges', (3, 3), 'nm', group['position'])
 
     @staticmethod
-    def _addElement(group, name, shape, unitString, like=None):
+    def _add_element(group, name, shape, unitString, like=None):
         """An element that changes with time.
 
         All elements but the first have its step and time by hard links.
@@ -211,23 +217,20 @@ class H5mdReporter(Hdf5Reporter):
         element.create_dataset('time', (0,), 'f8', maxshape=(None,),
                                chunks=(1024,)).attrs['unit'] = _text('ps')
 
-    def _checkSame(self, file):
+    def _check_same(self, file):
         """Refuse to continue a file with other bodies or other data."""
         scene = self._scene
         own = file.get('parameters/bodies')
         if own is None or f'particles/{_BODIES}/position' not in file:
             raise ValueError(
                 f'{self._name}: {self._file}: it has no /parameters/bodies; to append it must be a '
-                f'file of this reporter: '
-                'write to another file')
+                'file of this reporter: write to another file')
         first = own['first_site'][:]
         if len(first) != len(scene) + 1 or not np.array_equal(own['particle'][:], scene.members):
             raise ValueError(
                 f'{self._name}: {self._file}: it is of {len(first) - 1} bodies with {first[-1]} '
-                f'particles, the integrator has '
-                f'{len(scene)} with {len(scene.members)}; to append they must be the same bodies: '
-                f'write to '
-                'another file')
+                f'particles, the integrator has {len(scene)} with {len(scene.members)}; to append '
+                'they must be the same bodies: write to another file')
         there = {
             'velocities': f'particles/{_BODIES}/velocity' in file,
             'blobs': f'particles/{_BLOBS}' in file,
@@ -242,12 +245,10 @@ class H5mdReporter(Hdf5Reporter):
             if there[what] != wanted[what]:
                 raise ValueError(
                     f'{self._name}: {self._file}: it has {"" if there[what] else "no "}{what}, '
-                    f'what is to be appended has '
-                    f'{"" if wanted[what] else "none"}; all frames must hold the same data: use '
-                    f'the same options, or write to '
-                    'another file')
+                    f'what is to be appended has {"" if wanted[what] else "none"}; all frames must '
+                    'hold the same data: use the same options, or write to another file')
         own = {_address(file[name]) for name in self._written()}
-        others = [data.name for address, data in _timeData(file).items() if address not in own]
+        others = [data.name for address, data in _time_data(file).items() if address not in own]
         if others:
             raise ValueError(
                 f'{self._name}: {self._file}: it has {others[0]}, which changes with time and '
@@ -256,12 +257,12 @@ class H5mdReporter(Hdf5Reporter):
         if self._blobs and len(file['particles'][_BLOBS]['radius']) != len(scene.blobs):
             raise ValueError(
                 f'{self._name}: {self._file}: it is of {len(file["particles"][_BLOBS]["radius"])} '
-                f'blobs, the System has '
-                f'{len(scene.blobs)}; all frames must have as many: give the same radii, or write '
-                f'to another file')
+                f'blobs, the System has {len(scene.blobs)}; all frames must have as many: give the '
+                'same radii, or write to another file')
 
 
-def readH5md(file, group=None, velocities=True, frames=None):
+def readH5md(file: Path, group: Optional[str] = None, velocities: bool = True,
+             frames: Optional[slice] = None) -> Trajectory:
     """Read poses of rigid bodies from an H5MD file, of H5mdReporter or of another program.
 
     Every element of the file has steps of its own. A frame has the entries of all elements at one
@@ -318,7 +319,7 @@ def readH5md(file, group=None, velocities=True, frames=None):
             raise ValueError(f'readH5md: {file}: group: {group!r} is not there; the groups are '
                              f'{", ".join(groups) or "none"}: name one that '
                              'has positions and orientations')
-        return _readGroup(handle, groups, group, velocities, frames, file)
+        return _read_group(handle, groups, group, velocities, frames, file)
 
 
 def _subgroups(group):
@@ -392,7 +393,7 @@ class _Element:
         times = self._axis('time')
         return None if times is None else times*_conversion(self.item['time'], 0, 1, self.file)
 
-    def isShort(self, steps):
+    def is_short(self, steps):
         """Whether only the last entry is missing, of an element that shares these steps by a link.
 
         A run that was killed within a report leaves such a file.
@@ -458,7 +459,7 @@ class _Particles:
     def choose(self, position, numbers):
         """Fix the frames: the entries of the positions that have these numbers."""
         self.position, self.numbers = position, numbers
-        self._setOrder()
+        self._set_order()
 
     def __len__(self):
         return len(self.numbers)
@@ -510,7 +511,7 @@ class _Particles:
         return np.take_along_axis(values, order.reshape(*order.shape, *[1]*(values.ndim - 2)),
                                   axis=1)
 
-    def _setOrder(self):
+    def _set_order(self):
         """Where the rows of the first frame are in each frame, (T, n); None: in the same places."""
         self._order, element = None, self.element('id')
         if element is None or len(self) == 0:
@@ -521,7 +522,7 @@ class _Particles:
                                 f'is one integer for each {self.item}: restore the file from a '
                                 f'copy')
         self._width = ids.shape[1]
-        fill = _fillValue(element.data)
+        fill = _fill_value(element.data)
         there = np.ones(ids.shape, dtype=bool) if fill is None else ids != fill
         first = ids[0, there[0]]
         order = np.empty((len(ids), len(first)), dtype=int)
@@ -529,12 +530,12 @@ class _Particles:
         for k, (row, mask) in enumerate(zip(ids, there)):
             places = np.flatnonzero(mask)
             places = places[np.argsort(row[places], kind='stable')]
-            self._checkIds(element, k, row[places], first[ranks])
+            self._check_ids(element, k, row[places], first[ranks])
             order[k, ranks] = places
         if self._width != len(first) or np.any(order != np.arange(len(first))):
             self._order = order
 
-    def _checkIds(self, element, k, ids, first):
+    def _check_ids(self, element, k, ids, first):
         """Sorted ids of a frame must be those of the first frame, each once."""
         again = ids[1:][ids[1:] == ids[:-1]]
         if not len(again) and np.array_equal(ids, first):
@@ -553,14 +554,14 @@ class _Particles:
                             f'frames with equal ids by the argument frames')
 
 
-def _fillValue(data):
+def _fill_value(data):
     """The value that marks an absent particle in a data set of ids, or None."""
     import h5py
     defined = data.id.get_create_plist().fill_value_defined()
     return data.fillvalue if defined == h5py.h5d.FILL_VALUE_USER_DEFINED else None
 
 
-def _readGroup(handle, groups, group, velocities, frames, file):
+def _read_group(handle, groups, group, velocities, frames, file):
     bodies = _Particles(groups[group], file)
     for name in ('position', 'orientation'):
         if bodies.element(name) is None or name == 'position' and bodies.element(name).isStatic:
@@ -592,11 +593,11 @@ def _readGroup(handle, groups, group, velocities, frames, file):
     needed += [bodies.element(name) for name in twists]
     count = min(len(position), len(times))
     stepData = position.item['step']
-    if any(each.isShort(stepData) for each in needed):
+    if any(each.is_short(stepData) for each in needed):
         count -= 1
-    numbers = _commonFrames(position, needed,
-                            np.arange(count)[frames],
-                            [bodies.element(name).path for name in twists])
+    numbers = _common_frames(position, needed,
+                             np.arange(count)[frames],
+                             [bodies.element(name).path for name in twists])
     steps = position.steps[numbers]
     for each in (bodies, blobs):
         if each is not None:
@@ -611,10 +612,9 @@ def _readGroup(handle, groups, group, velocities, frames, file):
             *positions.shape[:2], 4):
         raise ValueError(
             f'readH5md: {file}: /particles/{group}: positions have the shape {positions.shape}, '
-            f'orientations {orientations.shape}; '
-            f'these must be (frames, bodies, {box.dimension}) and (frames, bodies, 4): choose '
-            f'another group, or restore the file from a copy')
-    positions = _inSpace(positions)
+            f'orientations {orientations.shape}; these must be (frames, bodies, {box.dimension}) '
+            'and (frames, bodies, 4): choose another group, or restore the file from a copy')
+    positions = _in_space(positions)
     requireFinite(positions, 'position', where, numbers)
     edges = box.vectors(position, numbers)
     positions = positions + box.images(bodies, edges, positions.shape[1])
@@ -632,17 +632,17 @@ def _readGroup(handle, groups, group, velocities, frames, file):
                 f'has the shape {values.shape}; velocities of {positions.shape[1]} bodies in '
                 f'{len(steps)} frames must have {(*positions.shape[:2], box.dimension)}: restore '
                 f'the file from a copy')
-        twist[name] = None if values is None else _inSpace(values)
+        twist[name] = None if values is None else _in_space(values)
         requireFinite(twist[name], name, where, numbers)
     return Trajectory(_units.TIME.attach(time), steps, _units.LENGTH.attach(positions),
                       unitQuaternions(orientations, where, numbers),
                       _attach(_units.VELOCITY, twist['velocity']),
                       _attach(_units.ANGULAR_VELOCITY, twist['angular_velocity']),
                       _attach(_units.LENGTH, edges), _types(bodies, positions.shape[1]),
-                      *_readBlobs(blobs), *_sites(handle, group, positions.shape[1], file))
+                      *_read_blobs(blobs), *_sites(handle, group, positions.shape[1], file))
 
 
-def _commonFrames(position, needed, numbers, twists):
+def _common_frames(position, needed, numbers, twists):
     """The frames, of those with these numbers, at whose steps all needed elements have entries.
 
     twists: paths of the elements that velocities=False leaves out.
@@ -691,7 +691,7 @@ def _types(bodies, count):
     return [names.get(k, str(k)) for k in species.tolist()]
 
 
-def _readBlobs(blobs):
+def _read_blobs(blobs):
     """Positions, radii and bodies of the blobs; three times None without blobs."""
     if blobs is None:
         return None, None, None
@@ -793,7 +793,7 @@ class _Box:
             raise element.wrong(f'has the shape {values.shape}; images must have that of the '
                                 f'positions, {(len(bodies), count, self.dimension)}: restore the '
                                 f'file from a copy')
-        values = _inSpace(values)
+        values = _in_space(values)
         if self.hasBox:
             values = np.where(self.periodic, values, 0)
         requireFinite(values, 'image', self.where, bodies.numbers)
@@ -803,7 +803,7 @@ class _Box:
         return 0 if edges is None else values @ edges
 
 
-def _inSpace(values):
+def _in_space(values):
     """Vectors of two or three dimensions in three."""
     return np.concatenate([values, np.zeros((*values.shape[:-1], 3 - values.shape[-1]))], axis=-1)
 
@@ -862,8 +862,7 @@ def _conversion(data, length, time, file):
         raise ValueError(
             f'readH5md: {file}: {data.name}: its unit is {text!r}; it must be a unit of '
             f'{"length" if time == 0 else "time" if length == 0 and time == 1 else "velocity"} '
-            f'made of '
-            f'{", ".join(_SYMBOLS)}: convert the file')
+            f'made of {", ".join(_SYMBOLS)}: convert the file')
     return factor
 
 
@@ -886,7 +885,7 @@ def _constant(group, name, values, unitString):
         data.attrs['unit'] = _text(unitString)
 
 
-def _timeData(file):
+def _time_data(file):
     """All data sets of this package's groups that have one row a frame, by address, each once."""
     found = {}
     for group in _subgroups(file['particles']).values():

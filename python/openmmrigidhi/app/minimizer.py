@@ -1,14 +1,18 @@
 """Energy minimisation with rigid bodies as units."""
+from __future__ import annotations
+
 import dataclasses
 import warnings
+from typing import Callable, Optional
 
 import numpy as np
 import openmm
 from openmm import unit
 
 from .. import _units
-from .._quaternions import rotationMatrices
-from .._systems import BodyDefinitions, hydrodynamicRadii
+from .._types import Number
+from .._quaternions import rotation_matrices
+from .._systems import BodyDefinitions, hydrodynamic_radii
 from ..integrator import CustomRigidHIIntegrator
 
 #: The default tolerance in a scene of molecules. With the length of molecules it is an energy of
@@ -47,7 +51,9 @@ class MinimizationResult:
     tolerance: unit.Quantity = None
 
 
-def minimize(context, tolerance=None, maxIterations=0, reporter=None, progress=None):
+def minimize(context: openmm.Context, tolerance: Optional[Number] = None, maxIterations: int = 0,
+             reporter: Optional[Callable] = None,
+             progress: Optional[bool] = None) -> MinimizationResult:
     """Minimise the potential energy with the bodies of a CustomRigidHIIntegrator as rigid units.
 
     OpenMM's own minimiser moves the members of bodies one by one. That does not work for bodies
@@ -124,15 +130,15 @@ class _Scene:
         self.integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
         self.groups = self.integrator.getIntegrationForceGroups()
         system = context.getSystem()
-        self.radii = hydrodynamicRadii(system, None, 'minimize')
-        self._readBodies(system)
-        self._readFreeParticles(system)
+        self.radii = hydrodynamic_radii(system, None, 'minimize')
+        self._read_bodies(system)
+        self._read_free_particles(system)
         self.R = self.integrator.getBodyPositions()._value
         self.q = self.integrator.getBodyOrientations()
-        self.x = self._allPositions()[self.free]
+        self.x = self._all_positions()[self.free]
         self.extent = self._extent()
 
-    def _readBodies(self, system):
+    def _read_bodies(self, system):
         bodies = BodyDefinitions(self.integrator)
         self.numBodies, self.members = len(bodies), bodies.members
         # OpenMM has added a virtual site's force to its parents when we see it.
@@ -140,7 +146,7 @@ class _Scene:
         self.sites, self.siteBody, self.siteParticle = bodies.places[real], bodies.owners[
             real], self.members[real]
         distance = np.sqrt(
-            self._sumOverBodies((self.sites**2).sum(axis=1))/
+            self._sum_over_bodies((self.sites**2).sum(axis=1))/
             np.maximum(1, np.bincount(self.siteBody, minlength=self.numBodies)))
         # A body without extent feels no torque, so any length will do.
         self.length = np.where(distance > 0, distance, 1.0)
@@ -149,7 +155,7 @@ class _Scene:
             self.length = np.maximum(
                 self.length, np.maximum.reduceat(self.radii[self.members], bodies.first[:-1]))
 
-    def _readFreeParticles(self, system):
+    def _read_free_particles(self, system):
         inBody = set(self.members.tolist())
         others = [i for i in range(system.getNumParticles()) if i not in inBody]
         # Schemes without momenta move massless particles that the fluid sees.
@@ -171,10 +177,10 @@ class _Scene:
         if np.any(radii > 0):
             length = radii[radii > 0].min()
         else:
-            length = self._neighbourDistance()/2
+            length = self._neighbour_distance()/2
         return max(length, _MOLECULAR_LENGTH)
 
-    def _neighbourDistance(self):
+    def _neighbour_distance(self):
         """Median distance of a particle from its nearest neighbour, nm; 0 if there is none.
 
         A body of one or two particles, a sphere perhaps with a marker, is one particle at its
@@ -182,21 +188,22 @@ class _Scene:
         """
         import scipy.spatial
         small = np.bincount(self.siteBody, minlength=self.numBodies) <= 2
-        points = np.concatenate(
-            [self.R[small],
-             self._allPositions()[self.siteParticle[~small[self.siteBody]]], self.x])
+        points = np.concatenate([
+            self.R[small],
+            self._all_positions()[self.siteParticle[~small[self.siteBody]]], self.x
+        ])
         if len(points) < 2 or not np.all(np.isfinite(points)):
             return 0.0
         return np.median(scipy.spatial.cKDTree(points).query(points, 2)[0][:, 1])
 
-    def _sumOverBodies(self, values):
+    def _sum_over_bodies(self, values):
         """Sum values over the sites of each body; values of shape (sites,) or (sites, 3)."""
         if values.ndim == 1:
             return np.bincount(self.siteBody, values, self.numBodies)
         return np.stack([np.bincount(self.siteBody, column, self.numBodies) for column in values.T],
                         axis=1)
 
-    def _allPositions(self):
+    def _all_positions(self):
         return self.context.getState(getPositions=True).getPositions(asNumpy=True)._value
 
     def place(self, R, q, x):
@@ -205,7 +212,7 @@ class _Scene:
             self.integrator.setBodyPositions(R)
             self.integrator.setBodyOrientations(q)
         if len(self.free) > 0:
-            positions = self._allPositions()
+            positions = self._all_positions()
             positions[self.free] = x
             self.context.setPositions(positions)
         if self.hasFreeVirtualSites:
@@ -220,9 +227,9 @@ class _Scene:
         state = self.context.getState(getEnergy=True, getForces=True, groups=self.groups)
         forces = state.getForces(asNumpy=True)._value
         siteForces = forces[self.siteParticle]
-        arms = np.einsum('sij,sj->si', rotationMatrices(q)[self.siteBody], self.sites)
-        return (state.getPotentialEnergy()._value, self._sumOverBodies(siteForces),
-                self._sumOverBodies(np.cross(arms, siteForces)), forces[self.free])
+        arms = np.einsum('sij,sj->si', rotation_matrices(q)[self.siteBody], self.sites)
+        return (state.getPotentialEnergy()._value, self._sum_over_bodies(siteForces),
+                self._sum_over_bodies(np.cross(arms, siteForces)), forces[self.free])
 
     def applyConstraints(self, R, q, x):
         """Make the constraints of free particles exact, and return their positions; bodies stay."""
@@ -230,7 +237,7 @@ class _Scene:
         if len(self.distances) == 0:
             return x
         self.context.applyConstraints(self.integrator.getConstraintTolerance())
-        x = self._allPositions()[self.free]
+        x = self._all_positions()[self.free]
         # OpenMM has also moved members of constrained bodies, in single precision: put them back.
         self.place(R, q, x)
         return x
@@ -277,19 +284,17 @@ class _Search:
                 'finite: look for particles at the same place or with bad parameters')
         initialEnergy = initial - self._springs(self.x)[0]
         for _ in range(_MAX_STIFFENINGS + 1):
-            self._minimizeWithSprings()
-            if self._constraintError() <= _CONSTRAINT_ERROR or self._outOfIterations():
+            self._minimize_with_springs()
+            if self._constraint_error() <= _CONSTRAINT_ERROR or self._out_of_iterations():
                 break
             self.stiffness *= 10
         self.x = scene.applyConstraints(self.R, self.q, self.x)
         finalEnergy = scene.evaluate(self.R, self.q, self.x)[0]
-        if not self.converged and not self._outOfIterations():
+        if not self.converged and not self._out_of_iterations():
             warnings.warn(
                 f'minimize: the root mean square force is {self.rms:.3g} kJ/(mol nm), above the '
-                f'tolerance '
-                f'{self.tolerance:.3g}: the search got stuck, most likely at the precision of the '
-                f'forces; '
-                'use the Reference platform or a larger tolerance')
+                f'tolerance {self.tolerance:.3g}: the search got stuck, most likely at the '
+                'precision of the forces; use the Reference platform or a larger tolerance')
         return MinimizationResult(_units.ENERGY.attach(initialEnergy),
                                   _units.ENERGY.attach(finalEnergy), _units.FORCE.attach(self.rms),
                                   self.iterations, self.evaluations, self.converged,
@@ -298,10 +303,10 @@ class _Search:
     def _size(self):
         return 6*self.scene.numBodies + 3*len(self.scene.free)
 
-    def _outOfIterations(self):
+    def _out_of_iterations(self):
         return 0 < self.maxIterations <= self.iterations
 
-    def _minimizeWithSprings(self):
+    def _minimize_with_springs(self):
         """Run L-BFGS until it is done.
 
         It is done when the forces are small, when the iterations are used up, or when the energy
@@ -312,27 +317,27 @@ class _Search:
         self.converged = False
         energy, gradient = self._value(np.zeros(self._size()))
         self._note(np.zeros(self._size()), energy, gradient)
-        while not self.converged and not self._outOfIterations():
+        while not self.converged and not self._out_of_iterations():
             before = self.energy
             # The first trial step of SciPy is minus the gradient of the function that it is given.
             scale = _FIRST_STEP*self.scene.extent/np.max(np.abs(self.gradient))
 
-            def scaledValue(y):
+            def scaled_value(y):
                 energy, gradient = self._value(y)
                 return scale*(energy - before), scale*gradient
 
             try:
                 result = scipy.optimize.minimize(
-                    scaledValue, np.zeros(self._size()), jac=True, method='L-BFGS-B',
-                    callback=self._afterIteration, bounds=np.stack([-limits, limits],
-                                                                   axis=1), options={
-                                                                       'maxiter': 2**30,
-                                                                       'maxfun': 2**30,
-                                                                       'ftol': 0,
-                                                                       'gtol': 0,
-                                                                       'maxcor': 20,
-                                                                       'maxls': 30
-                                                                   })
+                    scaled_value, np.zeros(self._size()), jac=True, method='L-BFGS-B',
+                    callback=self._after_iteration, bounds=np.stack([-limits, limits],
+                                                                    axis=1), options={
+                                                                        'maxiter': 2**30,
+                                                                        'maxfun': 2**30,
+                                                                        'ftol': 0,
+                                                                        'gtol': 0,
+                                                                        'maxcor': 20,
+                                                                        'maxls': 30
+                                                                    })
                 self._note(result.x, *self._value(result.x))
                 stuck = before - self.energy <= _SMALLEST_DECREASE*abs(self.energy)
             except (_Recentre, _Finished):
@@ -366,7 +371,7 @@ class _Search:
         R, q, x = self._unpack(y)
         energy, forces, torques, freeForces = self.scene.evaluate(R, q, x)
         springEnergy, springForces = self._springs(x)
-        turns = -_turnGradient(self._split(y)[1], torques)/self.scene.length[:, None]
+        turns = -_turn_gradient(self._split(y)[1], torques)/self.scene.length[:, None]
         gradient = np.concatenate(
             [-forces.ravel(), turns.ravel(), -(freeForces + springForces).ravel()])
         energy += springEnergy
@@ -398,7 +403,7 @@ class _Search:
         np.add.at(forces, j, -pull)
         return 0.5*self.stiffness*(stretch @ stretch), forces
 
-    def _constraintError(self):
+    def _constraint_error(self):
         """Largest relative error of a constraint between free particles."""
         i, j = self.scene.constraints.T
         if len(i) == 0:
@@ -411,7 +416,7 @@ class _Search:
         self.rms = np.sqrt(np.mean(gradient**2)) if len(gradient) > 0 else 0.0
         self.converged = bool(self.rms <= self.tolerance)
 
-    def _afterIteration(self, y):
+    def _after_iteration(self, y):
         """SciPy calls this after each iteration; an exception is the only way to end its search."""
         if not np.array_equal(y, self.last[0]):
             self._value(y)
@@ -423,7 +428,7 @@ class _Search:
         if self.reporter is not None:
             self.reporter(self.iterations, _units.ENERGY.attach(self.energy),
                           _units.FORCE.attach(self.rms))
-        if self.converged or self._outOfIterations():
+        if self.converged or self._out_of_iterations():
             raise _Finished()
         if np.any(np.abs(y) >= 0.999*self._limits()):
             raise _Recentre()
@@ -441,7 +446,7 @@ def _turned(rotations, q):
     return result/np.linalg.norm(result, axis=1, keepdims=True)
 
 
-def _turnGradient(rotations, torques):
+def _turn_gradient(rotations, torques):
     """J^T torque, with J the left Jacobian of the exponential map.
 
     A change d of the rotation vector turns by J d, and J^T torque = torque - (1-cos a)/a^2 w x

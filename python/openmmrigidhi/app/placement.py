@@ -1,11 +1,20 @@
 """Put bodies in their places, and make bodies whole that a periodic box has torn apart."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Optional
+
 import numpy as np
 import openmm
 
 from .. import _units
+from .._types import Number, Numbers
 from .._quaternions import rotate
 from .._systems import BodyDefinitions
 from ..integrator import CustomRigidHIIntegrator
+
+if TYPE_CHECKING:
+    from openmm import unit
+    import numpy.typing as npt
 
 #: The largest distance of a particle from its place, in units of the largest distance of a site
 #: from the centre of the body. Particles that are farther off are another molecule, or the same one
@@ -17,7 +26,10 @@ _ANY_DISTANCE = 1e300
 _LENGTH_ERROR = 1e-3
 
 
-def placeBodies(context, positions=None, orientations=None, particlePositions=None, tolerance=None):
+def placeBodies(context: openmm.Context, positions: Optional[Numbers] = None,
+                orientations: Optional[npt.ArrayLike] = None,
+                particlePositions: Optional[Numbers] = None,
+                tolerance: Optional[Number] = None) -> unit.Quantity:
     """Set the poses of bodies, and put all their particles exactly in their places.
 
     Poses are given by positions and orientations, or fitted to the coordinates of particles, as a
@@ -68,10 +80,10 @@ def placeBodies(context, positions=None, orientations=None, particlePositions=No
     count = integrator.getNumRigidBodiesOfContext()
     if positions is not None:
         positions = _units.rows(positions, _units.LENGTH, 3, where, 'positions', count)
-        _requireFinite(positions, where, 'positions', 'body')
+        _require_finite(positions, where, 'positions', 'body')
     if orientations is not None:
         orientations = _units.rows(orientations, _units.NONE, 4, where, 'orientations', count)
-        _requireUnitLength(orientations, where)
+        _require_unit_length(orientations, where)
     if particlePositions is not None:
         particlePositions = _units.rows(particlePositions, _units.LENGTH, 3, where,
                                         'particlePositions',
@@ -85,13 +97,13 @@ def placeBodies(context, positions=None, orientations=None, particlePositions=No
                                                       tolerance)
 
 
-def _requireFinite(rows, where, name, item):
+def _require_finite(rows, where, name, item):
     for k in np.flatnonzero(~np.isfinite(rows).all(axis=1))[:1]:
         raise ValueError(f'{where}: {name}: {item} {k} is at {rows[k].tolist()} nm; give it three '
                          'finite numbers')
 
 
-def _requireUnitLength(orientations, where):
+def _require_unit_length(orientations, where):
     lengths = np.linalg.norm(orientations, axis=1)
     for k in np.flatnonzero(~(np.abs(lengths - 1) <= _LENGTH_ERROR))[:1]:
         raise ValueError(f'{where}: orientations: that of body {k} has the length {lengths[k]}; a '
@@ -118,16 +130,16 @@ class _Placement:
     def run(self, positions, orientations, x, tolerance):
         integrator = self.integrator
         if x is None and self.isFirst:
-            x, orientations = self._firstPositions(positions, orientations)
+            x, orientations = self._first_positions(positions, orientations)
         elif x is None and self.refusal is not None:
-            x = self._presentPositions()
+            x = self._present_positions()
         if x is not None:
-            x = self._withGivenPoses(x, positions, orientations)
+            x = self._with_given_poses(x, positions, orientations)
         distance = 0.0
         if x is not None:
             isReal = np.array([not self.system.isVirtualSite(i) for i in range(len(x))], dtype=bool)
-            _requireFinite(np.where(isReal[:, None], x, 0), self.where, 'particlePositions',
-                           'particle')
+            _require_finite(np.where(isReal[:, None], x, 0), self.where, 'particlePositions',
+                            'particle')
             # Virtual sites are computed, and files often do not have them.
             x[~isReal & ~np.isfinite(x).all(axis=1)] = 0
             distance = self._fit(x, tolerance)
@@ -149,19 +161,19 @@ class _Placement:
             return str(error)
         return None
 
-    def _presentPositions(self):
+    def _present_positions(self):
         return self.context.getState(getPositions=True).getPositions(asNumpy=True)._value
 
-    def _isKnown(self, body):
+    def _is_known(self, body):
         return self.integrator.getRigidBodyGeometryIsKnown(body)
 
-    def _membersAt(self, body, position, orientation):
+    def _members_at(self, body, position, orientation):
         """Particles of a body with known shape, and their positions at a pose."""
         particles, _, _, sites = self.integrator.getRigidBodyParameters(body)
         q = orientation/np.linalg.norm(orientation)
         return particles, position + rotate(q, sites._value)
 
-    def _firstPositions(self, positions, orientations):
+    def _first_positions(self, positions, orientations):
         """Positions of all particles where the Context has none, and orientations.
 
         The particles of bodies are put in their places later.
@@ -176,27 +188,27 @@ class _Placement:
         if orientations is None:
             orientations = np.tile((1.0, 0, 0, 0), (len(positions), 1))
         for body in range(len(positions)):
-            if not self._isKnown(body):
+            if not self._is_known(body):
                 raise ValueError(
                     f'{self.where}: the shape of body {body} is not known yet, since it comes from '
                     'the first positions; give particlePositions, too, or add the body with '
                     'explicit site positions')
         return np.zeros((self.system.getNumParticles(), 3)), orientations
 
-    def _withGivenPoses(self, x, positions, orientations):
+    def _with_given_poses(self, x, positions, orientations):
         """The particles' positions, with those of bodies whose pose and shape are known."""
         if positions is None or orientations is None:
             return x
         for body, pose in enumerate(zip(positions, orientations)):
-            if self._isKnown(body):
-                particles, places = self._membersAt(body, *pose)
+            if self._is_known(body):
+                particles, places = self._members_at(body, *pose)
                 x[particles] = places
         return x
 
     def _fit(self, x, tolerance):
         """Fit poses to positions; the largest distance of a particle from its place, nm."""
         integrator = self.integrator
-        before = None if self.isFirst else self._presentPositions()
+        before = None if self.isFirst else self._present_positions()
         twists = None if self.refusal else (integrator.getBodyVelocities(),
                                             integrator.getBodyAngularVelocities())
         poseTolerance = integrator.getPoseTolerance()
@@ -208,7 +220,7 @@ class _Placement:
                     raise openmm.OpenMMException(refusal)
                 # The shapes are known now, and only the poses are missing.
                 integrator.setPoseTolerance(_ANY_DISTANCE)
-            distance = self._checkedDistance(x, tolerance, poseTolerance._value)
+            distance = self._checked_distance(x, tolerance, poseTolerance._value)
             # The members go to their places, where they fit any tolerance.
             integrator.setBodyPositions(integrator.getBodyPositions())
         except (ValueError, openmm.OpenMMException):
@@ -222,7 +234,7 @@ class _Placement:
             integrator.setBodyAngularVelocities(twists[1])
         return distance
 
-    def _checkedDistance(self, x, tolerance, poseTolerance):
+    def _checked_distance(self, x, tolerance, poseTolerance):
         bodies = BodyDefinitions(self.integrator)
         if len(bodies) == 0:
             return 0.0
@@ -249,7 +261,8 @@ class _Placement:
         return float(distances.max())
 
 
-def makeWhole(integrator, positions, boxVectors):
+def makeWhole(integrator: CustomRigidHIIntegrator, positions: Numbers,
+              boxVectors: Numbers) -> unit.Quantity:
     """Make bodies whole whose particles were wrapped one by one into the periodic box.
 
     Programs that write files often move each particle into the box, so that bodies at its faces are

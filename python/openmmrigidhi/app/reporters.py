@@ -1,5 +1,8 @@
 """A StateDataReporter that counts the degrees of freedom of rigid bodies."""
+from __future__ import annotations
+
 import functools
+from typing import IO, Any, Union
 
 import openmm.app
 
@@ -31,18 +34,19 @@ class StateDataReporter(openmm.app.StateDataReporter):
         about that of the heat bath. The relative standard deviation of a single report is
         sqrt(2/degrees of freedom).
     """
-    def __init__(self, file, reportInterval, *args, translationalTemperature=False,
-                 rotationalTemperatures=False, **kwargs):
+    def __init__(self, file: Union[str, IO[str]], reportInterval: int, *args: Any,
+                 translationalTemperature: bool = False, rotationalTemperatures: bool = False,
+                 **kwargs: Any) -> None:
         super().__init__(file, reportInterval, *args, **kwargs)
         self._columns = {}
         if self._temperature:
-            self._columns['Temperature (K)'] = self._systemTemperature
+            self._columns['Temperature (K)'] = self._system_temperature
         if translationalTemperature:
-            self._columns['Translational Temperature (K)'] = self._translationalTemperature
+            self._columns['Translational Temperature (K)'] = self._translational_temperature
         if rotationalTemperatures:
             for axis in range(3):
                 self._columns[f'Rotational Temperature {axis+1} (K)'] = functools.partial(
-                    self._rotationalTemperature, axis)
+                    self._rotational_temperature, axis)
         # The base class must not compute its own temperature, which divides by its own number of
         # degrees of freedom.
         self._temperature = False
@@ -50,7 +54,7 @@ class StateDataReporter(openmm.app.StateDataReporter):
     def _initializeConstants(self, simulation):
         super()._initializeConstants(simulation)
         integrator = CustomRigidHIIntegrator.cast(simulation.context.getIntegrator())
-        self._massFraction = _massFractionOfBodies(integrator, simulation.system)
+        self._massFraction = _mass_fraction_of_bodies(integrator, simulation.system)
 
     def _place(self):
         """How many columns come before the temperatures."""
@@ -71,18 +75,18 @@ class StateDataReporter(openmm.app.StateDataReporter):
         return values[:place] + [column(integrator, degrees)
                                  for column in self._columns.values()] + values[place:]
 
-    def _systemTemperature(self, integrator, degrees):
+    def _system_temperature(self, integrator, degrees):
         return integrator.computeSystemTemperature(
         )._value if degrees['total'] > 0 else _NOT_AVAILABLE
 
-    def _translationalTemperature(self, integrator, degrees):
+    def _translational_temperature(self, integrator, degrees):
         # With total momentum 0, <p^2/m> = 3 kT (1 - m/M) for each body, M the mass of everything
         # that moves.
         removed = degrees['removed']*self._massFraction
         return _temperature(integrator.computeTranslationalKineticEnergy()._value,
                             degrees['translational'] - removed)
 
-    def _rotationalTemperature(self, axis, integrator, degrees):
+    def _rotational_temperature(self, axis, integrator, degrees):
         energies = integrator.computeRotationalKineticEnergies()._value
         return _temperature(energies[axis], degrees[f'rotational{axis+1}'])
 
@@ -92,7 +96,7 @@ def _temperature(energy, degrees):
     return 2*energy/(_units.GAS_CONSTANT*degrees) if degrees > 0 else _NOT_AVAILABLE
 
 
-def _massFractionOfBodies(integrator, system):
+def _mass_fraction_of_bodies(integrator, system):
     """The bodies' share of the mass of everything that moves."""
     bodies = BodyDefinitions(integrator)
     members = set(bodies.members.tolist())

@@ -1,7 +1,15 @@
 """Blob models of simple shapes."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .. import _units
+from .._types import Number
+
+if TYPE_CHECKING:
+    from openmm import unit
 
 #: How many times the faces of an icosahedron are divided into four, for each number of vertices,
 #: 10*4^k + 2.
@@ -11,7 +19,7 @@ _SUBDIVISIONS = {12: 0, 42: 1, 162: 2, 642: 3, 2562: 4}
 SHELL_RADII = {12: 1.262447, 42: 1.122022, 162: 1.052965, 642: 1.023940, 2562: 1.011270}
 
 
-def sphereShell(n, radius):
+def sphereShell(n: int, radius: Number) -> unit.Quantity:
     """Get points spread evenly over a sphere: the vertices of a subdivided icosahedron.
 
     Parameters
@@ -47,7 +55,7 @@ def sphereShell(n, radius):
     return _units.LENGTH.attach(radius*vertices)
 
 
-def rod(n, spacing):
+def rod(n: int, spacing: Number) -> unit.Quantity:
     """Get blobs in a row along the x axis.
 
     Parameters
@@ -63,14 +71,14 @@ def rod(n, spacing):
         nm, from the lowest x up, about the rod's centre. The blobs are on a line, so the fluid does
         not drive rotation about this line.
     """
-    n = _atLeast(2, n, 'rod', 'n')
-    spacing = _positiveLength(spacing, 'rod', 'spacing')
+    n = _at_least(2, n, 'rod', 'n')
+    spacing = _positive_length(spacing, 'rod', 'spacing')
     points = np.zeros((n, 3))
     points[:, 0] = spacing*(np.arange(n) - (n - 1)/2)
     return _units.LENGTH.attach(points)
 
 
-def cylinder(radius, length, spacing, closed=True):
+def cylinder(radius: Number, length: Number, spacing: Number, closed: bool = True) -> unit.Quantity:
     """Get blobs on the surface of a cylinder about the x axis.
 
     The blobs lie on staggered rings on the side, and on rings that fill the two ends.
@@ -93,9 +101,9 @@ def cylinder(radius, length, spacing, closed=True):
         nm, about the cylinder's centre: the side from the lowest x up, then the end at low x, then
         the end at high x
     """
-    radius = _positiveLength(radius, 'cylinder', 'radius')
-    length = _positiveLength(length, 'cylinder', 'length')
-    spacing = _positiveLength(spacing, 'cylinder', 'spacing')
+    radius = _positive_length(radius, 'cylinder', 'radius')
+    length = _positive_length(length, 'cylinder', 'length')
+    spacing = _positive_length(spacing, 'cylinder', 'spacing')
     around = max(3, round(2*np.pi*radius/spacing))
     heights = length*np.linspace(-0.5, 0.5, max(1, round(length/spacing)) + 1)
     rings = [_ring(x, radius, around, (k % 2)/2) for k, x in enumerate(heights)]
@@ -114,7 +122,7 @@ def _ring(x, radius, n, turn):
     return np.stack([np.full(n, x), radius*np.cos(angles), radius*np.sin(angles)], axis=1)
 
 
-def boomerang(spacing, blobsPerArm=7):
+def boomerang(spacing: Number, blobsPerArm: int = 7) -> unit.Quantity:
     """Get blobs of a right-angled boomerang.
 
     The boomerang of Delong, Balboa Usabiaga and Donev 2015 has 15 blobs of radius 0.265*sqrt(1.5)
@@ -134,15 +142,15 @@ def boomerang(spacing, blobsPerArm=7):
         cross point (row blobsPerArm) to the tip on the y axis. The bisector is the direction (1, 1,
         0).
     """
-    spacing = _positiveLength(spacing, 'boomerang', 'spacing')
-    blobsPerArm = _atLeast(1, blobsPerArm, 'boomerang', 'blobsPerArm')
+    spacing = _positive_length(spacing, 'boomerang', 'spacing')
+    blobsPerArm = _at_least(1, blobsPerArm, 'boomerang', 'blobsPerArm')
     steps = np.arange(-blobsPerArm, blobsPerArm + 1)
     return _units.LENGTH.attach(
         spacing*
         np.stack([np.maximum(0, -steps), np.maximum(0, steps), 0*steps], axis=1))
 
 
-def tetramer(spacing):
+def tetramer(spacing: Number) -> unit.Quantity:
     """Get four blobs at the corners of a regular tetrahedron.
 
     Parameters
@@ -156,12 +164,12 @@ def tetramer(spacing):
         nm, about the tetrahedron's centre: three of equal z < 0, the first of which has y = 0 and x
         > 0, then one on the +z axis
     """
-    spacing = _positiveLength(spacing, 'tetramer', 'spacing')
+    spacing = _positive_length(spacing, 'tetramer', 'spacing')
     base = _ring(-spacing/np.sqrt(24), spacing/np.sqrt(3), 3, 0)[:, [1, 2, 0]]
     return _units.LENGTH.attach(np.concatenate([base, [(0, 0, spacing*np.sqrt(3/8))]]))
 
 
-def icosahedron(radius):
+def icosahedron(radius: Number) -> unit.Quantity:
     """Get twelve blobs at the vertices of a regular icosahedron, two of them on the z axis.
 
     It is :func:`sphereShell` of 12 points, turned. Delong, Balboa Usabiaga and Donev 2015 hang a
@@ -178,13 +186,13 @@ def icosahedron(radius):
         nm, about the icosahedron's centre: the vertex on +z, five of equal z > 0, five of equal z <
         0, the vertex on -z
     """
-    radius = _positiveLength(radius, 'icosahedron', 'radius')
+    radius = _positive_length(radius, 'icosahedron', 'radius')
     z, r = radius/np.sqrt(5), 2*radius/np.sqrt(5)
     rings = [_ring(z, r, 5, 0)[:, [1, 2, 0]], _ring(-z, r, 5, 0.5)[:, [1, 2, 0]]]
     return _units.LENGTH.attach(np.concatenate([[(0, 0, radius)], *rings, [(0, 0, -radius)]]))
 
 
-def _positiveLength(value, where, name):
+def _positive_length(value, where, name):
     value = _units.number(value, _units.LENGTH, where, name)
     if not 0 < value < np.inf:
         raise ValueError(
@@ -193,7 +201,7 @@ def _positiveLength(value, where, name):
     return value
 
 
-def _atLeast(fewest, value, where, name):
+def _at_least(fewest, value, where, name):
     value = _units.integer(value, where, name)
     if value < fewest:
         raise ValueError(
@@ -213,7 +221,7 @@ def _icosahedron():
     return vertices/np.linalg.norm(vertices[0]), faces
 
 
-def multiblobSphere(n, radius):
+def multiblobSphere(n: int, radius: Number) -> tuple[unit.Quantity, unit.Quantity]:
     """Get a sphere as a rigid multiblob: a shell of blobs.
 
     The hydrodynamic radius of the shell for translation is that of the sphere. The radius of the
@@ -242,8 +250,7 @@ def multiblobSphere(n, radius):
     if n not in SHELL_RADII:
         raise ValueError(
             f'multiblobSphere: n: got {n!r}; the numbers of blobs with a known hydrodynamic radius '
-            f'are '
-            f'{", ".join(map(str, SHELL_RADII))}: choose one of them')
+            f'are {", ".join(map(str, SHELL_RADII))}: choose one of them')
     centres = sphereShell(n, radius)/SHELL_RADII[n]
     points = centres._value
     squares = np.concatenate([((points[k + 1:] - points[k])**2).sum(axis=1) for k in range(n - 1)])

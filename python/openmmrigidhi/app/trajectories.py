@@ -1,14 +1,23 @@
 """What files of body trajectories share: the reporters' frame, scenes, and results of readers."""
+from __future__ import annotations
+
 import contextlib
 import dataclasses
 import os
+from typing import TYPE_CHECKING, Iterator, Optional, Sequence
 
 import numpy as np
 from openmm import unit
 
 from .. import _units
-from .._systems import BodyDefinitions, hydrodynamicRadii
+from .._types import Array, Numbers, Path
+from .._systems import BodyDefinitions, hydrodynamic_radii
 from ..integrator import CustomRigidHIIntegrator
+
+if TYPE_CHECKING:
+    import h5py
+    import numpy.typing as npt
+    import openmm.app
 
 #: Bodies whose sites and radii agree within this length, nm, are of one type.
 _SAME_SHAPE = 1e-6
@@ -47,7 +56,7 @@ class BodyReporter:
 
     _needsPositions = _needsVelocities = False
 
-    def __init__(self, file, reportInterval, append):
+    def __init__(self, file: Path, reportInterval: int, append: bool) -> None:
         self._file = os.fspath(file)
         self._name = type(self).__name__
         self._reportInterval = _units.integer(reportInterval, self._name, 'reportInterval')
@@ -58,7 +67,7 @@ class BodyReporter:
         self._append = append
         self._started = False
 
-    def describeNextReport(self, simulation):
+    def describeNextReport(self, simulation: openmm.app.Simulation) -> tuple:
         """Tell the Simulation when the next report is due, and what the report needs.
 
         The report needs unwrapped positions.
@@ -67,7 +76,7 @@ class BodyReporter:
         return (steps, self._needsPositions, self._needsVelocities, False, False,
                 False if self._needsPositions else None)
 
-    def report(self, simulation, state):
+    def report(self, simulation: openmm.app.Simulation, state: openmm.State) -> None:
         """Write one frame."""
         integrator = CustomRigidHIIntegrator.cast(simulation.context.getIntegrator())
         if not self._started:
@@ -83,7 +92,7 @@ class BodyReporter:
 class Hdf5Reporter(BodyReporter):
     """What reporters into HDF5 files have in common.
 
-    A subclass says what it records by _describe, _create, _checkSame, _series and _frame.
+    A subclass says what it records by _describe, _create, _check_same, _series and _frame.
 
     Parameters
     ----------
@@ -99,7 +108,7 @@ class Hdf5Reporter(BodyReporter):
         self._describe(simulation, integrator)
         if self._continues():
             with readingFrom(self._file, f'{self._name}:'), openHdf5(self._file, 'r+') as file:
-                self._checkSame(file)
+                self._check_same(file)
                 kept = rowsBefore(file[self._STEPS][:numFrames(self._series(file))],
                                   simulation.currentStep)
                 for data in self._series(file):
@@ -118,7 +127,8 @@ class Hdf5Reporter(BodyReporter):
                 file[name][count] = value
 
 
-def addSeries(group, name, shape, kind='f8'):
+def addSeries(group: h5py.Group, name: str, shape: tuple[int, ...],
+              kind: str = 'f8') -> h5py.Dataset:
     """Add a data set for arrays of a shape, one for each frame, without rows yet.
 
     Parameters
@@ -138,7 +148,7 @@ def addSeries(group, name, shape, kind='f8'):
                                 chunks=(rows,) + tuple(max(1, size) for size in shape))
 
 
-def numFrames(series):
+def numFrames(series: Sequence[h5py.Dataset]) -> int:
     """Get the number of complete frames.
 
     A run that was killed while it wrote may have extended only some of the data sets.
@@ -202,7 +212,7 @@ class Trajectory:
         return len(self.step)
 
     @property
-    def frameInterval(self):
+    def frameInterval(self) -> unit.Quantity:
         """The time between frames, a Quantity in ps, for the functions of openmmrigidhi.analysis.
 
         Raises
@@ -245,13 +255,15 @@ class BodyScene(BodyDefinitions):
     where : str
         name of the caller, for error messages
     """
-    def __init__(self, integrator, system, types, radii, blobs, where):
+    def __init__(self, integrator: CustomRigidHIIntegrator, system: openmm.System,
+                 types: Optional[Sequence[str]], radii: Optional[Numbers], blobs: bool,
+                 where: str) -> None:
         super().__init__(integrator)
         if not len(self):
             raise ValueError(
                 f'{where}: the integrator has no rigid bodies; there is nothing to write: add them '
                 f'before')
-        self.radii = hydrodynamicRadii(system, radii, where)
+        self.radii = hydrodynamic_radii(system, radii, where)
         self.periodic = system.usesPeriodicBoundaryConditions()
         self.typeNames, self.typeIndices = self._types(types, where)
         owner = dict(zip(self.members.tolist(), self.owners.tolist()))
@@ -263,7 +275,7 @@ class BodyScene(BodyDefinitions):
         self.blobBodies = np.array([owner.get(int(particle), -1) for particle in self.blobs],
                                    dtype=int)
 
-    def spheres(self, body):
+    def spheres(self, body: int) -> tuple[Array, Array]:
         """Places (m, 3) in the body frame and radii (m,) of a body's particles with radii, nm."""
         radii = self.radii[self.particles[body]]
         return self.sites[body][radii > 0], radii[radii > 0]
@@ -287,8 +299,7 @@ class BodyScene(BodyDefinitions):
                 isinstance(name, str) and name and name.isascii() for name in types):
             raise ValueError(
                 f'{where}: types: got {types} for {len(self)} bodies; there must be one for each, '
-                f'of ASCII characters: '
-                'correct them')
+                'of ASCII characters: correct them')
         names = list(dict.fromkeys(types))
         indices = np.array([names.index(name) for name in types])
         for body, kind in enumerate(indices):
@@ -296,8 +307,7 @@ class BodyScene(BodyDefinitions):
             if not self._alike(body, first):
                 raise ValueError(
                     f'{where}: types: bodies {first} and {body} are both {names[kind]!r}, but have '
-                    f'different sites or radii; '
-                    'a type has one shape: give them different names')
+                    'different sites or radii; a type has one shape: give them different names')
         return names, indices
 
     def _alike(self, one, other):
@@ -307,7 +317,7 @@ class BodyScene(BodyDefinitions):
             atol=_SAME_SHAPE)
 
 
-def openHdf5(file, mode):
+def openHdf5(file: Path, mode: str) -> h5py.File:
     """Open an existing HDF5 file, with mode "r" or "r+".
 
     h5py's own error for another kind of file does not name the file.
@@ -325,17 +335,16 @@ def openHdf5(file, mode):
         raise ValueError(f'{name}: it is no HDF5 file, which this one must be: give another file')
     opened = h5py.File(name, mode)
 
-    def checkSize(path, item):
+    def check_size(path, item):
         # HDF5 gives what was never written as zeros, so a damaged shape would fill the memory.
         if isinstance(item, h5py.Dataset) and item.nbytes > _MOST_COMPRESSED*os.path.getsize(name):
             raise ValueError(
                 f'{name}: data set {path} has the shape {item.shape}, {item.nbytes:.3g} bytes; in '
-                f'a file of '
-                f'{os.path.getsize(name)} bytes there is no room for it: the file is damaged, '
-                f'restore it from a copy')
+                f'a file of {os.path.getsize(name)} bytes there is no room for it: the file is '
+                'damaged, restore it from a copy')
 
     try:
-        opened.visititems(checkSize)
+        opened.visititems(check_size)
     except BaseException:
         opened.close()
         raise
@@ -343,7 +352,7 @@ def openHdf5(file, mode):
 
 
 @contextlib.contextmanager
-def readingFrom(file, what):
+def readingFrom(file: Path, what: str) -> Iterator[None]:
     """Turn what a library raises while it reads a damaged file into a ValueError.
 
     The ValueError names the file. Messages of this package name the file already and pass. So do
@@ -365,7 +374,7 @@ def readingFrom(file, what):
             'restore it from a copy, or write it anew') from error
 
 
-def checkedFrames(frames, where):
+def checkedFrames(frames: Optional[slice], where: str) -> slice:
     """The frames that a reader was asked for, as a slice.
 
     Parameters
@@ -394,7 +403,8 @@ def checkedFrames(frames, where):
     return frames
 
 
-def requireFinite(values, name, where, frames, item='body'):
+def requireFinite(values: Optional[Array], name: str, where: str, frames: Optional[Sequence[int]],
+                  item: Optional[str] = 'body') -> None:
     """Refuse numbers from a file that are not finite.
 
     Parameters
@@ -420,12 +430,12 @@ def requireFinite(values, name, where, frames, item='body'):
     place = tuple(np.argwhere(~np.isfinite(values))[0])
     axes = [] if frames is None else [f'frame {frames[place[0]]}']
     axes += [f'{item} {place[len(axes)]}'] if item else []
-    remedy = 'restore the file from a copy' if frames is None else _otherFrames(frames[place[0]])
+    remedy = 'restore the file from a copy' if frames is None else _other_frames(frames[place[0]])
     raise ValueError(f'{where}: {", ".join(axes)}: {name} is {_shown(values[place[:len(axes)]])}; '
                      f'numbers in a file must be finite: {remedy}')
 
 
-def unitQuaternions(orientations, where, frames):
+def unitQuaternions(orientations: Array, where: str, frames: Sequence[int]) -> Array:
     """Get unit quaternions from those of a file, which may have few digits.
 
     Parameters
@@ -452,11 +462,11 @@ def unitQuaternions(orientations, where, frames):
         raise ValueError(
             f'{where}: frame {frames[place[0]]}, body {place[1]}: orientation is '
             f'{_shown(orientations[place])}, of length {norms[place]:.6g}; a unit quaternion has '
-            f'the length 1: correct it, or {_otherFrames(frames[place[0]])}')
+            f'the length 1: correct it, or {_other_frames(frames[place[0]])}')
     return orientations/norms[..., None]
 
 
-def lengths(orientations):
+def lengths(orientations: Array) -> Array:
     """Lengths of quaternions (..., 4), exactly 1 where they are 1 up to rounding."""
     # A length beyond all numbers is infinite, and not 1.
     with np.errstate(over='ignore', invalid='ignore'):
@@ -469,13 +479,13 @@ def _shown(values):
     return np.array2string(np.asarray(values), precision=6).replace('\n', '')
 
 
-def _otherFrames(frame):
+def _other_frames(frame):
     """The remedy for a frame that cannot be used."""
     part = f'slice({frame}) for those before' if frame > 0 else 'slice(1, None) for those after'
     return f'read other frames, as by frames={part}'
 
 
-def rowsBefore(steps, step):
+def rowsBefore(steps: npt.ArrayLike, step: int) -> int:
     """Get how many frames of a file, with these steps, come before the first new frame.
 
     The first new frame is at the given step. A resumed run replaces the frames from there on.

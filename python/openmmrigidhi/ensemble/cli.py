@@ -1,10 +1,13 @@
 """The command line: python3 -m openmmrigidhi.ensemble."""
+from __future__ import annotations
+
 import argparse
 import contextlib
 import json
 import signal
 import sys
 import threading
+from typing import Optional
 
 import openmm
 from tqdm import tqdm
@@ -45,7 +48,7 @@ OF_NEW_STUDIES = {
 OF_EXTENSIONS = ('set', 'sweep', 'replicas', 'length')
 
 
-def parser():
+def parser() -> argparse.ArgumentParser:
     """The argument parser."""
     result = argparse.ArgumentParser(prog='python3 -m openmmrigidhi.ensemble',
                                      description=DESCRIPTION, epilog=EPILOG,
@@ -55,8 +58,7 @@ def parser():
     result.add_argument(
         '--extend', action='store_true',
         help='make the study that is there longer (--length), or give it more --replicas or '
-        'settings '
-        '(--sweep, --set)')
+        'settings (--sweep, --set)')
     result.add_argument('--show', action='store_true', help='compute nothing: print what there is')
     what = result.add_argument_group('what is run')
     what.add_argument(
@@ -99,7 +101,7 @@ def parser():
     return result
 
 
-def main(arguments=None):
+def main(arguments: Optional[list[str]] = None) -> int:
     """Run the command line.
 
     Parameters
@@ -115,8 +117,8 @@ def main(arguments=None):
     """
     options = parser().parse_args(arguments)
     try:
-        _checkThatGivenOptionsAreUsed(options)
-        with _terminationAsCtrlC():
+        _check_that_given_options_are_used(options)
+        with _termination_as_ctrl_c():
             result = read(options.directory) if options.show else _run(options)
     except (ValueError, TypeError, OSError, ImportError, RuntimeError,
             openmm.OpenMMException) as error:
@@ -130,7 +132,7 @@ def main(arguments=None):
 
 
 @contextlib.contextmanager
-def _terminationAsCtrlC():
+def _termination_as_ctrl_c():
     """Batch systems end programs with SIGTERM; it ends a study as Ctrl-C does."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -146,7 +148,7 @@ def _terminationAsCtrlC():
         signal.signal(signal.SIGTERM, before)
 
 
-def _checkThatGivenOptionsAreUsed(options):
+def _check_that_given_options_are_used(options):
     """No option that describes a study may be given where it would have no effect."""
     begun = [name for name in ('resume', 'extend', 'show') if getattr(options, name)]
     given = [
@@ -183,18 +185,17 @@ def _run(options):
                       4 if options.replicas is None else options.replicas, options.length,
                       of['observables'], of['seed'], of['platform'], of['threads'],
                       of['equilibration'], of['interval'], options.checkpoint)
-        if _isThere(options.directory):
+        if _is_there(options.directory):
             raise ValueError(
                 f'{options.directory}: there is a study in it already; a new one needs a directory '
-                f'of its own: say --resume or --extend, or give '
-                'another directory')
+                'of its own: say --resume or --extend, or give another directory')
     return study.run(
         options.directory, options.jobs, options.cluster, extend=options.extend,
         retries=options.retries, timeout=options.timeout, quiet=options.quiet,
         finished=None if options.quiet else lambda task: tqdm.write(str(task), file=sys.stderr))
 
 
-def _isThere(directory):
+def _is_there(directory):
     try:
         read(directory)
     except FileNotFoundError:

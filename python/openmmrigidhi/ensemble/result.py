@@ -1,4 +1,6 @@
 """What a study found: means over replicas with their errors, and the outcome of each task."""
+from __future__ import annotations
+
 import csv
 import io
 import json
@@ -8,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._types import Array
 from ..accuracy.statistics import quantile
 from ..analysis.series import LARGEST_RHAT, independentRuns
 from . import taskfiles
@@ -76,7 +79,8 @@ class EnsembleResult:
     about : dict
         the study's JSON: machine, versions, sessions, failures
     """
-    def __init__(self, definition, observables, tasks, contents, about):
+    def __init__(self, definition: dict, observables: dict, tasks: list[TaskRecord], contents: dict,
+                 about: dict) -> None:
         self.definition, self.observables, self.tasks, self.about = (definition, observables, tasks,
                                                                      about)
         self._contents = contents
@@ -85,7 +89,7 @@ class EnsembleResult:
             for name in observables
         ]
 
-    def series(self, observable, setting, replica):
+    def series(self, observable: str, setting: int, replica: int) -> Array:
         """The samples of one task.
 
         Parameters
@@ -101,12 +105,11 @@ class EnsembleResult:
         if content is None or observable not in content.series:
             raise ValueError(
                 f'series: there are no samples of {observable!r} in setting {setting}, replica '
-                f'{replica}; it must be one of '
-                f'{", ".join(self.observables)}, of a task that has begun: see the tasks of this '
-                f'result')
+                f'{replica}; it must be one of {", ".join(self.observables)}, of a task that has '
+                'begun: see the tasks of this result')
         return content.series[observable]
 
-    def row(self, observable, setting=0):
+    def row(self, observable: str, setting: int = 0) -> dict:
         """One row of the table.
 
         Parameters
@@ -122,11 +125,11 @@ class EnsembleResult:
                     if (row['observable'], row['setting']) == (observable, setting))
 
     @property
-    def isComplete(self):
+    def isComplete(self) -> bool:
         """Whether all tasks are complete."""
         return all(task.status == 'complete' for task in self.tasks)
 
-    def problems(self):
+    def problems(self) -> list:
         """Tasks that failed or whose file is damaged, as list of TaskRecord."""
         return [task for task in self.tasks if task.status in ('failed', 'damaged')]
 
@@ -142,7 +145,7 @@ class EnsembleResult:
                 continue
             chain = np.asarray(content.series[name], dtype=float)
             chain = chain.mean(axis=1) if chain.ndim == 2 else chain
-            whole, afterGaps = _withoutBeginnings(chain, content.about)
+            whole, afterGaps = _without_beginnings(chain, content.about)
             if len(chain) and np.isnan(chain).all():
                 # It has no meaning in this scene, or the run is too short for it.
                 meaningless.append(task)
@@ -190,7 +193,7 @@ class EnsembleResult:
 
     # ---- Text and files --------------------------------------------------------------------------
 
-    def table(self):
+    def table(self) -> str:
         """The rows as text, and what went wrong."""
         lines = [
             f'{"setting":40} {"observable":26} {"mean":>14} {"error":>10} {"t":>3} {"R-hat":>6} '
@@ -207,7 +210,7 @@ class EnsembleResult:
                          f'{row["unit"]}{"; " if row["unit"] and row["note"] else ""}{row["note"]}')
         return '\n'.join([*lines, *(str(task) for task in self.problems())])
 
-    def asDict(self):
+    def asDict(self) -> dict:
         """Everything but the samples, as values that JSON can hold."""
         tasks = [{
             'setting': task.setting,
@@ -230,7 +233,7 @@ class EnsembleResult:
             'sessions': self.about['sessions']
         }
 
-    def write(self, directory):
+    def write(self, directory: str) -> list[str]:
         """Write results.json and results.csv.
 
         Parameters
@@ -243,17 +246,17 @@ class EnsembleResult:
             their paths
         """
         json_, csv_ = (os.path.join(directory, 'results' + end) for end in ('.json', '.csv'))
-        for path, fill in ((json_, self._fillJson), (csv_, self._fillCsv)):
+        for path, fill in ((json_, self._fill_json), (csv_, self._fill_csv)):
             text = io.StringIO(newline='')
             fill(text)
             taskfiles.write(path, text.getvalue().encode())
         return [json_, csv_]
 
-    def _fillJson(self, file):
+    def _fill_json(self, file):
         json.dump(self.asDict(), file, indent=1)
         file.write('\n')
 
-    def _fillCsv(self, file):
+    def _fill_csv(self, file):
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(COLUMNS)
         for row in self.rows:
@@ -269,7 +272,7 @@ def _replicas(tasks):
                    for task in tasks[:-1])]*(len(tasks) > 1) + [str(tasks[-1].replica)])
 
 
-def _withoutBeginnings(chain, about):
+def _without_beginnings(chain, about):
     """A chain without the samples that are NaN because there was nothing to compare them with.
 
     They are the first ones of a task, and of each session that had to begin to remember anew.

@@ -2,6 +2,8 @@
 
 A task saves its state, and goes on from there, whoever computes it.
 """
+from __future__ import annotations
+
 import hashlib
 import inspect
 import json
@@ -10,7 +12,7 @@ import platform as machine
 import socket
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
 import numpy as np
 import openmm
@@ -22,6 +24,10 @@ from ..accuracy.observables import Sample
 from ..accuracy.scenes import Scene, importObject, platformProperties
 from . import taskfiles
 from .taskfiles import TaskFile
+
+if TYPE_CHECKING:
+    from .._tasks import Job
+    from ..integrator import CustomRigidHIIntegrator
 
 #: Scenes by name.
 BUILT_IN = {
@@ -43,7 +49,7 @@ class SceneSource:
     scene : str, callable or Scene
         a built-in name, "module:function", a function, or a Scene
     """
-    def __init__(self, scene):
+    def __init__(self, scene: Union[str, Callable, Scene]) -> None:
         self.scene, self.function = (scene, None) if isinstance(scene, Scene) else (None, None)
         if self.scene is not None:
             self.specification = {'files': SCENE_DIRECTORY, 'sha256': self._fingerprint()}
@@ -59,16 +65,15 @@ class SceneSource:
         else:
             raise ValueError(
                 f'Study: scene: got {scene!r}; it must be one of {", ".join(BUILT_IN)}, '
-                f'module:function, a function or a Scene: correct '
-                'the name')
+                'module:function, a function or a Scene: correct the name')
 
     @property
-    def name(self):
+    def name(self) -> str:
         """The name in tables."""
         return self.scene.name if self.scene is not None else next(iter(
             self.specification.values()))
 
-    def parameters(self):
+    def parameters(self) -> Optional[set[str]]:
         """The names that settings may have; None if the function takes any name."""
         if self.function is None:
             return set(OF_THE_INTEGRATOR)
@@ -77,7 +82,7 @@ class SceneSource:
             return None
         return set(own) | set(OF_THE_INTEGRATOR)
 
-    def make(self, settings, seed):
+    def make(self, settings: dict, seed: int) -> tuple[Scene, CustomRigidHIIntegrator]:
         """The scene and an integrator for it.
 
         Parameters
@@ -91,7 +96,8 @@ class SceneSource:
         -------
         (Scene, CustomRigidHIIntegrator)
         """
-        settings, scene = dict(settings), self.scene
+        settings = dict(settings)
+        scene: Any = self.scene
         own = {} if self.function is None else inspect.signature(self.function).parameters
         ofIntegrator = {
             key: settings.pop(key)
@@ -113,7 +119,7 @@ class SceneSource:
         integrator.setRandomNumberSeed(seed)
         return scene, integrator
 
-    def save(self, directory):
+    def save(self, directory: str) -> None:
         """Write a Scene into a directory, so that the study can be continued without it.
 
         Parameters
@@ -158,7 +164,7 @@ class SceneSource:
         return found.hexdigest()
 
     @classmethod
-    def load(cls, specification, directory):
+    def load(cls, specification: dict, directory: str) -> SceneSource:
         """The source that a study's JSON and the files of :meth:`save` describe.
 
         Parameters
@@ -240,12 +246,12 @@ class Task:
     path: str
     study: str
 
-    def expected(self):
+    def expected(self) -> dict:
         """What the task's file must say about it."""
         return expectations(self.setting, self.replica, self.seed, self.settings, self.study)
 
 
-def expectations(setting, replica, seed, settings, study):
+def expectations(setting: int, replica: int, seed: int, settings: dict, study: str) -> dict:
     """What the file of a task must say about it.
 
     Parameters
@@ -268,7 +274,7 @@ def expectations(setting, replica, seed, settings, study):
     }
 
 
-def simulate(task, job):
+def simulate(task: Task, job: Job) -> dict:
     """Do a task, from its last checkpoint if there is one.
 
     Parameters
@@ -281,7 +287,7 @@ def simulate(task, job):
     dict
         samples, and the seconds that this call spent in steps
     """
-    _checkDirectory(task)
+    _check_directory(task)
     saved = taskfiles.load(task.path, task.expected())
     scene, integrator = task.source.make(task.settings, task.seed)
     digest = _digest(scene.system, integrator)
@@ -324,14 +330,14 @@ class CheckpointTimes:
     #: The first wait as a part of the interval; least wait, as a multiple of what saving took.
     FIRST, LEAST = 1/64, 10
 
-    def __init__(self, interval, now):
+    def __init__(self, interval: float, now: float) -> None:
         self.interval, self.wait, self.last = interval, self.FIRST*interval, now
 
-    def isDue(self, now):
+    def isDue(self, now: float) -> bool:
         """Whether a checkpoint is due."""
         return now - self.last >= self.wait
 
-    def saved(self, began, now):
+    def saved(self, began: float, now: float) -> None:
         """Take note of a checkpoint.
 
         Parameters
@@ -343,7 +349,7 @@ class CheckpointTimes:
         self.last = now
 
 
-def _checkDirectory(task):
+def _check_directory(task):
     try:
         with open(os.path.join(task.directory, 'study.json')) as file:
             found = json.load(file).get('identity')
@@ -475,7 +481,7 @@ class _Run:
             TaskFile(self.about, openmm.XmlSerializer.serialize(state), self.series, memory))
 
 
-def intervals(length, interval):
+def intervals(length: float, interval: float) -> int:
     """The least number of sample intervals that make at least a length.
 
     Parameters

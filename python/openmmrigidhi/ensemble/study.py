@@ -1,4 +1,6 @@
 """Studies: settings times replicas, in one directory that can be continued and extended."""
+from __future__ import annotations
+
 import contextlib
 import fcntl
 import hashlib
@@ -9,6 +11,7 @@ import os
 import socket
 import time
 import uuid
+from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Union
 
 import numpy as np
 
@@ -20,13 +23,18 @@ from . import taskfiles
 from .result import EnsembleResult, TaskRecord
 from .simulation import SCENE_DIRECTORY, SceneSource, Task, expectations, simulate
 
+if TYPE_CHECKING:
+    import distributed
+    from ..accuracy.observables import Observable
+    from ..accuracy.scenes import Scene
+
 FORMAT = 'openmmrigidhi ensemble study 1'
 STUDY, TASKS, LOCK, CHECKSUM = 'study.json', 'tasks', 'study.lock', 'checksum'
 #: What an extension may change, and in which direction; everything else must stay.
 GROWING = ('length', 'replicas', 'settings')
 
 
-def sweep(**values):
+def sweep(**values: Any) -> list[dict]:
     """All combinations of values; the last name changes fastest.
 
     Parameters
@@ -47,7 +55,7 @@ def sweep(**values):
     return [dict(zip(values, each)) for each in itertools.product(*values.values())]
 
 
-def taskSeed(seed, setting, replica):
+def taskSeed(seed: int, setting: int, replica: int) -> int:
     """The seed of a task.
 
     It depends only on the study's seed and the task's place in the study. Replicas of one setting
@@ -139,9 +147,12 @@ class Study:
     >>> [row['replicas'] for row in result.rows]
     [2, 2]
     """
-    def __init__(self, scene, settings=({},), replicas=4, length=None,
-                 observables=observablesModule.DEFAULT, seed=1, platform='CPU', threads=1,
-                 equilibration=None, sampleInterval=None, checkpointInterval=60.0):
+    def __init__(self, scene: Union[str, Callable, Scene], settings: Sequence[dict] = ({},),
+                 replicas: int = 4, length: Optional[float] = None,
+                 observables: Sequence[Union[str, Observable,
+                                             Callable]] = observablesModule.DEFAULT, seed: int = 1,
+                 platform: str = 'CPU', threads: int = 1, equilibration: Optional[float] = None,
+                 sampleInterval: Optional[float] = None, checkpointInterval: float = 60.0) -> None:
         self.source = scene if isinstance(scene, SceneSource) else SceneSource(scene)
         self.settings = [dict(each) for each in settings]
         self.replicas, self.length, self.seed = replicas, length, seed
@@ -197,9 +208,8 @@ class Study:
             if unknown:
                 raise ValueError(
                     f'ensemble.Study: settings {number}: got {unknown[0]!r}, which the scene '
-                    f'{self.source.name} has not; it must be one of '
-                    f'{", ".join(sorted(allowed))}: correct the name, or give a function with this '
-                    f'parameter')
+                    f'{self.source.name} has not; it must be one of {", ".join(sorted(allowed))}: '
+                    'correct the name, or give a function with this parameter')
             try:
                 json.dumps(each)
             except TypeError as error:
@@ -214,7 +224,7 @@ class Study:
 
     # ---- What it is ------------------------------------------------------------------------------
 
-    def definition(self):
+    def definition(self) -> dict:
         """The definition of the study, as its JSON has it, a dict."""
         names = [
             each if isinstance(each, str) else
@@ -240,7 +250,7 @@ class Study:
             }))
 
     @classmethod
-    def load(cls, directory, checkpointInterval=60.0):
+    def load(cls, directory: str, checkpointInterval: float = 60.0) -> Study:
         """The study in a directory, to continue it with run(), or to extend it.
 
         Parameters
@@ -254,7 +264,7 @@ class Study:
         FileNotFoundError, ValueError
             if there is no study, or its study.json is damaged
         """
-        about = _readAbout(directory)['definition']
+        about = _read_about(directory)['definition']
         study = cls(SceneSource.load(about['scene'], directory), about['settings'],
                     about['replicas'], about['length'], about['observables'], about['seed'],
                     about['platform'], about['threads'], about['equilibration'],
@@ -262,7 +272,8 @@ class Study:
         study._defaultEquilibration = about['default_equilibration']
         return study
 
-    def extended(self, length=None, replicas=None, settings=()):
+    def extended(self, length: Optional[float] = None, replicas: Optional[int] = None,
+                 settings: Sequence[dict] = ()) -> Study:
         """A larger study.
 
         ``run(directory, extend=True)`` of the larger study extends the directory of this study, and
@@ -290,14 +301,16 @@ class Study:
         larger._check()
         return larger
 
-    def seeds(self):
+    def seeds(self) -> list:
         """The seeds of all tasks, a list over settings of lists over replicas."""
         return [_seeds(self.seed, setting, self.replicas) for setting in range(len(self.settings))]
 
     # ---- The run ---------------------------------------------------------------------------------
 
-    def run(self, directory, jobs=1, cluster=None, *, extend=False, retries=_tasks.RETRIES,
-            timeout=60.0, quiet=False, finished=None):
+    def run(self, directory: str, jobs: int = 1,
+            cluster: Optional[Union[str, distributed.Client]] = None, *, extend: bool = False,
+            retries: int = _tasks.RETRIES, timeout: float = 60.0, quiet: bool = False,
+            finished: Optional[Callable] = None) -> EnsembleResult:
         """Do what is not done yet, and return the result.
 
         In an empty directory the study begins; in its own directory it goes on. Ctrl-C ends the
@@ -336,9 +349,9 @@ class Study:
         ConnectionError, ImportError
             see tasks.run(): a cluster does not answer, or a worker has no plugin
         """
-        _tasks.checkNumbers(jobs, retries)
+        _tasks.check_numbers(jobs, retries)
         directory = os.path.abspath(directory)
-        _checkThatItIsEmpty(directory)
+        _check_that_it_is_empty(directory)
         taskfiles.makeDirectory(os.path.join(directory, TASKS))
         with _locked(directory):
             about = self._begin(directory, extend)
@@ -370,7 +383,7 @@ class Study:
                     }
                 about['failures'].pop(key, None)
                 about['failures'].update(failures)
-                _writeAbout(directory, about)
+                _write_about(directory, about)
                 if finished is not None:
                     finished(
                         _record(directory, task.setting, task.replica, task.seed, task.settings,
@@ -391,7 +404,7 @@ class Study:
                 session.update(provenance(began), tasks=len(todo), failed=len(failures),
                                put_aside=aside)
                 about['sessions'].append(session)
-                _writeAbout(directory, about)
+                _write_about(directory, about)
         result = read(directory)
         result.write(directory)
         return result
@@ -417,9 +430,9 @@ class Study:
                 'failures': {},
                 'sessions': []
             }
-            _writeAbout(directory, about)
+            _write_about(directory, about)
             return about
-        about = _readAbout(directory)
+        about = _read_about(directory)
         before = about['definition']
         if self._defaultEquilibration is None:
             wanted['default_equilibration'] = before['default_equilibration']
@@ -440,17 +453,15 @@ class Study:
                 'settings'][:count] != before['settings']:
             raise ValueError(
                 f'{directory}: its study has length {before["length"]:g}, {before["replicas"]} '
-                f'replicas and {count} settings, of which this one '
-                'lacks some; nothing that is there may be left out: extend it with '
-                'Study.load().extended()')
+                f'replicas and {count} settings, of which this one lacks some; nothing that is '
+                'there may be left out: extend it with Study.load().extended()')
         if not extend:
             raise ValueError(
                 f'{directory}: its study has another {different[0]}; only an extension may change '
-                f'it: say extend=True (--extend), or take another '
-                'directory')
+                'it: say extend=True (--extend), or take another directory')
         about['earlier_definitions'].append(before)
         about.update(definition=wanted, seeds=self.seeds())
-        _writeAbout(directory, about)
+        _write_about(directory, about)
         return about
 
     def _left(self, directory, about):
@@ -471,7 +482,7 @@ class Study:
                     raise  # it may be whole
                 except taskfiles.DamagedFile:
                     saved = None
-                    aside.append(_putAside(path))
+                    aside.append(_put_aside(path))
                 done = 0.0 if saved is None else saved.about['samples']*saved.about[
                     'sample_interval']
                 if done < self.length*(1 - 1e-9):
@@ -489,7 +500,7 @@ def _observable(given):
         given, str) and given in overdamped.OBSERVABLES else observablesModule.byName(given)
 
 
-def taskName(setting, replica):
+def taskName(setting: int, replica: int) -> str:
     """The name of a task.
 
     Parameters
@@ -499,7 +510,7 @@ def taskName(setting, replica):
     return f's{setting:04d}_r{replica:04d}'
 
 
-def taskPath(directory, setting, replica):
+def taskPath(directory: str, setting: int, replica: int) -> str:
     """The path of a task's file.
 
     Parameters
@@ -511,7 +522,7 @@ def taskPath(directory, setting, replica):
     return os.path.join(directory, TASKS, taskName(setting, replica) + '.h5')
 
 
-def _putAside(path):
+def _put_aside(path):
     number = 1
     while os.path.exists(f'{path}.damaged{number}'):
         number += 1
@@ -544,16 +555,15 @@ def _locked(directory):
         yield
 
 
-def _checkThatItIsEmpty(directory):
+def _check_that_it_is_empty(directory):
     """Nothing but a study, or what is left of one that could not begin, may be in a directory."""
     if os.path.exists(os.path.join(directory, STUDY)) or not os.path.isdir(directory):
         return
     tasks = os.path.join(directory, TASKS)
     if os.path.isdir(tasks) and os.listdir(tasks):
         raise ValueError(
-            f'{directory}: it has tasks but no {STUDY}, which says what they are; a study '
-            f'begins in an empty directory: put that file '
-            'back, or take another directory')
+            f'{directory}: it has tasks but no {STUDY}, which says what they are; a study begins '
+            'in an empty directory: put that file back, or take another directory')
     others = sorted(
         set(os.listdir(directory)) - {TASKS, LOCK, STUDY + taskfiles.PART, SCENE_DIRECTORY})
     if others:
@@ -568,12 +578,12 @@ def _checksum(about):
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _writeAbout(directory, about):
+def _write_about(directory, about):
     text = json.dumps({**about, CHECKSUM: _checksum(about)}, indent=1) + '\n'
     taskfiles.write(os.path.join(directory, STUDY), text.encode())
 
 
-def _readAbout(directory):
+def _read_about(directory):
     path = os.path.join(directory, STUDY)
     if not os.path.exists(path):
         raise FileNotFoundError(
@@ -592,11 +602,10 @@ def _readAbout(directory):
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(
             f'{path}: it is damaged ({type(error).__name__}: {error}); it must say what the study '
-            f'is: put a copy back, the tasks in {TASKS} are '
-            'whole for themselves') from error
+            f'is: put a copy back, the tasks in {TASKS} are whole for themselves') from error
 
 
-def read(directory):
+def read(directory: str) -> EnsembleResult:
     """Read what there is of a study, finished or not.
 
     Damaged files are named in the result; all other files are used. Nothing is imported for it.
@@ -614,7 +623,7 @@ def read(directory):
     FileNotFoundError, ValueError
         if there is no study, or its study.json is damaged
     """
-    about = _readAbout(directory)
+    about = _read_about(directory)
     definition, records, contents = about['definition'], [], {}
     for setting, seeds in enumerate(about['seeds']):
         for replica, seed in enumerate(seeds):

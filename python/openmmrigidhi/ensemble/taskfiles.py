@@ -9,6 +9,8 @@
 
 A file is always written as a whole. All datasets and headers have checksums, so damage is noticed.
 """
+from __future__ import annotations
+
 import contextlib
 import glob
 import io
@@ -16,6 +18,7 @@ import json
 import os
 import socket
 from dataclasses import dataclass, field
+from typing import Optional, Union
 
 import h5py
 import numpy as np
@@ -35,7 +38,7 @@ class UnreadableFile(DamagedFile):
     """A file that the system does not give; its content may be whole."""
 
 
-def makeDirectory(path):
+def makeDirectory(path: str) -> None:
     """Make a directory if there is none.
 
     Parameters
@@ -77,7 +80,7 @@ class TaskFile:
     memory: dict = field(default_factory=dict)
 
 
-def save(path, content):
+def save(path: str, content: TaskFile) -> None:
     """Write a file as a whole.
 
     A reader finds the old file or the new file, also after a power cut.
@@ -109,7 +112,7 @@ def _write(file, name, values):
         file.create_dataset(name, data=values)
 
 
-def write(path, data, part=None):
+def write(path: str, data: Union[bytes, memoryview], part: Optional[str] = None) -> None:
     """Write bytes as a file, as a whole, and flush it to the disk.
 
     Parameters
@@ -146,7 +149,7 @@ def write(path, data, part=None):
             os.remove(part)
 
 
-def load(path, expected=None):
+def load(path: str, expected: Optional[dict] = None) -> Optional[TaskFile]:
     """Read a task's file.
 
     Parameters
@@ -211,7 +214,7 @@ def load(path, expected=None):
             'study again, which puts it aside and does this task anew') from error
 
 
-def clean(directory):
+def clean(directory: str) -> None:
     """Remove what interrupted writers left behind.
 
     Parameters

@@ -362,8 +362,7 @@ def tables(data):
     yield '|---'*(4 + len(counts)) + '|'
     for row in data['lattices']:
         yield (f'| {row["fraction"]:g} | ' + ' | '.join(f'{value:.5f}' for value in row['ratios']) +
-               f' | {row["extrapolated"]:.5f} | {row["stresslets"]:.5f} | '
-               f'{row["exact"]:.5f} |')
+               f' | {row["extrapolated"]:.5f} | {row["stresslets"]:.5f} | {row["exact"]:.5f} |')
 
 
 def picture(data, path):

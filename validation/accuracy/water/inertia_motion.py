@@ -140,8 +140,7 @@ def main():
         print(
             f'| {row["factor"]} | {1000*row["step_ps"]:g} | '
             f'{recording.brackets(1000*row["diffusion_nm2_per_ps"], 1000*row["diffusion_error"])} '
-            f'| '
-            f'{recording.brackets(row["reorientation_ps"], row["reorientation_error"])} |')
+            f'| {recording.brackets(row["reorientation_ps"], row["reorientation_error"])} |')
 
 
 if __name__ == '__main__':

@@ -178,7 +178,7 @@ class Kept:
     def goOn(self):
         """A Context at the end of the saved run, to measure its speed."""
         self.study.leg = self.legs
-        run = self.study._makeRun(self.setting)
+        run = self.study._make_run(self.setting)
         if self.state is not None:
             self._place(run.context)
         return run.context
@@ -192,7 +192,7 @@ class Kept:
         """Continue the saved run, or begin it."""
         self.study.leg = self.legs
         self.legs += 1
-        self.run = self.study._makeRun(self.setting)
+        self.run = self.study._make_run(self.setting)
         if self.state is None:
             self.run.advance(round(EQUILIBRATION/self.run.record.samplesAt), record=False)
             self.record = self.run.record
@@ -245,8 +245,7 @@ def water(folder, threads):
     return Scene(
         system, state, integrator, 'water216',
         '216 TIP4P-Ew molecules at 995 kg/m^3 and 298.15 K, PME, cutoff 0.9 nm; where a method\'s '
-        'name says '
-        'nothing else gamma = 5/ps, Gamma = 10/ps', equilibration=EQUILIBRATION,
+        'name says nothing else gamma = 5/ps, Gamma = 10/ps', equilibration=EQUILIBRATION,
         sampleInterval=SAMPLE_INTERVAL)
 
 

@@ -46,7 +46,7 @@ def share(molecules, count, bar):
     """
     scene = methods.reciprocalSpaceApart(
         accuracy.scenes.water(molecules, equilibration=1.0, threads=1, seed=2026))
-    slow, fast = methods._forceGroups(scene.system)
+    slow, fast = methods._force_groups(scene.system)
     context = scene.makeContext(openmm.VerletIntegrator(0.001), CPU, {'Threads': '1'}, 1)
     parts = {'without': set(fast), 'reciprocal': set(slow), 'all': set(fast + slow)}
     seconds = {name: [] for name in parts}
@@ -121,7 +121,7 @@ def impulses(argument, job, scene):
     """
     name, step, every, length, seed = argument
     apart = methods.reciprocalSpaceApart(scene)
-    slow, fast = (set(groups) for groups in methods._forceGroups(apart.system))
+    slow, fast = (set(groups) for groups in methods._force_groups(apart.system))
     integrator = methods.byName(name).makeIntegrator(apart, step/1000, seed)
     integrator.setIntegrationForceGroups(fast)
     context = apart.makeContext(integrator, CPU, {'Threads': '1'}, seed)
