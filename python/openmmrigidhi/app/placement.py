@@ -329,9 +329,10 @@ class _PoseFit:
         isLike = np.all(np.abs(apart/ratio - own) <= _LIKENESS*own.max()) and (
             len(own) > 2 or abs(np.log10(ratio) - np.round(np.log10(ratio))) <= 0.02)
         if isLike and not 1/_ANOTHER_SIZE < ratio < _ANOTHER_SIZE:
-            return ('positions seem to be in another unit of length (they are about '
-                    f'{float(format(ratio, ".2g")):g} times as far apart as the sites): give positions and sites in '
-                    'nm, or as Quantities with units')
+            times = float(f'{ratio:.2g}')
+            return (f'positions seem to be in another unit of length (they are about {times:g} '
+                    'times as far apart as the sites): give positions and sites in nm, or as '
+                    'Quantities with units')
         return ('its particles do not have the shape of the body: look for another order of atoms, '
                 'a mirror image, or a body that was wrapped across the periodic box (makeWhole()), '
                 'or give a larger tolerance')
