@@ -255,6 +255,50 @@ class TestAdvice(unittest.TestCase):
         self.assertTrue(comparison['LangevinC']['capped'])
         self.assertEqual(comparison['LangevinC']['step'], 0.008)
 
+    def exactly(self, wish, errors, sigma, **options):
+        lines = syntheticResult(errors, sigma, **options).report([wish], 'LangevinC').paragraphs()
+        line, = (line for line in lines if line.startswith('At exactly'))
+        return line
+
+    def testStepsBetweenAndBeyondTheMeasuredOnesAreToldApart(self):
+        line = self.exactly('potential_energy:0.3%', self.errors, 0.0005)
+        self.assertRegex(line, r'LangevinC: reaches .* 5\.48 fs \(.*\), between the measured steps')
+        # An accident of noise: the fit is above the error at the smallest step.
+        line = self.exactly('potential_energy:0.3%', {'LangevinC': {2: 0.29, 4: 2.0}}, 0.1)
+        self.assertRegex(line,
+                         r'at a step of 1\.\d+ fs \(.*\), beyond the measured steps, by the fit')
+        self.assertNotIn('between', line)
+
+    def testErrorsThatNeverMeetTheWishGiveNoStep(self):
+        """A scheme with a wrong distribution has no limit 0, and is no baseline either."""
+        errors = {'LangevinC': {2: 3.0, 4: 3.1, 8: 3.0}, 'LangevinB': {2: 0.1, 4: 0.4, 8: 1.6}}
+        line = self.exactly('potential_energy:1%', errors, 0.01)
+        self.assertIn(
+            'LangevinC: its errors as measured are above the wanted one at all measured steps, so '
+            'that no step is known', line)
+        self.assertRegex(line, r'LangevinB: reaches the wanted error at a step of 6\.')
+        self.assertNotIn('times the', line)
+        result = syntheticResult(errors, 0.01)
+        self.assertIsNone(result.compareAt('potential_energy:1%')['LangevinC']['step'])
+        with tempfile.TemporaryDirectory() as directory:
+            result.write(directory, ['potential_energy:1%'], 'LangevinC')
+            with open(os.path.join(directory, 'report.html'), encoding='utf-8') as file:
+                self.assertIn('not known', file.read())
+
+    def testTheLargestStepIsCalledWhatItIs(self):
+        errors = {'LangevinC': {2: 0.01, 4: 0.04, 8: 0.16}}
+        wish = 'potential_energy:1%'
+        self.assertIn('still below the wanted one at its largest measured step, 8 fs: at least',
+                      self.exactly(wish, errors, 0.01))
+        self.assertIn('still below the wanted one at its largest stable step, 4 fs: at least',
+                      self.exactly(wish, errors, 0.01, unstable=[('LangevinC', 8)]))
+        # The answer above says that the statistics do not suffice.
+        line = self.exactly(wish, errors, 2.0)
+        self.assertIn(
+            'the statistics do not suffice to tell whether its error is below the wanted one at '
+            'its largest measured step, 8 fs; if it is, at least', line)
+        self.assertNotIn('still below', line)
+
     def testAnErrorIsJudgedWithTheReferencesError(self):
         result = syntheticResult(self.errors, 0.1)
         result.references['potential_energy'].standardError = 0.2
