@@ -160,6 +160,12 @@ def test_frozen_water_is_left_out_or_taken_as_asked():
                 openmmrigidhi.app.addRigidResidues(CustomRigidHIIntegrator(300,
                                                                            0.002), box.topology,
                                                    ['HOH'], box.system, **arguments)) == count
+    for add, names in ((openmmrigidhi.app.addRigidWater, ()), (openmmrigidhi.app.addRigidResidues,
+                                                               (['HOH'],))):
+        with pytest.raises(
+                ValueError, match=f'{add.__name__}: skipFrozen: got True without a '
+                'system; masses are in the System: give the system'):
+            add(CustomRigidHIIntegrator(300, 0.002), box.topology, *names, skipFrozen=True)
     with pytest.raises(TypeError, match='skipFrozen: got 1; it must be True or False'):
         openmmrigidhi.app.addRigidWater(CustomRigidHIIntegrator(300, 0.002), box.topology,
                                         box.system, skipFrozen=1)

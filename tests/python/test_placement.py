@@ -593,3 +593,69 @@ def test_what_cannot_be_made_whole():
     with refused('makeWhole: positions: particle 2 of body 0 is at [0.6, nan, 0.0]',
                  'all numbers must be finite: correct the file'):
         makeWhole(integrator, places, box)
+    with refused('makeWhole: system: got int; it must be an openmm.System', 'or leave it out',
+                 error=TypeError):
+        makeWhole(integrator, places, box, 3)
+
+
+def dumbbell(length):
+    """An integrator with one explicit body, and its sites."""
+    integrator = CustomRigidHIIntegrator(300, 0.001)
+    sites = np.array([(-length/2, 0, 0), (length/2, 0, 0)])
+    integrator.addRigidBody([0, 1], 2, (0, 1, 1), sites)
+    return integrator, sites
+
+
+@pytest.mark.parametrize('length', [0.8, 0.55, 0.95])
+def test_bodies_that_are_longer_than_half_the_box_are_not_torn(length):
+    """The ends are nearest to each other through the face of the box, and look like a short body."""
+    integrator, sites = dumbbell(length)
+    with refused(
+            f'makeWhole: body 0 is {length:.3g} nm long by its sites, and half the width of '
+            'the box is 0.5 nm', 'give whole positions of this body'):
+        makeWhole(integrator, sites + (0.9, 0.5, 0.5) - [(0, 0, 0), (1, 0, 0)], np.eye(3))
+
+
+def test_bodies_that_are_nearly_as_long_as_the_box_may_have_their_shape(platform):
+    """A body along the diagonal is shorter than half the box along each edge."""
+    integrator, sites = dumbbell(0.7)
+    along = sites[:, :1]*np.ones(3)/3**0.5
+    torn = (along + 0.2) % 1
+    assert np.allclose(
+        makeWhole(integrator, torn, np.eye(3))._value - torn[0], along - along[0], rtol=0,
+        atol=1e-12)
+    # Coordinates that do not fit, of a short body, are no matter of the box.
+    integrator, sites = dumbbell(0.3)
+    assert np.allclose(makeWhole(integrator, 1.4*sites, np.eye(3))._value, 1.4*sites)
+
+
+def test_virtual_sites_without_positions_are_left_to_be_computed(platform):
+    system = openmm.System()
+    integrator = CustomRigidHIIntegrator(300, 0.001)
+    sites = np.array([(0, 0.03, 0), (-0.1, 0, 0), (0.1, 0, 0), (0, 0.1, 0)])
+    for mass in (0, 10, 10, 10):
+        system.addParticle(mass)
+    system.setVirtualSite(0, openmm.ThreeParticleAverageSite(1, 2, 3, 0.35, 0.35, 0.3))
+    integrator.addRigidBody(range(4), 30, (1, 1, 2), sites)
+    torn = (sites + (0, 0.5, 0.5)) % 1
+    torn[0] = np.nan
+    with refused('makeWhole: positions: particle 0 of body 0 is at [nan, nan, nan]',
+                 'or give the system if the particle is a virtual site'):
+        makeWhole(integrator, torn, np.eye(3))
+    made = makeWhole(integrator, torn, np.eye(3), system)._value
+    assert np.isnan(made[0]).all() and np.allclose(made[1:] - made[1], sites[1:] - sites[1])
+    context = openmm.Context(system, integrator, platform)
+    placeBodies(context, particlePositions=made)
+    assert np.allclose(positionsOf(context) - made[1], sites - sites[1], rtol=0, atol=1e-6)
+    # setPositions() alone does not compute virtual sites.
+    integrator.step(1)
+    context.setPositions(made)
+    with refused(
+            'body 0: particle 0 has the position (nan, nan, nan) nm, which is not finite; it '
+            'is a virtual site: call computeVirtualSites() on the Context after '
+            'setPositions()', error=openmm.OpenMMException):
+        integrator.step(1)
+    context.computeVirtualSites()
+    integrator.step(1)
+    with refused('makeWhole: positions: particle 2 of body 0 is at [nan, nan, nan]'):
+        makeWhole(integrator, np.where(np.arange(4)[:, None] == 2, np.nan, made), np.eye(3), system)

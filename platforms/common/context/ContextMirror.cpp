@@ -113,7 +113,10 @@ void ContextMirror::requireFinite(const vector<Vec3>& array, const char* quantit
             fail((body >= 0 ? "body " + to_string(body) + ": particle " + to_string(p) : other) +
                  " has the " + quantity + " " + text(array[p]) + " " + unit +
                  ", which is not finite" +
-                 (body < 0 || !scene.definitions.hasRedundantConstraints(body)
+                 (&array == &scene.arrays->positions() && scene.system.isVirtualSite(p)
+                      ? "; it is a virtual site: call computeVirtualSites() on the Context after "
+                        "setPositions()"
+                  : body < 0 || !scene.definitions.hasRedundantConstraints(body)
                       ? "; give all particles of the Context finite numbers"
                   : &array == &scene.arrays->positions()
                       ? whatMakesNanOfBodies

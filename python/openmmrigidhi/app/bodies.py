@@ -43,7 +43,7 @@ def addRigidWater(integrator, topology, system=None, names=(), skipFrozen=None):
     skipFrozen : bool, optional
         whether molecules whose particles have mass 0 in the System are left out, so that they stay
         where they are. None: they are left out, and a warning says how many. False: they become
-        bodies without mass, for schemes without momenta in a fluid. True and False need the system.
+        bodies without mass, for schemes without momenta in a fluid. True needs the system.
 
     Returns
     -------
@@ -54,8 +54,8 @@ def addRigidWater(integrator, topology, system=None, names=(), skipFrozen=None):
     ------
     ValueError
         if the topology has no water, a residue of such a name is not one water molecule, the
-        constraints of a molecule do not fix its shape, or topology and System do not belong
-        together
+        constraints of a molecule do not fix its shape, topology and System do not belong together,
+        or skipFrozen is True without a system
     """
     where = 'addRigidWater'
     integrator = CustomRigidHIIntegrator.cast(integrator)
@@ -106,7 +106,8 @@ def addRigidResidues(integrator, topology, names, system=None, skipFrozen=False)
         the System become part of bodies as in :func:`addRigidWater`.
     skipFrozen : bool, optional
         whether residues whose particles have mass 0 in the System are left out, as in
-        :func:`addRigidWater`; None: they are left out, and a warning says how many
+        :func:`addRigidWater`; None: they are left out, and a warning says how many. True needs
+        the system.
 
     Returns
     -------
@@ -116,8 +117,8 @@ def addRigidResidues(integrator, topology, names, system=None, skipFrozen=False)
     Raises
     ------
     ValueError
-        if the topology has none of these residues, the constraints of one do not fix its shape, or
-        topology and System do not belong together
+        if the topology has none of these residues, the constraints of one do not fix its shape,
+        topology and System do not belong together, or skipFrozen is True without a system
     """
     where = 'addRigidResidues'
     integrator = CustomRigidHIIntegrator.cast(integrator)
@@ -213,6 +214,9 @@ def _addResidues(integrator, residues, particles, skipFrozen, where):
     """Make a body of each residue; the indices of the bodies."""
     if skipFrozen is not None:
         skipFrozen = _units.boolean(skipFrozen, where, 'skipFrozen')
+        if skipFrozen and particles.system is None:
+            raise ValueError(f'{where}: skipFrozen: got True without a system; masses are in the '
+                             'System: give the system, too')
     frozen = [residue for residue in residues if particles.areFrozen(residue)]
     if skipFrozen is not False and frozen:
         if skipFrozen is None:

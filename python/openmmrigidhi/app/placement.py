@@ -394,7 +394,7 @@ def _smallestTurn(start, end):
     return twice/2, *(np.cross(start, end)/twice)
 
 
-def makeWhole(integrator, positions, boxVectors):
+def makeWhole(integrator, positions, boxVectors, system=None):
     """Make bodies whole whose particles were wrapped one by one into the periodic box.
 
     Programs that write files often move each particle into the box, so that bodies at its faces are
@@ -409,6 +409,9 @@ def makeWhole(integrator, positions, boxVectors):
         positions of all particles of the System, nm
     boxVectors : array-like or Quantity of shape (3, 3)
         the periodic box vectors, nm, in rows
+    system : openmm.System, optional
+        if given, positions of virtual sites need not be finite, and stay as they are where they are
+        not: :func:`placeBodies` computes them
 
     Returns
     -------
@@ -424,9 +427,9 @@ def makeWhole(integrator, positions, boxVectors):
 
     Notes
     -----
-    A body that is longer than half the box, but short after its particles have moved, is torn
-    apart without being noticed here; its shape no longer fits, which the next step says if the
-    shape is known. Give whole positions of such bodies.
+    A body that is longer than half the box may look short after its particles have moved. This is
+    noticed where the integrator knows the shape: from explicit sites, or in a Context. Otherwise
+    the body is torn apart. Give whole positions of such bodies.
     """
     where = 'makeWhole'
     integrator = CustomRigidHIIntegrator.cast(integrator)
@@ -435,19 +438,27 @@ def makeWhole(integrator, positions, boxVectors):
     if not np.all(np.isfinite(box)) or not abs(np.linalg.det(box)) > 0:
         raise ValueError(f'{where}: boxVectors: got {box.tolist()} nm; three finite vectors must '
                          'span a volume: give the box of the file')
+    if system is not None and not isinstance(system, openmm.System):
+        raise TypeError(f'{where}: system: got {type(system).__name__}; it must be an '
+                        'openmm.System: give the System of the bodies, or leave it out')
     toFractions = np.linalg.inv(box)
+    halfWidth = 0.5/np.linalg.norm(toFractions, axis=0).max()
     for body in range(integrator.getNumRigidBodies()):
         particles = integrator.getRigidBodyParticles(body)
         if max(particles) >= len(result):
             raise ValueError(
                 f'{where}: positions: got {len(result)} rows; body {body} has particle '
                 f'{max(particles)}: give a row for each particle of the System')
-        members = result[particles]
-        if not np.all(np.isfinite(members)):
-            bad = particles[np.argwhere(~np.isfinite(members))[0, 0]]
-            raise ValueError(f'{where}: positions: particle {bad} of body {body} is at '
-                             f'{result[bad].tolist()}; all numbers must be finite: correct the '
-                             'file')
+        isFinite = np.isfinite(result[particles]).all(axis=1)
+        for bad, isGood in zip(particles, isFinite):
+            if not isGood and (system is None or not system.isVirtualSite(bad)):
+                raise ValueError(f'{where}: positions: particle {bad} of body {body} is at '
+                                 f'{result[bad].tolist()}; all numbers must be finite: correct the '
+                                 'file, or give the system if the particle is a virtual site')
+        whole = np.array(particles)[isFinite]
+        members = result[whole]
+        if len(members) == 0:
+            continue
         fractions = (members - members[0]) @ toFractions
         shifts = np.round(fractions)
         lengths = np.ptp(fractions - shifts, axis=0)
@@ -457,5 +468,27 @@ def makeWhole(integrator, positions, boxVectors):
                 f'{where}: body {body} is {lengths[k]:.3g} of the box long along box vector '
                 f'{"abc"[k]}; it must be shorter than half the box, for else the nearest images of '
                 'its particles are not known: give whole positions of this body')
-        result[particles] = members - shifts @ box
+        members -= shifts @ box
+        if integrator.getRigidBodyGeometryIsKnown(body):
+            sites = integrator.getRigidBodyParameters(body)[3]._value[isFinite]
+            length = np.linalg.norm(sites - sites[0], axis=1).max()
+            if length >= halfWidth and not _haveShape(members, sites):
+                raise ValueError(
+                    f'{where}: body {body} is {length:.3g} nm long by its sites, and half the '
+                    f'width of the box is {halfWidth:.3g} nm; the nearest images of its particles '
+                    'do not have its shape: give whole positions of this body')
+        result[whole] = members
     return _units.LENGTH.attach(result)
+
+
+def _haveShape(points, sites):
+    """Whether distances of points from a few of them are those of the sites, to a tenth."""
+    first = np.linalg.norm(sites - sites[0], axis=1)
+    anchors = [0, np.argmax(first)]
+    second = np.linalg.norm(sites - sites[anchors[1]], axis=1)
+    anchors.append(np.argmax(first + second))
+    for anchor in anchors:
+        apart, own = (np.linalg.norm(p - p[anchor], axis=1) for p in (points, sites))
+        if np.any(np.abs(apart - own) > 0.1*first.max()):
+            return False
+    return True
