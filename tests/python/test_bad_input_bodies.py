@@ -115,7 +115,9 @@ def test_a_setting_that_must_be_positive(integrator, setter, value):
 
 @pytest.mark.parametrize('groups', ['x', -1.0, 1.5, None, [0, 1], {'a'}, {1.5}])
 def test_force_groups_that_are_no_groups(integrator, groups):
-    with refused('setIntegrationForceGroups: groups: got', 'it must be', error=TypeError):
+    what = ('it must be an integer' if isinstance(groups, set) else
+            'it must be a set of groups from 0 to 31, such as {0, 1}, or an integer with a bit')
+    with refused('setIntegrationForceGroups: groups: got', what, error=TypeError):
         integrator.setIntegrationForceGroups(groups)
 
 
