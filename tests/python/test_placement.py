@@ -608,7 +608,7 @@ def dumbbell(length):
 
 @pytest.mark.parametrize('length', [0.8, 0.55, 0.95])
 def test_bodies_that_are_longer_than_half_the_box_are_not_torn(length):
-    """The ends are nearest to each other through the face of the box, and look like a short body."""
+    """The ends are nearest to each other through a face of the box, as a short body."""
     integrator, sites = dumbbell(length)
     with refused(
             f'makeWhole: body 0 is {length:.3g} nm long by its sites, and half the width of '

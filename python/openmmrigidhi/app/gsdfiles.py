@@ -194,8 +194,8 @@ def readGsd(file, stepSize=None, frames=None):
         without the package gsd
     TypeError, ValueError
         for bad arguments; if the file has no frames or no times, if the number of particles
-        changes, if steps go back, if types or bodies are not there, if numbers are not finite or orientations not of length 1, if it is no GSD file of
-        schema "hoomd", or if it is damaged
+        changes, if steps go back, if types or bodies are not there, if numbers are not finite or
+        orientations not of length 1, if it is no GSD file of schema "hoomd", or if it is damaged
     """
     if stepSize is not None:
         stepSize = _units.number(stepSize, _units.TIME, 'readGsd', 'stepSize')
@@ -233,7 +233,8 @@ def _readTrajectory(file, stepSize, frames):
     for k in np.flatnonzero(np.diff(step) < 0)[:1]:
         raise ValueError(
             f'{where}: frame {numbers[k + 1]} is of step {step[k + 1]}, and frame {numbers[k]} '
-            f'before it of step {step[k]}; steps must not go back: split the file, or give frames')
+            f'before it of step {step[k]}; steps must not go back: split the file, or give '
+            'frames')
     if stepSize is not None:
         time = step*stepSize
     requireFinite(time, 'time', where, numbers, None)

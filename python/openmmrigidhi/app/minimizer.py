@@ -321,9 +321,8 @@ class _Search:
         finalEnergy = scene.evaluate(self.R, self.q, self.x)[0]
         if not self.converged and not self._outOfIterations():
             warnings.warn(
-                f'minimize: the root mean square force{self._ofWhat()} is {self.rms:.3g} kJ/(mol nm), above the '
-                f'tolerance '
-                f'{self.tolerance:.3g}: the search got stuck, most likely at the precision of the '
+                f'minimize: the root mean square force{self._ofWhat()} is {self.rms:.3g} '
+                f'kJ/(mol nm), above the tolerance {self.tolerance:.3g}: the search got stuck, most likely at the precision of the '
                 f'forces; '
                 'use the Reference platform or a larger tolerance')
         return MinimizationResult(_units.ENERGY.attach(initialEnergy),

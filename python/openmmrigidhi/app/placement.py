@@ -27,9 +27,10 @@ def placeBodies(context, positions=None, orientations=None, particlePositions=No
 
     Poses are given by positions and orientations, or fitted to the coordinates of particles, as a
     file has them, by mass-weighted least squares (massless bodies: unweighted). Where one of
-    positions and orientations is given, the other one is fitted for it. The function also works as the first placement in a
-    Context. Coordinates may be farther from the shape of a body than the integrator's pose
-    tolerance. The periodic box, the velocities of bodies and the pose tolerance do not change.
+    positions and orientations is given, the other one is fitted for it. The function also works as
+    the first placement in a Context. Coordinates may be farther from the shape of a body than the
+    integrator's pose tolerance. The periodic box, the velocities of bodies and the pose tolerance
+    do not change.
 
     ``placeBodies(context)`` alone fits poses to the present positions of the Context.
 
