@@ -323,8 +323,8 @@ class _Search:
             warnings.warn(
                 f'minimize: the root mean square force{self._ofWhat()} is {self.rms:.3g} '
                 f'kJ/(mol nm), above the tolerance {self.tolerance:.3g}: the search got stuck, '
-                'most likely at the precision of the forces; use the Reference platform or a larger tolerance'
-            )
+                'most likely at the precision of the forces; use the Reference platform or a '
+                'larger tolerance')
         return MinimizationResult(_units.ENERGY.attach(initialEnergy),
                                   _units.ENERGY.attach(finalEnergy), _units.FORCE.attach(self.rms),
                                   self.iterations, self.evaluations, self.converged,
