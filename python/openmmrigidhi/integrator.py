@@ -1,6 +1,7 @@
 """CustomRigidHIIntegrator: the Python side of the C++ class, with units and checked shapes."""
 from __future__ import annotations
 
+import operator
 from typing import TYPE_CHECKING, Any, Iterable, Optional, Sequence, Union
 
 import numpy as np
@@ -659,6 +660,40 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Set the relative tolerance of the constraints of free particles; positive, finite."""
         super().setConstraintTolerance(
             self._number(tolerance, _units.NONE, 'setConstraintTolerance', 'tolerance'))
+
+    def setIntegrationForceGroups(self, groups):
+        """Set the force groups that move the particles; default: all of them.
+
+        Parameters
+        ----------
+        groups : set of int, or int
+            groups from 0 to 31, or a bit mask in which bit i stands for group i (-1: all groups)
+
+        Raises
+        ------
+        TypeError, ValueError
+            for anything else
+        """
+        where = _where('setIntegrationForceGroups')
+        if isinstance(groups, (set, frozenset)):
+            mask = 0
+            for group in groups:
+                group = _units.integer(group, where, 'groups')
+                if not 0 <= group < 32:
+                    raise ValueError(f'{where}: groups: got the group {group}; a group must be '
+                                     'from 0 to 31: correct it')
+                mask |= 1 << group
+        else:
+            try:
+                mask = operator.index(groups)
+            except TypeError:
+                raise TypeError(f'{where}: groups: got {groups!r}; it must be a set of groups from '
+                                '0 to 31, such as {0, 1}, or an integer with a bit for each '
+                                'group') from None
+            if not -2**31 <= mask < 2**32:
+                raise ValueError(f'{where}: groups: got the bit mask {mask}; a bit mask must be '
+                                 'from -2^31 to 2^32-1: give a set of groups from 0 to 31')
+        super().setIntegrationForceGroups(mask)
 
     @staticmethod
     def _number(value, dimension, method, name):

@@ -22,7 +22,10 @@ RESULTS = {
     'getSinusoidalForceDensity': {'f0', 'forceAxis', 'waveAxis', 'waveVectorIndex'}
 }
 #: Python methods that C++ does not have, each with its reason.
-PYTHON_ONLY = {'cast': 'OpenMM returns generic objects in Python only'}
+PYTHON_ONLY = {
+    'cast': 'OpenMM returns generic objects in Python only',
+    'setIntegrationForceGroups': "OpenMM's own method, in Python with checks of what is given"
+}
 #: Setters that other methods undo or that have another getter, and why.
 WITHOUT_GETTER = {}
 INHERITED_GETTERS = {'getStepSize', 'getConstraintTolerance'}

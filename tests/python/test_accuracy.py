@@ -210,6 +210,49 @@ def test_cheapest():
     assert answer.factor is None
 
 
+def exactly(wish, errors, sigma, **options):
+    lines = syntheticResult(errors, sigma, **options).report([wish], 'LangevinC').paragraphs()
+    line, = (line for line in lines if line.startswith('At exactly'))
+    return line
+
+
+def test_steps_between_and_beyond_the_measured_ones_are_told_apart():
+    line = exactly('potential_energy:0.3%', ERRORS, 0.0005)
+    assert re.search(r'LangevinC: reaches .* 5\.48 fs \(.*\), between the measured steps', line)
+    # An accident of noise: the fit is above the error at the smallest step.
+    line = exactly('potential_energy:0.3%', {'LangevinC': {2: 0.29, 4: 2.0}}, 0.1)
+    assert re.search(r'at a step of 1\.\d+ fs \(.*\), beyond the measured steps, by the fit', line)
+    assert 'between' not in line
+
+
+def test_errors_that_never_meet_the_wish_give_no_step(tmp_path):
+    """A scheme with a wrong distribution has no limit 0, and is no baseline either."""
+    errors = {'LangevinC': {2: 3.0, 4: 3.1, 8: 3.0}, 'LangevinB': {2: 0.1, 4: 0.4, 8: 1.6}}
+    line = exactly('potential_energy:1%', errors, 0.01)
+    assert ('LangevinC: its errors as measured are above the wanted one at all measured steps, so '
+            'that no step is known') in line
+    assert re.search(r'LangevinB: reaches the wanted error at a step of 6\.', line)
+    assert 'times the' not in line
+    result = syntheticResult(errors, 0.01)
+    assert result.compareAt('potential_energy:1%')['LangevinC']['step'] is None
+    result.write(str(tmp_path), ['potential_energy:1%'], 'LangevinC')
+    assert 'not known' in (tmp_path/'report.html').read_text(encoding='utf-8')
+
+
+def test_the_largest_step_is_called_what_it_is():
+    errors = {'LangevinC': {2: 0.01, 4: 0.04, 8: 0.16}}
+    wish = 'potential_energy:1%'
+    assert ('still below the wanted one at its largest measured step, 8 fs: at least'
+            in exactly(wish, errors, 0.01))
+    assert ('still below the wanted one at its largest stable step, 4 fs: at least'
+            in exactly(wish, errors, 0.01, unstable=[('LangevinC', 8)]))
+    # The answer above says that the statistics do not suffice.
+    line = exactly(wish, errors, 2.0)
+    assert ('the statistics do not suffice to tell whether its error is below the wanted one at '
+            'its largest measured step, 8 fs; if it is, at least') in line
+    assert 'still below' not in line
+
+
 def test_absolute_wish():
     answer = syntheticResult(ERRORS, 0.001).recommend('potential_energy:0.2')
     assert answer.setting['value'] == 0.004

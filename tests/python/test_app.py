@@ -160,6 +160,12 @@ def test_frozen_water_is_left_out_or_taken_as_asked():
                 openmmrigidhi.app.addRigidResidues(CustomRigidHIIntegrator(300,
                                                                            0.002), box.topology,
                                                    ['HOH'], box.system, **arguments)) == count
+    for add, names in ((openmmrigidhi.app.addRigidWater, ()), (openmmrigidhi.app.addRigidResidues,
+                                                               (['HOH'],))):
+        with pytest.raises(
+                ValueError, match=f'{add.__name__}: skipFrozen: got True without a '
+                'system; masses are in the System: give the system'):
+            add(CustomRigidHIIntegrator(300, 0.002), box.topology, *names, skipFrozen=True)
     with pytest.raises(TypeError, match='skipFrozen: got 1; it must be True or False'):
         openmmrigidhi.app.addRigidWater(CustomRigidHIIntegrator(300, 0.002), box.topology,
                                         box.system, skipFrozen=1)
@@ -475,6 +481,64 @@ def test_a_given_tolerance_is_used_as_it_is(platform):
 def test_molecules_have_the_default_tolerance_of_openmm(waterBox, platform):
     simulation = waterBox.simulation(platform)
     assert openmmrigidhi.app.minimize(simulation.context, maxIterations=1).tolerance._value == 10
+
+
+def mixture(platform, small, inBodies=True):
+    """Two overlapping spheres of 500 nm, far from a row of spheres of 1 nm."""
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    integrator = CustomRigidHIIntegrator(300, 1)
+    integrator.setScheme(integrator.TrapezoidalSlip)
+    force = openmm.CustomNonbondedForce('step(d - r)*eps*((d/r)^12 - 2*(d/r)^6 + 1); '
+                                        'eps = select(step(d - 900), 1000, 100); d = a1 + a2')
+    force.addPerParticleParameter('a')
+    for radius in [500, 500] + [1]*small:
+        i = system.addParticle(0)
+        if inBodies:
+            integrator.addRigidBody([i], 0, (0, 0, 0), [(0, 0, 0)])
+        fluid.addParticle(radius)
+        force.addParticle([radius])
+    system.addForce(force)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, platform)
+    context.setPositions([(0, 0, 0), (950, 0, 0)] + [(2.5*k, 600, 0) for k in range(small)])
+    return context
+
+
+@pytest.mark.parametrize('inBodies', [True, False], ids=['bodies', 'free particles'])
+@pytest.mark.parametrize('small', [0, 20, 500])
+def test_large_particles_among_small_ones_are_minimised(small, inBodies, platform):
+    """The energy is 52 kT at the start, and the many small forces of 0 must not hide it."""
+    context = mixture(platform, small, inBodies)
+    result = openmmrigidhi.app.minimize(context)
+    kT = 2.5*unit.kilojoule_per_mole
+    assert result.initialEnergy > 50*kT and result.converged
+    assert result.finalEnergy < 0.1*kT and 0 < result.iterations < 50
+    assert result.tolerance._value == pytest.approx(0.005, rel=1e-12)
+    forces = context.getState(getForces=True).getForces(asNumpy=True)._value
+    assert np.sqrt(np.mean(forces[:2]**2, axis=1)).max() < 0.01
+
+
+@pytest.mark.parametrize('inBodies, name', [(True, 'body 1'), (False, 'particle 1')])
+def test_a_large_particle_that_stays_above_the_tolerance_is_named(inBodies, name, platform):
+    """Its energy has a kink, at which the force is never small."""
+    context = mixture(platform, 20, inBodies)
+    kink = openmm.CustomExternalForce('1000 + abs(z - 0.3)')
+    kink.addParticle(1, [])
+    context.getSystem().addForce(kink)
+    context.reinitialize(preserveState=True)
+    with pytest.warns(
+            UserWarning, match=f'the root mean square force of {name} is .*, above the '
+            'tolerance 0.005'):
+        assert not openmmrigidhi.app.minimize(context).converged
+
+
+def test_molecules_are_judged_together(waterBox, platform):
+    simulation = waterBox.simulation(platform)
+    search = minimizer._Search(minimizer._Scene(simulation.context), None, 0, None, None)
+    assert np.all(search.groups == 0) and np.all(search.scales == 1)
+    search._note(np.zeros(search._size()), 0.0, np.arange(search._size(), dtype=float))
+    assert search.rms == pytest.approx(np.sqrt(np.mean(np.arange(search._size())**2.0)), rel=1e-12)
+    assert search.tolerance == 10
 
 
 def test_nothing_to_minimise_is_said(platform):

@@ -113,6 +113,31 @@ def test_a_setting_that_must_be_positive(integrator, setter, value):
         getattr(integrator, setter)(value)
 
 
+@pytest.mark.parametrize('groups', ['x', -1.0, 1.5, None, [0, 1], {'a'}, {1.5}])
+def test_force_groups_that_are_no_groups(integrator, groups):
+    what = ('it must be an integer' if isinstance(groups, set) else
+            'it must be a set of groups from 0 to 31, such as {0, 1}, or an integer with a bit')
+    with refused('setIntegrationForceGroups: groups: got', what, error=TypeError):
+        integrator.setIntegrationForceGroups(groups)
+
+
+def test_force_groups_that_are_out_of_range(integrator):
+    for group in (-1, 32, 40):
+        with refused(
+                f'setIntegrationForceGroups: groups: got the group {group}; a group must be '
+                'from 0 to 31', error=ValueError):
+            integrator.setIntegrationForceGroups({0, group})
+    for mask in (2**32, -2**31 - 1, 2**40):
+        with refused(f'groups: got the bit mask {mask}; a bit mask must be from -2^31 to 2^32-1',
+                     'give a set of groups from 0 to 31', error=ValueError):
+            integrator.setIntegrationForceGroups(mask)
+    assert integrator.getIntegrationForceGroups() == -1
+    for groups, mask in (({0, 31}, -2**31 + 1), (set(), 0), (-1, -1), (2**32 - 1, -1),
+                         (np.int64(6), 6), (frozenset([2]), 4)):
+        integrator.setIntegrationForceGroups(groups)
+        assert integrator.getIntegrationForceGroups() == mask
+
+
 @pytest.mark.parametrize('number', [-1, 65536, 2**31 - 1])
 def test_more_rejections_than_have_random_numbers(integrator, number):
     with refused('setMaximumRejections()', f'the number is {number}',

@@ -135,12 +135,19 @@ RIGID = (0.09572, 0.09572, np.linalg.norm(WATER[1] - WATER[2]))
 
 
 @pytest.mark.parametrize('scheme', [Integrator.LangevinA, Integrator.LangevinC])
-@pytest.mark.parametrize('others', [0, 2])
-def test_rigid_water_that_is_in_no_body(capfd, others, scheme):
+@pytest.mark.parametrize('others, masses',
+                         [(0, (15.999, 1.008, 1.008)), (2, (15.999, 1.008, 1.008)),
+                          (0, (15.999, 2.014, 2.014)), (0, (18, 1.008, 1.008)),
+                          (0, (15.999, 3.016, 3.016)), (0, (12.015, 3, 3)),
+                          (0, (10.015, 4, 4))], ids=[
+                              'water', 'and others', 'deuterium', 'heavy oxygen', 'tritium',
+                              'mass moved', 'more mass moved'
+                          ])
+def test_rigid_water_that_is_in_no_body(capfd, others, masses, scheme):
     system, integrator = scene(others)
     integrator.setScheme(scheme)
     positions = [(i, 5, 0) for i in range(others)]
-    positions += [row for _ in range(2) for row in molecule(system, (15.999, 1.008, 1.008), RIGID)]
+    positions += [row for _ in range(2) for row in molecule(system, masses, RIGID)]
     context = openmm.Context(system, integrator, REFERENCE)
     context.setPositions(positions)
     integrator.step(2)
@@ -156,8 +163,16 @@ def test_rigid_water_that_is_in_no_body(capfd, others, scheme):
                                                      ((15.999, 1.008, 1.008), RIGID[:2], False),
                                                      ((15.999, 1.008, 1.008), (), False),
                                                      ((12.011, 12.011, 12.011), RIGID, False),
-                                                     ((16, 12, 1), RIGID, False),],
-                         ids=['a body', 'flexible angle', 'flexible', 'equal masses', 'others'])
+                                                     ((16, 12, 1), RIGID, False),
+                                                     ((32.06, 15.999, 15.999), RIGID, False),
+                                                     ((32.06, 1.008, 1.008), RIGID, False),
+                                                     ((12.011, 1.008, 1.008), RIGID, False),
+                                                     ((15.999, 14.007, 14.007), RIGID, False),
+                                                     ((8.027, 3, 3), RIGID, False),],
+                         ids=[
+                             'a body', 'flexible angle', 'flexible', 'equal masses', 'others',
+                             'SO2', 'H2S', 'CH2', 'N2O', 'CH2 with mass moved'
+                         ])
 def test_water_that_is_right_as_it_is(capfd, masses, lengths, asBody):
     system, integrator = openmm.System(), Integrator(300, 0.001)
     positions = molecule(system, masses, lengths)
@@ -176,13 +191,14 @@ def test_water_that_is_right_as_it_is(capfd, masses, lengths, asBody):
 def fluidScene(model, boundary, isPeriodic, bodies=2, groups=(), scheme='LangevinHI'):
     system, integrator = scene(bodies)
     integrator.setScheme(getattr(integrator, scheme))
-    integrator.setStepSize(2e-4)  # momenta of spheres of 0.5 nm relax in 1e-3 ps
+    integrator.setStepSize(1e-4)  # momenta of LangevinHI relax in longer times
     fluid = MobilityForce()
     for _ in range(bodies):
         fluid.addParticle(0.5)
     fluid.setModel(getattr(fluid, model))
     fluid.setBoundary(getattr(fluid, boundary))
     fluid.setWallHeight(-2)
+    fluid.setChannelWalls(-2, 3)
     fluid.setGroups(list(groups))
     system.addForce(fluid)
     if isPeriodic:
@@ -193,11 +209,8 @@ def fluidScene(model, boundary, isPeriodic, bodies=2, groups=(), scheme='Langevi
 
 
 @pytest.mark.parametrize('scheme', ['LangevinHI', 'EulerMaruyama'])
-@pytest.mark.parametrize('boundary', ['Unbounded', 'NoSlipWall'])
-def test_an_unbounded_fluid_with_periodic_forces(capfd, boundary, scheme):
-    if boundary == 'NoSlipWall' and scheme == 'EulerMaruyama':
-        scheme = 'TrapezoidalSlip'
-    integrator, _context = fluidScene('RotnePragerYamakawa', boundary, True, scheme=scheme)
+def test_an_unbounded_fluid_with_periodic_forces(capfd, scheme):
+    integrator, _context = fluidScene('RotnePragerYamakawa', 'Unbounded', True, scheme=scheme)
     integrator.step(1)
     warning = 'the fluid is unbounded, though forces are periodic: bodies feel images of each other'
     assert warning in integrator.getEffects()['warnings']
@@ -219,6 +232,29 @@ def test_fluids_that_fit_the_forces(capfd, model, boundary, isPeriodic, bodies, 
     assert effects['warnings'] == 'off: none' and capfd.readouterr().err == ''
     assert ('unbounded, though forces' in effects['hydrodynamics']) == (isPeriodic
                                                                         and boundary == 'Unbounded')
+
+
+@pytest.mark.parametrize('scheme', ['LangevinHI', 'TrapezoidalSlip'])
+@pytest.mark.parametrize('isPeriodic', [False, True])
+def test_walls_with_periodic_forces(capfd, isPeriodic, scheme):
+    """A periodic fluid would have no wall, so that nothing is to be changed."""
+    integrator, _context = fluidScene('RotnePragerYamakawa', 'NoSlipWall', isPeriodic,
+                                      scheme=scheme)
+    effects = integrator.getEffects()
+    assert effects['warnings'] == 'off: none' and capfd.readouterr().err == ''
+    assert 'unbounded' not in effects['hydrodynamics']
+    assert effects['hydrodynamics'].endswith(
+        '; without images along x and y, though forces are periodic') == isPeriodic
+
+
+@pytest.mark.parametrize('isPeriodic', [False, True])
+def test_channels_with_periodic_forces(capfd, isPeriodic):
+    integrator, _context = fluidScene('ForceCoupling', 'SlipChannel', isPeriodic,
+                                      scheme='DriftCorrectorFD')
+    effects = integrator.getEffects()
+    assert effects['warnings'] == 'off: none' and capfd.readouterr().err == ''
+    assert 'with all images along x and z' in effects['hydrodynamics']
+    assert 'though forces' not in effects['hydrodynamics']
 
 
 # ---- FreeDraining in a periodic box --------------------------------------------------------------

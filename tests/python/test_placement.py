@@ -5,7 +5,9 @@ import re
 import numpy as np
 import openmm
 import pytest
+import scipy.optimize
 from openmm import unit
+from scipy.spatial.transform import Rotation
 
 from openmmrigidhi import CustomRigidHIIntegrator
 from openmmrigidhi.app import makeWhole, placeBodies
@@ -148,6 +150,41 @@ def test_hopeless_fits_are_refused_and_change_nothing(platform):
     integrator.step(1)
 
 
+def everything(integrator, context):
+    state = context.getState(getPositions=True, getVelocities=True)
+    return [
+        quantity._value if unit.is_quantity(quantity) else quantity
+        for quantity in (state.getPositions(asNumpy=True), state.getVelocities(asNumpy=True),
+                         integrator.getBodyPositions(), integrator.getBodyOrientations(),
+                         integrator.getBodyVelocities(), integrator.getBodyAngularVelocities())
+    ]
+
+
+@pytest.mark.parametrize('given', [{}, {
+    'orientations': [(0.5, 0.5, 0.5, 0.5)]*3
+}, {
+    'positions': [(1, 2, 3)]*3
+}], ids=['no poses', 'orientations', 'positions'])
+def test_a_refused_call_changes_no_bit(given, platform):
+    rng = np.random.default_rng(4)
+    system, integrator = openmm.System(), CustomRigidHIIntegrator(300, 0.002)
+    sites = np.array([(0.1, 0.1, 0.1), (-0.1, -0.1, 0.1), (-0.1, 0.1, -0.1), (0.1, -0.1, -0.12)])
+    for _ in range(3):
+        integrator.addRigidBody([system.addParticle(10) for _ in sites], 40, (1, 1.1, 1.2), sites)
+    system.addParticle(5)
+    context = openmm.Context(system, integrator, platform)
+    x = np.vstack([sites + rng.normal(size=3) for _ in range(3)] + [(9, 9, 9)])
+    context.setPositions(x)
+    context.setVelocitiesToTemperature(300, 3)
+    integrator.step(3)
+    before, checkpoint = everything(integrator, context), context.createCheckpoint()
+    with refused('nm from its place after the fit'):
+        placeBodies(context, particlePositions=rng.normal(size=x.shape), **given)
+    assert all(map(np.array_equal, everything(integrator, context), before))
+    if platform.getName() == 'Reference':
+        assert context.createCheckpoint() == checkpoint
+
+
 def test_another_error_than_a_misfit_is_passed_on(platform):
     """A site that contradicts the System's virtual site."""
     system = openmm.System()
@@ -190,6 +227,93 @@ def test_poses_are_set_in_one_call(first, platform):
     assert np.array_equal(integrator.getBodyPositions()._value, R + 1)
     assert np.allclose(integrator.getBodyOrientations(), q[::-1], rtol=0, atol=1e-15)
     integrator.step(1)
+
+
+SHAPES = {
+    'general': [(0.1, 0.1, 0.1), (-0.1, -0.1, 0.1), (-0.1, 0.1, -0.1), (0.1, -0.1, -0.12)],
+    'flat': [(-0.1, 0, 0), (0.1, 0, 0), (0, 0.15, 0)],
+    'rod': [(-0.1, 0, 0), (0, 0, 0), (0.1, 0, 0)],
+    'off its origin': [(0.3, 0.2, 0.1)],
+    'a rod off its origin': [(0.3, 0.2, 0.1), (0.3, 0.2, 0.3)],
+    'a sphere': [(0, 0, 0)]
+}
+
+
+@pytest.mark.parametrize('masses', [(10, 7, 3, 1), (0, 0, 0, 0), (10, 0, 0, 0)],
+                         ids=['masses', 'no masses', 'one mass'])
+@pytest.mark.parametrize('givenFirst', [False, True])
+@pytest.mark.parametrize('given', ['positions', 'orientations'])
+@pytest.mark.parametrize('shape', SHAPES)
+def test_one_part_of_a_pose_is_fitted_for_the_other(shape, given, givenFirst, masses, platform):
+    """Against SciPy's minimiser; with the whole pose given, particles are in their places."""
+    rng = np.random.default_rng(6)
+    sites = np.array(SHAPES[shape])
+    masses = np.array(masses[:len(sites)])
+    system, integrator = openmm.System(), CustomRigidHIIntegrator(300, 0.002)
+    for _ in range(2):
+        integrator.addRigidBody([system.addParticle(m) for m in masses], 20, (1, 1.1, 1.2), sites)
+    context = openmm.Context(system, integrator, platform)
+    if not givenFirst:
+        context.setPositions(np.vstack([sites, sites + 2]))
+    turns = Rotation.random(2, random_state=5)
+    x = np.vstack([turn.apply(sites) + rng.normal(size=3) for turn in turns])
+    x += rng.normal(scale=0.002, size=x.shape)
+    pose = {
+        'positions': rng.normal(size=(2, 3)),
+        'orientations': Rotation.random(2, random_state=7).as_quat()[:, [3, 0, 1, 2]]
+    }
+    distance = placeBodies(context, particlePositions=x, **{given: pose[given]})._value
+    R, q = integrator.getBodyPositions()._value, integrator.getBodyOrientations()
+    assert np.allclose(pose[given], R if given == 'positions' else q, rtol=0, atol=1e-12)
+    places = np.vstack([
+        position + Rotation.from_quat(turn).apply(sites)
+        for position, turn in zip(R, q[:, [1, 2, 3, 0]])
+    ])
+    assert np.allclose(positionsOf(context), places, rtol=0, atol=1e-6)
+    assert distance == pytest.approx(np.linalg.norm(x - places, axis=1).max(), rel=1e-9)
+    isLeftOpen = len(sites) > 1 and np.count_nonzero(masses) == 1
+    weights = np.ones(len(sites)) if isLeftOpen or not masses.any() else masses
+
+    def cost(change, body):
+        members = slice(body*len(sites), (body + 1)*len(sites))
+        if given == 'positions':
+            moved = R[body] + (Rotation.from_rotvec(change)*
+                               Rotation.from_quat(q[body, [1, 2, 3, 0]])).apply(sites)
+        else:
+            moved = places[members] + change
+        return weights @ np.sum((moved - x[members])**2, axis=1)
+
+    for body in range(2):
+        best = scipy.optimize.minimize(cost, np.zeros(3), (body,), options={'gtol': 1e-9}).fun
+        assert cost(np.zeros(3), body) <= best + 1e-9
+    integrator.step(1) if masses.any() else None
+
+
+@pytest.mark.parametrize('given', ['positions', 'orientations'])
+def test_an_open_rotation_is_the_smallest_one(given, platform):
+    """A rod keeps its spin, and a rod that points the other way turns by half a turn."""
+    sites = np.array(SHAPES['rod'])
+    system, integrator = openmm.System(), CustomRigidHIIntegrator(300, 0.002)
+    integrator.addRigidBody([system.addParticle(1) for _ in sites], 3, (0, 0.02, 0.02), sites)
+    context = openmm.Context(system, integrator, platform)
+    spin = (np.cos(0.3), np.sin(0.3), 0, 0)  # about its line
+    placeBodies(context, [(0, 0, 0)], [spin])
+    pose = {'positions': [(1, 2, 3)], 'orientations': [spin]}
+    placeBodies(context, particlePositions=sites + 1, **{given: pose[given]})
+    assert np.allclose(integrator.getBodyOrientations(), [spin], rtol=0, atol=1e-12)
+    if given == 'positions':
+        placeBodies(context, [(1, 2, 3)], particlePositions=-sites)
+        assert np.allclose(positionsOf(context), (1, 2, 3) - sites, rtol=0, atol=1e-6)
+
+
+def test_a_tolerance_holds_for_given_poses(platform):
+    system, x, definitions = dumbbells(1)
+    integrator = CustomRigidHIIntegrator(300, 0.002)
+    integrator.addRigidBody(*definitions[0])
+    context = openmm.Context(system, integrator, platform)
+    with refused('body 0: particle', 'nm from its place after the fit, more than 0.5 nm'):
+        placeBodies(context, [(1, 2, 3)], particlePositions=x, tolerance=0.5)
+    assert placeBodies(context, [(1, 2, 3)], particlePositions=x, tolerance=9)._value > 1
 
 
 def test_given_poses_do_not_need_positions_that_fit(platform):
@@ -304,6 +428,58 @@ def test_bodies_without_constraints_are_not_told_of_them(platform):
     assert 'applyConstraints' not in str(error.value)
 
 
+def scaledBody(sites, x, platform):
+    """A Context with one body of three sites, or of two, and its positions."""
+    system, integrator = openmm.System(), CustomRigidHIIntegrator(300, 0.002)
+    integrator.addRigidBody([system.addParticle(10) for _ in sites], 10*len(sites), (1, 1, 2),
+                            sites)
+    context = openmm.Context(system, integrator, platform)
+    context.setPositions(x)
+    return integrator, context
+
+
+SCALED = np.array([(-0.1, 0, 0), (0.1, 0, 0), (0, 0.1, 0)])
+
+
+@pytest.mark.parametrize('count, unitOfSites, unitOfPositions, ratio', [(3, 1000, 1, '0.001'),
+                                                                        (3, 1, 10, '10'),
+                                                                        (3, 1, 6, '6'),
+                                                                        (2, 1, 1000, '1000'),
+                                                                        (2, 1, 0.1, '0.1')])
+def test_positions_in_another_unit_are_told_of_units(count, unitOfSites, unitOfPositions, ratio,
+                                                     platform):
+    sites = SCALED[:count]
+    integrator, context = scaledBody(sites*unitOfSites, sites*unitOfPositions + 3, platform)
+    hint = ('positions seem to be in another unit of length',
+            f'(they are about {ratio} times as far apart as the sites)',
+            'give positions and sites in nm, or as Quantities with units')
+    with refused('nm from its place in the body', *hint, error=openmm.OpenMMException) as error:
+        integrator.step(1)
+    assert 'placeBodies' not in str(error.value) and 'Rounding' not in str(error.value)
+    with refused('placeBodies: body 0: particle', 'nm from its place after the fit',
+                 *hint) as error:
+        placeBodies(context)
+    assert 'mirror' not in str(error.value)
+
+
+@pytest.mark.parametrize('x', [
+    SCALED + [(0, 0, 0), (3, 0, 0),
+              (0, 0, 0)], SCALED + [(0, 0, 0), (3, 0, 0),
+                                    (0, 3, 0)], SCALED[:2] + [(0, 0, 0),
+                                                              (3, 0, 0)], SCALED*4, SCALED/4,
+    np.random.default_rng(3).normal(size=(3, 3))
+], ids=['torn', 'torn twice', 'a torn pair', 'four times', 'a fourth', 'random'])
+def test_positions_with_other_faults_are_not_told_of_units(x, platform):
+    integrator, context = scaledBody(SCALED[:len(x)], x, platform)
+    with refused('nm from its place in the body', 'call openmmrigidhi.app.placeBodies()',
+                 error=openmm.OpenMMException) as error:
+        integrator.step(1)
+    assert 'unit of length' not in str(error.value)
+    with refused('do not have the shape of the body: look for') as error:
+        placeBodies(context)
+    assert 'unit of length' not in str(error.value)
+
+
 @pytest.mark.parametrize('started', [False, True])
 @pytest.mark.parametrize('name', ['CO2', 'formate', 'methane'])
 def test_what_openmm_makes_of_redundant_constraints_is_named(name, started, platform):
@@ -317,7 +493,7 @@ def test_what_openmm_makes_of_redundant_constraints_is_named(name, started, plat
         pytest.skip('this version of OpenMM copes with redundant constraints')
     cause = ("OpenMM's applyConstraints() and minimisers do that to a body whose constraints are "
              'redundant', 'call openmmrigidhi.app.placeBodies() instead')
-    with refused('body 0: particle 0 has the position (', 'which is not finite', *cause,
+    with refused('body 0: particle 0 has the position', 'nm, which is not finite', *cause,
                  error=openmm.OpenMMException):
         integrator.step(1)
     placeBodies(context, particlePositions=x)
@@ -331,10 +507,10 @@ def test_velocities_that_openmm_makes_nan_of_are_explained(platform):
     context.setPositions(MOLECULES['CO2'][0])
     context.setVelocities(np.full((3, 3), np.inf))
     with refused(
-            'body 0: particle 0 has the velocity (inf, inf, inf) nm/ps, which is not finite; set '
-            "finite velocities by the Context's setVelocities(), without "
-            'setVelocitiesToTemperature(), in which OpenMM makes NaN of a body with redundant '
-            'constraints', error=openmm.OpenMMException):
+            'body 0: particle 0 has the velocity',
+            'nm/ps, which is not finite; set finite velocities by the '
+            "Context's setVelocities(), without setVelocitiesToTemperature(), in which OpenMM "
+            'makes NaN of a body with redundant constraints', error=openmm.OpenMMException):
         integrator.step(1)
     context.setVelocities(np.zeros((3, 3)))
     integrator.step(1)
@@ -417,3 +593,69 @@ def test_what_cannot_be_made_whole():
     with refused('makeWhole: positions: particle 2 of body 0 is at [0.6, nan, 0.0]',
                  'all numbers must be finite: correct the file'):
         makeWhole(integrator, places, box)
+    with refused('makeWhole: system: got int; it must be an openmm.System', 'or leave it out',
+                 error=TypeError):
+        makeWhole(integrator, places, box, 3)
+
+
+def dumbbell(length):
+    """An integrator with one explicit body, and its sites."""
+    integrator = CustomRigidHIIntegrator(300, 0.001)
+    sites = np.array([(-length/2, 0, 0), (length/2, 0, 0)])
+    integrator.addRigidBody([0, 1], 2, (0, 1, 1), sites)
+    return integrator, sites
+
+
+@pytest.mark.parametrize('length', [0.8, 0.55, 0.95])
+def test_bodies_that_are_longer_than_half_the_box_are_not_torn(length):
+    """The ends are nearest to each other through a face of the box, as a short body."""
+    integrator, sites = dumbbell(length)
+    with refused(
+            f'makeWhole: body 0 is {length:.3g} nm long by its sites, and half the width of '
+            'the box is 0.5 nm', 'give whole positions of this body'):
+        makeWhole(integrator, sites + (0.9, 0.5, 0.5) - [(0, 0, 0), (1, 0, 0)], np.eye(3))
+
+
+def test_bodies_that_are_nearly_as_long_as_the_box_may_have_their_shape(platform):
+    """A body along the diagonal is shorter than half the box along each edge."""
+    integrator, sites = dumbbell(0.7)
+    along = sites[:, :1]*np.ones(3)/3**0.5
+    torn = (along + 0.2) % 1
+    assert np.allclose(
+        makeWhole(integrator, torn, np.eye(3))._value - torn[0], along - along[0], rtol=0,
+        atol=1e-12)
+    # Coordinates that do not fit, of a short body, are no matter of the box.
+    integrator, sites = dumbbell(0.3)
+    assert np.allclose(makeWhole(integrator, 1.4*sites, np.eye(3))._value, 1.4*sites)
+
+
+def test_virtual_sites_without_positions_are_left_to_be_computed(platform):
+    system = openmm.System()
+    integrator = CustomRigidHIIntegrator(300, 0.001)
+    sites = np.array([(0, 0.03, 0), (-0.1, 0, 0), (0.1, 0, 0), (0, 0.1, 0)])
+    for mass in (0, 10, 10, 10):
+        system.addParticle(mass)
+    system.setVirtualSite(0, openmm.ThreeParticleAverageSite(1, 2, 3, 0.35, 0.35, 0.3))
+    integrator.addRigidBody(range(4), 30, (1, 1, 2), sites)
+    torn = (sites + (0, 0.5, 0.5)) % 1
+    torn[0] = np.nan
+    with refused('makeWhole: positions: particle 0 of body 0 is at [nan, nan, nan]',
+                 'or give the system if the particle is a virtual site'):
+        makeWhole(integrator, torn, np.eye(3))
+    made = makeWhole(integrator, torn, np.eye(3), system)._value
+    assert np.isnan(made[0]).all() and np.allclose(made[1:] - made[1], sites[1:] - sites[1])
+    context = openmm.Context(system, integrator, platform)
+    placeBodies(context, particlePositions=made)
+    assert np.allclose(positionsOf(context) - made[1], sites - sites[1], rtol=0, atol=1e-6)
+    # setPositions() alone does not compute virtual sites.
+    integrator.step(1)
+    context.setPositions(made)
+    with refused(
+            'body 0: particle 0 has the position (nan, nan, nan) nm, which is not finite; it '
+            'is a virtual site: call computeVirtualSites() on the Context after '
+            'setPositions()', error=openmm.OpenMMException):
+        integrator.step(1)
+    context.computeVirtualSites()
+    integrator.step(1)
+    with refused('makeWhole: positions: particle 2 of body 0 is at [nan, nan, nan]'):
+        makeWhole(integrator, np.where(np.arange(4)[:, None] == 2, np.nan, made), np.eye(3), system)

@@ -675,6 +675,55 @@ def test_gsd_of_other_programs(tmp_path):
         app.readGsd(tmp_path/'z.gsd')
 
 
+def written(name, steps, changed=1, **changes):
+    """Write frames of a body with two constituents and of a sphere; one frame is changed."""
+    with gsd.hoomd.open(str(name), WRITE) as file:
+        for k, step in enumerate(steps):
+            frame = Frame()
+            frame.configuration.step, frame.configuration.box = step, [10, 10, 10, 0, 0, 0]
+            frame.particles.N, frame.particles.position = 4, np.eye(4)[:, :3]
+            frame.particles.types, frame.particles.typeid = ['A', 'B'], [0, 1, 1, 0]
+            frame.particles.body = [0, 0, 0, 3]
+            for key, value in changes.items() if k == changed else ():
+                setattr(frame.particles, key, value)
+            file.append(frame)
+    return name
+
+
+def test_steps_of_gsd_that_go_back(tmp_path):
+    name = written(tmp_path/'x.gsd', (0, 50, 20, 70))
+    with refused(
+            'x.gsd: frame 2 is of step 20, and frame 1 before it of step 50; steps must not go '
+            'back: split the file, or give frames'):
+        app.readGsd(name, 1)
+    assert app.readGsd(name, 1, slice(2, None)).step.tolist() == [20, 70]
+    with refused('frame 3 is of step 30, and frame 1 before it of step 50'):
+        app.readGsd(written(tmp_path/'y.gsd', (0, 50, 20, 30)), 1, slice(1, None, 2))
+    name = written(tmp_path/'z.gsd', (0, 50, 50, 70))
+    assert app.readGsd(name, 1).step.tolist() == [0, 50, 50, 70]
+
+
+@pytest.mark.parametrize('frame', [0, 1])
+@pytest.mark.parametrize('changes, message',
+                         [({
+                             'typeid': [0, 1, 2, 0]
+                         }, 'particle 2 has the typeid 2; there are 2 types, counted from 0'),
+                          ({
+                              'body': [0, 0, 4, 3]
+                          }, 'particle 2 has the body 4; a body must be one of the 4 particles'),
+                          ({
+                              'body': [0, 0, 1000000, 3]
+                          }, 'particle 2 has the body 1000000; a body must be one of the 4'),
+                          ({
+                              'body': [0, 0, 1, 3]
+                          }, 'particle 2 has the body 1; a body must be one of the 4 particles, '
+                           'counted from 0, whose own body it is: correct the file')])
+def test_types_and_bodies_of_gsd_that_are_not_there(tmp_path, frame, changes, message):
+    name = written(tmp_path/'x.gsd', (0, 50, 100), frame, **changes)
+    with refused(f'x.gsd: frame {frame}: {message}'):
+        app.readGsd(name, 1)
+
+
 def test_gsd_is_not_needed_until_it_is(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, 'gsd.hoomd', None)
     for use in (lambda: app.GsdReporter(tmp_path/'x.gsd', 1),

@@ -113,7 +113,10 @@ void ContextMirror::requireFinite(const vector<Vec3>& array, const char* quantit
             fail((body >= 0 ? "body " + to_string(body) + ": particle " + to_string(p) : other) +
                  " has the " + quantity + " " + text(array[p]) + " " + unit +
                  ", which is not finite" +
-                 (body < 0 || !scene.definitions.hasRedundantConstraints(body)
+                 (&array == &scene.arrays->positions() && scene.system.isVirtualSite(p)
+                      ? "; it is a virtual site: call computeVirtualSites() on the Context after "
+                        "setPositions()"
+                  : body < 0 || !scene.definitions.hasRedundantConstraints(body)
                       ? "; give all particles of the Context finite numbers"
                   : &array == &scene.arrays->positions()
                       ? whatMakesNanOfBodies
@@ -214,6 +217,33 @@ string fromRounding(double distance) {
     return "";
 }
 
+/** Distances of points from their centre, nm. */
+vector<double> distancesFromCentre(const vector<Vec3>& points) {
+    Vec3 centre;
+    for (const Vec3& x : points) centre += x / points.size();
+    vector<double> distances;
+    for (const Vec3& x : points) distances.push_back(sqrt((x - centre).dot(x - centre)));
+    return distances;
+}
+
+/**
+ * How many times as far apart positions are as the sites, if they seem to be in another unit of
+ * length, or else 1: they then have the shape of the body in another size.
+ */
+double anotherUnit(const vector<Vec3>& positions, const vector<Vec3>& sites) {
+    const double different = 5, deviation = 0.1, fewest = 3, roundingOfPowers = 0.02;
+    const vector<double> apart = distancesFromCentre(positions), own = distancesFromCentre(sites);
+    const double largest = own.empty() ? 0 : *max_element(own.begin(), own.end());
+    if (!(largest > 0)) return 1;
+    const double ratio = *max_element(apart.begin(), apart.end()) / largest, power = log10(ratio);
+    if (!isfinite(power) || (ratio < different && ratio > 1 / different)) return 1;
+    for (size_t i = 0; i < own.size(); i++)
+        if (!(abs(apart[i] / ratio - own[i]) <= deviation * largest)) return 1;
+    // Two particles have this shape at any distance, also where a periodic box has torn them apart.
+    if (own.size() < fewest && abs(power - round(power)) > roundingOfPowers) return 1;
+    return ratio;
+}
+
 }  // namespace
 
 /** The state of a body with the pose that fits the positions of its members. */
@@ -233,10 +263,25 @@ BodyState ContextMirror::fitted(int b, double& residual) const {
     int worst = 0;
     const double distance = scene.definitions.fit(b).fitPose(members, state, worst),
                  tolerance = scene.integrator.getPoseTolerance();
-    if (!(distance <= tolerance))
-        fail("body " + to_string(b) + ": particle " + to_string(particles[worst]) + " is " +
-             number(distance) + " nm from its place in the body, more than the pose tolerance " +
-             number(tolerance) + " nm" + fromRounding(distance) +
+    if (!(distance <= tolerance)) {
+        const string found = "body " + to_string(b) + ": particle " + to_string(particles[worst]) +
+                             " is " + number(distance) +
+                             " nm from its place in the body, more than the pose tolerance " +
+                             number(tolerance) + " nm";
+        vector<Vec3> real, sites;
+        for (size_t i = 0; i < particles.size(); i++)
+            if (!scene.system.isVirtualSite(particles[i])) {
+                real.push_back(members[i]);
+                sites.push_back(scene.definitions.geometries()[b].sites[i]);
+            }
+        const double ratio = anotherUnit(real, sites),
+                     digit = pow(10.0, floor(log10(ratio)) - 1);  // two are enough
+        if (ratio != 1)
+            fail(found + "; positions seem to be in another unit of length (they are about " +
+                 number(round(ratio / digit) * digit) +
+                 " times as far apart as the sites): give positions and sites in nm, or as "
+                 "Quantities with units");
+        fail(found + fromRounding(distance) +
              "; give positions that fit the body's shape: whole molecules, not wrapped across the "
              "periodic box. To put its particles in their places, call "
              "openmmrigidhi.app.placeBodies()" +
@@ -248,6 +293,7 @@ BodyState ContextMirror::fitted(int b, double& residual) const {
                   : "") +
              ". Or raise setPoseTolerance(), or call resetBodyGeometry() if the shape itself has "
              "changed");
+    }
     residual = max(residual, distance);
     return state;
 }

@@ -82,11 +82,15 @@ private:
         const bool hasForce = fluid.getParameters() != nullptr;
         const string missing =
             hasForce ? "positions are not set yet" : "the System has no MobilityForce";
-        const bool unbounded = hasForce && scene.system.usesPeriodicBoundaryConditions() &&
-                               !fluid.getParameters()->usesPeriodicBoundaryConditions();
+        const bool withoutImages = hasForce && scene.system.usesPeriodicBoundaryConditions() &&
+                                   !fluid.getParameters()->usesPeriodicBoundaryConditions();
+        const bool aboveWall =
+            withoutImages && fluid.getParameters()->getBoundary() == MobilityForce::NoSlipWall;
         set("hydrodynamics", hasForce,
             (fluid ? FluidReport(*fluid.get()).describe(scheme) : missing) +
-                (unbounded ? "; unbounded, though forces are periodic" : ""));
+                (aboveWall       ? "; without images along x and y, though forces are periodic"
+                 : withoutImages ? "; unbounded, though forces are periodic"
+                                 : ""));
         set("mobilities asked for", hasForce,
             fluid ? FluidReport(*fluid.get()).describeAnswers() : missing);
         const string flow = fluid ? FluidReport(*fluid.get()).describeFlow() : "";

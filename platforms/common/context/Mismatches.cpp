@@ -29,7 +29,8 @@ string bodiesWithoutContext(const Scene& scene) {
 
 string unboundedFluidWithPeriodicForces(const Scene& scene) {
     const MobilityForce* fluid = scene.fluid.getParameters();
-    if (!fluid || fluid->usesPeriodicBoundaryConditions() ||
+    // No model has images of bodies above a wall, and the wall screens what they would add.
+    if (!fluid || fluid->getBoundary() != MobilityForce::Unbounded ||
         !scene.system.usesPeriodicBoundaryConditions())
         return {};
     // Bodies that do not feel each other need no images of each other.

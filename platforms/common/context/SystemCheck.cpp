@@ -8,6 +8,7 @@
 #include <openmm/System.h>
 #include <openmm/VirtualSite.h>
 
+#include <cmath>
 #include <map>
 #include <set>
 #include <typeinfo>
@@ -84,8 +85,19 @@ void checkMolecules(const ContextImpl& context, const CustomRigidHIIntegrator& i
 }
 
 /**
- * Rigid waters that are in no body: molecules of three massive particles with three constraints,
- * in which two light particles are alike.
+ * Whether masses are those of water, amu: an oxygen and two equal hydrogens, also heavy ones, or
+ * hydrogens that have taken mass from the oxygen.
+ */
+bool areMassesOfWater(double heavy, double light, double other) {
+    const double water = 18.015, rounding = 0.05;
+    const bool hasOxygen = heavy > 15 && heavy < 18.5,
+               isRepartitioned = abs(heavy + 2 * light - water) < rounding;
+    return light == other && light > 0.9 && light < 4.1 && (hasOxygen || isRepartitioned);
+}
+
+/**
+ * Rigid waters that are in no body: molecules of three particles with three constraints, which have
+ * the masses and the symmetry of water.
  */
 void findFreeWaters(const System& system, SystemInventory& stock) {
     map<int, map<int, double> > tied;  // particle, partner, distance
@@ -100,9 +112,9 @@ void findFreeWaters(const System& system, SystemInventory& stock) {
         const int heavy = entry.first;
         if (entry.second.size() != 2) continue;
         const int a = entry.second.begin()->first, b = entry.second.rbegin()->first;
-        const double mass = system.getParticleMass(a);
-        if (tied[a].size() != 2 || tied[b].size() != 2 || tied[a].count(b) == 0 || !(mass > 0) ||
-            system.getParticleMass(b) != mass || !(system.getParticleMass(heavy) > mass) ||
+        if (tied[a].size() != 2 || tied[b].size() != 2 || tied[a].count(b) == 0 ||
+            !areMassesOfWater(system.getParticleMass(heavy), system.getParticleMass(a),
+                              system.getParticleMass(b)) ||
             entry.second.at(a) != entry.second.at(b))
             continue;
         if (stock.numFreeWaters++ == 0) stock.firstFreeWater = heavy;

@@ -391,16 +391,28 @@ class StudyReport(Report):
         """
         knob, lines = self.result.knob, []
         for method, entry in comparison.items():
+            if entry['missed']:
+                lines.append(f'{method}: its errors as measured are above the wanted one at all '
+                             'measured steps, so that no step is known; smaller steps or longer '
+                             'runs may show one.')
+                continue
             speed, step = knob.speed(
                 entry['ns_per_day']), f'{entry["step"]*knob.scale:.3g} {knob.unit}'
             if entry['capped']:
-                text = (f'{method}: its error is still below the wanted one at its largest stable '
-                        f'step, {step}: at least {speed}')
+                largest = 'largest stable' if entry['limited'] else 'largest measured'
+                text = f'{method}: its error is still below the wanted one at its {largest} step, '
+                text += f'{step}: at least {speed}'
+                if not entry['sure']:
+                    text = (f'{method}: the statistics do not suffice to tell whether its error is '
+                            f'below the wanted one at its {largest} step, {step}; if it is, at '
+                            f'least {speed}')
             else:
+                where = ('beyond the measured steps, by the fit'
+                         if entry['beyond'] else 'between the measured steps')
                 text = (
                     f'{method}: reaches the wanted error at a step of {step} '
-                    f'({entry["step_low"]*knob.scale:.3g} to {entry["step_high"]*knob.scale:.3g}): '
-                    f'{speed}')
+                    f'({entry["step_low"]*knob.scale:.3g} to {entry["step_high"]*knob.scale:.3g}), '
+                    f'{where}: {speed}')
             if entry['ratio'] is not None and method != self.baseline:
                 # The baseline may be good for larger steps than were measured, or the method.
                 bound = {
@@ -420,8 +432,7 @@ class StudyReport(Report):
         for wanted, comparison in self.comparisons.items():
             if comparison:
                 item, = result.parseWanted(wanted)
-                lines.append(f'At exactly {item.text}, between the steps that were measured: ' +
-                             ' '.join(self.atWantedError(comparison)))
+                lines.append(f'At exactly {item.text}: ' + ' '.join(self.atWantedError(comparison)))
         for status, text in ((UNSTABLE, 'was unstable'), (FAILED, 'failed'),
                              (NOT_RUN, 'did not come to its end')):
             dead, messages = {}, {}
@@ -574,6 +585,9 @@ class StudyReport(Report):
     def _comparison_table(self, wanted, comparison):
         knob, confidence, rows = self.result.knob, f'{100*self.result.confidence:g} %', []
         for method, entry in comparison.items():
+            if entry['missed']:
+                rows.append((method, 'not known') + 7*('',))
+                continue
             atLeast = '≥ ' if entry['capped'] else ''
             ratio = ('', '') if entry['ratio'] is None else (
                 f'{entry["ratio"]:.2f}', f'{entry["ratio_low"]:.2f} – {entry["ratio_high"]:.2f}')
@@ -581,6 +595,7 @@ class StudyReport(Report):
                                  for key in ('step_low', 'step', 'step_high'))
             slow, speed, fast = (f'{entry[key]*knob.speedScale:.3g}'
                                  for key in ('ns_per_day_low', 'ns_per_day', 'ns_per_day_high'))
+            middle += ' (by the fit)' if entry['beyond'] else ''
             rows.append(
                 (method, atLeast + middle, f'{low} – {high}', f'{entry["steps_per_second"]:.1f}',
                  atLeast + speed, f'{slow} – {fast}', *ratio))

@@ -12,7 +12,7 @@ from ._results import (DECIDED, HARDLY, LARGEST_FACTOR, LONGER, NO_MEAN, NO_REFE
                        RECOMMENDED, REFERENCE, SMALL_STEPS, UNDECIDED, UNUSABLE, Recommendation,
                        Result, Wanted, checked_confidence, decide, factor_to_decide, split_wanted,
                        times, worst)
-from .measurement import SECONDS_PER_DAY, STABLE
+from .measurement import SECONDS_PER_DAY, STABLE, UNSTABLE
 from .price import NO_MEAN_NOTES, Prices, completeNoise
 from .report import StudyReport
 from .statistics import Extrapolation, errorCurve, quantile
@@ -474,7 +474,7 @@ class StudyResult(Result):
 
     def compareAt(self, wanted: str, baseline: str = 'LangevinMiddle',
                   resamplings: int = 1000) -> dict:
-        """How fast each method is at the wanted error, between the steps that were measured.
+        """How fast each method is at the wanted error, also between the measured steps.
 
         The errors of each method up to twice the wanted error are fitted by E h^p + F h^2p. Beyond,
         the curve goes straight from point to point. The curve gives the step at which the error
@@ -493,11 +493,14 @@ class StudyResult(Result):
         Returns
         -------
         dict
-            method -> dict with step (ps), step_low, step_high, capped (the error is still below the
-            wanted one at the largest stable step, which is given as the step), ns_per_day,
-            ns_per_day_low, _high, ratio, ratio_low, ratio_high (None without the baseline;
-            intervals of the result's confidence), chi2, degrees. Methods without stable settings
-            are missing.
+            method -> dict with step (ps), step_low, step_high, capped (the error as measured is
+            still below the wanted one at the largest stable step, which is given as the step), sure
+            (it is below with the result's confidence), limited (a larger step was unstable), beyond
+            (the step is smaller than all that were measured), missed (the errors as measured are
+            above the wanted one at all measured steps, so that no limit of small steps is known:
+            the numbers from step to ratio_high are None), ns_per_day, ns_per_day_low, _high, ratio,
+            ratio_low, ratio_high (None without the baseline; intervals of the result's confidence),
+            chi2, degrees. Methods without stable settings are missing.
         """
         item, = self.parseWanted(wanted)
         reference = self.references.get(item.observable)
@@ -533,6 +536,10 @@ class StudyResult(Result):
             curves[method] = {
                 'step': step,
                 'capped': bool(step >= curve.largest),
+                'sure': self.judge(rows[-1], item, self.confidence)[0] == 'yes',
+                'limited': self._was_unstable_above(method, curve.largest),
+                'beyond': bool(step < rows[0]['step_size']),
+                'missed': bool(np.all(np.abs(errors[mine]) > item.tolerance)),
                 'ns_per_day': step*np.median(rate)*perNs,
                 'steps_per_second': float(np.median(rate)),
                 'chi2': curve.chi2,
@@ -553,7 +560,20 @@ class StudyResult(Result):
                 entry['step_ratio'] = entry['step']/curves[baseline]['step']
                 low, high = np.percentile(clouds[method][1]/clouds[baseline][1], tails)
                 entry['ratio_low'], entry['ratio_high'] = float(low), float(high)
+        isBaselineMissed = baseline in curves and curves[baseline]['missed']
+        ratios = ('ratio', 'ratio_low', 'ratio_high', 'step_ratio')
+        numbers = ('step', 'step_low', 'step_high', 'ns_per_day', 'ns_per_day_low',
+                   'ns_per_day_high', 'steps_per_second')
+        for entry in curves.values():
+            if entry['missed'] or isBaselineMissed:
+                entry.update(dict.fromkeys(ratios))
+            if entry['missed']:
+                entry.update(dict.fromkeys(numbers))
         return {method: curves[method] for method in self.methods() if method in curves}
+
+    def _was_unstable_above(self, method, step):
+        return any(row['method'] == method and row['status'] == UNSTABLE and row['step_size'] > step
+                   for row in self.rows)
 
     def deviations(self, rows: list[dict], rng: np.random.Generator, resamplings: int) -> Array:
         """By how much errors may be off, by the normal law.

@@ -52,7 +52,7 @@ def addRigidWater(integrator: CustomRigidHIIntegrator, topology: openmm.app.Topo
     skipFrozen : bool, optional
         whether molecules whose particles have mass 0 in the System are left out, so that they stay
         where they are. None: they are left out, and a warning says how many. False: they become
-        bodies without mass, for schemes without momenta in a fluid. True and False need the system.
+        bodies without mass, for schemes without momenta in a fluid. True needs the system.
 
     Returns
     -------
@@ -63,8 +63,8 @@ def addRigidWater(integrator: CustomRigidHIIntegrator, topology: openmm.app.Topo
     ------
     ValueError
         if the topology has no water, a residue of such a name is not one water molecule, the
-        constraints of a molecule do not fix its shape, or topology and System do not belong
-        together
+        constraints of a molecule do not fix its shape, topology and System do not belong together,
+        or skipFrozen is True without a system
     """
     where = 'addRigidWater'
     integrator = CustomRigidHIIntegrator.cast(integrator)
@@ -117,7 +117,8 @@ def addRigidResidues(integrator: CustomRigidHIIntegrator, topology: openmm.app.T
         the System become part of bodies as in :func:`addRigidWater`.
     skipFrozen : bool, optional
         whether residues whose particles have mass 0 in the System are left out, as in
-        :func:`addRigidWater`; None: they are left out, and a warning says how many
+        :func:`addRigidWater`; None: they are left out, and a warning says how many. True needs
+        the system.
 
     Returns
     -------
@@ -127,8 +128,8 @@ def addRigidResidues(integrator: CustomRigidHIIntegrator, topology: openmm.app.T
     Raises
     ------
     ValueError
-        if the topology has none of these residues, the constraints of one do not fix its shape, or
-        topology and System do not belong together
+        if the topology has none of these residues, the constraints of one do not fix its shape,
+        topology and System do not belong together, or skipFrozen is True without a system
     """
     where = 'addRigidResidues'
     integrator = CustomRigidHIIntegrator.cast(integrator)
@@ -224,6 +225,9 @@ def _add_residues(integrator, residues, particles, skipFrozen, where):
     """Make a body of each residue; the indices of the bodies."""
     if skipFrozen is not None:
         skipFrozen = _units.boolean(skipFrozen, where, 'skipFrozen')
+        if skipFrozen and particles.system is None:
+            raise ValueError(f'{where}: skipFrozen: got True without a system; masses are in the '
+                             'System: give the system, too')
     frozen = [residue for residue in residues if particles.are_frozen(residue)]
     if skipFrozen is not False and frozen:
         if skipFrozen is None:

@@ -198,8 +198,8 @@ def readGsd(file: Path, stepSize: Optional[Number] = None,
         without the package gsd
     TypeError, ValueError
         for bad arguments; if the file has no frames or no times, if the number of particles
-        changes, if numbers are not finite or orientations not of length 1, if it is no GSD file of
-        schema "hoomd", or if it is damaged
+        changes, if steps go back, if types or bodies are not there, if numbers are not finite or
+        orientations not of length 1, if it is no GSD file of schema "hoomd", or if it is damaged
     """
     if stepSize is not None:
         stepSize = _units.number(stepSize, _units.TIME, 'readGsd', 'stepSize')
@@ -223,6 +223,7 @@ def _read_trajectory(file, stepSize, frames):
             raise ValueError(
                 f'readGsd: {file}: it holds steps, but no times; these must be known: give stepSize'
             )
+        _check_indices(first.particles, 0, file)
         bodies = _bodies_of(first.particles)
         numbers = np.arange(len(handle))[frames]
         if not len(numbers):
@@ -233,6 +234,11 @@ def _read_trajectory(file, stepSize, frames):
     step, time, box, R, image, q, v, angmom, moments = (np.array(
         [column[name] for column in columns]) for name in names)
     where = f'readGsd: {file}'
+    for k in np.flatnonzero(np.diff(step) < 0)[:1]:
+        raise ValueError(
+            f'{where}: frame {numbers[k + 1]} is of step {step[k + 1]}, and frame {numbers[k]} '
+            f'before it of step {step[k]}; steps must not go back: split the file, or give '
+            'frames')
     if stepSize is not None:
         time = step*stepSize
     requireFinite(time, 'time', where, numbers, None)
@@ -300,6 +306,7 @@ def _read_frame(frame, first, bodies, k, file):
     if particles.N != first.particles.N:
         raise ValueError(f'readGsd: {file}: frame {k} has {particles.N} particles, frame 0 has '
                          f'{first.particles.N}; their number must not change: split the file')
+    _check_indices(particles, k, file)
     return {
         'step': int(frame.configuration.step),
         'time': float(frame.log[_TIME][0]) if _TIME in frame.log else 0.0,
@@ -311,6 +318,22 @@ def _read_frame(frame, first, bodies, k, file):
         'angmom': particles.angmom[bodies].astype(float),
         'moments': particles.moment_inertia[bodies].astype(float)
     }
+
+
+def _check_indices(particles, k, file):
+    """Check the types of particles, and the bodies whose constituents they are."""
+    body, typeid = np.asarray(particles.body), np.asarray(particles.typeid)
+    for i in np.flatnonzero(typeid >= len(particles.types))[:1]:
+        raise ValueError(f'readGsd: {file}: frame {k}: particle {i} has the typeid {typeid[i]}; '
+                         f'there are {len(particles.types)} types, counted from 0: correct the '
+                         'file')
+    # Negative numbers mean that a particle is no constituent of a rigid body.
+    central = body == np.arange(len(body))
+    isWrong = (body >= len(body)) | (body >= 0) & ~central[np.minimum(body, len(body) - 1)]
+    for i in np.flatnonzero(isWrong)[:1]:
+        raise ValueError(f'readGsd: {file}: frame {k}: particle {i} has the body {body[i]}; a body '
+                         f'must be one of the {len(body)} particles, counted from 0, whose own '
+                         'body it is: correct the file')
 
 
 def _is_periodic(frame):

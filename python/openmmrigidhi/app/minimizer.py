@@ -15,13 +15,13 @@ from .._quaternions import rotation_matrices
 from .._systems import BodyDefinitions, hydrodynamic_radii
 from ..integrator import CustomRigidHIIntegrator
 
-#: The default tolerance in a scene of molecules. With the length of molecules it is an energy of
-#: 2.5 kJ/mol, kT at 300 K. Scenes of larger particles have this energy over their own length.
+#: The default tolerance for molecules. With the length of molecules it is an energy of 2.5 kJ/mol,
+#: kT at 300 K. Larger particles have this energy over their own length.
 _MOLECULAR_TOLERANCE = 10.0  # kJ/(mol nm)
 _MOLECULAR_LENGTH = 0.25  # nm
 #: The largest move of coordinates within one run of L-BFGS. A chart of rotation vectors is good up
 #: to about a radian.
-_LARGEST_TRANSLATION = 0.8  # of the length of the scene
+_LARGEST_TRANSLATION = 0.8  # of the length of the particle
 _LARGEST_ROTATION = 0.5  # rad
 #: Springs hold constraints among free particles to this relative error; the end is exact.
 _CONSTRAINT_ERROR = 1e-4
@@ -30,7 +30,7 @@ _MAX_STIFFENINGS = 3
 #: A run of L-BFGS that lowers the energy by less than this part has come as far as rounding allows.
 _SMALLEST_DECREASE = 1e-8
 #: The largest move of a coordinate in the first step of a run of L-BFGS, of the length of the
-#: scene. The run does not know the curvature of the energy yet.
+#: particle. The run does not know the curvature of the energy yet.
 _FIRST_STEP = 0.02
 
 
@@ -39,7 +39,9 @@ class MinimizationResult:
     """How a minimisation went.
 
     It has the energies, the root mean square force component that is left, the numbers of
-    iterations and evaluations, and the tolerance that was used.
+    iterations and evaluations, and the tolerance that was used. Force and tolerance are those of
+    the particle, or of all molecules together, whose force is the largest multiple of its
+    tolerance.
     """
 
     initialEnergy: unit.Quantity
@@ -70,11 +72,13 @@ def minimize(context: openmm.Context, tolerance: Optional[Number] = None, maxIte
     context : openmm.Context
         with positions; left at the minimum
     tolerance : float or Quantity, optional
-        the search ends when the root mean square of all force components is at most this, kJ/(mol
-        nm). Torques are divided by the root mean square distance of a body's sites from its origin,
-        or by the body's largest hydrodynamic radius if this is larger. None: 2.5 kJ/mol (kT at 300
-        K) over the length of the scene, but at most 10, which suits molecules. The length is the
-        smallest hydrodynamic radius above 0. Without radii it is half of the median distance of a
+        the search ends when the root mean square of the force components is at most this, kJ/(mol
+        nm), for each body and free particle that is longer than 0.25 nm, and for all others
+        together. Torques are divided by the root mean square distance of a body's sites from its
+        origin, or by the body's largest hydrodynamic radius if this is larger. None: 2.5 kJ/mol (kT
+        at 300 K) over the length of the body or particle, but at most 10, which suits molecules.
+        The length is the body's smallest hydrodynamic radius above 0. Where it has no radius, the
+        length is the smallest radius of all, or without radii half of the median distance of a
         particle from its nearest neighbour. The result says the tolerance.
     maxIterations : int
         the largest number of iterations; 0: no limit
@@ -137,10 +141,12 @@ class _Scene:
         self.q = self.integrator.getBodyOrientations()
         self.x = self._all_positions()[self.free]
         self.extent = self._extent()
+        self.bodyLengths, self.freeLengths = self._own_lengths(), self._lengths_of(
+            self.radii[self.free])
 
     def _read_bodies(self, system):
         bodies = BodyDefinitions(self.integrator)
-        self.numBodies, self.members = len(bodies), bodies.members
+        self.numBodies, self.members, self.first = len(bodies), bodies.members, bodies.first
         # OpenMM has added a virtual site's force to its parents when we see it.
         real = np.array([not system.isVirtualSite(int(i)) for i in self.members], dtype=bool)
         self.sites, self.siteBody, self.siteParticle = bodies.places[real], bodies.owners[
@@ -179,6 +185,18 @@ class _Scene:
         else:
             length = self._neighbour_distance()/2
         return max(length, _MOLECULAR_LENGTH)
+
+    def _lengths_of(self, radii):
+        """The lengths of particles with such radii, nm."""
+        return np.where(radii > 0, np.maximum(radii, _MOLECULAR_LENGTH), self.extent)
+
+    def _own_lengths(self):
+        """The length of each body, nm."""
+        if self.numBodies == 0:
+            return np.empty(0)
+        radii = self.radii[self.members]
+        smallest = np.minimum.reduceat(np.where(radii > 0, radii, np.inf), self.first[:-1])
+        return self._lengths_of(np.where(np.isfinite(smallest), smallest, 0))
 
     def _neighbour_distance(self):
         """Median distance of a particle from its nearest neighbour, nm; 0 if there is none.
@@ -254,12 +272,30 @@ class _Recentre(Exception):
 class _Search:
     """A sequence of L-BFGS runs.
 
-    The vector y holds translations, length times rotation vectors, and moves of free particles.
+    The vector y holds translations, length times rotation vectors, and moves of free particles. The
+    coordinates of a particle that is longer than the scene's length are divided by their ratio, so
+    that large and small particles come as far in a step as their sizes allow.
     """
     def __init__(self, scene, tolerance, maxIterations, reporter, bar):
         self.scene = scene
+        n = scene.numBodies
+        lengths = np.concatenate(
+            [np.tile(np.repeat(scene.bodyLengths, 3), 2),
+             np.repeat(scene.freeLengths, 3)])
+        self.scales = lengths/scene.extent
+        # Molecules are judged together, and each larger particle by itself.
+        particles = np.concatenate([
+            np.tile(np.repeat(np.arange(n), 3), 2),
+            np.repeat(np.arange(n, n + len(scene.freeLengths)), 3)
+        ])
+        self.particles, self.groups = np.unique(
+            np.where(lengths > _MOLECULAR_LENGTH, particles, -1), return_inverse=True)
+        self.counts = np.bincount(self.groups)
+        energy = _MOLECULAR_TOLERANCE*_MOLECULAR_LENGTH
+        self.tolerances = np.full(len(self.counts), tolerance or energy/_MOLECULAR_LENGTH)
         if tolerance is None:
-            tolerance = _MOLECULAR_TOLERANCE*_MOLECULAR_LENGTH/scene.extent
+            self.tolerances[self.groups] = energy/lengths
+            tolerance = energy/scene.extent
         self.tolerance = tolerance
         self.maxIterations = maxIterations
         self.reporter = reporter
@@ -292,9 +328,10 @@ class _Search:
         finalEnergy = scene.evaluate(self.R, self.q, self.x)[0]
         if not self.converged and not self._out_of_iterations():
             warnings.warn(
-                f'minimize: the root mean square force is {self.rms:.3g} kJ/(mol nm), above the '
-                f'tolerance {self.tolerance:.3g}: the search got stuck, most likely at the '
-                'precision of the forces; use the Reference platform or a larger tolerance')
+                f'minimize: the root mean square force{self._of_what()} is {self.rms:.3g} '
+                f'kJ/(mol nm), above the tolerance {self.tolerance:.3g}: the search got stuck, '
+                'most likely at the precision of the forces; use the Reference platform or a '
+                'larger tolerance')
         return MinimizationResult(_units.ENERGY.attach(initialEnergy),
                                   _units.ENERGY.attach(finalEnergy), _units.FORCE.attach(self.rms),
                                   self.iterations, self.evaluations, self.converged,
@@ -348,7 +385,7 @@ class _Search:
 
     def _limits(self):
         n = self.scene.numBodies
-        rotations = np.repeat(self.scene.length, 3)*_LARGEST_ROTATION
+        rotations = np.repeat(self.scene.length, 3)*_LARGEST_ROTATION/self.scales[3*n:6*n]
         return np.concatenate([
             np.full(3*n, _LARGEST_TRANSLATION*self.scene.extent), rotations,
             np.full(3*len(self.scene.free), _LARGEST_TRANSLATION*self.scene.extent)
@@ -357,6 +394,7 @@ class _Search:
     def _split(self, y):
         """Translations, rotation vectors and moves of free particles in y."""
         n = self.scene.numBodies
+        y = y*self.scales
         return (y[:3*n].reshape(-1, 3), y[3*n:6*n].reshape(-1, 3)/self.scene.length[:, None],
                 y[6*n:].reshape(-1, 3))
 
@@ -373,7 +411,7 @@ class _Search:
         springEnergy, springForces = self._springs(x)
         turns = -_turn_gradient(self._split(y)[1], torques)/self.scene.length[:, None]
         gradient = np.concatenate(
-            [-forces.ravel(), turns.ravel(), -(freeForces + springForces).ravel()])
+            [-forces.ravel(), turns.ravel(), -(freeForces + springForces).ravel()])*self.scales
         energy += springEnergy
         self.last = (y.copy(), energy, gradient)
         if not (np.isfinite(energy) and np.all(np.isfinite(gradient))) and np.any(y):
@@ -413,8 +451,20 @@ class _Search:
 
     def _note(self, y, energy, gradient):
         self.best, self.energy, self.gradient = y.copy(), energy, gradient
-        self.rms = np.sqrt(np.mean(gradient**2)) if len(gradient) > 0 else 0.0
+        self.worst, self.rms = 0, 0.0
+        if len(gradient) > 0:
+            rms = np.sqrt(np.bincount(self.groups, (gradient/self.scales)**2)/self.counts)
+            self.worst = np.argmax(rms/self.tolerances)
+            self.rms, self.tolerance = rms[self.worst], self.tolerances[self.worst]
         self.converged = bool(self.rms <= self.tolerance)
+
+    def _of_what(self):
+        """The particle that is judged by itself and farthest from its tolerance, in words."""
+        k = self.particles[self.worst]
+        if k < 0:
+            return ''
+        n = self.scene.numBodies
+        return f' of body {k}' if k < n else f' of particle {self.scene.free[k - n]}'
 
     def _after_iteration(self, y):
         """SciPy calls this after each iteration; an exception is the only way to end its search."""

@@ -7,8 +7,8 @@ import numpy as np
 import openmm
 
 from .. import _units
+from .._quaternions import product, rotate
 from .._types import Number, Numbers
-from .._quaternions import rotate
 from .._systems import BodyDefinitions
 from ..integrator import CustomRigidHIIntegrator
 
@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 _FARTHEST = 0.5
 #: A pose tolerance, in nm, that no finite positions exceed.
 _ANY_DISTANCE = 1e300
+#: Singular values below this fraction of the largest are rounding of site positions.
+_ROUNDING = 1e-10
+#: Positions seem to be in another unit of length if they are apart by this factor more or less than
+#: the sites, and have the shape of the body but for this part of its size.
+_ANOTHER_SIZE, _LIKENESS = 5, 0.1
 #: How far the length of a quaternion may be from 1, as in setBodyOrientations().
 _LENGTH_ERROR = 1e-3
 
@@ -33,10 +38,11 @@ def placeBodies(context: openmm.Context, positions: Optional[Numbers] = None,
     """Set the poses of bodies, and put all their particles exactly in their places.
 
     Poses are given by positions and orientations, or fitted to the coordinates of particles, as a
-    file has them, by mass-weighted least squares (massless bodies: unweighted). Poses that are
-    given take the place of fitted ones. The function also works as the first placement in a
-    Context. Coordinates may be farther from the shape of a body than the integrator's pose
-    tolerance. The periodic box, the velocities of bodies and the pose tolerance do not change.
+    file has them, by mass-weighted least squares (massless bodies: unweighted). Where one of
+    positions and orientations is given, the other one is fitted for it. The function also works as
+    the first placement in a Context. Coordinates may be farther from the shape of a body than the
+    integrator's pose tolerance. The periodic box, the velocities of bodies and the pose tolerance
+    do not change.
 
     ``placeBodies(context)`` alone fits poses to the present positions of the Context.
 
@@ -56,14 +62,14 @@ def placeBodies(context: openmm.Context, positions: Optional[Numbers] = None,
         known.
     tolerance : float or Quantity, optional
         the largest distance of a particle from its place after the fit, nm. None: half of the
-        largest distance of a site from the centre of its body. Nothing changes if a particle is
-        farther off.
+        largest distance of a site from the centre of its body, after a fit of both position and
+        orientation. Nothing changes if a particle is farther off.
 
     Returns
     -------
     Quantity
-        the largest distance of a given position from the particle's place, nm; 0, but for
-        rounding, if no pose was fitted
+        the largest distance of a given position from the place where the particle is put, nm; 0,
+        but for rounding, if positions and orientations are given
 
     Raises
     ------
@@ -133,16 +139,10 @@ class _Placement:
             x, orientations = self._first_positions(positions, orientations)
         elif x is None and self.refusal is not None:
             x = self._present_positions()
-        if x is not None:
-            x = self._with_given_poses(x, positions, orientations)
         distance = 0.0
         if x is not None:
-            isReal = np.array([not self.system.isVirtualSite(i) for i in range(len(x))], dtype=bool)
-            _require_finite(np.where(isReal[:, None], x, 0), self.where, 'particlePositions',
-                            'particle')
-            # Virtual sites are computed, and files often do not have them.
-            x[~isReal & ~np.isfinite(x).all(axis=1)] = 0
-            distance = self._fit(x, tolerance)
+            x = self._checked(self._with_given_poses(x, positions, orientations))
+            positions, orientations, distance = self._fit(x, positions, orientations, tolerance)
         if positions is None and orientations is None:
             positions = integrator.getBodyPositions()._value  # all members go to their places
         if orientations is not None:
@@ -205,13 +205,29 @@ class _Placement:
                 x[particles] = places
         return x
 
-    def _fit(self, x, tolerance):
-        """Fit poses to positions; the largest distance of a particle from its place, nm."""
+    def _checked(self, x):
+        isReal = np.array([not self.system.isVirtualSite(i) for i in range(len(x))], dtype=bool)
+        _require_finite(np.where(isReal[:, None], x, 0), self.where, 'particlePositions',
+                        'particle')
+        # Virtual sites are computed, and files often do not have them.
+        x[~isReal & ~np.isfinite(x).all(axis=1)] = 0
+        return x
+
+    def _fit(self, x, positions, orientations, tolerance):
+        """Move the particles to positions, and fit poses to them.
+
+        The result has positions and orientations of the bodies as far as they must still be set,
+        and the largest distance of a particle from its place, nm.
+        """
         integrator = self.integrator
-        before = None if self.isFirst else self._present_positions()
+        poseTolerance = integrator.getPoseTolerance()
+        isKnown = all(map(self._is_known, range(integrator.getNumRigidBodiesOfContext())))
+        if isKnown:  # what is refused here has changed nothing
+            found = self._fitted(x, positions, orientations, tolerance, poseTolerance._value)
+        state = None if self.isFirst else self.context.getState(getPositions=True,
+                                                                getVelocities=True)
         twists = None if self.refusal else (integrator.getBodyVelocities(),
                                             integrator.getBodyAngularVelocities())
-        poseTolerance = integrator.getPoseTolerance()
         try:
             self.context.setPositions(x)
             refusal = self._refusal()
@@ -220,34 +236,40 @@ class _Placement:
                     raise openmm.OpenMMException(refusal)
                 # The shapes are known now, and only the poses are missing.
                 integrator.setPoseTolerance(_ANY_DISTANCE)
-            distance = self._checked_distance(x, tolerance, poseTolerance._value)
+            if not isKnown:
+                found = self._fitted(x, positions, orientations, tolerance, poseTolerance._value)
             # The members go to their places, where they fit any tolerance.
             integrator.setBodyPositions(integrator.getBodyPositions())
         except (ValueError, openmm.OpenMMException):
             integrator.setPoseTolerance(poseTolerance)
-            if before is not None:
-                self.context.setPositions(before)
+            if state is not None:
+                self.context.setPositions(state.getPositions(asNumpy=True))
+                self.context.setVelocities(state.getVelocities(asNumpy=True))
             raise
         integrator.setPoseTolerance(poseTolerance)
         if twists is not None:
             integrator.setBodyVelocities(twists[0])
             integrator.setBodyAngularVelocities(twists[1])
-        return distance
+        return found
 
-    def _checked_distance(self, x, tolerance, poseTolerance):
+    def _fitted(self, x, positions, orientations, tolerance, poseTolerance):
+        """As _fit(), without any change, for shapes that are known."""
         bodies = BodyDefinitions(self.integrator)
-        if len(bodies) == 0:
-            return 0.0
-        R, q = self.integrator.getBodyPositions()._value, self.integrator.getBodyOrientations()
-        places = R[bodies.owners] + rotate(q[bodies.owners], bodies.places)
-        isReal = np.array([not self.system.isVirtualSite(int(i)) for i in bodies.members])
-        distances = np.where(isReal, np.linalg.norm(x[bodies.members] - places, axis=1), 0)
+        isGiven = positions is not None, orientations is not None
+        if len(bodies) == 0 or all(isGiven):
+            return positions, orientations, 0.0
+        fit = _PoseFit(self.system, bodies)
+        present = np.tile((1.0, 0, 0, 0), (len(bodies), 1))
+        if self._refusal() is None:
+            present = self.integrator.getBodyOrientations()
+        R, q = fit.poses(x, present, positions, orientations)
+        distances = fit.distances(x, R, q)
+        largest = float(distances.max())
         if tolerance is None:
-            centres = np.add.reduceat(bodies.places, bodies.first[:-1])/np.diff(bodies.first)[:,
-                                                                                              None]
-            arms = np.linalg.norm(bodies.places - centres[bodies.owners], axis=1)
-            limits = np.maximum(_FARTHEST*np.maximum.reduceat(arms, bodies.first[:-1]),
-                                poseTolerance)[bodies.owners]
+            # Poses that are given may be far from the particles, whose shape must be right.
+            if any(isGiven):
+                distances = fit.distances(x, *fit.poses(x, present))
+            limits = np.maximum(_FARTHEST*fit.sizes(), poseTolerance)[bodies.owners]
         else:
             limits = np.full(len(distances), tolerance)
         for k in np.argsort(limits - distances)[:1]:
@@ -255,14 +277,139 @@ class _Placement:
                 raise ValueError(
                     f'{self.where}: body {bodies.owners[k]}: particle {bodies.members[k]} is '
                     f'{distances[k]:.3g} nm from its place after the fit, more than '
-                    f'{limits[k]:.3g} nm; its particles do not have the shape of the body: look '
-                    'for another order of atoms, a mirror image, or a body that was wrapped across '
-                    'the periodic box (makeWhole()), or give a larger tolerance')
-        return float(distances.max())
+                    f'{limits[k]:.3g} nm; {fit.likely_fault(x, bodies.owners[k])}')
+        # Without given poses, the integrator has made the same fit with more digits.
+        return (R, q, largest) if any(isGiven) else (None, None, largest)
 
 
-def makeWhole(integrator: CustomRigidHIIntegrator, positions: Numbers,
-              boxVectors: Numbers) -> unit.Quantity:
+class _PoseFit:
+    """Least squares for poses of bodies, with the weights that the integrator takes."""
+    def __init__(self, system, bodies):
+        self.bodies = bodies
+        self.isReal = np.array([not system.isVirtualSite(int(i)) for i in bodies.members])
+        masses = np.array([system.getParticleMass(int(i))._value for i in bodies.members])
+        self.weights = np.empty(len(masses))
+        self.lines = {}
+        for begin, end in zip(bodies.first, bodies.first[1:]):
+            sites, real = bodies.places[begin:end], self.isReal[begin:end].astype(float)
+            own = masses[begin:end]
+            if not own.any() or self._line(sites, own)[0] < self._line(sites, real)[0]:
+                own = real  # the masses leave open a rotation that all members together fix
+            self.weights[begin:end] = own
+        self.centres = self._mean(bodies.places)
+
+    def poses(self, x, present, positions=None, orientations=None):
+        """Positions and orientations of the bodies; those that are given stay.
+
+        Rotations that the particles leave open are the smallest ones from the present orientations.
+        """
+        bodies, given = self.bodies, positions
+        x = x[bodies.members]
+        centres = self._mean(x)
+        if orientations is None:
+            # About a given position, the sites count from the origin of the body.
+            pivots, origins = (centres, self.centres) if given is None else (given, 0*self.centres)
+            orientations = self._orientations(x - pivots[bodies.owners],
+                                              bodies.places - origins[bodies.owners], present,
+                                              given is None)
+        else:
+            orientations = orientations/np.linalg.norm(orientations, axis=1)[:, None]
+        if given is None:
+            positions = centres - rotate(orientations, self.centres)
+        return positions, orientations
+
+    def distances(self, x, R, q):
+        """Distance of each member from its place, nm; 0 for virtual sites."""
+        bodies = self.bodies
+        places = R[bodies.owners] + rotate(q[bodies.owners], bodies.places)
+        return np.where(self.isReal, np.linalg.norm(x[bodies.members] - places, axis=1), 0)
+
+    def sizes(self):
+        """The largest distance of a site from the centre of each body, nm."""
+        bodies = self.bodies
+        starts = bodies.first[:-1]
+        centres = np.add.reduceat(bodies.places, starts)/np.diff(bodies.first)[:, None]
+        return np.maximum.reduceat(np.linalg.norm(bodies.places - centres[bodies.owners], axis=1),
+                                   starts)
+
+    def likely_fault(self, x, body):
+        """What may be wrong with particles that do not have the shape of their body."""
+        members = slice(*self.bodies.first[body:body + 2])
+        real = self.isReal[members]
+        points = x[self.bodies.members[members]][real], self.bodies.places[members][real]
+        apart, own = (np.linalg.norm(p - p.mean(axis=0), axis=1) for p in points)
+        ratio = apart.max()/own.max() if own.max() > 0 and apart.max() > 0 else 1.0
+        # Two particles have this shape at any distance, also where a box has torn them apart.
+        isLike = np.all(np.abs(apart/ratio - own) <= _LIKENESS*own.max()) and (
+            len(own) > 2 or abs(np.log10(ratio) - np.round(np.log10(ratio))) <= 0.02)
+        if isLike and not 1/_ANOTHER_SIZE < ratio < _ANOTHER_SIZE:
+            times = float(f'{ratio:.2g}')
+            return (f'positions seem to be in another unit of length (they are about {times:g} '
+                    'times as far apart as the sites): give positions and sites in nm, or as '
+                    'Quantities with units')
+        return ('its particles do not have the shape of the body: look for another order of atoms, '
+                'a mirror image, or a body that was wrapped across the periodic box (makeWhole()), '
+                'or give a larger tolerance')
+
+    def _mean(self, values):
+        """Weighted means over the members of each body."""
+        starts = self.bodies.first[:-1]
+        return (np.add.reduceat(self.weights[:, None]*values, starts)/
+                np.add.reduceat(self.weights, starts)[:, None])
+
+    def _orientations(self, targets, sites, present, isCentred):
+        from scipy.spatial.transform import Rotation
+        bodies = self.bodies
+        arms = rotate(present[bodies.owners], sites)
+        correlation = np.add.reduceat(
+            self.weights[:, None, None]*targets[:, :, None]*arms[:, None, :], bodies.first[:-1])
+        left, _, right = np.linalg.svd(correlation)
+        left[:, :, 2] *= np.linalg.det(left @ right)[:, None]  # no mirror images
+        turns = Rotation.from_matrix(left @ right).as_quat()[:, [3, 0, 1, 2]]
+        for body, (begin, end) in enumerate(zip(bodies.first, bodies.first[1:])):
+            rank, line = self._line(bodies.places[begin:end], self.weights[begin:end], isCentred)
+            if rank == 0:
+                turns[body] = (1, 0, 0, 0)
+            elif rank == 1:
+                start = rotate(present[body], line)
+                turns[body] = _smallest_turn(start, correlation[body] @ start)
+        q = product(turns, present)
+        q /= np.linalg.norm(q, axis=1)[:, None]
+        return q*np.where(np.sum(q*present, axis=1) < 0, -1, 1)[:, None]
+
+    def _line(self, sites, weights, isCentred=True):
+        """0 for sites in one point, 1 for those on a line, 2 for others; and the longest axis.
+
+        The point and the line go through the origin of the body if sites are not centred.
+        """
+        key = sites.tobytes(), weights.tobytes(), isCentred
+        if key not in self.lines:
+            largest = np.abs(sites).max()
+            if isCentred:
+                sites = sites - weights @ sites/weights.sum()
+            _, values, axes = np.linalg.svd(np.sqrt(weights/weights.sum())[:, None]*sites)
+            rank = (0 if not values[0] > _ROUNDING*largest else
+                    1 if len(values) < 2 or values[1] <= _ROUNDING*values[0] else 2)
+            self.lines[key] = rank, axes[0]
+        return self.lines[key]
+
+
+def _smallest_turn(start, end):
+    """The quaternion of the smallest rotation from one direction to another one."""
+    length = np.linalg.norm(end)
+    if not length > 0:
+        return 1, 0, 0, 0
+    start, end = start/np.linalg.norm(start), end/length
+    twice = np.linalg.norm(start + end)  # the cosine of half the angle, twice
+    if twice < 1e-6:
+        # The axis is lost in rounding: half a turn about any perpendicular one.
+        axis = np.cross(start, np.eye(3)[np.argmin(np.abs(start))])
+        return 0, *(axis/np.linalg.norm(axis))
+    return twice/2, *(np.cross(start, end)/twice)
+
+
+def makeWhole(integrator: CustomRigidHIIntegrator, positions: Numbers, boxVectors: Numbers,
+              system: Optional[openmm.System] = None) -> unit.Quantity:
     """Make bodies whole whose particles were wrapped one by one into the periodic box.
 
     Programs that write files often move each particle into the box, so that bodies at its faces are
@@ -277,6 +424,9 @@ def makeWhole(integrator: CustomRigidHIIntegrator, positions: Numbers,
         positions of all particles of the System, nm
     boxVectors : array-like or Quantity of shape (3, 3)
         the periodic box vectors, nm, in rows
+    system : openmm.System, optional
+        if given, positions of virtual sites need not be finite, and stay as they are where they are
+        not: :func:`placeBodies` computes them
 
     Returns
     -------
@@ -292,9 +442,9 @@ def makeWhole(integrator: CustomRigidHIIntegrator, positions: Numbers,
 
     Notes
     -----
-    A body that is longer than half the box, but short after its particles have moved, is torn
-    apart without being noticed here; its shape no longer fits, which the next step says if the
-    shape is known. Give whole positions of such bodies.
+    A body that is longer than half the box may look short after its particles have moved. This is
+    noticed where the integrator knows the shape: from explicit sites, or in a Context. Otherwise
+    the body is torn apart. Give whole positions of such bodies.
     """
     where = 'makeWhole'
     integrator = CustomRigidHIIntegrator.cast(integrator)
@@ -303,19 +453,27 @@ def makeWhole(integrator: CustomRigidHIIntegrator, positions: Numbers,
     if not np.all(np.isfinite(box)) or not abs(np.linalg.det(box)) > 0:
         raise ValueError(f'{where}: boxVectors: got {box.tolist()} nm; three finite vectors must '
                          'span a volume: give the box of the file')
+    if system is not None and not isinstance(system, openmm.System):
+        raise TypeError(f'{where}: system: got {type(system).__name__}; it must be an '
+                        'openmm.System: give the System of the bodies, or leave it out')
     toFractions = np.linalg.inv(box)
+    halfWidth = 0.5/np.linalg.norm(toFractions, axis=0).max()
     for body in range(integrator.getNumRigidBodies()):
         particles = integrator.getRigidBodyParticles(body)
         if max(particles) >= len(result):
             raise ValueError(
                 f'{where}: positions: got {len(result)} rows; body {body} has particle '
                 f'{max(particles)}: give a row for each particle of the System')
-        members = result[particles]
-        if not np.all(np.isfinite(members)):
-            bad = particles[np.argwhere(~np.isfinite(members))[0, 0]]
-            raise ValueError(f'{where}: positions: particle {bad} of body {body} is at '
-                             f'{result[bad].tolist()}; all numbers must be finite: correct the '
-                             'file')
+        isFinite = np.isfinite(result[particles]).all(axis=1)
+        for bad, isGood in zip(particles, isFinite):
+            if not isGood and (system is None or not system.isVirtualSite(bad)):
+                raise ValueError(f'{where}: positions: particle {bad} of body {body} is at '
+                                 f'{result[bad].tolist()}; all numbers must be finite: correct the '
+                                 'file, or give the system if the particle is a virtual site')
+        whole = np.array(particles)[isFinite]
+        members = result[whole]
+        if len(members) == 0:
+            continue
         fractions = (members - members[0]) @ toFractions
         shifts = np.round(fractions)
         lengths = np.ptp(fractions - shifts, axis=0)
@@ -325,5 +483,27 @@ def makeWhole(integrator: CustomRigidHIIntegrator, positions: Numbers,
                 f'{where}: body {body} is {lengths[k]:.3g} of the box long along box vector '
                 f'{"abc"[k]}; it must be shorter than half the box, for else the nearest images of '
                 'its particles are not known: give whole positions of this body')
-        result[particles] = members - shifts @ box
+        members -= shifts @ box
+        if integrator.getRigidBodyGeometryIsKnown(body):
+            sites = integrator.getRigidBodyParameters(body)[3]._value[isFinite]
+            length = np.linalg.norm(sites - sites[0], axis=1).max()
+            if length >= halfWidth and not _haveShape(members, sites):
+                raise ValueError(
+                    f'{where}: body {body} is {length:.3g} nm long by its sites, and half the '
+                    f'width of the box is {halfWidth:.3g} nm; the nearest images of its particles '
+                    'do not have its shape: give whole positions of this body')
+        result[whole] = members
     return _units.LENGTH.attach(result)
+
+
+def _haveShape(points, sites):
+    """Whether distances of points from a few of them are those of the sites, to a tenth."""
+    first = np.linalg.norm(sites - sites[0], axis=1)
+    anchors = [0, np.argmax(first)]
+    second = np.linalg.norm(sites - sites[anchors[1]], axis=1)
+    anchors.append(np.argmax(first + second))
+    for anchor in anchors:
+        apart, own = (np.linalg.norm(p - p[anchor], axis=1) for p in (points, sites))
+        if np.any(np.abs(apart - own) > 0.1*first.max()):
+            return False
+    return True
