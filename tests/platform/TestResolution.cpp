@@ -106,9 +106,10 @@ TEST(Resolution, NearlyStraightRodsTumbleAtTheRightRate) {
             const double t = steps * h;
             EXPECT_NEAR(-log(cosine.mean) / (2 * D * t), 1, 5 * cosine.error / (2 * D * t) + 0.02);
             // EulerMaruyama omits the drift towards the line, and says so.
-            if (!traits.omitsDrift() || decimals < 0)
+            if (!traits.omitsDrift() || decimals < 0) {
                 EXPECT_NEAR(square.mean / (2 * D_t * t), 1,
                             5 * square.error / (2 * D_t * t) + 0.02);
+            }
             const string slowed = rods.integrator.getEffects().at("slowed spins");
             EXPECT_EQ(slowed.substr(0, 3), decimals < 0 ? "off" : "on:") << slowed;
             EXPECT_EQ(rods.warnings().substr(0, 9),
