@@ -70,7 +70,7 @@ private:
     // Since the start, and of the present window.
     long long steps = 0, looks = 0, windows = 0;
     MidStepEnergies sum, sumOfWindows;  // of the parts that change
-    MidStepEnergies noise;  // the part that does not change
+    MidStepEnergies noise;              // the part that does not change
     std::string finding;
 };
 

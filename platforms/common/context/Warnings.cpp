@@ -40,7 +40,7 @@ string percent(double part) { return text(100 * part, 2) + " %"; }
 /** A step to recommend: three digits, rounded down, so that the step itself is not warned of. */
 string shorter(double step) {
     const double digit = pow(10, floor(log10(step)) - 2);
-    return number((floor(step / digit * (1 - 1e-9)) - 1) * digit);
+    return number(floor(step / digit * (1 - 1e-9)) * digit);
 }
 
 /** A length in the unit in which it is a number from 1 to 1000. */
