@@ -661,7 +661,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().setConstraintTolerance(
             self._number(tolerance, _units.NONE, 'setConstraintTolerance', 'tolerance'))
 
-    def setIntegrationForceGroups(self, groups: Union[int, Iterable[int]]) -> None:
+    def setIntegrationForceGroups(self, groups: Union[int, set[int], frozenset[int]]) -> None:
         """Set the force groups that move the particles; default: all of them.
 
         Parameters
