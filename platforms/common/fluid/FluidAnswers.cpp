@@ -264,8 +264,8 @@ string Fluid::describeFlow() const {
     if (!flow.hasGradient()) return text.str();
     bool stresslets = true, own = false;
     for (const auto& group : groups) {
-        stresslets =
-            stresslets && group->bodies.hasModel() && group->bodies.getModel().hasStresslets();
+        stresslets = stresslets && group->bodies.hasModel() &&
+                     group->bodies.getModel().getTraits().hasStresslets;
         for (const FluidElement& element : group->bodies.getElements())
             own = own || element.ownMobility.size() > 0;
     }

@@ -59,13 +59,13 @@ void KrylovMobility::setTolerances(double relative, const ForDifferences& needed
 }
 
 void KrylovMobility::beginSolving() {
-    if (!bodies.getModel().isMatrixFree() || solving++ > 0) return;
+    if (!bodies.getModel().getTraits().isMatrixFree || solving++ > 0) return;
     beginOfSolving = chrono::steady_clock::now();
     gridSecondsBefore = here.getSecondsOfGrid() + elsewhere.getSecondsOfGrid();
 }
 
 void KrylovMobility::endSolving() {
-    if (!bodies.getModel().isMatrixFree() || --solving > 0) return;
+    if (!bodies.getModel().getTraits().isMatrixFree || --solving > 0) return;
     costs.secondsOfSolver +=
         chrono::duration<double>(chrono::steady_clock::now() - beginOfSolving).count() -
         (here.getSecondsOfGrid() + elsewhere.getSecondsOfGrid() - gridSecondsBefore);
@@ -270,7 +270,7 @@ void KrylovMobility::applyFunction(Function kind, const MatrixXd& W, MatrixXd& r
         rough =
             roughProducts(bodies.getModel(), tolerance, coarseProducts,
                           scaledSolver ? scaledSolver->getAmplification() : 1, ofModes, product);
-    else if (shareOfRough > 0 && bodies.getModel().hasRoughProducts())
+    else if (shareOfRough > 0 && bodies.getModel().getTraits().hasRoughProducts)
         rough.push_back({product(MobilityAt::roughError), MobilityAt::roughError, ofModes, false,
                          shareOfRough});
     const bool follows =

@@ -50,7 +50,7 @@ std::vector<Lanczos::Rough> roughProducts(const MobilityModel& model, double tol
     if (coarse)
         for (double error : coarseErrors(model, tolerance, amplification))
             rough.push_back({product(error), 0, amplification * error, true});
-    if (model.hasRoughProducts())
+    if (model.getTraits().hasRoughProducts)
         rough.push_back({product(MobilityAt::roughError), MobilityAt::roughError, ofVector,
                          tolerance >= MobilityAt::leastRoughTolerance});
     return rough;
