@@ -56,10 +56,11 @@ struct SpinBounds {
 /**
  * No spin of a body with mu_1 < 3 mu_2 is slowed: with v_1 = 3 v_2 the error of tumbling, (2 v_2 -
  * v_1)/12, is that of a sphere with the other sign. Spins of up to half a radian are real; the rate
- * of tumbling then has an error of 2 %.
+ * of tumbling then has an error of 2 %. Others are slowed to a fifth of a radian, so that steps
+ * remain stable where forces hold the angle with up to 2/0.02 kT a rad^2.
  */
 constexpr double leastSpinRatio = 3;
-constexpr SpinBounds boundsOfStart = {0.25, 0.25, leastSpinRatio};
+constexpr SpinBounds boundsOfStart = {0.25, 0.04, leastSpinRatio};
 /**
  * A scheme whose noise is that of the start and whose mobility that of the mid-point turns spin
  * into tumbling, which has an error of 1.2 (v_1 - v_2) (measured; THEORY.md).
