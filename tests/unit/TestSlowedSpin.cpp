@@ -126,6 +126,47 @@ TEST(SlowedSpin, AllStrategiesHaveTheSlowedMobility) {
 }
 
 /**
+ * In a fluid that rotates as a whole, force-free bodies rotate with it, whether their spin is
+ * slowed or not: each strategy must give back what K' takes from the spin, with its sign and about
+ * the right origin.
+ */
+TEST(SlowedSpin, BodiesInAFlowSpinAsOtherwise) {
+    DrivenFlow flow;
+    const Vector3d omega(0.3, -0.7, 0.5);
+    for (int k = 0; k < 3; k++) flow.gradient.col(k) = omega.cross(Vector3d::Unit(k));
+    flow.velocity = Vector3d(0.2, 0.1, -0.4);
+    FluidElement shifted = rod(0, 0.3);  // about a point off its line
+    for (Vector3d& site : shifted.sites) site += Vector3d(0.4, -0.2, 0.3);
+    const vector<vector<FluidElement>> scenes = {{shifted}, {shifted, rod(1, 0.2)}};
+    for (const auto& elements : scenes) {
+        TestedBodies real(elements, makeRpy);
+        vector<SlowedSpin> spins;
+        for (size_t e = 0; e < elements.size(); e++) {
+            spins.push_back(findRotation(real->alone(e).mobility, 1e4).spin);
+            ASSERT_TRUE(spins[e].isSlowed());
+            spins[e].factor = 0.1;
+        }
+        CoupledBodies slowedBodies(*real, spins);
+        BodyMobilities strategies(slowedBodies, 1e-10);
+        vector<Pose> poses(2);
+        poses[0].R = Vector3d(3, 1, 0.5);
+        poses[0].q = {0.5, 0.5, -0.5, 0.5};
+        poses.resize(elements.size());
+        VectorXd expected(6 * elements.size());
+        for (size_t e = 0; e < elements.size(); e++)
+            expected.segment<6>(6 * e) << flow.velocity + omega.cross(poses[e].R), omega;
+        for (auto way : {BodyMobility::Constant, BodyMobility::Dense, BodyMobility::Krylov}) {
+            if ((way == BodyMobility::Constant) != slowedBodies.isConstantInBodyFrame()) continue;
+            BodyMobility& mobility = strategies.get(way);
+            mobility.setPoses(poses);
+            MatrixXd twists;
+            mobility.flowTwists(flow, twists);
+            EXPECT_LT((twists - expected).cwiseAbs().maxCoeff(), 1e-8) << way;
+        }
+    }
+}
+
+/**
  * A rod that is bent by `bend` tumbles as the straight one, up to its bend, and spins faster by
  * 1/bend^2. Its friction alone would lose these digits: about the line it is bend^2 of the rest.
  */

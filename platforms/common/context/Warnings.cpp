@@ -31,9 +31,8 @@ const double largestDisplacement = 0.5, largestTurn = 0.5;
  * relaxation.
  */
 const double largestRelaxation = 0.5;
-/** A few steps in a thousand may be redone. So many are needed to tell. */
+/** A few steps in a thousand may be redone. */
 const double largestPartRedone = 0.005;
-const int enoughRedone = 20;
 
 string percent(double part) { return text(100 * part, 2) + " %"; }
 
@@ -155,21 +154,16 @@ void warnOfRelaxation(const Scene& scene, double h, map<WarningCause, string>& r
         "limits of its own";
 }
 
-/**
- * The part of steps so far that were redone, where it is surely too large; else 0. Without momenta
- * each group redoes its own.
- */
-double partRedone(const Scene& scene) {
-    const double redone = scene.counters.rejectedSteps;
-    if (redone < enoughRedone || !scene.fluid) return 0;
-    if (scene.settings.traits().isOverdamped())
-        return partRedone(*scene.fluid.get(), largestPartRedone);
-    const double part = redone / (scene.counters.steps + redone);
-    return part > largestPartRedone ? part : 0;
+/** The part of steps so far that were redone, where it is surely too large; else 0. */
+double partRedoneSoFar(const Scene& scene) {
+    if (scene.counters.rejectedSteps == 0 || !scene.fluid) return 0;
+    return scene.settings.traits().isOverdamped()
+               ? partRedone(*scene.fluid.get(), largestPartRedone)
+               : partRedone(scene.counters.rejectedSteps, scene.counters.steps, largestPartRedone);
 }
 
 void warnOfRejections(const Scene& scene, map<WarningCause, string>& result) {
-    const double part = partRedone(scene);
+    const double part = partRedoneSoFar(scene);
     if (part == 0) return;
     const bool separately =
         scene.settings.traits().isOverdamped() && scene.fluid->getGroups().size() > 1;
@@ -190,7 +184,7 @@ bool stepsHaveWarnings(const Scene& scene, const set<WarningCause>& printed) {
     if (!fluid) return false;
     return (isNew(WarningCause::DriftFactorSpread) &&
             driftFactorSpread(*fluid.get()) > driftFactorLimit) ||
-           (isNew(WarningCause::ManyRejections) && partRedone(scene) > 0) ||
+           (isNew(WarningCause::ManyRejections) && partRedoneSoFar(scene) > 0) ||
            (isNew(WarningCause::DrivenSpin) && drivesSlowedSpins(*fluid.get()));
 }
 

@@ -23,9 +23,6 @@ const int enoughDriftFactors = 50;
 const double surelyDriven = 6, leastTurn = 4 * M_PI;
 const int leastSteps = 100;
 
-/** Those of a step with a constant tensor. */
-const double operationsOfConstantTensor = 1000;
-
 }  // namespace
 
 BrownianGroup::BrownianGroup(const GroupMembers& members, BodyMobility& mobility,
@@ -50,7 +47,6 @@ void BrownianGroup::begin(Scheme wanted) {
     kind = wanted;
     stage = 0;
     attempt = 0;
-    numSteps++;
     const auto memory = theScheme().memory();
     memoryAtStart.resize(memory.size());
     for (size_t i = 0; i < memory.size(); i++) memoryAtStart[i] = *memory[i];
@@ -58,6 +54,7 @@ void BrownianGroup::begin(Scheme wanted) {
 }
 
 void BrownianGroup::end() {
+    numSteps++;
     if (presentIsRemembered) swap(last, present);
 }
 

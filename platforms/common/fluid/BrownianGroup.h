@@ -53,8 +53,9 @@ public:
      * a thread.
      */
     void prepare(const StepSettings& settings);
-    /** Arithmetic operations of a stage, roughly. */
+    /** Arithmetic operations of a stage, roughly; and those of a step with a constant tensor. */
     double getOperations() const;
+    static constexpr double operationsOfConstantTensor = 1000;
     /**
      * Run a stage, if it is this group's next one: from the present poses of the members to where
      * the next stage wants forces, or to the end. If the group is further on, its members return to
@@ -72,7 +73,7 @@ public:
     const Outcome& getOutcome() const { return outcome; }
     /** The step is to begin anew, with other random numbers. */
     void reject();
-    /** The steps that were begun so far, and how often one was begun anew. */
+    /** The steps that were taken so far, and how often one was begun anew. */
     long long getNumSteps() const { return numSteps; }
     long long getNumRejections() const { return numRejections; }
     /** Move the members to where the forces of a stage were evaluated. */

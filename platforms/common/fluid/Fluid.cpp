@@ -67,7 +67,7 @@ Fluid::Fluid(const MobilityForce& forceToUse, const FluidSettings& settings,
                      particleRows = group.bodies.getNumParticleRows();
         operationsPerStep +=
             group.bodies.isConstantInBodyFrame()
-                ? operationsOfConstantTensor
+                ? BrownianGroup::operationsOfConstantTensor
                 : 20 * rows * rows * rows + particleRows * particleRows * particleRows / 3;
     }
 }

@@ -245,7 +245,7 @@ private:
      * Groups are spread over threads where they cost more than waking the threads, about 1e-4 s
      * (benchmarks/README.md).
      */
-    static constexpr double worthThreads = 1e6, operationsOfConstantTensor = 1000;
+    static constexpr double worthThreads = 1e6;
 
     const MobilityForce force;
     const UserFlow userFlow;

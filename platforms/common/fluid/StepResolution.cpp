@@ -12,17 +12,19 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-double partRedone(const Fluid& fluid, double bound) {
-    // Beside this bound of the part, chance makes three standard deviations of the number.
-    const double errors = 3;
+double partRedone(long long redone, long long steps, double bound) {
+    // Chance makes up to three standard deviations of the number.
+    const double errors = 3, all = double(steps) + redone;
     const int enough = 20;
+    return redone >= enough && redone - errors * sqrt(double(redone)) > bound * all ? redone / all
+                                                                                    : 0;
+}
+
+double partRedone(const Fluid& fluid, double bound) {
     double largest = 0;
-    for (const auto& group : fluid.getGroups()) {
-        const double redone = group->brownian->getNumRejections(),
-                     all = group->brownian->getNumSteps() + redone;
-        if (redone >= enough && redone - errors * sqrt(redone) > bound * all)
-            largest = max(largest, redone / all);
-    }
+    for (const auto& group : fluid.getGroups())
+        largest = max(largest, partRedone(group->brownian->getNumRejections(),
+                                          group->brownian->getNumSteps(), bound));
     return largest;
 }
 

@@ -48,10 +48,9 @@ struct BodyRates {
  */
 StepResolution resolveOverdamped(const Fluid& fluid, CustomRigidHIIntegrator::Scheme scheme,
                                  double h, double kT);
-/**
- * The largest part of a group's steps that were redone, where that is surely more than `bound`;
- * else 0.
- */
+/** The part of steps that were redone, where it is surely more than `bound`; else 0. */
+double partRedone(long long redone, long long steps, double bound);
+/** The largest such part of a group, without momenta: each group redoes its own steps. */
 double partRedone(const Fluid& fluid, double bound);
 /** Whether the steps so far show such forces. */
 bool drivesSlowedSpins(const Fluid& fluid);
