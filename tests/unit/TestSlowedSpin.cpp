@@ -68,6 +68,10 @@ TEST(SlowedSpin, IsAPartOfTheMobilityAboutOneScrew) {
                 return spin.axis.dot(M.topLeftCorner<3, 3>() * spin.axis);
             };
             EXPECT_NEAR(along(slowed), along(N), rounding);
+            // What the watch of driven spins reads is the spin that a wrench causes.
+            const VectorXd wrench = VectorXd::LinSpaced(6, -1, 2);
+            EXPECT_NEAR(spin.axis.dot((slowed * wrench).tail<3>()),
+                        spin.factor * mu * kept.dot(wrench), 10 * rounding);
             EXPECT_GT(Eigen::SelfAdjointEigenSolver<MatrixXd>(slowed).eigenvalues()[0], 0);
             // A step that resolves the spin is not changed.
             EXPECT_FALSE(findRotation(N, 0.999 * bounds.resolved / mu, bounds).spin.isSlowed());
