@@ -356,6 +356,28 @@ TEST(TemperatureWatch, FindsRotationsThatAreTooHot) {
     EXPECT_EQ(wells.warnings().find("translations"), string::npos);
 }
 
+/**
+ * LangevinB is hot by 1/(1 - h^2 omega^2/4) = 1.122 in these wells. One window of 40 looks at 50
+ * bodies has a standard error of 1.9 %, so that five of them and the band hide this error; of four
+ * windows together they do not. LangevinC is right at the same step.
+ */
+TEST(TemperatureWatch, AddsWindowsUp) {
+    SKIP_ON_DEVICES("so many steps take long there");
+    for (Scheme scheme : {B, C}) {
+        Wells wells(scheme, 0.66, 0.5, Wells::mass, 300);
+        wells.addBodies(50);
+        wells.start();
+        // (The step does not resolve rotation either, which has a warning of its own.)
+        const auto isFound = [&] {
+            return wells.warnings().find("translations of bodies have been at ") != string::npos;
+        };
+        wells.integrator.step(8001);
+        EXPECT_FALSE(isFound()) << wells.warnings();
+        wells.integrator.step(20000);
+        EXPECT_EQ(isFound(), scheme == B) << wells.warnings();
+    }
+}
+
 TEST(TemperatureWatch, FindsBodiesThatStayCold) {
     SKIP_ON_DEVICES("a step that a parameter changes takes long there");
     // Feedback cooling: the force of each step is -40/ps times the momentum before it. With the
