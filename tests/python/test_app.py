@@ -134,6 +134,7 @@ def frozenBox(frozen):
 def test_frozen_water_is_left_out(platform):
     box = frozenBox(2)
     integrator = CustomRigidHIIntegrator(300, 0.002)
+    integrator.setRandomNumberSeed(1)
     with pytest.warns(
             UserWarning, match='2 residues named HOH have mass 0 in the System and are '
             'not made bodies.*skipFrozen=True') as seen:
@@ -144,7 +145,8 @@ def test_frozen_water_is_left_out(platform):
     context.setPositions(box.positions)
     integrator.step(2)
     moved = np.linalg.norm(positionsOf(context) - box.positions._value, axis=1)
-    assert np.all(moved[:8] < 1e-7) and np.all(moved[8:] > 1e-5)
+    # Atoms move by about 1e-3 nm, in three dimensions: by less than 1e-7 nm once in 10^12 cases.
+    assert np.all(moved[:8] < 1e-7) and np.all(moved[8:] > 1e-7)
 
 
 def test_frozen_water_is_left_out_or_taken_as_asked():
