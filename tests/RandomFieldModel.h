@@ -17,7 +17,7 @@ namespace RigidHITest {
 class RandomFieldModel : public RigidHIPlugin::MobilityModel {
 public:
     explicit RandomFieldModel(const RigidHIPlugin::HydrodynamicParticles& particles)
-        : MobilityModel(particles, 1) {
+        : MobilityModel(particles, 1, traitsOfField()) {
         std::mt19937 random(3);
         std::normal_distribution<double> normal;
         for (int i = 0; i < 12; i++) {
@@ -29,8 +29,11 @@ public:
             }
         }
     }
-    const char* name() const override { return "RandomFieldModel"; }
-    bool hasOwnRandomField() const override { return true; }
+    static RigidHIPlugin::MobilityTraits traitsOfField() {
+        RigidHIPlugin::MobilityTraits traits("RandomFieldModel");
+        traits.hasOwnRandomField = true;
+        return traits;
+    }
     void drawField(const RigidHIPlugin::NoiseStream& noise, uint32_t purpose,
                    const RigidHIPlugin::BoxVectors&,
                    std::unique_ptr<RigidHIPlugin::RandomField>& field) const override {

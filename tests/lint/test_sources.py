@@ -184,26 +184,12 @@ def test_switches_have_no_default():
 #: the answer is another one, or because the default asks those that are handed on.
 MADE_FROM_ANOTHER = {
     'platforms/common/mobility/models/wall/SphereWall': {
-        'isHomogeneous': 'there is a wall',
-        'isIsotropic': 'there is a wall',
-        'isDivergenceFree': 'the factors depend on the height',
-        'isMadeFromFriction': 'the friction is the inverse of the matrix',
         'friction': 'the friction is the inverse of the matrix',
-        'hasOwnRandomField': 'a field would need the factors',
-        'fieldIsLocal': 'there is no field',
         'drawField': 'there is no field',
         'acceptsNearby': 'the default asks objection()',
-        'holdsNearby': 'the factors are for spheres above the wall',
     },
     'platforms/common/mobility/models/wall/SlipChannel': {
-        'isHomogeneous': 'there are walls',
-        'isIsotropic': 'there are walls',
-        'isMirrored': 'the walls are anywhere',
-        'isDivergenceFree': 'there are walls',
-        'isMadeFromFriction': 'images double the matrix',
         'friction': 'images double the matrix',
-        'fieldIsLocal': 'a mirrored field is one flow',
-        'hasStresslets': 'models of channels have none',
         'addStressletsOf': 'models of channels have none',
         'sources': 'models of channels have none',
         'placeInFormulas': 'periodic fluids lift no particles',
@@ -214,14 +200,14 @@ MADE_FROM_ANOTHER = {
 
 @pytest.mark.parametrize('source', MADE_FROM_ANOTHER)
 def test_models_made_from_another_hand_everything_on(source):
-    """A new virtual method of models needs a line there, or a reason here."""
+    """A new virtual method of models needs a line there, or a reason here. Traits are copied."""
     virtuals = {
         name
         for header in ('MobilityModel', 'MobilityAt')
         for name in re.findall(r'^    virtual [^;{]*?(?<!~)\b(\w+)\(',
                                read(f'platforms/common/mobility/{header}.h'), flags=re.M)
     }
-    assert {'isAnchored', 'applyForDifference', 'getGridSeconds'} <= virtuals
+    assert {'placeInFormulas', 'applyForDifference', 'getGridSeconds'} <= virtuals
     handed = set(
         re.findall(r'\b(\w+)\([^;{}]*\)(?: const)? override',
                    read(source + '.h') + read(source + '.cpp')))

@@ -420,9 +420,12 @@ namespace {
 class Indefinite : public MobilityModel {
 public:
     Indefinite(const HydrodynamicParticles& particles, bool friction, bool alone)
-        : MobilityModel(particles, eta), fromFriction(friction), alone(alone) {}
-    const char* name() const override { return "Indefinite"; }
-    bool isMadeFromFriction() const override { return fromFriction; }
+        : MobilityModel(particles, eta, traitsOf(friction)), alone(alone) {}
+    static MobilityTraits traitsOf(bool friction) {
+        MobilityTraits traits("Indefinite");
+        traits.isMadeFromFriction = friction;
+        return traits;
+    }
     void ownMobility(const HydrodynamicParticles& body, const vector<Vec3>& sites,
                      MatrixXd& mobility) const override {
         if (alone)
@@ -440,7 +443,7 @@ private:
     class Place : public MobilityAt {
     public:
         explicit Place(const Indefinite& model)
-            : MobilityAt(model), fromFriction(model.fromFriction) {}
+            : MobilityAt(model), fromFriction(model.traits.isMadeFromFriction) {}
         void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = -forces; }
         void friction(MatrixXd& friction) override {
             if (fromFriction)
@@ -455,7 +458,7 @@ private:
     private:
         const bool fromFriction;
     };
-    const bool fromFriction, alone;
+    const bool alone;
 };
 
 }  // namespace

@@ -347,7 +347,7 @@ TEST(CpuRotnePragerYamakawa, ObjectsToTheSamePositions) {
     for (Bounds bounds : {Wall, Crossing}) {
         Scene scene = randomScene(9, Mixed, true, 3, bounds);
         CpuRotnePragerYamakawa M(scene.particles, 0.7, {}, scene.wall);
-        EXPECT_TRUE(M.mayObject());
+        EXPECT_TRUE(M.getTraits().mayObject);
         M.at({scene.positions});
         scene.positions[5][2] = bounds == Wall ? -0.5 : -0.02;
         const string problem = scene.reference()->objection({scene.positions});
@@ -355,7 +355,7 @@ TEST(CpuRotnePragerYamakawa, ObjectsToTheSamePositions) {
         EXPECT_EQ(M.objection({scene.positions}), problem);
         expectError([&] { M.at({scene.positions}); }, {problem});
     }
-    EXPECT_FALSE(CpuRotnePragerYamakawa(HydrodynamicParticles(), 1).mayObject());
+    EXPECT_FALSE(CpuRotnePragerYamakawa(HydrodynamicParticles(), 1).getTraits().mayObject);
     EXPECT_TRUE(CpuRotnePragerYamakawa(HydrodynamicParticles(), 1).acceptsNearby({}));
 }
 
@@ -416,7 +416,7 @@ TEST(CpuRotnePragerYamakawa, HasNoDivergenceWhereTheScalarOneHasNone) {
     for (Bounds bounds : {Unbounded, Wall, Crossing}) {
         const Scene scene = randomScene(5, Mixed, false, 3, bounds);
         const CpuRotnePragerYamakawa M(scene.particles, 0.7, {}, scene.wall);
-        EXPECT_EQ(M.isDivergenceFree(), scene.reference()->isDivergenceFree());
-        EXPECT_EQ(M.isDivergenceFree(), bounds == Unbounded);
+        EXPECT_EQ(M.getTraits().isDivergenceFree, scene.reference()->getTraits().isDivergenceFree);
+        EXPECT_EQ(M.getTraits().isDivergenceFree, bounds == Unbounded);
     }
 }

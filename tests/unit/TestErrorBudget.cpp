@@ -70,13 +70,10 @@ private:
     unique_ptr<MobilityAt> at;
 };
 
-class RecordingModel : public RotnePragerYamakawa {
+class RecordingModel : public MobilityModel {
 public:
     RecordingModel(const Kind& kind, const HydrodynamicParticles& particles, double viscosity)
-        : RotnePragerYamakawa(particles, viscosity), kind(kind) {}
-    bool isHomogeneous() const override { return false; }
-    bool isDivergenceFree() const override { return kind.isDivergenceFree; }
-    bool hasRoughProducts() const override { return kind.hasRough; }
+        : MobilityModel(particles, viscosity, traitsOf(kind)), kind(kind) {}
     bool hasFastProducts(double error) const override { return kind.hasFast && error >= 1e-7; }
 
 protected:
@@ -86,6 +83,14 @@ protected:
 
 private:
     const Kind kind;
+
+    static MobilityTraits traitsOf(const Kind& kind) {
+        MobilityTraits traits(kind.name);
+        traits.isIsotropic = true;
+        traits.isDivergenceFree = kind.isDivergenceFree;
+        traits.hasRoughProducts = kind.hasRough;
+        return traits;
+    }
 };
 
 class RecordingLoops : public ScalarLoops {

@@ -485,8 +485,8 @@ TEST(FastSum, DifferencesOfAModel) {
         const Scene scene = cloud(fewestAt(error, hasWall), Blobs, true, hasWall, 80);
         const MatrixXd forces = forcesFor(scene).leftCols(1);
         const CpuRotnePragerYamakawa model = scene.model();
-        EXPECT_TRUE(model.isAnchored());
-        EXPECT_FALSE(cloud(100, Blobs, true, hasWall, 10).model().isAnchored());
+        EXPECT_TRUE(model.getTraits().isAnchored);
+        EXPECT_FALSE(cloud(100, Blobs, true, hasWall, 10).model().getTraits().isAnchored);
         mt19937 random(4);
         normal_distribution<double> g;
         vector<Vec3> ends[2] = {scene.positions, scene.positions};
@@ -521,7 +521,7 @@ TEST(FastSum, DifferencesOfAModel) {
         EXPECT_TRUE((again.array() == smooth[1].array()).all());
         // Without multipoles products are exact.
         const CpuRotnePragerYamakawa without = scene.model(false);
-        EXPECT_FALSE(without.isAnchored());
+        EXPECT_FALSE(without.getTraits().isAnchored);
         without.at({ends[1]})->applyForDifference(error, forces, again);
         EXPECT_TRUE((again.array() == exact[1].array()).all());
     }

@@ -119,13 +119,13 @@ TEST(MobilityModel, TraitsAreWhatTheMatricesDo) {
         const double shift = (Answers(*c.model->at(shifted)).dense - M).norm() / M.norm();
         const double turn =
             (Answers(*c.model->at(turned)).dense - Q6 * M * Q6.transpose()).norm() / M.norm();
-        EXPECT_EQ(shift < eps, c.model->isHomogeneous()) << c.name << " " << shift;
-        EXPECT_EQ(turn < eps, c.model->isIsotropic()) << c.name << " " << turn;
-        EXPECT_EQ(c.model->isHomogeneous(), !c.atWall);
-        EXPECT_EQ(c.model->isIsotropic(), !c.atWall && !c.inBox);
+        EXPECT_EQ(shift < eps, c.model->getTraits().isHomogeneous) << c.name << " " << shift;
+        EXPECT_EQ(turn < eps, c.model->getTraits().isIsotropic) << c.name << " " << turn;
+        EXPECT_EQ(c.model->getTraits().isHomogeneous, !c.atWall);
+        EXPECT_EQ(c.model->getTraits().isIsotropic, !c.atWall && !c.inBox);
         unique_ptr<RandomField> field;
         c.model->drawField(NoiseStream(), NoiseStream::FirstDraw, first.box, field);
-        EXPECT_EQ(field != nullptr, c.model->hasOwnRandomField());
+        EXPECT_EQ(field != nullptr, c.model->getTraits().hasOwnRandomField);
         EXPECT_NE(string(c.model->name()), "");
     }
 }
@@ -159,9 +159,13 @@ namespace {
 /** A model whose mobility is that of Stokes drag over 1 + the volume of the box. */
 class InABox : public MobilityModel {
 public:
-    using MobilityModel::MobilityModel;
-    const char* name() const override { return "InABox"; }
-    bool mayObject() const override { return true; }
+    InABox(const HydrodynamicParticles& particles, double viscosity)
+        : MobilityModel(particles, viscosity, traitsInABox()) {}
+    static MobilityTraits traitsInABox() {
+        MobilityTraits traits("InABox");
+        traits.mayObject = true;
+        return traits;
+    }
     string objection(const Placement& placement) const override {
         return placement.box[0][0] < 0 ? "no box" : "";
     }

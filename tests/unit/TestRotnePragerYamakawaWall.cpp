@@ -450,8 +450,8 @@ TEST(RotnePragerYamakawaWall, RefusesParticlesThatReachThroughTheWall) {
                        nowhere = {Vec3(0, 0, 3), Vec3(0, 0, NAN)};
     RotnePragerYamakawaWall overlap(scene.particles, 1, NoSlipPlane(2, false)),
         crossing(scene.particles, 1, NoSlipPlane(2, true));
-    EXPECT_TRUE(overlap.mayObject());
-    EXPECT_TRUE(crossing.mayObject());
+    EXPECT_TRUE(overlap.getTraits().mayObject);
+    EXPECT_TRUE(crossing.getTraits().mayObject);
     EXPECT_EQ(overlap.objection({good}), "");
     for (const auto& positions : {good, low, lower}) EXPECT_EQ(crossing.objection({positions}), "");
     const vector<string> inNoBody = {

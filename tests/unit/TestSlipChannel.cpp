@@ -138,6 +138,21 @@ TEST(SlipChannel, GridsHaveTheirTolerance) {
                   tolerance * norm(exact));
 }
 
+TEST(SlipChannel, TraitsAreThoseOfItsModelExceptForTheWalls) {
+    const auto model = onGrid(mixture(), 1e-3), ofImages = dense(mixture());
+    for (const MobilityModel* each : {model.get(), ofImages.get()}) {
+        const MobilityTraits& traits = each->getTraits();
+        EXPECT_STREQ(traits.name, "ForceCoupling");
+        EXPECT_TRUE(traits.mayObject && traits.holdsNearby);
+        EXPECT_FALSE(traits.isHomogeneous || traits.isIsotropic || traits.isDivergenceFree);
+        EXPECT_FALSE(traits.isMirrored);
+    }
+    const MobilityTraits &onGrid = model->getTraits(), &asMatrix = ofImages->getTraits();
+    EXPECT_TRUE(onGrid.isMatrixFree && onGrid.isAnchored && onGrid.hasProducts);
+    EXPECT_TRUE(onGrid.hasOwnRandomField && onGrid.fieldIsLocal);
+    EXPECT_FALSE(asMatrix.isMatrixFree || asMatrix.hasProducts || asMatrix.hasOwnRandomField);
+}
+
 TEST(SlipChannel, TheRandomFieldHasTheCovarianceOfProducts) {
     // The test allows five standard errors of a product of normal numbers, sqrt((M_ii M_kk +
     // M_ik^2)/n).

@@ -228,25 +228,28 @@ TEST(SphereWallCongruence, BlobsStayAsTheModelSays) {
 
 namespace {
 
-/** A model above a wall whose traits are all unusual, and whose answers tell who was asked. */
-class Unusual : public RotnePragerYamakawaWall {
+/** A model whose traits are all unusual, and whose answers tell who was asked. */
+class Unusual : public MobilityModel {
 public:
-    using RotnePragerYamakawaWall::RotnePragerYamakawaWall;
-    const char* name() const override { return "Unusual"; }
-    bool mayObject() const override { return true; }
+    Unusual(const HydrodynamicParticles& particles, double viscosity)
+        : MobilityModel(particles, viscosity, traits()) {}
+    static MobilityTraits traits() {
+        MobilityTraits traits("Unusual");
+        traits.mayObject = traits.holdsNearby = traits.isAnchored = true;
+        traits.isHomogeneous = traits.isIsotropic = traits.isMirrored = true;
+        traits.isDivergenceFree = traits.hasStresslets = true;
+        traits.hasProducts = false;
+        traits.hasRoughProducts = traits.isMatrixFree = traits.isMadeFromFriction = true;
+        traits.rowsWorthIterations = 17;
+        traits.hasOwnRandomField = true;
+        return traits;
+    }
     string objection(const Placement& placement) const override {
         return placement.positions[0][0] > 50 ? "too far" : "";
     }
     Vec3 placeInFormulas(int, const Vec3& position) const override {
         return position + Vec3(0, 0, 7);
     }
-    bool isMirrored() const override { return true; }
-    bool hasRoughProducts() const override { return true; }
-    bool hasProducts() const override { return false; }
-    bool isMatrixFree() const override { return true; }
-    bool isAnchored() const override { return true; }
-    bool hasStresslets() const override { return true; }
-    double rowsWorthIterations() const override { return 17; }
     WaveFactors waveFactors(double radius, double k) const override {
         WaveFactors factors;
         factors.s = radius * k;
@@ -268,7 +271,7 @@ public:
         mobility.setConstant(1, 1, 29);
     }
     unique_ptr<MobilityModel> forCollectiveModes(const HydrodynamicParticles& s) const override {
-        return unique_ptr<MobilityModel>(new Unusual(s, 31, NoSlipPlane(0, true)));
+        return unique_ptr<MobilityModel>(new Unusual(s, 31));
     }
 
     /** Each kind of product is that of another multiple of the identity. */
@@ -318,19 +321,23 @@ TEST(SphereWallCongruence, HandsOnWhatItsModelCanDo) {
     Scene scene;
     scene.add(0.5, false, -1, 0, 0, 0.2);
     scene.add(0.7, true, 0, 3, 0, 0.4);
-    const SphereWallCongruence best(
-        scene.particles, 1, scene.wall,
-        unique_ptr<MobilityModel>(new Unusual(scene.particles, 1, scene.wall)));
+    const SphereWallCongruence best(scene.particles, 1, scene.wall,
+                                    unique_ptr<MobilityModel>(new Unusual(scene.particles, 1)));
     const BoxVectors box = {Vec3(41, 0, 0), Vec3(0, 43, 0), Vec3(0, 0, 47)};
     EXPECT_STREQ(best.name(), "Unusual");
     EXPECT_EQ(best.placeInFormulas(0, Vec3(1, 2, 3)), Vec3(1, 2, 10));
-    EXPECT_TRUE(best.isMirrored());
-    EXPECT_TRUE(best.hasRoughProducts());
-    EXPECT_FALSE(best.hasProducts());
-    EXPECT_TRUE(best.isMatrixFree());
-    EXPECT_TRUE(best.isAnchored());
-    EXPECT_TRUE(best.hasStresslets());
-    EXPECT_EQ(best.rowsWorthIterations(), 17);
+    const MobilityTraits& traits = best.getTraits();
+    EXPECT_TRUE(traits.isMirrored);
+    EXPECT_TRUE(traits.hasRoughProducts);
+    EXPECT_FALSE(traits.hasProducts);
+    EXPECT_TRUE(traits.isMatrixFree);
+    EXPECT_TRUE(traits.isAnchored);
+    EXPECT_TRUE(traits.hasStresslets);
+    EXPECT_EQ(traits.rowsWorthIterations, 17);
+    // The factors say otherwise.
+    EXPECT_TRUE(traits.mayObject);
+    EXPECT_FALSE(traits.holdsNearby || traits.isHomogeneous || traits.isIsotropic);
+    EXPECT_FALSE(traits.isDivergenceFree || traits.isMadeFromFriction || traits.hasOwnRandomField);
     EXPECT_EQ(best.waveFactors(2, 3).s, 6);
     EXPECT_EQ(best.fluidVolume(box), 19);
     expectError([&] { best.checkWave(box, 2, 1); }, {"no such wave: 2"});
@@ -386,7 +393,7 @@ TEST(SphereWallCongruence, SpheresMustNotTouchTheWall) {
     scene.add(0.5, true, 2, 0, 0, 0.1);
     scene.add(0.5, false, -1, 3, 0, 0);
     SphereWallCongruence best = scene.best();
-    EXPECT_TRUE(best.mayObject());
+    EXPECT_TRUE(best.getTraits().mayObject);
     for (double rounding : {0.0, 1e-14}) {
         scene.positions[1][2] = 0.2 - rounding;
         expectError([&] { best.at({scene.positions}); },

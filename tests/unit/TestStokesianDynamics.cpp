@@ -78,7 +78,7 @@ const vector<Vec3> threePositions = {Vec3(0.1, -0.2, 0.3), Vec3(1.4, 0.6, 0.5),
 TEST(StokesianDynamics, SingleSphere) {
     for (bool lubrication : {true, false}) {
         StokesianDynamics model(spheres({0.7}), 1.3, lubrication, 0);
-        EXPECT_EQ(model.isMadeFromFriction(), lubrication);
+        EXPECT_EQ(model.getTraits().isMadeFromFriction, lubrication);
         const auto at = model.at({{Vec3(1, 2, 3)}});
         MatrixXd friction, mobility;
         at->friction(friction);
@@ -324,7 +324,7 @@ TEST(StokesianDynamics, RefusedOverlap) {
                            overlapping = {Vec3(), Vec3(2, 0, 0), Vec3(2, 0.9, 0)};
         EXPECT_FALSE(model.overlaps(apart, i, j));
         EXPECT_TRUE(model.overlaps(overlapping, i, j));
-        EXPECT_TRUE(model.mayObject());
+        EXPECT_TRUE(model.getTraits().mayObject);
         EXPECT_EQ(model.objection({apart}), "");
         EXPECT_NE(model.objection({overlapping}).find("overlap or touch"), string::npos);
         EXPECT_EQ(i, 1);

@@ -119,7 +119,7 @@ string FluidReport::describeFlow() const {
     bool stresslets = true, own = false;
     for (const auto& group : groups) {
         stresslets =
-            stresslets && group->bodies.hasModel() && group->bodies.getModel().hasStresslets();
+            stresslets && group->bodies.hasModel() && group->bodies.getModel().getTraits().hasStresslets;
         for (const FluidElement& element : group->bodies.getElements())
             own = own || element.ownMobility.size() > 0;
     }

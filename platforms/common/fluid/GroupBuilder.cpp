@@ -168,9 +168,10 @@ void GroupBuilder::checkModels() const {
         if (flow.hasWave()) model->checkWave(defaultBox, flow.waveAxis, flow.waveVectorIndex);
         // The tensor of one element in a uniform fluid is constant, so that no solve is ever
         // needed.
-        const bool isAlone =
-            entry.second.size() == 1 && model->isHomogeneous() && model->isIsotropic();
-        if (force.getSolver() == MobilityForce::MatrixFree && !model->hasProducts() && !isAlone)
+        const bool isAlone = entry.second.size() == 1 && model->getTraits().isHomogeneous &&
+                             model->getTraits().isIsotropic;
+        if (force.getSolver() == MobilityForce::MatrixFree && !model->getTraits().hasProducts &&
+            !isAlone)
             refuseMatrixFree(force);
     }
 }
@@ -227,7 +228,7 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     const bool solved = !group.isThermostat && !coupled.isConstantInBodyFrame();
     const bool wanted = force.getSolver() == MobilityForce::MatrixFree;
     if (solved && wanted && !coupled.hasProducts()) refuseMatrixFree(force);
-    const bool productsOnly = coupled.hasModel() && coupled.getModel().isMatrixFree();
+    const bool productsOnly = coupled.hasModel() && coupled.getModel().getTraits().isMatrixFree;
     const auto takesKrylov = [&](bool large) {
         return solved && coupled.hasProducts() &&
                (wanted || productsOnly || (force.getSolver() == MobilityForce::Auto && large));

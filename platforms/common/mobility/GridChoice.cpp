@@ -55,7 +55,7 @@ struct StepWork {
 /**
  * The work of a step without momenta, or of a request where the scheme has no fluid.
  *
- * @param isLocal     whether the random field on a grid is one flow (MobilityModel::fieldIsLocal())
+ * @param isLocal     whether the random field on a grid is one flow (MobilityTraits::fieldIsLocal)
  * @param numDrifting  bodies with a stochastic drift
  */
 StepWork workOf(CustomRigidHIIntegrator::Scheme scheme, bool isLocal, int numDrifting) {

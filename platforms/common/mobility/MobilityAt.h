@@ -45,7 +45,7 @@ public:
     virtual void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) = 0;
     /**
      * As apply(), but with an error of at most `roughError` times the norm of M times the norm of
-     * the forces; see MobilityModel::hasRoughProducts(). Default: apply().
+     * the forces; see MobilityTraits::hasRoughProducts. Default: apply().
      */
     virtual void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
         apply(forces, velocities);
@@ -72,7 +72,7 @@ public:
      * As apply(), for differences of products at placements near to one that the model has
      * accepted: their difference has a relative error of about `error`, if that takes less time.
      * All of these placements must have been reached by this object from the same accepted one, or
-     * by objects that were there (MobilityModel::isAnchored()). Default: apply().
+     * by objects that were there (MobilityTraits::isAnchored). Default: apply().
      */
     virtual void applyForDifference(double error, const Eigen::MatrixXd& forces,
                                     Eigen::MatrixXd& velocities) {

@@ -72,7 +72,7 @@ std::unique_ptr<MobilityAt> MobilityModel::near(const Placement& placement) cons
 namespace {
 
 void checkObjection(const MobilityModel& model, const Placement& placement) {
-    if (!model.mayObject()) return;
+    if (!model.getTraits().mayObject) return;
     const std::string problem = model.objection(placement);
     if (!problem.empty()) throw OpenMM::OpenMMException("MobilityForce: " + problem);
 }
@@ -86,9 +86,9 @@ void MobilityModel::place(std::unique_ptr<MobilityAt>& at, const Placement& plac
 }
 
 void MobilityModel::placeNear(std::unique_ptr<MobilityAt>& at, const Placement& placement) const {
-    if (!holdsNearby()) checkObjection(*this, placement);
+    if (!traits.holdsNearby) checkObjection(*this, placement);
     if (!at) at = makePlace();
-    at->moveTo(placement, holdsNearby() || isAnchored());
+    at->moveTo(placement, traits.holdsNearby || traits.isAnchored);
 }
 
 void MobilityModel::ownMobility(const HydrodynamicParticles& body,

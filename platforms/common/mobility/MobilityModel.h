@@ -9,6 +9,7 @@
 #include "mobility/DrivenFlow.h"
 #include "mobility/GridSeconds.h"
 #include "mobility/MobilityAt.h"
+#include "mobility/MobilityTraits.h"
 #include "mobility/RandomField.h"
 #include "random/CounterNoise.h"
 
@@ -52,19 +53,22 @@ struct HydrodynamicParticles {
  * How the fluid couples particles: all that does not depend on where they are. A model is
  * immutable, so several threads may ask any number of its MobilityAt objects at once.
  *
- * A new model is two classes: a MobilityModel with name() and makePlace(), and its MobilityAt with
- * apply(). Where the model can do better than a default, it overrides it.
+ * A new model is two classes: a MobilityModel with its traits and makePlace(), and its MobilityAt
+ * with apply(). Where the model can do better than a default, it overrides it.
  */
 class MobilityModel {
 public:
     /** @param viscosity  dalton/(nm ps) */
-    MobilityModel(const HydrodynamicParticles& particles, double viscosity)
-        : particles(particles), viscosity(viscosity) {}
+    MobilityModel(const HydrodynamicParticles& particles, double viscosity,
+                  const MobilityTraits& traits)
+        : particles(particles), viscosity(viscosity), traits(traits) {}
     virtual ~MobilityModel() {}
     const HydrodynamicParticles& getParticles() const { return particles; }
     double getViscosity() const { return viscosity; }
+    /** What the model says about itself. */
+    const MobilityTraits& getTraits() const { return traits; }
     /** The name of the model in messages: that of setModel(). */
-    virtual const char* name() const = 0;
+    const char* name() const { return traits.name; }
 
     // ---- The model at a place
     /**
@@ -76,7 +80,7 @@ public:
     /**
      * Likewise for a finite difference: the placement is a small way from an accepted one. If the
      * accepted placement is at the limit of what the model accepts, the small way may lead beyond
-     * the limit. A model whose formulas hold there too (holdsNearby()) accepts the placement.
+     * the limit. A model whose formulas hold there too (MobilityTraits::holdsNearby) accepts it.
      */
     std::unique_ptr<MobilityAt> near(const Placement& placement) const;
     /**
@@ -89,8 +93,8 @@ public:
 
     // ---- Noise
     /**
-     * Draw the model's own random field, if it has one (hasOwnRandomField()). Otherwise nothing is
-     * done.
+     * Draw the model's own random field, if it has one (MobilityTraits::hasOwnRandomField).
+     * Otherwise nothing is done.
      *
      * @param purpose  of the random numbers; with the noise's seed and step it determines the
      *     numbers
@@ -119,8 +123,6 @@ public:
      * unit amplitude.
      */
     virtual double fluidVolume(const BoxVectors& box) const { return 0; }
-    /** Whether particles resist strain by stresslets of their own. Default: no. */
-    virtual bool hasStresslets() const { return false; }
     /**
      * @throws OpenMMException if a wave of so many periods along an axis of the box is too short
      *     for the model. Default: no wave is too short.
@@ -134,11 +136,9 @@ public:
      * new noise. Default: the model has a mobility everywhere.
      */
     virtual std::string objection(const Placement& placement) const { return {}; }
-    /** Whether objection() can ever refuse a placement. */
-    virtual bool mayObject() const { return false; }
     /** Whether near() accepts this placement. Default: it does where objection() is empty. */
     virtual bool acceptsNearby(const Placement& placement) const {
-        return !mayObject() || objection(placement).empty();
+        return !traits.mayObject || objection(placement).empty();
     }
     /**
      * The position at which the formulas take a particle to be. Two particles of one radius at one
@@ -148,69 +148,6 @@ public:
     virtual OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const {
         return position;
     }
-
-    // ---- Traits
-    /**
-     * Whether the mobility of particles stays the same when all are shifted alike, which is not so
-     * next to a wall. Default: no.
-     */
-    virtual bool isHomogeneous() const { return false; }
-    /**
-     * Whether the mobility turns with the particles, which is so neither next to a wall nor in a
-     * periodic box. Default: no.
-     */
-    virtual bool isIsotropic() const { return false; }
-    /**
-     * Whether the fluid is its own reflection at y = 0. Particles then have images there that are
-     * not in the list of particles. Default: no.
-     */
-    virtual bool isMirrored() const { return false; }
-    /**
-     * Whether MobilityAt::applyRoughly() takes less time than apply(), so that iterations should
-     * use it where its error is small enough. Default: no.
-     */
-    virtual bool hasRoughProducts() const { return false; }
-    /** Whether MobilityAt::apply() needs no matrix, so that Krylov methods make sense. */
-    virtual bool hasProducts() const { return true; }
-    /**
-     * Whether dense() makes products with the columns of the identity, so that it is useful for few
-     * rows only. Default: no.
-     */
-    virtual bool isMatrixFree() const { return false; }
-    /**
-     * Whether near() keeps something of the placement before, such as the nodes of a grid that a
-     * particle reaches. Default: no.
-     */
-    virtual bool isAnchored() const { return false; }
-    /**
-     * Whether MobilityAt::friction() costs less than dense(), so that callers who can use either
-     * should ask for the friction. Default: no.
-     */
-    virtual bool isMadeFromFriction() const { return false; }
-    /**
-     * Whether sum_j dM_ij/dx_j = 0 wherever the particles are. So it is where velocities are
-     * averages of a divergence-free flow over spheres in a fluid without walls. Spheres and free
-     * particles then have no stochastic drift. Default: no.
-     */
-    virtual bool isDivergenceFree() const { return false; }
-    /**
-     * Whether drawField() gives noise that costs less than square roots of M. Default: no, and
-     * square roots are computed.
-     */
-    virtual bool hasOwnRandomField() const { return false; }
-    /**
-     * Whether the velocity that a particle takes from the random field depends on its own position
-     * only, so that the field is one flow. If not, the velocities at each placement have the
-     * covariance M there, but divergences are found as for square roots of M. Default: yes.
-     */
-    virtual bool fieldIsLocal() const { return true; }
-    /**
-     * The number of rows of particles for each row of bodies above which the mobility of bodies
-     * takes less time by iterations, column by column, than by a factor of dense(). The ratio of
-     * both times is proportional to this number of rows. The value was measured on one thread with
-     * shells of 642 blobs near a wall, at a tolerance of 1e-6.
-     */
-    virtual double rowsWorthIterations() const { return 1750; }
 
     // ---- The box, and the grid in it
     /**
@@ -255,14 +192,10 @@ public:
 protected:
     /** A MobilityAt of this model that has no placement yet. */
     virtual std::unique_ptr<MobilityAt> makePlace() const = 0;
-    /**
-     * Whether the formulas hold a little beyond what objection() allows, as finite differences from
-     * there need.
-     */
-    virtual bool holdsNearby() const { return false; }
 
     const HydrodynamicParticles particles;
     const double viscosity;
+    const MobilityTraits traits;
 };
 
 }  // namespace RigidHIPlugin

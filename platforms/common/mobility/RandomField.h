@@ -19,7 +19,7 @@ struct Placement;
  *
  * The velocities of particles at a placement ("slips", random surface velocities) have the
  * covariance M there. Velocities at two placements have the covariance that M would have between
- * the particles of both, if the field is local (MobilityModel::fieldIsLocal()). So what schemes
+ * the particles of both, if the field is local (MobilityTraits::fieldIsLocal). So what schemes
  * difference between placements changes with the positions alone, not with new random numbers.
  */
 class RandomField {

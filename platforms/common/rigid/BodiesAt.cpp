@@ -25,7 +25,7 @@ void BodiesAt::setPoses(const vector<Pose>& newPoses, bool nearby) {
 }
 
 void BodiesAt::anchorTo(const BodiesAt& other) {
-    if (bodies.getModel().isAnchored()) bodies.getModel().place(place, other.placement);
+    if (bodies.getModel().getTraits().isAnchored) bodies.getModel().place(place, other.placement);
 }
 
 void BodiesAt::checkPlaces() {
@@ -49,7 +49,7 @@ void BodiesAt::computeFriction() {
         return;
     }
     bodies.getMotion().fill(turns, K);
-    if (bodies.getModel().isMadeFromFriction()) {
+    if (bodies.getModel().getTraits().isMadeFromFriction) {
         place->friction(M);
         xi.noalias() = K.transpose() * M * K;
     } else {
@@ -99,7 +99,7 @@ void BodiesAt::moveBodies(const MatrixXd& wrenches, const MatrixXd& slips,
                           const NullTwists& nullTwists, MatrixXd& twists, MatrixXd& forces) {
     costs.matrices++;
     bodies.getMotion().fill(turns, K);
-    if (bodies.getModel().isMadeFromFriction()) {
+    if (bodies.getModel().getTraits().isMadeFromFriction) {
         place->friction(M);
         M_inverse_K.noalias() = M * K;
         M_inverse_slips.noalias() = M * slips;

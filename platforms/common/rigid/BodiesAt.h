@@ -51,7 +51,7 @@ public:
     bool isNearby() const { return nearbyPoses; }
     /**
      * Poses of this object will be small displacements from those of the other, and results are
-     * compared. A model that keeps data of an earlier placement (MobilityModel::isAnchored()) is
+     * compared. A model that keeps data of an earlier placement (MobilityTraits::isAnchored) is
      * brought to that placement first.
      */
     void anchorTo(const BodiesAt& other);

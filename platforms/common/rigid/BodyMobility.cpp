@@ -122,7 +122,7 @@ bool BodyMobility::drawField(const NoiseStream& noise, uint32_t purpose,
 void BodyMobility::slipsOf(RandomField& field, MatrixXd& slips) {
     BodiesAt& here = particlesHere();
     field.slipsAt(here.getPlacement(), here.isNearby(), slips);
-    costs.roots += !bodies.getModel().fieldIsLocal();
+    costs.roots += !bodies.getModel().getTraits().fieldIsLocal;
 }
 
 double BodyMobility::divergenceOf(RandomField& field) {

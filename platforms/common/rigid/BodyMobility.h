@@ -103,8 +103,8 @@ public:
     virtual bool productsIterate() const { return false; }
     virtual bool solvesIterate() const { return false; }
     virtual bool rootsIterate() const { return false; }
-    /** MobilityModel::mayObject(), objection() and acceptsNearby() for bodies at any poses. */
-    bool mayObject() const { return bodies.hasModel() && bodies.getModel().mayObject(); }
+    /** MobilityTraits::mayObject, objection() and acceptsNearby() for bodies at any poses. */
+    bool mayObject() const { return bodies.hasModel() && bodies.getModel().getTraits().mayObject; }
     std::string objection(const std::vector<Pose>& poses);
     bool acceptsNearby(const std::vector<Pose>& poses);
 
@@ -194,11 +194,11 @@ public:
                    std::unique_ptr<RandomField>& field) const;
     /** Whether drawField() gives one. */
     bool slipsAreOfField() const {
-        return !slipSpace.areOfBodies() && bodies.getModel().hasOwnRandomField();
+        return !slipSpace.areOfBodies() && bodies.getModel().getTraits().hasOwnRandomField;
     }
     /** Whether divergenceOf() gives the divergence of such slips: the field is one flow. */
     bool divergenceIsOfField() const {
-        return slipsAreOfField() && bodies.getModel().fieldIsLocal();
+        return slipsAreOfField() && bodies.getModel().getTraits().fieldIsLocal;
     }
     /** Slips of a field of the model's at the poses set last: one column of covariance M. */
     virtual void slipsOf(RandomField& field, MatrixXd& slips);

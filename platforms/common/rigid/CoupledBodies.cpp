@@ -44,8 +44,9 @@ CoupledBodies::CoupledBodies(const CoupledBodies& bodies, const vector<SlowedSpi
 
 void CoupledBodies::findProperties(bool mayBeConstant) {
     const vector<FluidElement>& elements = getElements();
-    aloneInUniformFluid = mayBeConstant && elements.size() == 1 &&
-                          (!model || (model->isHomogeneous() && model->isIsotropic()));
+    aloneInUniformFluid =
+        mayBeConstant && elements.size() == 1 &&
+        (!model || (model->getTraits().isHomogeneous && model->getTraits().isIsotropic));
     const bool constant = isConstantInBodyFrame();
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];

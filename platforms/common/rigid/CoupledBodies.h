@@ -93,21 +93,23 @@ public:
      * that the divergence is that of the particles' mobility.
      */
     bool isDivergenceFree() const {
-        return motion.isIdentity() && !ownTensors.any() && model && model->isDivergenceFree();
+        return motion.isIdentity() && !ownTensors.any() && model &&
+               model->getTraits().isDivergenceFree;
     }
     /**
      * Whether slips belong to bodies because there is no M: one body with a constant tensor, own
      * tensors, models made from friction.
      */
     bool slipsAreOfBodies() const {
-        return isConstantInBodyFrame() || ownTensors.any() || !model || model->isMadeFromFriction();
+        return isConstantInBodyFrame() || ownTensors.any() || !model ||
+               model->getTraits().isMadeFromFriction;
     }
     /** Whether the friction is the matrix that costs less. */
     bool prefersFriction() const {
-        return !motion.isIdentity() || (model && model->isMadeFromFriction());
+        return !motion.isIdentity() || (model && model->getTraits().isMadeFromFriction);
     }
     /** Whether the model has products, so that N can be multiplied by without a matrix. */
-    bool hasProducts() const { return model && model->hasProducts(); }
+    bool hasProducts() const { return model && model->getTraits().hasProducts; }
     /** Whether products with N need no iterations, and so have no error of iterations: spheres. */
     bool multipliesWithoutIterations() const { return motion.isIdentity() && hasProducts(); }
     /**
@@ -116,7 +118,7 @@ public:
      */
     bool isWorthIterations() const {
         return hasProducts() && !motion.isIdentity() &&
-               getNumParticleRows() > model->rowsWorthIterations() * getNumRows();
+               getNumParticleRows() > model->getTraits().rowsWorthIterations * getNumRows();
     }
 
 private:

@@ -140,7 +140,7 @@ vector<InexactProduct> ErrorBudget::inRoots(const MobilityModel& model, double a
     vector<InexactProduct> products;
     for (double error : coarseInRoots(model, amplification))
         products.push_back({error, 0, amplification * error, true, 0});
-    if (!model.hasRoughProducts()) return products;
+    if (!model.getTraits().hasRoughProducts) return products;
     const double single = MobilityAt::roughError;
     if (!needed.exactProducts)
         products.push_back({single, single, ofVector, allowsSinglePrecision(), 0});

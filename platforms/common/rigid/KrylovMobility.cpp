@@ -38,13 +38,13 @@ void KrylovMobility::setBudget(const ErrorBudget& newBudget) {
 }
 
 void KrylovMobility::beginSolving() {
-    if (!bodies.getModel().isMatrixFree() || solving++ > 0) return;
+    if (!bodies.getModel().getTraits().isMatrixFree || solving++ > 0) return;
     beginOfSolving = chrono::steady_clock::now();
     gridSecondsBefore = here.getSecondsOfGrid() + elsewhere.getSecondsOfGrid();
 }
 
 void KrylovMobility::endSolving() {
-    if (!bodies.getModel().isMatrixFree() || --solving > 0) return;
+    if (!bodies.getModel().getTraits().isMatrixFree || --solving > 0) return;
     costs.secondsOfSolver +=
         chrono::duration<double>(chrono::steady_clock::now() - beginOfSolving).count() -
         (here.getSecondsOfGrid() + elsewhere.getSecondsOfGrid() - gridSecondsBefore);

@@ -52,7 +52,7 @@ const int maxRoughIterations = 100;
 
 MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists,
                                  const MobilityModel& model)
-    : hasRoughProducts(model.hasRoughProducts()), numRows(motion.getNumRows()),
+    : hasRoughProducts(model.getTraits().hasRoughProducts), numRows(motion.getNumRows()),
       numBlobRowsTotal(motion.getParticles().numRows),
       turns(motion.getElements().size(), Matrix3d::Identity()) {
     vector<shared_ptr<const Shape> > known;

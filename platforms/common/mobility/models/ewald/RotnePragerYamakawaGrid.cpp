@@ -256,10 +256,24 @@ void Field::addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces,
 
 }  // namespace
 
+namespace {
+
+MobilityTraits traitsOnGrid() {
+    MobilityTraits traits("RotnePragerYamakawa");
+    traits.isAnchored = true;
+    traits.isHomogeneous = traits.isDivergenceFree = true;
+    traits.isMatrixFree = true;
+    traits.hasOwnRandomField = true;
+    traits.fieldIsLocal = false;
+    return traits;
+}
+
+}  // namespace
+
 RotnePragerYamakawaGrid::RotnePragerYamakawaGrid(const HydrodynamicParticles& particles,
                                                  double viscosity, double tolerance, double spacing,
                                                  const std::shared_ptr<GridFluid>& fluid)
-    : MobilityModel(particles, viscosity), tolerance(tolerance), spacing(spacing),
+    : MobilityModel(particles, viscosity, traitsOnGrid()), tolerance(tolerance), spacing(spacing),
       kinds(kindsOf(particles)), fluid(fluid) {
     if ((int)kinds.size() > mostRadii)
         throw OpenMM::OpenMMException(

@@ -50,15 +50,8 @@ public:
     RotnePragerYamakawaGrid(const HydrodynamicParticles& particles, double viscosity,
                             double tolerance, double spacing,
                             const std::shared_ptr<GridFluid>& fluid);
-    const char* name() const override { return "RotnePragerYamakawa"; }
     void checkBox(const BoxVectors& box) const override;
     std::string describe(const BoxVectors& box) const override;
-    bool isHomogeneous() const override { return true; }
-    bool isDivergenceFree() const override { return true; }
-    bool isMatrixFree() const override { return true; }
-    bool isAnchored() const override { return true; }
-    bool hasOwnRandomField() const override { return true; }
-    bool fieldIsLocal() const override { return false; }
     void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                    std::unique_ptr<RandomField>& field) const override;
     double fluidVolume(const BoxVectors& box) const override {

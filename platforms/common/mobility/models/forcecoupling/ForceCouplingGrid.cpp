@@ -126,10 +126,25 @@ private:
 
 }  // namespace
 
+namespace {
+
+MobilityTraits traitsOnGrid(bool mirrored, bool roughProducts) {
+    MobilityTraits traits("ForceCoupling");
+    traits.isAnchored = true;
+    traits.isHomogeneous = traits.isDivergenceFree = !mirrored;
+    traits.isMirrored = mirrored;
+    traits.hasRoughProducts = roughProducts;
+    traits.isMatrixFree = true;
+    traits.hasOwnRandomField = true;
+    return traits;
+}
+
+}  // namespace
+
 ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity,
                                      double tolerance, double spacing,
                                      const std::shared_ptr<GridFluid>& fluid, bool mirrored)
-    : MobilityModel(particles, viscosity), mirrored(mirrored),
+    : MobilityModel(particles, viscosity, traitsOnGrid(mirrored, fluid->hasRoughProducts())),
       resolution(particles, tolerance, spacing), fluid(fluid) {
     // With a still coarser grid, whole particles are between the nodes, and mobilities are zero or
     // negative.
@@ -147,7 +162,7 @@ ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, dou
 
 GridShape ForceCouplingGrid::shapeFor(const BoxVectors& box) const {
     GridShape shape = resolution.shapeFor(box);
-    shape.mirrored = mirrored;
+    shape.mirrored = traits.isMirrored;
     return shape;
 }
 

@@ -39,14 +39,8 @@ public:
     ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance,
                       double spacing, const std::shared_ptr<GridFluid>& fluid,
                       bool mirrored = false);
-    const char* name() const override { return "ForceCoupling"; }
     void checkBox(const BoxVectors& box) const override;
     std::string describe(const BoxVectors& box) const override;
-    bool isHomogeneous() const override { return !mirrored; }
-    bool isDivergenceFree() const override { return !mirrored; }
-    bool isMatrixFree() const override { return true; }
-    bool isAnchored() const override { return true; }
-    bool hasOwnRandomField() const override { return true; }
     double fluidVolume(const BoxVectors& box) const override {
         return box[0][0] * box[1][1] * box[2][2];
     }
@@ -58,8 +52,6 @@ public:
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override;
 
-    bool isMirrored() const override { return mirrored; }
-    bool hasRoughProducts() const override { return fluid->hasRoughProducts(); }
     const GridResolution& getResolution() const { return resolution; }
     GridShape shapeFor(const BoxVectors& box) const;
     GridFluid& getFluid() const { return *fluid; }
@@ -68,7 +60,6 @@ protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
 
 private:
-    const bool mirrored;
     const GridResolution resolution;
     const std::shared_ptr<GridFluid> fluid;
 };

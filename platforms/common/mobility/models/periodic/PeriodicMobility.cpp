@@ -15,9 +15,20 @@ namespace RigidHIPlugin {
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
+namespace {
+
+MobilityTraits traitsOf(const char* name) {
+    MobilityTraits traits(name);
+    traits.isHomogeneous = traits.isDivergenceFree = true;
+    traits.hasProducts = false;
+    return traits;
+}
+
+}  // namespace
+
 PeriodicMobility::PeriodicMobility(const HydrodynamicParticles& particles, double viscosity,
-                                   int largestRows)
-    : MobilityModel(particles, viscosity) {
+                                   const char* name, int largestRows)
+    : MobilityModel(particles, viscosity, traitsOf(name)) {
     checkPeriodicRows(particles.numRows, largestRows, true);
 }
 
@@ -109,7 +120,7 @@ void LatticeSumAt::dense(MatrixXd& mobility) { mobility = matrix(); }
 
 PeriodicRotnePragerYamakawa::PeriodicRotnePragerYamakawa(const HydrodynamicParticles& particles,
                                                          double viscosity)
-    : PeriodicMobility(particles, viscosity, mostLatticeRows) {}
+    : PeriodicMobility(particles, viscosity, "RotnePragerYamakawa", mostLatticeRows) {}
 
 const Spreading& PeriodicRotnePragerYamakawa::spreading() const { return overSurfaces(); }
 
@@ -119,7 +130,7 @@ std::unique_ptr<MobilityAt> PeriodicRotnePragerYamakawa::makePlace() const {
 
 PeriodicForceCoupling::PeriodicForceCoupling(const HydrodynamicParticles& particles,
                                              double viscosity)
-    : PeriodicMobility(particles, viscosity, mostLatticeRows) {}
+    : PeriodicMobility(particles, viscosity, "ForceCoupling", mostLatticeRows) {}
 
 const Spreading& PeriodicForceCoupling::spreading() const { return overGaussians(); }
 

@@ -20,9 +20,8 @@ namespace RigidHIPlugin {
 class PeriodicMobility : public MobilityModel {
 public:
     /** @throws OpenMMException for more rows than `largestRows` */
-    PeriodicMobility(const HydrodynamicParticles& particles, double viscosity, int largestRows);
-    bool isHomogeneous() const override { return true; }
-    bool hasProducts() const override { return false; }
+    PeriodicMobility(const HydrodynamicParticles& particles, double viscosity, const char* name,
+                     int largestRows);
     virtual const Spreading& spreading() const = 0;
     WaveFactors waveFactors(double radius, double k) const override {
         return spreading().waveFactors(radius, k);
@@ -80,8 +79,6 @@ private:
 class PeriodicRotnePragerYamakawa : public PeriodicMobility {
 public:
     PeriodicRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity);
-    const char* name() const override { return "RotnePragerYamakawa"; }
-    bool isDivergenceFree() const override { return true; }
     const Spreading& spreading() const override;
 
 protected:
@@ -101,8 +98,6 @@ protected:
 class PeriodicForceCoupling : public PeriodicMobility {
 public:
     PeriodicForceCoupling(const HydrodynamicParticles& particles, double viscosity);
-    const char* name() const override { return "ForceCoupling"; }
-    bool isDivergenceFree() const override { return true; }
     const Spreading& spreading() const override;
     /** The matrix in unbounded fluid, also by Gaussians. */
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,

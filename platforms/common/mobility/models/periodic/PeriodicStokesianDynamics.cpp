@@ -194,10 +194,20 @@ void Place::apply(const MatrixXd& forces, MatrixXd& velocities) {
 
 }  // namespace
 
+namespace {
+
+MobilityTraits inABox(MobilityTraits traits) {
+    traits.isIsotropic = false;
+    return traits;
+}
+
+}  // namespace
+
 PeriodicStokesianDynamics::PeriodicStokesianDynamics(const HydrodynamicParticles& particles,
                                                      double viscosity, bool lubrication,
                                                      double minimumGap)
-    : StokesianDynamics(particles, viscosity, lubrication, minimumGap, true) {
+    : StokesianDynamics(particles, viscosity, lubrication, minimumGap, true,
+                        inABox(traitsOf(lubrication))) {
     checkPeriodicRows(11 * particles.size(), largestRows, false);
 }
 

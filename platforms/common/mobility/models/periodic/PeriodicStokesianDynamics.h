@@ -26,7 +26,6 @@ public:
     PeriodicStokesianDynamics(const HydrodynamicParticles& particles, double viscosity,
                               bool lubrication, double minimumGap);
     std::string objection(const Placement& placement) const override;
-    bool isIsotropic() const override { return false; }
     WaveFactors waveFactors(double radius, double k) const override;
     double fluidVolume(const BoxVectors& box) const override;
     void checkWave(const BoxVectors& box, int axis, int periods) const override;

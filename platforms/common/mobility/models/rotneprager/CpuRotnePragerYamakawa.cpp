@@ -182,11 +182,41 @@ namespace RigidHIPlugin {
 
 HWY_EXPORT(fillMatrix);
 
+namespace {
+
+/**
+ * Whether floats hold the particles' interactions. A float can hold the fifth power of the inverse
+ * of distances up to a thousand times these radii.
+ */
+bool fitSingle(const HydrodynamicParticles& particles) {
+    const double smallest = 1e-4, largest = 1e4;
+    return std::all_of(particles.radii.begin(), particles.radii.end(),
+                       [&](double a) { return a >= smallest && a <= largest; });
+}
+
+MobilityTraits traitsOf(const HydrodynamicParticles& particles,
+                        const std::optional<NoSlipPlane>& wall, bool fastSums) {
+    MobilityTraits traits("RotnePragerYamakawa");
+    traits.mayObject = wall.has_value();
+    traits.holdsNearby = wall && wall->reachesBeyond();
+    traits.isHomogeneous = traits.isIsotropic = traits.isDivergenceFree = !wall;
+    traits.hasRoughProducts = fitSingle(particles);
+    traits.rowsWorthIterations = 425;
+    // Products for differences keep the cubes of the placement before.
+    const double coarsest = 1e-2;
+    traits.isAnchored =
+        fastSums && FastSum::choose(coarsest, particles.size(), wall.has_value()) != nullptr;
+    return traits;
+}
+
+}  // namespace
+
 CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& particles,
                                                double viscosity, ForRanges forRanges,
                                                const std::optional<NoSlipPlane>& wall,
                                                bool fastSums)
-    : MobilityModel(particles, viscosity), forRanges(forRanges), wall(wall), fastSums(fastSums) {
+    : MobilityModel(particles, viscosity, traitsOf(particles, wall, fastSums)),
+      forRanges(forRanges), wall(wall), fastSums(fastSums) {
     const int blockSize = RotnePragerYamakawaArrays::blockSize;
     for (bool spheres : {true, false}) {
         for (int i = 0; i < particles.size(); i++) {
@@ -214,11 +244,6 @@ CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& part
     radius.assign(rowOfSlot.size(), 1.0);
     for (int j = 0; j < particles.size(); j++)
         radius[slotOfSource[j]] = particles.radii[particleOfSource[j]];
-    // A float can hold the fifth power of the inverse of distances up to a thousand times these
-    // radii.
-    const double smallest = 1e-4, largest = 1e4;
-    fitsSingle = true;
-    for (double a : particles.radii) fitsSingle = fitsSingle && a >= smallest && a <= largest;
 }
 
 void CpuRotnePragerYamakawa::ownMobility(const HydrodynamicParticles& body,
@@ -229,11 +254,6 @@ void CpuRotnePragerYamakawa::ownMobility(const HydrodynamicParticles& body,
 
 const FastSum::Accuracy* CpuRotnePragerYamakawa::fastAccuracy(double error) const {
     return fastSums ? FastSum::choose(error, particles.size(), wall.has_value()) : nullptr;
-}
-
-bool CpuRotnePragerYamakawa::isAnchored() const {
-    const double coarsest = 1e-2;
-    return fastAccuracy(coarsest) != nullptr;
 }
 
 std::unique_ptr<MobilityModel> CpuRotnePragerYamakawa::forCollectiveModes(
@@ -286,7 +306,7 @@ void CpuRotnePragerYamakawaAt::moveTo(const Placement& placement, bool nearby) {
         for (auto& each : *sums) each.second.isHere = false;
     if (nearby && !anchor.empty()) return;
     for (auto& each : smooth) each.second.hasCubes = false;
-    if (!model.isAnchored()) return;
+    if (!model.getTraits().isAnchored) return;
     // Nearby particles are not lifted from a wall.
     anchor = placement.positions;
     if (wall)
@@ -350,7 +370,7 @@ void CpuRotnePragerYamakawaAt::addFlowAt(const FlowSources& flowSources,
 
 void CpuRotnePragerYamakawaAt::applyRoughly(const Eigen::MatrixXd& forces,
                                             Eigen::MatrixXd& velocities) {
-    if (model.fitsSingle && preparePlacesInSingle())
+    if (model.getTraits().hasRoughProducts && preparePlacesInSingle())
         multiply(forces, singleLoads, velocities);
     else
         multiply(forces, loads, velocities);

@@ -45,24 +45,15 @@ public:
     CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity,
                            ForRanges forRanges = {}, const std::optional<NoSlipPlane>& wall = {},
                            bool fastSums = true);
-    const char* name() const override { return "RotnePragerYamakawa"; }
     bool acceptsNearby(const Placement& placement) const override {
         return !wall || wall->acceptsNearby(particles, placement.positions);
     }
     std::string objection(const Placement& placement) const override {
         return wall ? wall->objection(particles, placement.positions) : std::string();
     }
-    bool mayObject() const override { return wall.has_value(); }
     OpenMM::Vec3 placeInFormulas(int i, const OpenMM::Vec3& position) const override {
         return wall ? wall->placeInFormulas(position, particles.radii[i]) : position;
     }
-    bool isHomogeneous() const override { return !wall; }
-    bool hasRoughProducts() const override { return fitsSingle; }
-    /** Products for differences keep the cubes of the placement before. */
-    bool isAnchored() const override;
-    bool isIsotropic() const override { return !wall; }
-    bool isDivergenceFree() const override { return !wall; }
-    double rowsWorthIterations() const override { return 425; }
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override;
 
@@ -73,7 +64,6 @@ public:
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
-    bool holdsNearby() const override { return wall && wall->reachesBeyond(); }
 
 private:
     /** By which multipoles products of such an error are made; null: by none. */
@@ -96,7 +86,6 @@ private:
     std::vector<int> particleOfSource, slotOfSource;
     std::vector<int> rowOfSource, rowOfSlot;  // -1: padding
     std::vector<double> radius;               // of slots
-    bool fitsSingle;
     const bool fastSums;
 };
 

@@ -107,7 +107,16 @@ void Place::dense(Eigen::MatrixXd& mobility) {
     }
 }
 
+MobilityTraits traitsInFreeFluid() {
+    MobilityTraits traits("RotnePragerYamakawa");
+    traits.isHomogeneous = traits.isIsotropic = traits.isDivergenceFree = true;
+    return traits;
+}
+
 }  // namespace
+
+RotnePragerYamakawa::RotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity)
+    : MobilityModel(particles, viscosity, traitsInFreeFluid()) {}
 
 std::unique_ptr<MobilityAt> RotnePragerYamakawa::makePlace() const {
     return std::unique_ptr<MobilityAt>(new Place(*this));

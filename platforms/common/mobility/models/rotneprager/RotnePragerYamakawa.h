@@ -17,11 +17,7 @@ namespace RigidHIPlugin {
  */
 class RotnePragerYamakawa : public MobilityModel {
 public:
-    using MobilityModel::MobilityModel;
-    const char* name() const override { return "RotnePragerYamakawa"; }
-    bool isHomogeneous() const override { return true; }
-    bool isIsotropic() const override { return true; }
-    bool isDivergenceFree() const override { return true; }
+    RotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity);
     std::unique_ptr<MobilityModel> forCollectiveModes(
         const HydrodynamicParticles& spheres) const override;
 

@@ -59,9 +59,21 @@ void refuseIndefiniteSpheres(int numSpheres) {
                           "time steps, or use the model RotnePragerYamakawa");
 }
 
+MobilityTraits StokesianDynamics::traitsOf(bool lubrication) {
+    MobilityTraits traits("StokesianDynamics");
+    traits.mayObject = true;
+    traits.isHomogeneous = traits.isIsotropic = true;
+    traits.hasStresslets = true;
+    traits.hasProducts = false;
+    traits.isMadeFromFriction = lubrication;
+    return traits;
+}
+
 StokesianDynamics::StokesianDynamics(const HydrodynamicParticles& particles, double viscosity,
-                                     bool lubrication, double minimumGap, bool selfPairs)
-    : MobilityModel(particles, viscosity), lubrication(lubrication), minimumGap(minimumGap) {
+                                     bool lubrication, double minimumGap, bool selfPairs,
+                                     const MobilityTraits& traits)
+    : MobilityModel(particles, viscosity, traits), lubrication(lubrication),
+      minimumGap(minimumGap) {
     if (!(minimumGap >= 0 && minimumGap < 1))
         throw OpenMMException("StokesianDynamics: the minimum gap is " + text(minimumGap) +
                               " mean radii of a pair; it must be at least 0 (none) and below 1");

@@ -49,23 +49,17 @@ public:
      */
     StokesianDynamics(const HydrodynamicParticles& particles, double viscosity, bool lubrication,
                       double minimumGap)
-        : StokesianDynamics(particles, viscosity, lubrication, minimumGap, false) {}
+        : StokesianDynamics(particles, viscosity, lubrication, minimumGap, false,
+                            traitsOf(lubrication)) {}
 
-    const char* name() const override { return "StokesianDynamics"; }
     std::string objection(const Placement& placement) const override;
-    bool mayObject() const override { return true; }
     /**
      * Whether spheres touch or overlap while there is no minimum gap, and the first such pair (not
      * indices in the System). Cost: n²/2 distances.
      */
     bool overlaps(const std::vector<OpenMM::Vec3>& positions, int& i, int& j) const;
 
-    bool isHomogeneous() const override { return true; }
-    bool isIsotropic() const override { return true; }
-    bool hasProducts() const override { return false; }
-    bool isMadeFromFriction() const override { return lubrication; }
     bool hasLubrication() const { return lubrication; }
-    bool hasStresslets() const override { return true; }
     /**
      * The stresslets under forces that do not include those of lubrication, in a driven flow (null:
      * none).
@@ -89,7 +83,9 @@ public:
 protected:
     /** @param selfPairs  whether spheres have lubrication with their own images */
     StokesianDynamics(const HydrodynamicParticles& particles, double viscosity, bool lubrication,
-                      double minimumGap, bool selfPairs);
+                      double minimumGap, bool selfPairs, const MobilityTraits& traits);
+    /** The traits in unbounded fluid. */
+    static MobilityTraits traitsOf(bool lubrication);
     /**
      * Why a pair at this distance is refused; empty if it is not.
      *

@@ -153,7 +153,18 @@ void Place::dense(Eigen::MatrixXd& mobility) {
     }
 }
 
+MobilityTraits traitsAbove(const NoSlipPlane& wall) {
+    MobilityTraits traits("RotnePragerYamakawa");
+    traits.mayObject = true;
+    traits.holdsNearby = wall.reachesBeyond();
+    return traits;
+}
+
 }  // namespace
+
+RotnePragerYamakawaWall::RotnePragerYamakawaWall(const HydrodynamicParticles& particles,
+                                                 double viscosity, const NoSlipPlane& wall)
+    : MobilityModel(particles, viscosity, traitsAbove(wall)), wall(wall) {}
 
 void addWallFlowAt(const HydrodynamicParticles& particles, const std::vector<Vec3>& positions,
                    const std::vector<double>& weights, double wallHeight,

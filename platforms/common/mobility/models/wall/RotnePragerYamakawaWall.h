@@ -19,16 +19,13 @@ namespace RigidHIPlugin {
 class RotnePragerYamakawaWall : public MobilityModel {
 public:
     RotnePragerYamakawaWall(const HydrodynamicParticles& particles, double viscosity,
-                            const NoSlipPlane& wall)
-        : MobilityModel(particles, viscosity), wall(wall) {}
-    const char* name() const override { return "RotnePragerYamakawa"; }
+                            const NoSlipPlane& wall);
     bool acceptsNearby(const Placement& placement) const override {
         return wall.acceptsNearby(particles, placement.positions);
     }
     std::string objection(const Placement& placement) const override {
         return wall.objection(particles, placement.positions);
     }
-    bool mayObject() const override { return true; }
     std::unique_ptr<MobilityModel> forCollectiveModes(
         const HydrodynamicParticles& spheres) const override;
     OpenMM::Vec3 placeInFormulas(int i, const OpenMM::Vec3& position) const override {
@@ -37,7 +34,6 @@ public:
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
-    bool holdsNearby() const override { return wall.reachesBeyond(); }
 
 private:
     const NoSlipPlane wall;

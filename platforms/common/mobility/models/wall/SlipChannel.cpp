@@ -154,9 +154,25 @@ private:
 
 }  // namespace
 
+namespace {
+
+/** There are walls, anywhere, and images double the matrix. A mirrored field is one flow. */
+MobilityTraits betweenWalls(MobilityTraits traits) {
+    traits.mayObject = traits.holdsNearby = true;
+    traits.hasOwnRandomField = traits.hasOwnRandomField && traits.isMirrored;
+    traits.fieldIsLocal = true;
+    traits.isHomogeneous = traits.isIsotropic = traits.isDivergenceFree = false;
+    traits.isMirrored = false;
+    traits.isMadeFromFriction = traits.hasStresslets = false;
+    return traits;
+}
+
+}  // namespace
+
 SlipChannel::SlipChannel(const HydrodynamicParticles& particles, double viscosity,
                          const SlipWalls& walls, std::unique_ptr<MobilityModel> inPeriodicBox)
-    : MobilityModel(particles, viscosity), walls(walls), periodic(std::move(inPeriodicBox)) {}
+    : MobilityModel(particles, viscosity, betweenWalls(inPeriodicBox->getTraits())), walls(walls),
+      periodic(std::move(inPeriodicBox)) {}
 
 HydrodynamicParticles SlipChannel::withImages(const HydrodynamicParticles& particles) {
     HydrodynamicParticles both = particles;
@@ -245,14 +261,15 @@ void SlipChannel::checkBox(const BoxVectors& box) const {
 
 void SlipChannel::drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                             std::unique_ptr<RandomField>& field) const {
-    if (!hasOwnRandomField()) return;
+    if (!traits.hasOwnRandomField) return;
     checkBox(box);
     if (!field) field.reset(new Field(*this));
     static_cast<Field&>(*field).draw(noise, purpose, twice(box));
 }
 
 std::unique_ptr<MobilityAt> SlipChannel::makePlace() const {
-    if (periodic->isMirrored()) return std::unique_ptr<MobilityAt>(new PlaceInMirrored(*this));
+    if (periodic->getTraits().isMirrored)
+        return std::unique_ptr<MobilityAt>(new PlaceInMirrored(*this));
     return std::unique_ptr<MobilityAt>(new PlaceOfImages(*this));
 }
 

@@ -39,7 +39,7 @@ class SlipChannel : public MobilityModel {
 public:
     /**
      * @param inPeriodicBox  the periodic model: of the particles themselves where it is mirrored
-     *     (MobilityModel::isMirrored()), else of those of withImages(). A model with a random field
+     *     (MobilityTraits::isMirrored), else of those of withImages(). A model with a random field
      *     of its own must be mirrored.
      */
     SlipChannel(const HydrodynamicParticles& particles, double viscosity, const SlipWalls& walls,
@@ -57,23 +57,13 @@ public:
     void reflectRows(Eigen::Ref<Eigen::MatrixXd> rows) const;
     const MobilityModel& inPeriodicBox() const { return *periodic; }
 
-    const char* name() const override { return periodic->name(); }
     std::string objection(const Placement& placement) const override;
-    bool mayObject() const override { return true; }
     /** The formulas hold beyond contact as well. A particle behind the wall would be an image. */
     bool acceptsNearby(const Placement& placement) const override;
-    bool hasProducts() const override { return periodic->hasProducts(); }
-    bool isMatrixFree() const override { return periodic->isMatrixFree(); }
-    bool isAnchored() const override { return periodic->isAnchored(); }
-    bool hasRoughProducts() const override { return periodic->hasRoughProducts(); }
     bool hasFastProducts(double error) const override { return periodic->hasFastProducts(error); }
     std::string describeFastProducts(double error) const override {
         return periodic->describeFastProducts(error);
     }
-    bool hasOwnRandomField() const override {
-        return periodic->isMirrored() && periodic->hasOwnRandomField();
-    }
-    double rowsWorthIterations() const override { return periodic->rowsWorthIterations(); }
     WaveFactors waveFactors(double radius, double k) const override {
         return periodic->waveFactors(radius, k);
     }
@@ -97,7 +87,6 @@ public:
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
-    bool holdsNearby() const override { return true; }
 
 private:
     BoxVectors twice(const BoxVectors& box) const;

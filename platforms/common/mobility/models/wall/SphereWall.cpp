@@ -279,9 +279,27 @@ void Place::dense(Eigen::MatrixXd& mobility) {
 
 }  // namespace
 
+namespace {
+
+/**
+ * B depends on the heights of spheres above the wall and on nothing else. A random field and the
+ * friction are made from M.
+ */
+MobilityTraits withFactors(MobilityTraits traits) {
+    traits.mayObject = true;
+    traits.holdsNearby = false;
+    traits.isHomogeneous = traits.isIsotropic = traits.isDivergenceFree = false;
+    traits.isMadeFromFriction = false;
+    traits.hasOwnRandomField = false;
+    return traits;
+}
+
+}  // namespace
+
 SphereWallCongruence::SphereWallCongruence(const HydrodynamicParticles& particles, double viscosity,
                                            const NoSlipPlane& wall, unique_ptr<MobilityModel> model)
-    : MobilityModel(particles, viscosity), wall(wall), model(move(model)) {}
+    : MobilityModel(particles, viscosity, withFactors(model->getTraits())), wall(wall),
+      model(move(model)) {}
 
 string SphereWallCongruence::objection(const Placement& placement) const {
     const string problem = model->objection(placement);

@@ -51,16 +51,7 @@ class SphereWallCongruence : public MobilityModel {
 public:
     SphereWallCongruence(const HydrodynamicParticles& particles, double viscosity,
                          const NoSlipPlane& wall, std::unique_ptr<MobilityModel> model);
-    const char* name() const override { return model->name(); }
     std::string objection(const Placement& placement) const override;
-    bool mayObject() const override { return true; }
-    bool hasProducts() const override { return model->hasProducts(); }
-    bool isMatrixFree() const override { return model->isMatrixFree(); }
-    bool isAnchored() const override { return model->isAnchored(); }
-    bool isMirrored() const override { return model->isMirrored(); }
-    bool hasRoughProducts() const override { return model->hasRoughProducts(); }
-    double rowsWorthIterations() const override { return model->rowsWorthIterations(); }
-    bool hasStresslets() const override { return model->hasStresslets(); }
     OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const override {
         return model->placeInFormulas(particle, position);
     }
