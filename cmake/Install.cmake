@@ -48,7 +48,7 @@ if(RIGIDHI_BUILD_PYTHON)
     install(DIRECTORY python/openmmrigidhi/ DESTINATION ${PACKAGE_DIR} COMPONENT python
             FILES_MATCHING PATTERN "*.py" PATTERN "*.html" PATTERN "py.typed" PATTERN "__pycache__" EXCLUDE)
     install(FILES ${RIGIDHI_PACKAGE_DIR}/_bindings.py ${RIGIDHI_PACKAGE_DIR}/_bindings.pyi
-                  ${RIGIDHI_PACKAGE_DIR}/_schemenames.pyi DESTINATION ${PACKAGE_DIR} COMPONENT python)
+                  ${RIGIDHI_PACKAGE_DIR}/_enumerations.pyi DESTINATION ${PACKAGE_DIR} COMPONENT python)
     install(TARGETS _openmmrigidhi LIBRARY DESTINATION ${PACKAGE_DIR} COMPONENT python)
     file(RELATIVE_PATH FROM_PACKAGE /${PACKAGE_DIR} /${API_DIR})
     set_target_properties(_openmmrigidhi PROPERTIES INSTALL_RPATH "$ORIGIN/${FROM_PACKAGE}")

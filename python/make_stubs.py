@@ -4,12 +4,12 @@ SWIG's Python files say nothing about types. The interface file has the declarat
 program turns them into _bindings.pyi, by the rules of the typemaps there. The build runs it beside
 SWIG:
 
-    python3 make_stubs.py directory openmmrigidhi.i SchemeList.h
+    python3 make_stubs.py directory openmmrigidhi.i SchemeList.h ModelList.h
 
 with the lists (macros of rows) that enumerations of the interface are made from.
 
-It also writes _schemenames.pyi, the enumeration of the schemes: at run time the enumeration is made
-from the library's table, which no editor reads.
+It also writes _enumerations.pyi, the enumerations of schemes, models and boundaries: at run time they
+are made from the library's tables, which no editor reads.
 """
 import pathlib
 import re
@@ -21,20 +21,24 @@ BINDINGS = HEADER + '''from typing import Any, Optional, Union, overload
 import numpy.typing as npt
 import openmm
 
-from ._schemenames import Scheme
+from ._enumerations import Boundary, Model, Scheme
 
 _Buffer = Union[bytes, bytearray, memoryview, npt.NDArray[Any]]
 version: str
 openmmVersionOfBuild: str
 '''
-SCHEMES = HEADER + '''import enum
+ENUMERATIONS = HEADER + '''import enum
 
+from ._models import BoundaryTraits, ModelTraits
 from ._schemes import SchemeTraits
-
-class Scheme(enum.IntEnum):
-    @property
-    def traits(self) -> SchemeTraits: ...
 '''
+ENUMERATION = '''
+class {name}(enum.IntEnum):
+    @property
+    def traits(self) -> {name}Traits: ...
+'''
+#: The enumerations that Python makes from a list, by the macro of the list.
+LISTED = {'RIGIDHI_SCHEMES': 'Scheme', 'RIGIDHI_BOUNDARIES': 'Boundary', 'RIGIDHI_MODELS': 'Model'}
 #: What Python passes for a type of C++, and gets for it.
 GIVEN = {
     'bool': 'bool',
@@ -121,9 +125,9 @@ def class_of(name, base, body, lists, classes):
         for enumeration, values in re.findall(r'enum (\w+) : int \{(.*?)\}', body, flags=re.S)
     }
     # The public class has members of its enumerations under these names. It writes down all of
-    # them but the schemes.
+    # them but those that are made from a list.
     lines += [
-        f'    {each}: {"Scheme" if enumeration == "Scheme" else "int"}'
+        f'    {each}: {enumeration if enumeration in LISTED.values() else "int"}'
         for enumeration, names in enumerations.items() for each in names
     ]
     lines += ['    this: Any', '    thisown: bool']
@@ -154,7 +158,7 @@ def rows_of(text):
 
 
 def stubs(interface, *lists):
-    """The texts of _bindings.pyi and _schemenames.pyi."""
+    """The texts of _bindings.pyi and _enumerations.pyi."""
     lists = {macro: names for text in lists for macro, names in rows_of(text).items()}
     interface = re.sub(r'/\*.*?\*/|//[^\n]*', '', interface, flags=re.S)
     lines = []
@@ -166,14 +170,16 @@ def stubs(interface, *lists):
     classes = {name for name, _, _ in found}
     for name, base, body in found:
         lines += ['', *class_of(name, base, body, lists, classes)]
-    return (BINDINGS + '\n'.join(lines) + '\n',
-            SCHEMES + ''.join(f'    {name} = {k}\n'
-                              for k, name in enumerate(lists['RIGIDHI_SCHEMES'])))
+    listed = ''.join(
+        ENUMERATION.format(name=name) + ''.join(f'    {each} = {k}\n'
+                                                for k, each in enumerate(lists[macro]))
+        for macro, name in LISTED.items())
+    return BINDINGS + '\n'.join(lines) + '\n', ENUMERATIONS + listed
 
 
 def main(directory, *headers):
     texts = stubs(*(pathlib.Path(each).read_text(encoding='utf-8') for each in headers))
-    for name, text in zip(('_bindings.pyi', '_schemenames.pyi'), texts):
+    for name, text in zip(('_bindings.pyi', '_enumerations.pyi'), texts):
         (pathlib.Path(directory)/name).write_text(text, encoding='utf-8')
 
 

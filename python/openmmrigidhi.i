@@ -17,6 +17,7 @@
 #include "openmmrigidhi/CustomBodyForce.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "openmmrigidhi/MobilityForce.h"
+#include "openmmrigidhi/ModelTraits.h"
 #include "openmmrigidhi/SchemeTraits.h"
 #include "openmmrigidhi/Version.h"
 
@@ -240,6 +241,7 @@ std::string libraryPath() { return RigidHIPlugin::getLibraryPath(); }
 %}
 
 %include "openmmrigidhi/internal/SchemeList.h"
+%include "openmmrigidhi/internal/ModelList.h"
 %inline %{
 /* The table of schemes: name, number, momenta, needs a fluid, overdamped, weak order, order at
  * T = 0, forces a step, what is differenced, drift, description. */
@@ -252,6 +254,40 @@ PyObject* schemeTable() {
             t.needsFluid() ? Py_True : Py_False, t.isOverdamped() ? Py_True : Py_False,
             t.weakOrder, t.coldOrder, t.forces, differenced[static_cast<int>(t.differenced)],
             t.drift, t.description);
+        PyList_Append(table, row);
+        Py_DECREF(row);
+    }
+    return table;
+}
+/* The table of boundaries: name, number, periodic, axis across the walls, number of walls,
+ * what the walls do, description. */
+PyObject* boundaryTable() {
+    PyObject* table = PyList_New(0);
+    for (const RigidHIPlugin::BoundaryTraits& t : RigidHIPlugin::boundaryTable) {
+        PyObject* row = Py_BuildValue("(siOiiss)", t.name, static_cast<int>(t.boundary),
+                                      t.isPeriodic ? Py_True : Py_False, t.wallAxis, t.numWalls,
+                                      t.walls, t.description);
+        PyList_Append(table, row);
+        Py_DECREF(row);
+    }
+    return table;
+}
+/* The table of models: name, number, names of boundaries, names of boundaries with a grid, takes
+ * overlap, takes multiblobs, couples bodies, interactions, cost, description. */
+PyObject* modelTable() {
+    using namespace RigidHIPlugin;
+    PyObject* table = PyList_New(0);
+    for (const ModelTraits& t : RigidHIPlugin::modelTable) {
+        const std::string boundaries =
+            namesIn(RigidHIPlugin::boundaryTable, " ",
+                    [&](const BoundaryTraits& b) { return t.hasBoundary(b.boundary); });
+        const std::string grids =
+            namesIn(RigidHIPlugin::boundaryTable, " ",
+                    [&](const BoundaryTraits& b) { return t.hasGrid(b.boundary); });
+        PyObject* row = Py_BuildValue(
+            "(sissOOOsss)", t.name, static_cast<int>(t.model), boundaries.c_str(), grids.c_str(),
+            t.takesOverlap ? Py_True : Py_False, t.takesMultiblobs ? Py_True : Py_False,
+            t.couplesBodies ? Py_True : Py_False, t.interactions, t.cost, t.description);
         PyList_Append(table, row);
         Py_DECREF(row);
     }
@@ -375,12 +411,15 @@ public:
 class MobilityForce : public OpenMM::Force {
 public:
     enum Model : int {
-        FreeDraining = 0,
-        RotnePragerYamakawa = 1,
-        StokesianDynamics = 2,
-        ForceCoupling = 3
+#define RIGIDHI_ROW(name, ...) name,
+        RIGIDHI_MODELS(RIGIDHI_ROW)
+#undef RIGIDHI_ROW
     };
-    enum Boundary : int { Unbounded = 0, NoSlipWall = 1, Periodic = 2, SlipChannel = 3 };
+    enum Boundary : int {
+#define RIGIDHI_ROW(name, ...) name,
+        RIGIDHI_BOUNDARIES(RIGIDHI_ROW)
+#undef RIGIDHI_ROW
+    };
     enum SphereWallMobility : int { FromModel = 0, BestKnown = 1 };
     enum Solver : int { Auto = 0, Dense = 1, MatrixFree = 2 };
 

@@ -5,8 +5,7 @@
 #include <vector>
 
 #include "EnumNames.h"
-#include "openmmrigidhi/MobilityForce.h"
-#include "openmmrigidhi/internal/ModelNames.h"
+#include "openmmrigidhi/ModelTraits.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -18,15 +17,15 @@ namespace {
 const char* const className = "MobilityForce";
 constexpr int formatVersion = 1;
 
-template <class Enum, size_t count>
-EnumNames<Enum> namesOf(const char* const (&list)[count]) {
+template <class Enum, class Row, size_t count>
+EnumNames<Enum> namesOf(const Row (&table)[count]) {
     EnumNames<Enum> names;
-    for (size_t i = 0; i < count; i++) names[list[i]] = static_cast<Enum>(i);
+    for (size_t i = 0; i < count; i++) names[table[i].name] = static_cast<Enum>(i);
     return names;
 }
-const EnumNames<MobilityForce::Model> models = namesOf<MobilityForce::Model>(modelNames);
+const EnumNames<MobilityForce::Model> models = namesOf<MobilityForce::Model>(modelTable);
 const EnumNames<MobilityForce::Boundary> boundaries =
-    namesOf<MobilityForce::Boundary>(boundaryNames);
+    namesOf<MobilityForce::Boundary>(boundaryTable);
 const EnumNames<MobilityForce::SphereWallMobility> sphereWallMobilities = {
     {"FromModel", MobilityForce::FromModel}, {"BestKnown", MobilityForce::BestKnown}};
 const EnumNames<MobilityForce::Solver> solvers = {{"Auto", MobilityForce::Auto},

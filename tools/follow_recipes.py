@@ -11,8 +11,8 @@ A page says in comments, which readers do not see, what a recipe does. Before a 
 may not be empty:
     <!-- recipe: create FILE -->
         the block is the file
-    <!-- recipe: add to the list in FILE -->
-        lines of a macro: the line before them gets its backslash
+    <!-- recipe: add to the list MACRO in FILE -->
+        lines at the end of a macro: the line before them gets its backslash
     <!-- recipe: in FILE before TEXT -->
         the block goes before the one line of the file that has this text; likewise `after`
 Anywhere:
@@ -26,6 +26,7 @@ Anywhere:
 import argparse
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -76,7 +77,8 @@ class Recipes:
         return self.files[name].decode()
 
     def do(self, step, block):
-        verbs = ((r'create (\S+)', self.create), (r'add to the list in (\S+)', self.add_to_list),
+        verbs = ((r'create (\S+)', self.create), (r'add to the list (\S+) in (\S+)',
+                                                  self.add_to_list),
                  (r'in (\S+) (before|after) (.+)', self.insert), (r'test (.+)', self.test),
                  (r'python (.+)', self.python), (r'spoil (\S+): (.+) -> (.+), seen by (\S+)',
                                                  self.spoil))
@@ -98,13 +100,16 @@ class Recipes:
             raise RecipeError(f'{name} is there already')
         self.files[name] = block.encode()
 
-    def add_to_list(self, name, block):
+    def add_to_list(self, macro, name, block):
         lines = self.text(name).split('\n')
-        rows = [k for k, line in enumerate(lines) if k > 0 and lines[k - 1].endswith('\\')]
-        if not rows:
-            raise RecipeError(f'{name} has no list')
-        lines[rows[-1]] += ' \\'
-        lines[rows[-1] + 1:rows[-1] + 1] = block.rstrip('\n').split('\n')
+        last = next((k for k, line in enumerate(lines) if line.startswith(f'#define {macro}(')),
+                    None)
+        if last is None:
+            raise RecipeError(f'{name} has no list {macro}')
+        while lines[last].endswith('\\'):
+            last += 1
+        lines[last] += ' \\'
+        lines[last + 1:last + 1] = block.rstrip('\n').split('\n')
         self.files[name] = '\n'.join(lines).encode()
 
     def insert(self, name, where, text, block):
@@ -136,6 +141,27 @@ class Recipes:
         if self.text(name).count(old) != 1:
             raise RecipeError(f'{name} has "{old}" {self.text(name).count(old)} times, not once')
         self.spoils.append((name, old, new, self.programs_of(program)))
+
+
+def unformatted(files, before):
+    """The C++ files that the recipes made or changed and that clang-format would format in another
+    way; none where there is no clang-format of Debian 12.
+
+    The backslashes of lists are left to `make format`, because their column depends on all lines.
+    """
+    program = shutil.which('clang-format-14') or shutil.which('clang-format')
+    if program is None or ' version 14.' not in subprocess.run(
+        [program, '--version'], capture_output=True, text=True).stdout:
+        return []
+    found = []
+    for name, content in files.items():
+        if not name.endswith(('.h', '.cpp')) or content == before.get(name):
+            continue
+        formatted = subprocess.run([program, f'--assume-filename={ROOT/name}'], input=content,
+                                   cwd=ROOT, check=True, capture_output=True).stdout
+        if re.sub(rb' +\\\n', b'\n', formatted) != re.sub(rb' +\\\n', b'\n', content):
+            found.append(name)
+    return found
 
 
 def write_copy(files, folder):
@@ -204,9 +230,14 @@ def main(argv=None):
     parser.add_argument('--check', action='store_true',
                         help='check only whether all steps can be followed; build nothing')
     arguments = parser.parse_args(argv)
-    recipes = Recipes(tracked_files())
+    before = tracked_files()
+    recipes = Recipes(dict(before))
     for page in PAGES:
         recipes.follow(page)
+    bad = unformatted(recipes.files, before)
+    if bad:
+        raise RecipeError('clang-format formats the code blocks of the pages in another way, which '
+                          'are now in ' + ', '.join(bad))
     if not recipes.spoils:
         raise RecipeError('no page has a recipe')
     print(f'-- followed {recipes.steps} steps on {len(PAGES)} pages')

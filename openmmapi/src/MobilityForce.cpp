@@ -5,10 +5,10 @@
 #include <string>
 
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
+#include "openmmrigidhi/ModelTraits.h"
 #include "openmmrigidhi/RigidHIKernels.h"
 #include "openmmrigidhi/internal/Errors.h"
 #include "openmmrigidhi/internal/MobilityForceImpl.h"
-#include "openmmrigidhi/internal/ModelNames.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -89,9 +89,7 @@ MobilityForce::MobilityForce()
 // The destructor is not inline, so that other libraries do not export it too.
 MobilityForce::~MobilityForce() {}
 
-bool MobilityForce::usesPeriodicBoundaryConditions() const {
-    return boundary == Periodic || boundary == SlipChannel;
-}
+bool MobilityForce::usesPeriodicBoundaryConditions() const { return traitsOf(boundary).isPeriodic; }
 
 int MobilityForce::addParticle(double radius) {
     radii.push_back(0);
@@ -133,16 +131,16 @@ void MobilityForce::setViscosity(double eta) {
 }
 
 void MobilityForce::setModel(Model model) {
-    if (model < 0 || model >= numberOf(modelNames))
+    if (!hasRow(modelTable, model))
         fail("setModel()", "model " + text(static_cast<int>(model)) + " is unknown",
-             "it must be one of " + listOf(modelNames), "use the class constants");
+             "it must be one of " + listOf(modelTable), "use the class constants");
     this->model = model;
 }
 
 void MobilityForce::setBoundary(Boundary boundary) {
-    if (boundary < 0 || boundary >= numberOf(boundaryNames))
+    if (!hasRow(boundaryTable, boundary))
         fail("setBoundary()", "boundary " + text(static_cast<int>(boundary)) + " is unknown",
-             "it must be one of " + listOf(boundaryNames), "use the class constants");
+             "it must be one of " + listOf(boundaryTable), "use the class constants");
     this->boundary = boundary;
 }
 

@@ -38,7 +38,7 @@ class _TableEnum(enum.IntEnum):
 
 
 if TYPE_CHECKING:
-    from ._schemenames import Scheme
+    from ._enumerations import Scheme
 else:
     Scheme = _TableEnum('Scheme', {traits.name: traits.number
                                    for traits in TABLE}, module='openmmrigidhi.integrator')

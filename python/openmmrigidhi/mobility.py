@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Sequence, Union
 import numpy as np
 import openmm
 
-from . import _bindings, _copies, _enums, _units
+from . import _bindings, _copies, _enums, _models, _units
+from ._models import Boundary, Model
 from ._types import Array, Number, Numbers
 
 if TYPE_CHECKING:
@@ -15,70 +16,6 @@ if TYPE_CHECKING:
 
 _Base = _bindings.MobilityForce
 _TENSOR = (6, 6)
-
-
-class Model(_enums.Documented):
-    """The hydrodynamic models that setModel() takes; also class attributes of MobilityForce.
-
-    Each model has its own docstring. Each also has a page with its equations, boundaries, accuracy
-    and cost. docs/models/README.md says which model to take for which scene.
-    """
-
-    FreeDraining = _Base.FreeDraining, """Bodies do not interact through the fluid.
-
-        A sphere has its Stokes drag, and a multiblob has its own constant tensor.
-
-        It takes spheres, multiblobs, free particles and own tensors. Boundaries: Unbounded,
-        Periodic. Cost: linear in bodies. docs/models/FreeDraining.md has the rest."""
-    RotnePragerYamakawa = _Base.RotnePragerYamakawa, """Pairs of particles interact (default).
-
-        A particle is a sphere or a blob. The mobility of a pair follows from surface averages of a
-        point force, with rotation.
-
-        It takes spheres, multiblobs, free particles and own tensors. Radii may be unequal and
-        particles may overlap. The mobility is always positive definite. The relative error is
-        O((a/r)^4), without lubrication (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Boundaries:
-        Unbounded, NoSlipWall, Periodic.
-
-        Each product costs a time quadratic in particles. Products of many particles take less time
-        where setFastSummation() has them. With Periodic and MatrixFree the cost grows as the box
-        does: products are done by pairs, and by waves on a grid (Fiore et al., J. Chem. Phys. 146,
-        124116, 2017). docs/models/RotnePragerYamakawa.md has the rest."""
-    StokesianDynamics = _Base.StokesianDynamics, """Spheres interact, with lubrication of pairs.
-
-        Forces, torques and stresslets of all spheres interact together. The lubrication of each
-        pair is exact.
-
-        It is exact for two spheres at every gap (Jeffrey and Onishi, J. Fluid Mech. 139, 261,
-        1984). It takes spheres only, without overlap, at ratios of radii from 0.1 to 10.
-        Boundaries: Unbounded, Periodic. Cost: cubic in bodies. docs/models/StokesianDynamics.md has
-        the rest."""
-    ForceCoupling = _Base.ForceCoupling, """Particles interact by Gaussian force densities.
-
-        It is like RotnePragerYamakawa, with Gaussians in place of surfaces. Many particles are
-        coupled on a grid. It takes spheres, multiblobs, free particles and own tensors. Radii may
-        be unequal and particles may overlap. The mobility is always positive semidefinite (Maxey
-        and Patel, Int. J. Multiphase Flow 27, 1603, 2001; Lomholt and Maxey, J. Comput. Phys. 184,
-        381, 2003; grids: Yeo and Maxey, J. Comput. Phys. 229, 2401, 2010). Boundaries: Periodic,
-        SlipChannel.
-
-        On a grid the cost grows as the box does. Few particles, and dilute suspensions, are dense.
-        docs/models/ForceCoupling.md has the rest."""
-
-
-class Boundary(_enums.Documented):
-    """What bounds the fluid; also class attributes of MobilityForce."""
-
-    Unbounded = _Base.Unbounded, 'Nothing bounds the fluid, which is at rest at infinity (default).'
-    NoSlipWall = _Base.NoSlipWall, (
-        'The plane z = setWallHeight() bounds the fluid, which is above it and at rest on it; '
-        'for RotnePragerYamakawa only.')
-    Periodic = _Base.Periodic, (
-        'The fluid fills the periodic box of the Context, as the box is at each step; for all '
-        'models. Under FreeDraining nothing changes compared with Unbounded.')
-    SlipChannel = _Base.SlipChannel, (
-        'Two walls y = const (setChannelWalls()) bound the fluid, which slips along them and is '
-        'periodic in x and z; for ForceCoupling only.')
 
 
 class SphereWallMobility(_enums.Documented):
@@ -127,12 +64,11 @@ class MobilityForce(_copies.Copies, _Base):
     line. A torque about the line beyond rounding is then an error. A particle in no body that has a
     radius takes a force only.
 
-    :meth:`setModel` chooses how the fluid couples particles. The models are, the least accurate
-    first, FreeDraining, RotnePragerYamakawa (default), ForceCoupling and StokesianDynamics.
-    :meth:`setBoundary` chooses what bounds the fluid: Unbounded (default), NoSlipWall, Periodic or
-    SlipChannel. ``help(MobilityForce.Model)`` and ``help(MobilityForce.Boundary)`` describe each of
-    them. docs/models/README.md says which model to take for which scene. Each model has a page
-    there with its equations, its accuracy, its cost, and what each boundary needs and does.
+    :meth:`setModel` chooses how the fluid couples particles. The models are @models@.
+    :meth:`setBoundary` chooses what bounds the fluid. The boundaries are @boundaries@.
+    ``help(MobilityForce.Model)`` and ``help(MobilityForce.Boundary)`` describe each of them.
+    docs/models/README.md says which model to take for which scene. Each model has a page there with
+    its equations, its accuracy, its cost, and what each boundary needs and does.
 
     A constant may be given by its name, as in ``setModel('StokesianDynamics')``. A wrong type
     raises TypeError, and a wrong shape or an unknown name ValueError. Everything else that is
@@ -153,14 +89,6 @@ class MobilityForce(_copies.Copies, _Base):
     Boundary = Boundary
     SphereWallMobility = SphereWallMobility
     Solver = Solver
-    FreeDraining = Model.FreeDraining
-    RotnePragerYamakawa = Model.RotnePragerYamakawa
-    StokesianDynamics = Model.StokesianDynamics
-    ForceCoupling = Model.ForceCoupling
-    Unbounded = Boundary.Unbounded
-    NoSlipWall = Boundary.NoSlipWall
-    Periodic = Boundary.Periodic
-    SlipChannel = Boundary.SlipChannel
     FromModel = SphereWallMobility.FromModel
     BestKnown = SphereWallMobility.BestKnown
     Auto = Solver.Auto
@@ -840,3 +768,9 @@ class MobilityForce(_copies.Copies, _Base):
     @staticmethod
     def _number(value, dimension, method, name):
         return _units.number(value, dimension, _where(method), name)
+
+
+for _place, _table in (('@models@', _models.MODELS), ('@boundaries@', _models.BOUNDARIES)):
+    MobilityForce.__doc__ = MobilityForce.__doc__.replace(_place, _models.summary(_table))
+for _member in (*Model, *Boundary):
+    setattr(MobilityForce, _member.name, _member)

@@ -22,7 +22,8 @@ sys.path.insert(0, str(ROOT/'python'))
 import make_stubs  # noqa: E402  (a program beside the package)
 
 INTERFACE = 'python/openmmrigidhi.i'
-LISTS = ('openmmapi/include/openmmrigidhi/internal/SchemeList.h',)
+LISTS = ('openmmapi/include/openmmrigidhi/internal/SchemeList.h',
+         'openmmapi/include/openmmrigidhi/internal/ModelList.h')
 #: Modules that annotations name, and that the package imports only where they are used.
 OPTIONAL = ('distributed', 'h5py', 'matplotlib.axes', 'matplotlib.axis', 'matplotlib.figure')
 
@@ -165,11 +166,15 @@ def test_stubs_have_every_enumerator(package_directory):
             } - {'this', 'thisown'}, node.name
 
 
-def test_the_stub_of_schemes_is_the_table(package_directory):
-    text = (package_directory/'_schemenames.pyi').read_text(encoding='utf-8')
-    assert [
-        (name, int(number)) for name, number in re.findall(r'^    (\w+) = (\d+)', text, re.M)
-    ] == [(scheme.name, scheme.value) for scheme in openmmrigidhi.CustomRigidHIIntegrator.Scheme]
+@pytest.mark.parametrize('enumeration', [
+    openmmrigidhi.CustomRigidHIIntegrator.Scheme, openmmrigidhi.MobilityForce.Model,
+    openmmrigidhi.MobilityForce.Boundary
+])
+def test_the_stub_of_an_enumeration_is_its_table(package_directory, enumeration):
+    text = (package_directory/'_enumerations.pyi').read_text(encoding='utf-8')
+    members = re.search(rf'^class {enumeration.__name__}\(.*?(?=^class|\Z)', text, re.M | re.S)[0]
+    assert [(name, int(number)) for name, number in re.findall(r'^    (\w+) = (\d+)', members, re.M)
+            ] == [(each.name, each.value) for each in enumeration]
 
 
 def test_results_of_the_bindings_have_the_types_of_the_stubs():
@@ -287,5 +292,5 @@ def test_mypy_knows_the_package_in_users_programs(mypy):
 
 
 def test_the_package_says_that_it_is_typed(package_directory):
-    for name in ('py.typed', '_bindings.pyi', '_schemenames.pyi'):
+    for name in ('py.typed', '_bindings.pyi', '_enumerations.pyi'):
         assert pathlib.Path(package_directory/name).exists(), name

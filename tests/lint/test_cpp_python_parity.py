@@ -84,10 +84,12 @@ def names(cls):
     return {method(d)[0] for d in declarations(header(cls), cls)}
 
 
-def schemes():
-    """Names and numbers in the one list of schemes."""
-    names = re.findall(r'^    ROW\((\w+),',
-                       read('openmmapi/include/openmmrigidhi/internal/SchemeList.h'), flags=re.M)
+def listed(macro):
+    """Names and numbers in one of the lists of schemes, models and boundaries."""
+    lists = read('openmmapi/include/openmmrigidhi/internal/SchemeList.h') + read(
+        'openmmapi/include/openmmrigidhi/internal/ModelList.h')
+    rows = re.search(rf'^#define {macro}\(ROW\)(.*?[^\\])$', lists, flags=re.S | re.M)[1]
+    names = re.findall(r'^    ROW\((\w+),', rows, flags=re.M)
     return [(name, str(number)) for number, name in enumerate(names)]
 
 
@@ -95,8 +97,8 @@ def enumerators(name, cls):
     found = {}
     for enum, values in re.findall(r'enum (\w+)\s*:\s*int\s*{(.*?)}', public_part(name, cls),
                                    flags=re.S):
-        found[enum] = schemes() if 'RIGIDHI_SCHEMES' in values else re.findall(
-            r'(\w+)\s*=\s*(\d+)', values)
+        macro = re.search(r'(\w+)\(RIGIDHI_ROW\)', values)
+        found[enum] = listed(macro[1]) if macro else re.findall(r'(\w+)\s*=\s*(\d+)', values)
     return found
 
 
@@ -112,6 +114,9 @@ def test_parsing_finds_the_methods():
             } <= names('MobilityForce')
     assert ('LangevinC', '2') in enumerators(header('CustomRigidHIIntegrator'),
                                              'CustomRigidHIIntegrator')['Scheme']
+    assert enumerators(header('MobilityForce'),
+                       'MobilityForce')['Model'][3] == ('ForceCoupling', '3')
+    assert ('SlipChannel', '3') in enumerators(header('MobilityForce'), 'MobilityForce')['Boundary']
     assert enumerators(header('MobilityForce'), 'MobilityForce')['Solver'] == [('Auto', '0'),
                                                                                ('Dense', '1'),
                                                                                ('MatrixFree', '2')]

@@ -88,7 +88,7 @@ def test_every_python_file_is_installed(prefix):
 
 def test_what_type_checkers_read_is_installed(prefix):
     (package,) = prefix.glob('**/openmmrigidhi/__init__.py')
-    for name in ('py.typed', '_bindings.pyi', '_schemenames.pyi'):
+    for name in ('py.typed', '_bindings.pyi', '_enumerations.pyi'):
         assert (package.parent/name).exists(), f'{name} is not installed'
 
 

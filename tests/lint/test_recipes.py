@@ -11,7 +11,7 @@ spec = importlib.util.spec_from_file_location('follow_recipes', ROOT/'tools/foll
 follow_recipes = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(follow_recipes)
 
-LIST = b'#define ROWS(ROW) \\\n    ROW(A) \\\n    ROW(B)\n\n#endif\n'
+LIST = b'#define ROWS(ROW) \\\n    ROW(A) \\\n    ROW(B)\n#define OTHERS(ROW) \\\n    ROW(D)\n'
 
 
 def follow(page, **files):
@@ -30,21 +30,20 @@ def test_every_step_of_every_page_can_be_followed():
 
 def test_blocks_go_where_the_page_says():
     page = (
-        '<!-- recipe: create new.h -->\n```cpp\nnew\n```\n\n<!-- recipe: add to the list in list.h '
-        '-->\n```cpp\n    ROW(C)\n```\n'
+        '<!-- recipe: create new.h -->\n```cpp\nnew\n```\n\n<!-- recipe: add to the list ROWS in '
+        'list.h -->\n```cpp\n    ROW(C)\n```\n'
         '<!-- recipe: in old.h before third -->\n```cpp\nsecond\n```\n')
     files = follow(page, list_h=LIST, old_h=b'first\nthird\n').files
     assert files['new.h'] == b'new\n'
-    assert files[
-        'list.h'] == b'#define ROWS(ROW) \\\n    ROW(A) \\\n    ROW(B) \\\n    ROW(C)\n\n#endif\n'
+    assert files['list.h'] == LIST.replace(b'ROW(B)', b'ROW(B) \\\n    ROW(C)')
     assert files['old.h'] == b'first\nsecond\nthird\n'
 
 
 @pytest.mark.parametrize(
     'step, block, message',
     [('create old.h', 'x', 'old.h is there already'), ('create new.h', None, 'needs a code block'),
-     ('add to the list in old.h', 'x', 'old.h has no list'),
-     ('add to the list in none.h', 'x', 'there is no none.h'),
+     ('add to the list ROWS in old.h', 'x', 'old.h has no list ROWS'),
+     ('add to the list ROWS in none.h', 'x', 'there is no none.h'),
      ('in old.h after second', 'x', '0 lines of old.h have "second"'),
      ('test TestNothing', None, 'no test program TestNothing'),
      ('test TestNothing', 'x', 'takes no code block'),

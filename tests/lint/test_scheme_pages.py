@@ -7,7 +7,7 @@ import openmm
 import openmmrigidhi
 import pytest
 from conftest import cpp_files, git_files, read
-from openmmrigidhi import _schemes
+from openmmrigidhi import _models, _schemes
 
 SCHEMES = [scheme.name for scheme in openmmrigidhi.CustomRigidHIIntegrator.Scheme]
 MODELS = [model.name for model in openmmrigidhi.MobilityForce.Model]
@@ -143,6 +143,12 @@ def test_readme_and_guide_lead_to_every_page():
     assert _schemes.markdown(
         '') in read('docs/schemes/README.md'
                     ), f'put this table into docs/schemes/README.md:\n{_schemes.markdown("")}'
+    for table in (_models.markdown(''), _models.markdown_of_boundaries()):
+        assert table in read(
+            'docs/models/README.md'), f'put this table into docs/models/README.md:\n{table}'
+    for table in (_models.markdown(), _models.markdown_of_boundaries()):
+        assert table in read('docs/USER_GUIDE.md'), (
+            f'put this table into docs/USER_GUIDE.md, "Models":\n{table}')
     for page in PAGES:
         folder, name = page.split('/')[1:]
         assert f']({name})' in read(

@@ -7,6 +7,7 @@
 #include <map>
 #include <vector>
 
+#include "openmmrigidhi/internal/ModelList.h"
 #include "openmmrigidhi/internal/windowsExport.h"
 
 namespace RigidHIPlugin {
@@ -29,78 +30,25 @@ class IntegrateRigidBodiesKernel;
  */
 class OPENMM_EXPORT_RIGIDHI MobilityForce : public OpenMM::Force {
 public:
-    /** The hydrodynamic model. */
+    /**
+     * The hydrodynamic model: FreeDraining, RotnePragerYamakawa (default), StokesianDynamics,
+     * ForceCoupling, numbered from 0. internal/ModelList.h describes each model, docs/models has a
+     * page on each, and ModelTraits.h has them as a table.
+     */
     enum Model : int {
-        /**
-         * No interaction between bodies. A sphere has its Stokes drag 6 pi eta a, 8 pi eta a^3. A
-         * multiblob has its own tensor, which is constant in its body frame and computed once.
-         * Unbounded or Periodic. Cost: linear in bodies.
-         */
-        FreeDraining = 0,
-        /**
-         * Rotne-Prager-Yamakawa with rotation, unequal radii, overlap allowed: translation,
-         * rotation and their coupling. Always positive definite. Pairwise: the error is O((a/r)^4)
-         * of the mobility (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). Cost of a product:
-         * quadratic in particles, by multipoles nearly linear (setFastSummation()), on a grid
-         * (Periodic) as the box. Periodic without a grid has dense matrices.
-         */
-        RotnePragerYamakawa = 1,
-        /**
-         * Spheres with force, torque and stresslet, and pair lubrication from the exact two-sphere
-         * resistance functions (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984): exact for an
-         * isolated pair at every gap. Spheres must not overlap, and ratios of radii are 0.1 to 10.
-         * Unbounded or Periodic. Cost: cubic in bodies.
-         */
-        StokesianDynamics = 2,
-        /**
-         * Force coupling (Maxey and Patel, Int. J. Multiphase Flow 27, 1603, 2001; Lomholt and
-         * Maxey, J. Comput. Phys. 184, 381, 2003). It is like RotnePragerYamakawa, with forces and
-         * torques spread by Gaussians in place of surfaces. Periodic and SlipChannel only. Unequal
-         * radii and overlap are allowed. Always positive semidefinite. Its accuracy is that of
-         * RotnePragerYamakawa. On a grid (Yeo and Maxey, J. Comput. Phys. 229, 2401, 2010) it is
-         * computed to the solver tolerance, at a cost that grows as the box. Otherwise matrices are
-         * dense. Auto takes what is faster.
-         */
-        ForceCoupling = 3
+#define RIGIDHI_ROW(name, ...) name,
+        RIGIDHI_MODELS(RIGIDHI_ROW)
+#undef RIGIDHI_ROW
     };
-    /** What bounds the fluid. */
+    /**
+     * What bounds the fluid: Unbounded (default), NoSlipWall, Periodic, SlipChannel, numbered from
+     * 0. internal/ModelList.h describes each boundary, the pages of models in docs/models say what
+     * it needs and does, and ModelTraits.h has them as a table.
+     */
     enum Boundary : int {
-        /** Nothing: fluid at rest at infinity. */
-        Unbounded = 0,
-        /**
-         * A plane z = setWallHeight() on which the fluid is at rest. The fluid is above the plane.
-         * RotnePragerYamakawa only: its mobility with Blake's image, all blocks, unequal radii
-         * (Swan and Brady, Phys. Fluids 19, 113306, 2007). The mobility is positive definite where
-         * no particle reaches through the wall. CustomRigidHIIntegrator::setWallRejection() says
-         * what happens where a particle does. Cost: two to three times that of Unbounded.
-         */
-        NoSlipWall = 1,
-        /**
-         * The periodic box of the Context, as it is at each step; the box may be triclinic.
-         * Particles feel all images of all others and of themselves. The mean velocity of fluid and
-         * bodies is zero. Net forces are allowed, because a uniform force density balances them.
-         *
-         * All models. Under FreeDraining, bodies feel neither others nor images, and nothing
-         * changes compared with Unbounded. For the other models dense matrices come from
-         * lattice sums, to 1e-13 of a particle's own mobility, up to 12000 rows (2000 spheres, 4000
-         * blobs); StokesianDynamics up to 1000 spheres. ForceCoupling, and RotnePragerYamakawa of
-         * up to 8 radii, have no such limit on a grid, but need boxes with edges along the axes. A
-         * body must be shorter than the shortest lattice vector.
-         */
-        Periodic = 2,
-        /**
-         * Two walls, setChannelWalls(), that the fluid slips along. Between the walls the fluid is
-         * periodic in the x and z edges of the Context's box. The box must have its edges along the
-         * axes, and a y edge longer than the channel is wide.
-         *
-         * ForceCoupling only, by mirror images of period twice the width. Dense matrices take half
-         * as many particles as with Periodic (1000 spheres, 2000 blobs); a grid has no limit. The
-         * mobility is positive definite wherever centres are between the walls.
-         * CustomRigidHIIntegrator::setWallRejection() says how near to a wall surfaces may come.
-         * Cost: on a grid, that of Periodic in a box of the channel's width; dense, that of twice
-         * the particles in twice the width.
-         */
-        SlipChannel = 3
+#define RIGIDHI_ROW(name, ...) name,
+        RIGIDHI_BOUNDARIES(RIGIDHI_ROW)
+#undef RIGIDHI_ROW
     };
     /** Which mobility a single sphere above a NoSlipWall has. */
     enum SphereWallMobility : int {

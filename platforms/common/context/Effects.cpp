@@ -84,13 +84,15 @@ private:
             hasForce ? "positions are not set yet" : "the System has no MobilityForce";
         const bool withoutImages = hasForce && scene.system.usesPeriodicBoundaryConditions() &&
                                    !fluid.getParameters()->usesPeriodicBoundaryConditions();
-        const bool aboveWall =
-            withoutImages && fluid.getParameters()->getBoundary() == MobilityForce::NoSlipWall;
+        const BoundaryTraits* boundary =
+            hasForce ? &traitsOf(fluid.getParameters()->getBoundary()) : nullptr;
         set("hydrodynamics", hasForce,
             (fluid ? FluidReport(*fluid.get()).describe(scheme) : missing) +
-                (aboveWall       ? "; without images along x and y, though forces are periodic"
-                 : withoutImages ? "; unbounded, though forces are periodic"
-                                 : ""));
+                (!withoutImages ? ""
+                 : boundary->hasWalls()
+                     ? string("; without images along ") + boundary->namesAlongWalls() +
+                           ", though forces are periodic"
+                     : "; unbounded, though forces are periodic"));
         set("mobilities asked for", hasForce,
             fluid ? FluidReport(*fluid.get()).describeAnswers() : missing);
         const string flow = fluid ? FluidReport(*fluid.get()).describeFlow() : "";

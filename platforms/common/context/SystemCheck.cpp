@@ -202,15 +202,12 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
 void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& integrator) {
     constexpr ErrorsOf fail{"MobilityForce"};
     if (!hasBoundary(force.getModel(), force.getBoundary())) {
-        string models, boundaries;
-        for (int m = 0; *modelName(MobilityForce::Model(m)); m++)
-            if (hasBoundary(MobilityForce::Model(m), force.getBoundary()))
-                models +=
-                    (models.empty() ? "" : " or ") + string(modelName(MobilityForce::Model(m)));
-        for (int b = 0; *boundaryName(MobilityForce::Boundary(b)); b++)
-            if (hasBoundary(force.getModel(), MobilityForce::Boundary(b)))
-                boundaries += (boundaries.empty() ? "" : " or ") +
-                              string(boundaryName(MobilityForce::Boundary(b)));
+        const string models = namesIn(modelTable, " or ", [&](const ModelTraits& model) {
+            return model.hasBoundary(force.getBoundary());
+        });
+        const string boundaries = namesIn(boundaryTable, " or ", [&](const BoundaryTraits& traits) {
+            return hasBoundary(force.getModel(), traits.boundary);
+        });
         fail(string("boundary ") + boundaryName(force.getBoundary()) +
              " can be used with the model " + models + ", not with " + modelName(force.getModel()) +
              "; use setModel(" + models + ") or setBoundary(" + boundaries + ")");

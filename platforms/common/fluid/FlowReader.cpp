@@ -187,13 +187,12 @@ Velocities FlowReader::flowAt(const vector<OpenMM::Vec3>& points, const FlowQues
     const OneBlasThread single;
     const char* const method = "getFlowInContext()";
     FluidGroup& group = onlyGroup(method);
-    for (size_t p = 0; p < points.size(); p++) {
+    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
+    double low, high;
+    findWalls(force, low, high);
+    for (size_t p = 0; p < points.size() && boundary.hasWalls(); p++) {
         const OpenMM::Vec3& x = points[p];
-        double low = -INFINITY, high = INFINITY;
-        const bool channel = force.getBoundary() == MobilityForce::SlipChannel;
-        if (channel) force.getChannelWalls(low, high);
-        if (force.getBoundary() == MobilityForce::NoSlipWall) low = force.getWallHeight();
-        const double coordinate = channel ? x[1] : x[2];
+        const double coordinate = x[boundary.wallAxis];
         if (coordinate < low || coordinate > high)
             fail(method, "point " + to_string(p) + " at " + text(x) +
                              " nm is behind a wall, where there is no fluid; give points above the "
@@ -219,14 +218,17 @@ FluidGroup& FlowReader::groupWithWave(const char* method, int forceAxis, int wav
     const BoxVectors& box = fluid.box;
     const MobilityModel& model = group.bodies.getModel();
     if (!(model.fluidVolume(box) > 0))
-        fail(method,
-             "the flow has no Fourier modes with the boundary " +
-                 string(boundaryName(force.getBoundary())) +
-                 "; ask with the boundary Periodic or SlipChannel, or use getFlowInContext()");
-    if (force.getBoundary() == MobilityForce::SlipChannel && (forceAxis == 1 || waveAxis == 1))
-        fail(method,
-             "the axes are " + to_string(forceAxis) + " and " + to_string(waveAxis) +
-                 ", and in a SlipChannel both must be along the walls; give the axes 0 and 2");
+        fail(method, "the flow has no Fourier modes with the boundary " +
+                         string(boundaryName(force.getBoundary())) + "; ask with the boundary " +
+                         namesIn(boundaryTable, " or ",
+                                 [](const BoundaryTraits& other) { return other.isPeriodic; }) +
+                         ", or use getFlowInContext()");
+    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
+    if (boundary.isAcross(forceAxis) || boundary.isAcross(waveAxis))
+        fail(method, "the axes are " + to_string(forceAxis) + " and " + to_string(waveAxis) +
+                         ", and in a " + boundary.name +
+                         " both must be along the walls; give the axes " +
+                         boundary.axesAlongWalls());
     model.checkWave(box, waveAxis, waveVectorIndex);
     wave.forceAxis = forceAxis;
     wave.waveAxis = waveAxis;

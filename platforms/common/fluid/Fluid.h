@@ -15,7 +15,7 @@
 #include "fluid/UserFlow.h"
 #include "host/FreeParticles.h"
 #include "host/PlatformLoops.h"
-#include "openmmrigidhi/MobilityForce.h"
+#include "openmmrigidhi/ModelTraits.h"
 #include "rigidbody/BodySet.h"
 #include "rigidbody/Thermostat.h"
 #include "schemes/SchemeMemory.h"
@@ -168,10 +168,7 @@ public:
     void setBox(const BoxVectors& box);
     const BoxVectors& getBox() const { return box; }
     /** Whether setWallRejection() matters. */
-    bool hasWalls() const {
-        return force.getBoundary() == MobilityForce::NoSlipWall ||
-               force.getBoundary() == MobilityForce::SlipChannel;
-    }
+    bool hasWalls() const { return traitsOf(force.getBoundary()).hasWalls(); }
     /** Whether the fluid has a periodic box. In other fluids nothing changes with the box. */
     bool isPeriodic() const { return !isFreeDraining() && force.usesPeriodicBoundaryConditions(); }
     /** @throws OpenMMException if a body of a periodic fluid does not fit into the box, naming it,
@@ -206,9 +203,7 @@ public:
      * Whether a body that is alone in its group feels only the fluid around it: no wall, and no
      * images of its own.
      */
-    bool isUniform() const {
-        return isFreeDraining() || force.getBoundary() == MobilityForce::Unbounded;
-    }
+    bool isUniform() const { return isFreeDraining() || traitsOf(force.getBoundary()).isUniform(); }
     bool isFreeDraining() const { return force.getModel() == MobilityForce::FreeDraining; }
     /** The number of bodies and free particles that are not alone in their group. */
     int numInteracting() const;

@@ -42,6 +42,25 @@ const FluidGroup* FluidReport::findLargest() const {
     return largest;
 }
 
+string FluidReport::describeWalls() const {
+    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
+    if (!boundary.hasWalls()) return {};
+    double low, high;
+    findWalls(force, low, high);
+    const bool one = boundary.numWalls == 1;
+    ostringstream text;
+    text << (one ? " above a " : " between ") << boundary.walls << (one ? " wall" : " walls")
+         << " at "
+         << "xyz"[boundary.wallAxis] << " = " << low;
+    if (!one) text << " and " << high;
+    text << " nm (a step is redone if after it a particle "
+         << (fluid.getSettings().wallRejection == CustomRigidHIIntegrator::Crossing
+                 ? "has its centre behind "
+                 : "overlaps ")
+         << (one ? "the wall)" : "a wall)");
+    return text.str();
+}
+
 string FluidReport::describe(const SchemeTraits& scheme) const {
     const bool overdamped = scheme.isOverdamped();
     const auto mobilityOf = [&](const FluidGroup& group) -> BodyMobility& {
@@ -53,29 +72,14 @@ string FluidReport::describe(const SchemeTraits& scheme) const {
             thermostats++;
         else
             ways[mobilityOf(*group).getWay()]++;
+    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
     ostringstream text;
-    text << modelName(force.getModel());
-    if (force.getBoundary() == MobilityForce::NoSlipWall)
-        text << " above a no-slip wall at z = " << force.getWallHeight()
-             << " nm (a step is redone if after it a particle "
-             << (fluid.getSettings().wallRejection == CustomRigidHIIntegrator::Crossing
-                     ? "has its centre behind the wall)"
-                     : "overlaps the wall)");
-    if (force.getBoundary() == MobilityForce::SlipChannel) {
-        double low, high;
-        force.getChannelWalls(low, high);
-        text << " between slip walls at y = " << low << " and " << high
-             << " nm (a step is redone if after it a particle "
-             << (fluid.getSettings().wallRejection == CustomRigidHIIntegrator::Crossing
-                     ? "has its centre behind a wall)"
-                     : "overlaps a wall)");
-    }
+    text << modelName(force.getModel()) << describeWalls();
     if (fluid.isPeriodic())
-        text << (force.getBoundary() == MobilityForce::SlipChannel
-                     ? " with all images along x and z in "
-                     : " with all images in ")
-             << textOf(fluid.getBox());
-    if (fluid.isFreeDraining() && force.getBoundary() == MobilityForce::Periodic)
+        text << " with all images "
+             << (boundary.hasWalls() ? string("along ") + boundary.namesAlongWalls() + " " : "")
+             << "in " << textOf(fluid.getBox());
+    if (fluid.isFreeDraining() && boundary.isPeriodic)
         text << " in a periodic box, where bodies feel neither others nor images, as if unbounded";
     const FluidGroup* largest = findLargest();
     if (largest && largest->bodies.hasModel()) {
@@ -118,8 +122,8 @@ string FluidReport::describeFlow() const {
     if (!flow.hasGradient()) return text.str();
     bool stresslets = true, own = false;
     for (const auto& group : groups) {
-        stresslets =
-            stresslets && group->bodies.hasModel() && group->bodies.getModel().getTraits().hasStresslets;
+        stresslets = stresslets && group->bodies.hasModel() &&
+                     group->bodies.getModel().getTraits().hasStresslets;
         for (const FluidElement& element : group->bodies.getElements())
             own = own || element.ownMobility.size() > 0;
     }

@@ -28,6 +28,7 @@ public:
     bool hasStochasticDrift() const;
 
 private:
+    std::string describeWalls() const;
     /** Groups by what their stochastic drift is. */
     struct Drifts {
         std::vector<BrownianGroup*> differenced;  // by finite differences, where the scheme has any

@@ -84,10 +84,10 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
             fail("body " + to_string(b) +
                  " was given a tensor of its own, but the integrator has " + to_string(numBodies) +
                  " bodies, counted from 0; correct the index");
-        if (force.getModel() == MobilityForce::StokesianDynamics)
-            fail("body " + to_string(b) +
-                 " was given a tensor of its own, which model StokesianDynamics cannot take; use "
-                 "RotnePragerYamakawa or FreeDraining");
+        if (!traitsOf(force.getModel()).takesMultiblobs)
+            fail("body " + to_string(b) + " was given a tensor of its own, which model " +
+                 modelName(force.getModel()) +
+                 " cannot take; use RotnePragerYamakawa or FreeDraining");
     }
 
     int nextGroup = 0;

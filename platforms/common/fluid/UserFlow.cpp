@@ -49,20 +49,22 @@ void UserFlow::check() const {
             "a sinusoidal force density drives a fluid that bodies share, and under FreeDraining "
             "each body has a fluid of its own; use setModel(RotnePragerYamakawa), or "
             "setSinusoidalForceDensity() with f0 = 0");
-    if (hasWave() && boundary != MobilityForce::Periodic && boundary != MobilityForce::SlipChannel)
+    const BoundaryTraits& traits = traitsOf(boundary);
+    if (hasWave() && !traits.isPeriodic)
         fail("a sinusoidal force density needs a periodic fluid, and the boundary is " +
-             string(boundaryName(boundary)) +
-             "; use setBoundary(Periodic) or (SlipChannel), or setSinusoidalForceDensity() with f0 "
-             "= 0");
-    if (hasWave() && boundary == MobilityForce::SlipChannel && (forceAxis == 1 || waveAxis == 1))
+             string(boundaryName(boundary)) + "; use setBoundary(" +
+             namesIn(boundaryTable, ") or (",
+                     [](const BoundaryTraits& other) { return other.isPeriodic; }) +
+             "), or setSinusoidalForceDensity() with f0 = 0");
+    if (hasWave() && (traits.isAcross(forceAxis) || traits.isAcross(waveAxis)))
         fail("the sinusoidal force density is along axis " + to_string(forceAxis) +
-             " with its wave along axis " + to_string(waveAxis) +
-             ", and a SlipChannel has its walls across axis 1; both must be along the walls: give "
-             "axes 0 and 2");
+             " with its wave along axis " + to_string(waveAxis) + ", and a " + traits.name +
+             " has its walls across axis " + to_string(traits.wallAxis) +
+             "; both must be along the walls: give axes " + traits.axesAlongWalls());
     if (!hasBackground()) return;
     const bool isUniform = gradient == vector<double>(gradient.size(), 0.0);
     if (isFreeDraining && isUniform) return;
-    if (boundary == MobilityForce::Periodic || boundary == MobilityForce::SlipChannel)
+    if (traits.isPeriodic)
         fail("a background flow cannot be used with boundary " + string(boundaryName(boundary)) +
              ", because the mean velocity of a periodic fluid is 0 and a velocity gradient is not "
              "periodic; use setSinusoidalForceDensity(), or setBoundary(Unbounded)");

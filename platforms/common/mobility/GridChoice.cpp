@@ -8,6 +8,7 @@
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
 #include "mobility/models/forcecoupling/GridShape.h"
 #include "mobility/models/periodic/MostLatticeRows.h"
+#include "openmmrigidhi/ModelTraits.h"
 #include "openmmrigidhi/SchemeTraits.h"
 #include "openmmrigidhi/internal/Messages.h"
 
@@ -34,15 +35,6 @@ const double timeOfNode = 1.2;        // for each node of a stencil, spreading a
 
 /** The times that EwaldSplitting compares were measured on a faster machine, with AVX-512. */
 const double timesOfSplitting = 1.5;
-
-/** Whether the model has a grid with this boundary. */
-bool hasGrid(const MobilityForce& force) {
-    if (force.getModel() == MobilityForce::RotnePragerYamakawa)
-        return force.getBoundary() == MobilityForce::Periodic;
-    return force.getModel() == MobilityForce::ForceCoupling &&
-           (force.getBoundary() == MobilityForce::Periodic ||
-            force.getBoundary() == MobilityForce::SlipChannel);
-}
 
 /** What a step asks of the mobility of particles. */
 struct StepWork {
@@ -160,7 +152,7 @@ string GridChoice::text() const {
 GridChoice chooseGrid(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
                       const BoxVectors& defaultBox, const HydrodynamicParticles& particles) {
     GridChoice choice;
-    if (!hasGrid(force)) return choice;
+    if (!traitsOf(force.getModel()).hasGrid(force.getBoundary())) return choice;
     choice.onGrid = force.getSolver() == MobilityForce::MatrixFree;
     if (force.getSolver() != MobilityForce::Auto) return choice;
     const bool isTriclinic =

@@ -2,6 +2,7 @@
 
 #include <openmm/OpenMMException.h>
 
+#include <limits>
 #include <string>
 
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
@@ -13,7 +14,6 @@
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
 #include "mobility/models/wall/SlipChannel.h"
 #include "mobility/models/wall/SphereWall.h"
-#include "openmmrigidhi/internal/ModelNames.h"
 
 using namespace std;
 
@@ -151,22 +151,26 @@ void checkOperator(MobilityForce::Model model, MobilityForce::Boundary boundary)
     if (!hasBoundary(model, boundary)) refuse(model, boundary);
 }
 
-const char* modelName(MobilityForce::Model model) { return nameIn(modelNames, model); }
+const char* modelName(MobilityForce::Model model) { return nameIn(modelTable, model); }
 
 const char* boundaryName(MobilityForce::Boundary boundary) {
-    return nameIn(boundaryNames, boundary);
+    return nameIn(boundaryTable, boundary);
+}
+
+void findWalls(const MobilityForce& force, double& low, double& high) {
+    low = -numeric_limits<double>::infinity();
+    high = numeric_limits<double>::infinity();
+    switch (force.getBoundary()) {
+        case MobilityForce::Unbounded:
+        case MobilityForce::Periodic: return;
+        case MobilityForce::NoSlipWall: low = force.getWallHeight(); return;
+        case MobilityForce::SlipChannel: force.getChannelWalls(low, high); return;
+    }
 }
 
 bool hasBoundary(MobilityForce::Model model, MobilityForce::Boundary boundary) {
-    switch (boundary) {
-        case MobilityForce::Unbounded:
-            return *modelName(model) != 0 && model != MobilityForce::ForceCoupling;
-        case MobilityForce::NoSlipWall: return model == MobilityForce::RotnePragerYamakawa;
-        case MobilityForce::Periodic:
-            return *modelName(model) != 0;  // FreeDraining has no images, and takes the box
-        case MobilityForce::SlipChannel: return model == MobilityForce::ForceCoupling;
-    }
-    return false;
+    return hasRow(modelTable, model) && hasRow(boundaryTable, boundary) &&
+           traitsOf(model).hasBoundary(boundary);
 }
 
 }  // namespace RigidHIPlugin

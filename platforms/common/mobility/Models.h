@@ -7,7 +7,7 @@
 
 #include "mobility/models/forcecoupling/GridFluid.h"
 #include "mobility/models/wall/NoSlipPlane.h"
-#include "openmmrigidhi/MobilityForce.h"
+#include "openmmrigidhi/ModelTraits.h"
 
 namespace RigidHIPlugin {
 
@@ -47,7 +47,12 @@ void checkOperator(MobilityForce::Model model, MobilityForce::Boundary boundary)
  * that are no enumerators. */
 const char* modelName(MobilityForce::Model model);
 const char* boundaryName(MobilityForce::Boundary boundary);
-/** Whether a model has a boundary. A new boundary is entered here. */
+/**
+ * The coordinates of the walls of a fluid on the axis that crosses them (BoundaryTraits::wallAxis),
+ * nm; infinite where there is no wall. A new boundary with walls is entered here.
+ */
+void findWalls(const MobilityForce& force, double& low, double& high);
+/** Whether a model has a boundary; false for values that are no enumerators. */
 bool hasBoundary(MobilityForce::Model model, MobilityForce::Boundary boundary);
 
 }  // namespace RigidHIPlugin

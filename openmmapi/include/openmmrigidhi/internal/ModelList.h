@@ -1,0 +1,74 @@
+#ifndef OPENMMRIGIDHI_MODEL_LIST_H_
+#define OPENMMRIGIDHI_MODEL_LIST_H_
+
+/**
+ * The one list of boundaries of the fluid and the one list of hydrodynamic models, each in the
+ * order of their numbers. A new boundary or model is a line at the end. The lists generate the
+ * enumerations in C++ and Python, names in XML and messages, checks of combinations, docstrings,
+ * the tables of the pages, and the lists in the tests.
+ *
+ * ROW(name, isPeriodic, wallAxis, numWalls, walls, description)
+ *   name         of the enumerator of MobilityForce
+ *   isPeriodic   whether the fluid fills the periodic box of the Context
+ *   wallAxis     the axis that crosses the walls, 0 to 2; -1: there are no walls
+ *   numWalls     1: the fluid is above the wall; 2: the fluid is between the walls
+ *   walls        what the walls do, a word for descriptions; empty: there are no walls
+ *   description  a sentence or two for docstrings and tables
+ */
+#define RIGIDHI_BOUNDARIES(ROW)                                                                   \
+    ROW(Unbounded, false, -1, 0, "", "Nothing bounds the fluid, which is at rest at infinity.")   \
+    ROW(NoSlipWall, false, 2, 1, "no-slip",                                                       \
+        "The plane z = setWallHeight() bounds the fluid, which is above it and at rest on it.")   \
+    ROW(Periodic, true, -1, 0, "",                                                                \
+        "The fluid fills the periodic box of the Context, as the box is at each step. Under "     \
+        "FreeDraining nothing changes compared with Unbounded.")                                  \
+    ROW(SlipChannel, true, 1, 2, "slip",                                                          \
+        "Two walls y = const (setChannelWalls()) bound the fluid, which slips along them and is " \
+        "periodic in x and z.")
+
+/**
+ * ROW(name, boundaries, grids, takesOverlap, takesMultiblobs, couplesBodies, interactions, cost,
+ *     description)
+ *   name             of the enumerator of MobilityForce, and of the model's page in docs/models
+ *   boundaries       that the model has, separated by |
+ *   grids            the boundaries with which a grid can take the place of matrices; 0: none
+ *   takesOverlap     whether spheres may overlap each other
+ *   takesMultiblobs  whether bodies may have several particles or tensors of their own, and
+ *                    particles may be in no body; if not, bodies are single spheres
+ *   couplesBodies    whether bodies feel each other
+ *   interactions     a few words for tables
+ *   cost             likewise, for tables and docstrings
+ *   description      sentences for docstrings, with the papers
+ */
+#define RIGIDHI_MODELS(ROW)                                                                       \
+    ROW(FreeDraining, Unbounded | Periodic, 0, true, true, false, "none between bodies",          \
+        "linear in bodies",                                                                       \
+        "Bodies do not interact through the fluid. A sphere has its Stokes drag, and a "          \
+        "multiblob has its own constant tensor.")                                                 \
+    ROW(RotnePragerYamakawa, Unbounded | NoSlipWall | Periodic, Periodic, true, true, true,       \
+        "pairs, no lubrication",                                                                  \
+        "products quadratic in particles, by multipoles (thousands of particles and more) "       \
+        "nearly linear, on a grid (Periodic) as the volume of the box; dense cubic",              \
+        "Pairs of particles interact. A particle is a sphere or a blob. The mobility of a pair "  \
+        "follows from surface averages of a point force, with rotation. Radii may be unequal. "   \
+        "The mobility is always positive definite. The relative error is O((a/r)^4), without "    \
+        "lubrication (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). setFastSummation() says "    \
+        "which products are done by multipoles. With Periodic and MatrixFree, products are done " \
+        "by pairs, and by waves on a grid (Fiore et al., J. Chem. Phys. 146, 124116, 2017).")     \
+    ROW(StokesianDynamics, Unbounded | Periodic, 0, false, false, true,                           \
+        "many-body far field, exact lubrication of pairs", "cubic in spheres, a large factor",    \
+        "Spheres interact, with lubrication of pairs. Forces, torques and stresslets of all "     \
+        "spheres interact together. The lubrication of each pair is exact. The model is exact "   \
+        "for two spheres at every gap (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984). "      \
+        "Ratios of radii are from 0.1 to 10.")                                                    \
+    ROW(ForceCoupling, Periodic | SlipChannel, Periodic | SlipChannel, true, true, true,          \
+        "as RotnePragerYamakawa, by Gaussians",                                                   \
+        "as the volume of the box on a grid; dense for few particles",                            \
+        "Particles interact by Gaussian force densities. The model is like RotnePragerYamakawa, " \
+        "with Gaussians in place of surfaces. Many particles are coupled on a grid; few "         \
+        "particles, and dilute suspensions, are dense. Radii may be unequal. The mobility is "    \
+        "always positive semidefinite (Maxey and Patel, Int. J. Multiphase Flow 27, 1603, 2001; " \
+        "Lomholt and Maxey, J. Comput. Phys. 184, 381, 2003; grids: Yeo and Maxey, J. Comput. "   \
+        "Phys. 229, 2401, 2010).")
+
+#endif
