@@ -131,7 +131,7 @@ const MatrixXd& exactOf(int n, bool spheres, bool hasWall) {
     if (result.size() == 0) {
         const Scene& scene = sceneOf(n, spheres, hasWall);
         const CpuRotnePragerYamakawa model = scene.model({}, false);
-        model.at({scene.positions})->apply(scene.randomForces(), result);
+        model.at({scene.positions})->multiply(scene.randomForces(), result);
     }
     return result;
 }
@@ -183,9 +183,9 @@ void pairs(benchmark::State& state, bool spheres, bool hasWall) {
     const double start = processorSeconds();
     for (auto _ : state)
         if (state.range(1) == 0)
-            M->apply(forces, velocities);
+            M->multiply(forces, velocities);
         else
-            M->applyRoughly(forces, velocities);
+            M->multiply(forces, velocities, {Accuracy::errorOfSinglePrecision});
     finish(state, processorSeconds() - start);
 }
 
@@ -268,7 +268,7 @@ void printErrors() {
                         const MatrixXd forces = scene.randomForces();
                         MatrixXd exact, found;
                         const CpuRotnePragerYamakawa model = scene.model({}, false);
-                        model.at({scene.positions})->apply(forces, exact);
+                        model.at({scene.positions})->multiply(forces, exact);
                         for (double tolerance : tolerances) {
                             FastSum sum(scene.particles, hasWall,
                                         *FastSum::choose(tolerance, 1 << 30, hasWall), {});

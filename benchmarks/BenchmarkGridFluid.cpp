@@ -69,8 +69,8 @@ void roughProduct(benchmark::State& state) {
     Prepared p(state.range(0));
     const Eigen::MatrixXd forces = Eigen::VectorXd::LinSpaced(p.scene.particles.numRows, -1, 1);
     Eigen::MatrixXd velocities;
-    p.fluid.multiplyRoughly(p.stencils, 1, forces, velocities);
-    for (auto _ : state) p.fluid.multiplyRoughly(p.stencils, 1, forces, velocities);
+    p.fluid.multiplyInSingle(p.stencils, 1, forces, velocities);
+    for (auto _ : state) p.fluid.multiplyInSingle(p.stencils, 1, forces, velocities);
     p.name(state);
 }
 

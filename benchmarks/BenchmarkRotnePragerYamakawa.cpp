@@ -93,7 +93,7 @@ void product(benchmark::State& state, Kind kind, int64_t target) {
     const Eigen::MatrixXd forces = Eigen::MatrixXd::Random(scene.particles.numRows, columns);
     Eigen::MatrixXd velocities;
     for (auto _ : state) {
-        M->apply(forces, velocities);
+        M->multiply(forces, velocities);
         benchmark::DoNotOptimize(velocities.data());
         benchmark::ClobberMemory();
     }
@@ -187,7 +187,7 @@ void roughProduct(benchmark::State& state, Kind kind, int64_t target) {
     const Eigen::MatrixXd forces = Eigen::MatrixXd::Random(scene.particles.numRows, columns);
     Eigen::MatrixXd velocities;
     for (auto _ : state) {
-        M->applyRoughly(forces, velocities);
+        M->multiply(forces, velocities, {Accuracy::errorOfSinglePrecision});
         benchmark::DoNotOptimize(velocities.data());
         benchmark::ClobberMemory();
     }
@@ -224,7 +224,7 @@ void scalarProduct(benchmark::State& state) {
     const Eigen::MatrixXd forces = Eigen::MatrixXd::Random(scene.particles.numRows, 2);
     Eigen::MatrixXd velocities;
     for (auto _ : state) {
-        M->apply(forces, velocities);
+        M->multiply(forces, velocities);
         benchmark::DoNotOptimize(velocities.data());
         benchmark::ClobberMemory();
     }
@@ -302,8 +302,8 @@ void decayAndNoise(benchmark::State& state) {
     const Eigen::MatrixXd x = Eigen::MatrixXd::Random(scene.particles.numRows, 2);
     Eigen::MatrixXd result;
     Lanczos lanczos(tolerance);
-    const auto product = [&](const Eigen::MatrixXd& in, Eigen::MatrixXd& out) {
-        M->apply(in, out);
+    const auto product = [&](double, const Eigen::MatrixXd& in, Eigen::MatrixXd& out) {
+        M->multiply(in, out);
     };
     const std::vector<SpectralFunction> functions = {SpectralFunction::decay(h),
                                                      SpectralFunction::decayNoise(h)};

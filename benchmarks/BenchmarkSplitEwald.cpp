@@ -176,15 +176,15 @@ void noiseByOneRoot(benchmark::State& state) {
     std::normal_distribution<double> normal;
     for (int i = 0; i < W.rows(); i++) W(i, 0) = normal(random);
     Lanczos lanczos(tolerance);
-    const auto product = [&](double ofProducts) {
-        return
-            [&, ofProducts](const MatrixXd& x, MatrixXd& y) { at->applyWithin(ofProducts, x, y); };
+    const auto product = [&](double error, const MatrixXd& x, MatrixXd& y) {
+        at->multiply(x, y, {error});
     };
-    const Lanczos::Rough rough = {product(MobilityAt::roughError), MobilityAt::roughError, 0,
-                                  tolerance >= MobilityAt::leastRoughTolerance};
+    const double single = Accuracy::errorOfSinglePrecision;
+    const InexactProduct inexact = {single, single, 0,
+                                    tolerance >= Accuracy::leastToleranceOfSinglePrecision};
     const auto root = [&] {
-        lanczos.apply(product(0), W, {SpectralFunction::squareRoot()}, slips, Lanczos::OwnNorm,
-                      {rough});
+        lanczos.apply(product, W, {SpectralFunction::squareRoot()}, slips, Lanczos::OwnNorm,
+                      {inexact});
     };
     root();
     for (auto _ : state) root();
@@ -198,8 +198,8 @@ void forceCoupling(benchmark::State& state) {
     const auto at = model.at(scene.placement);
     const MatrixXd forces = Eigen::VectorXd::LinSpaced(scene.particles.numRows, -1, 1);
     MatrixXd velocities;
-    at->apply(forces, velocities);
-    for (auto _ : state) at->apply(forces, velocities);
+    at->multiply(forces, velocities);
+    for (auto _ : state) at->multiply(forces, velocities);
     state.counters["nodes along an edge"] = model.shapeFor(scene.placement.box).size[0];
 }
 /** Three transforms there and three back, in place, in one piece, on the grid of the product. */

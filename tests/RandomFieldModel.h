@@ -105,7 +105,7 @@ private:
     };
     struct Place : public RigidHIPlugin::MobilityAt {
         explicit Place(const RandomFieldModel& model) : MobilityAt(model), model(model) {}
-        void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+        void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override {
             velocities = B * (B.transpose() * forces);
         }
         void moveTo(const RigidHIPlugin::Placement& at, bool) override { B = model.B(at); }

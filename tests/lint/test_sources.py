@@ -207,7 +207,7 @@ def test_models_made_from_another_hand_everything_on(source):
         for name in re.findall(r'^    virtual [^;{]*?(?<!~)\b(\w+)\(',
                                read(f'platforms/common/mobility/{header}.h'), flags=re.M)
     }
-    assert {'placeInFormulas', 'applyForDifference', 'getGridSeconds'} <= virtuals
+    assert {'placeInFormulas', 'multiply', 'getGridSeconds'} <= virtuals
     handed = set(
         re.findall(r'\b(\w+)\([^;{}]*\)(?: const)? override',
                    read(source + '.h') + read(source + '.cpp')))

@@ -444,7 +444,9 @@ private:
     public:
         explicit Place(const Indefinite& model)
             : MobilityAt(model), fromFriction(model.traits.isMadeFromFriction) {}
-        void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = -forces; }
+        void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override {
+            velocities = -forces;
+        }
         void friction(MatrixXd& friction) override {
             if (fromFriction)
                 friction = -MatrixXd::Identity(particles.numRows, particles.numRows);

@@ -63,8 +63,8 @@ Results results(const Scene& scene, const MatrixXd& forces,
     const auto at = M.at({scene.positions});
     Results r;
     at->dense(r.dense);
-    at->apply(forces, r.velocities);
-    at->applyRoughly(forces, r.rough);
+    at->multiply(forces, r.velocities);
+    at->multiply(forces, r.rough, {Accuracy::errorOfSinglePrecision});
     return r;
 }
 
@@ -107,7 +107,7 @@ TEST(CpuRotnePragerYamakawa, AgreesWithTheScalarOne) {
                             << n << " " << kind;
                         ASSERT_EQ((r.dense - r.dense.transpose()).cwiseAbs().maxCoeff(), 0);
                         MatrixXd velocities;
-                        reference->apply(forces, velocities);
+                        reference->multiply(forces, velocities);
                         ASSERT_LT((r.velocities - velocities).cwiseAbs().maxCoeff(), 1e-12 * scale)
                             << n << " " << kind;
                     }
@@ -215,11 +215,12 @@ TEST(CpuRotnePragerYamakawa, RoughProductsAreRightToSixDigits) {
                     const double norm = (dense * v).norm();
                     for (double unit : {1.0, 1e-50, 1e50}) {
                         const MatrixXd forces = unit * MatrixXd::Random(scene.particles.numRows, 3);
-                        M->apply(forces, exact);
-                        M->applyRoughly(forces, rough);
+                        M->multiply(forces, exact);
+                        M->multiply(forces, rough, {Accuracy::errorOfSinglePrecision});
                         for (int c = 0; c < forces.cols(); c++)
-                            ASSERT_LT((rough - exact).col(c).norm(),
-                                      MobilityAt::roughError * norm * forces.col(c).norm())
+                            ASSERT_LT(
+                                (rough - exact).col(c).norm(),
+                                Accuracy::errorOfSinglePrecision * norm * forces.col(c).norm())
                                 << n << " " << kind << " " << variant;
                         ASSERT_GT((rough - exact).norm(), 0);  // else this tests nothing
                     }
@@ -236,8 +237,8 @@ TEST(CpuRotnePragerYamakawa, RoughProductsAreExactForRadiiBeyondFloats) {
         const auto M = model.at({scene.positions});
         const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, 2);
         MatrixXd exact, rough;
-        M->apply(forces, exact);
-        M->applyRoughly(forces, rough);
+        M->multiply(forces, exact);
+        M->multiply(forces, rough, {Accuracy::errorOfSinglePrecision});
         EXPECT_EQ((exact.array() != rough.array()).count(), 0);
     }
 }
@@ -250,8 +251,8 @@ TEST(CpuRotnePragerYamakawa, RoughProductsAreExactForPlacesBeyondFloats) {
     for (double x : {1e10, 1e8, -1e10}) {
         scene.positions[7][0] = x;
         const auto M = model.at({scene.positions});
-        M->apply(forces, exact);
-        M->applyRoughly(forces, rough);
+        M->multiply(forces, exact);
+        M->multiply(forces, rough, {Accuracy::errorOfSinglePrecision});
         EXPECT_EQ((exact.array() != rough.array()).count() == 0, abs(x) > 1e9) << x;
     }
 }

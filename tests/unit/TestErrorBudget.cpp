@@ -28,7 +28,7 @@ namespace {
 /** What a model says about its products and drifts. */
 struct Kind {
     const char* name;
-    bool hasRough, hasFast, isDivergenceFree;
+    bool hasSingle, hasFast, isDivergenceFree;
 };
 
 /**
@@ -49,17 +49,9 @@ class RecordingPlace : public MobilityAt {
 public:
     explicit RecordingPlace(const MobilityModel& model)
         : MobilityAt(model), plain(model.getParticles(), model.getViscosity()) {}
-    void apply(const MatrixXd& forces, MatrixXd& velocities) override {
-        record("", 0);
-        at->apply(forces, velocities);
-    }
-    void applyWithin(double error, const MatrixXd& forces, MatrixXd& velocities) override {
-        record("", error);
-        at->apply(forces, velocities);
-    }
-    void applyForDifference(double error, const MatrixXd& forces, MatrixXd& velocities) override {
-        record("d", error);
-        at->apply(forces, velocities);
+    void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy& accuracy) override {
+        record(accuracy.purpose == Accuracy::Difference ? "d" : "", accuracy.error);
+        at->multiply(forces, velocities);
     }
 
 protected:
@@ -88,7 +80,7 @@ private:
         MobilityTraits traits(kind.name);
         traits.isIsotropic = true;
         traits.isDivergenceFree = kind.isDivergenceFree;
-        traits.hasRoughProducts = kind.hasRough;
+        traits.hasSinglePrecision = kind.hasSingle;
         return traits;
     }
 };
@@ -438,11 +430,12 @@ TEST(ErrorBudget, DifferencesTakeTheirPartOfTheTolerance) {
         SCOPED_TRACE(row.tolerance);
         const double step = ErrorBudget::differenceStep(row.tolerance, row.of);
         EXPECT_NEAR(step, row.step, 1e-12 * row.step);
-        const auto needed = ErrorBudget::forDifferences(row.tolerance, row.of, row.step);
+        const ErrorBudget::Needs needed =
+            ErrorBudget::ofDifferencing(row.tolerance, row.of, row.step).getNeeds();
         EXPECT_NEAR(needed.partOfTolerance, row.part, 1e-12);
-        EXPECT_NEAR(needed.shareOfRough, row.share, 1e-12 * row.share);
+        EXPECT_NEAR(needed.shareOfInexact, row.share, 1e-12 * row.share);
         EXPECT_EQ(needed.exactProducts, row.exact);
-        EXPECT_EQ(needed.coarseProducts, row.coarse);
+        EXPECT_EQ(needed.largeErrors, row.coarse);
         EXPECT_EQ(needed.exactSolves, row.exactSolves);
         EXPECT_EQ(needed.differencedSolves, row.differencedSolves);
     }
@@ -466,14 +459,14 @@ TEST(ErrorBudget, ProductsBecomeFinerOneAfterTheOther) {
     EXPECT_TRUE(ErrorBudget(5e-5).inRoots(fast, 1, 0).back().atOnce);
     EXPECT_FALSE(ErrorBudget(4.9e-5).inRoots(fast, 1, 0).back().atOnce);
     // The longest difference leaves single precision, shorter ones a share of it.
-    BodyMobility::ForDifferences needed;
-    needed.coarseProducts = false;
+    ErrorBudget::Needs needed;
+    needed.largeErrors = false;
     EXPECT_EQ(errorsOf(ErrorBudget(1e-3, needed), 1), (vector<double>{1e-6}));
     EXPECT_EQ(ErrorBudget(1e-3, needed).inSolves(fast, 1e-4), 1e-6);
     needed.exactProducts = true;
     EXPECT_TRUE(errorsOf(ErrorBudget(1e-3, needed), 1).empty());
     EXPECT_EQ(ErrorBudget(1e-3, needed).inSolves(fast, 1e-4), 0);
-    needed.shareOfRough = 1e-7;
+    needed.shareOfInexact = 1e-7;
     EXPECT_EQ(errorsOf(ErrorBudget(1e-3, needed), 1), (vector<double>{1e-6}));
     // Solves take what is useful to them, between both limits.
     EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-2), 1e-3);

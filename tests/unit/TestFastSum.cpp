@@ -127,7 +127,7 @@ MatrixXd forcesFor(const Scene& scene) {
 MatrixXd exactly(const Scene& scene, const MatrixXd& forces) {
     const CpuRotnePragerYamakawa model = scene.model(false);
     MatrixXd velocities;
-    model.at({scene.positions})->apply(forces, velocities);
+    model.at({scene.positions})->multiply(forces, velocities);
     return velocities;
 }
 MatrixXd fast(const Scene& scene, const MatrixXd& forces, const FastSum::Accuracy& accuracy,
@@ -458,21 +458,21 @@ TEST(FastSum, OfAModelAtAPlace) {
         EXPECT_FALSE(cloud(100, Blobs, true, hasWall, 10).model().hasFastProducts(error));
         auto at = model.at({moved.positions});
         MatrixXd exact, found, rough;
-        at->applyWithin(error, forces, found);
+        at->multiply(forces, found, {error});
         model.place(at, {scene.positions});
-        at->apply(forces, exact);
-        at->applyWithin(error, forces, found);
+        at->multiply(forces, exact);
+        at->multiply(forces, found, {error});
         EXPECT_LT((found - exact).norm(), error * exact.norm());
         EXPECT_GT((found - exact).norm(), 1e-5 * exact.norm());
-        at->applyWithin(0, forces, found);
+        at->multiply(forces, found, {0});
         EXPECT_TRUE((found.array() == exact.array()).all());
-        without.at({scene.positions})->applyWithin(error, forces, found);
-        at->applyRoughly(forces, rough);
+        without.at({scene.positions})->multiply(forces, found, {error});
+        at->multiply(forces, rough, {Accuracy::errorOfSinglePrecision});
         EXPECT_TRUE((found.array() == rough.array()).all());
         vector<Vec3> broken = scene.positions;
         broken[7][0] = NAN;
         if (!hasWall) {
-            model.at({broken})->applyWithin(error, forces, found);
+            model.at({broken})->multiply(forces, found, {error});
             EXPECT_FALSE(found.allFinite());
         }
     }
@@ -498,12 +498,12 @@ TEST(FastSum, DifferencesOfAModel) {
             }
         MatrixXd exact[2], smooth[2], other[2], forDifference;
         auto at = model.at({scene.positions});
-        at->applyForDifference(error, forces, forDifference);
+        at->multiply(forces, forDifference, {error, Accuracy::Difference});
         for (int end : {0, 1}) {
             model.placeNear(at, {ends[end]});
-            at->apply(forces, exact[end]);
-            at->applyForDifference(error, forces, smooth[end]);
-            at->applyWithin(error, forces, other[end]);
+            at->multiply(forces, exact[end]);
+            at->multiply(forces, smooth[end], {error, Accuracy::Difference});
+            at->multiply(forces, other[end], {error});
         }
         const MatrixXd difference = exact[1] - exact[0];
         EXPECT_LT((smooth[1] - smooth[0] - difference).norm(), error * difference.norm());
@@ -517,12 +517,12 @@ TEST(FastSum, DifferencesOfAModel) {
         model.place(another, {scene.positions});
         model.placeNear(another, {ends[1]});
         MatrixXd again;
-        another->applyForDifference(error, forces, again);
+        another->multiply(forces, again, {error, Accuracy::Difference});
         EXPECT_TRUE((again.array() == smooth[1].array()).all());
         // Without multipoles products are exact.
         const CpuRotnePragerYamakawa without = scene.model(false);
         EXPECT_FALSE(without.getTraits().isAnchored);
-        without.at({ends[1]})->applyForDifference(error, forces, again);
+        without.at({ends[1]})->multiply(forces, again, {error, Accuracy::Difference});
         EXPECT_TRUE((again.array() == exact[1].array()).all());
     }
 }
@@ -535,8 +535,8 @@ TEST(FastSum, ThroughAWall) {
     const MatrixXd forces = forcesFor(scene);
     MatrixXd exact, found;
     const auto at = model.at({scene.positions});
-    at->apply(forces, exact);
-    at->applyWithin(1e-2, forces, found);
+    at->multiply(forces, exact);
+    at->multiply(forces, found, {1e-2});
     EXPECT_LT((found - exact).col(0).norm(), 1e-2 * exact.col(0).norm());
     EXPECT_GT((found - exact).col(0).norm(), 1e-6 * exact.col(0).norm());
 }

@@ -453,18 +453,18 @@ TEST(CpuGridFluid, RoughProductsHaveTheErrorThatTheyPromise) {
         stencils.moveTo(shape, at, false);
         const int rows = particles.numRows;
         CpuGridFluid fluid;
-        MatrixXd rough, roughOfMany;
+        MatrixXd single, roughOfMany;
         const MatrixXd before = dense(fluid, stencils);
-        fluid.multiplyRoughly(stencils, eta, MatrixXd::Identity(rows, rows), rough);
-        EXPECT_LE(normOf(scaled(0.5 * (rough + rough.transpose()) - before, particles)),
-                  MobilityAt::roughError * normOf(scaled(before, particles)));
-        EXPECT_LE((rough - before).norm(), MobilityAt::roughError * before.norm());
-        EXPECT_GT((rough - before).norm(), 0);
-        // Rough products have no influence on later exact ones.
+        fluid.multiplyInSingle(stencils, eta, MatrixXd::Identity(rows, rows), single);
+        EXPECT_LE(normOf(scaled(0.5 * (single + single.transpose()) - before, particles)),
+                  Accuracy::errorOfSinglePrecision * normOf(scaled(before, particles)));
+        EXPECT_LE((single - before).norm(), Accuracy::errorOfSinglePrecision * before.norm());
+        EXPECT_GT((single - before).norm(), 0);
+        // Products in single precision have no influence on later exact ones.
         EXPECT_EQ(dense(fluid, stencils), before);
         CpuGridFluid many(onThreads(3));
-        many.multiplyRoughly(stencils, eta, MatrixXd::Identity(rows, rows), roughOfMany);
-        EXPECT_EQ(roughOfMany, rough);
+        many.multiplyInSingle(stencils, eta, MatrixXd::Identity(rows, rows), roughOfMany);
+        EXPECT_EQ(roughOfMany, single);
     }
 }
 

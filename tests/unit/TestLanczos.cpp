@@ -29,7 +29,7 @@ struct KnownMatrix {
         return Q * (factors.asDiagonal() * (Q.transpose() * x)).eval();
     }
     Lanczos::Product product() const {
-        return [this](const MatrixXd& x, MatrixXd& y) { y = times(x, values); };
+        return [this](double, const MatrixXd& x, MatrixXd& y) { y = times(x, values); };
     }
     VectorXd apply(const function<double(double)>& f, const VectorXd& x) const {
         return times(x, values.unaryExpr([&](double v) { return f(v); }));
@@ -176,12 +176,12 @@ TEST(Lanczos, ThePromiseHoldsForLargeMatrices) {
     cout << "worst error " << worst << " tolerances" << endl;
 }
 
-TEST(Lanczos, RoughProductsTakeOverWhereTheyDoNoHarm) {
-    // Errors of products have the size that rough products may have. They have random directions,
+TEST(Lanczos, InexactProductsTakeOverWhereTheyDoNoHarm) {
+    // Errors of products have the size that inexact products may have. They have random directions,
     // or they are those of a slightly different matrix.
     mt19937 random(4);
     uniform_real_distribution<double> uniform(0, 1);
-    int cases = 0, products = 0, roughOnes = 0, again = 0;
+    int cases = 0, products = 0, inexactOnes = 0, again = 0;
     double worst = 0;
     for (int kind = 0; kind < numSpectra; kind++)
         for (double tolerance : {1e-3, 1e-5, 1e-6, 1e-8})
@@ -190,12 +190,12 @@ TEST(Lanczos, RoughProductsTakeOverWhereTheyDoNoHarm) {
                 const double condition = pow(10, 2.5 * uniform(random));
                 KnownMatrix A = {spectrum(random, Spectrum(kind), n, condition),
                                  rotation(random, n)};
-                const double size = MobilityAt::roughError * A.values.maxCoeff();
+                const double size = Accuracy::errorOfSinglePrecision * A.values.maxCoeff();
                 KnownMatrix other = {
                     A.values + 0.5 * size * normal(random, n, 1).array().sin().matrix(), A.Q};
-                int exact = 0, rough = 0;
-                const auto roughly = [&](const MatrixXd& x, MatrixXd& y) {
-                    rough++;
+                int exact = 0, inexact = 0;
+                const auto inexactly = [&](const MatrixXd& x, MatrixXd& y) {
+                    inexact++;
                     y = other.times(x, other.values);
                     for (int c = 0; c < x.cols(); c++)
                         y.col(c) +=
@@ -212,61 +212,67 @@ TEST(Lanczos, RoughProductsTakeOverWhereTheyDoNoHarm) {
                 const VectorXd x = normal(random, n, 1);
                 Lanczos lanczos(tolerance);
                 MatrixXd result;
-                lanczos.apply(exactly, x, {f}, result, Lanczos::OwnNorm,
-                              {{roughly, MobilityAt::roughError, 0,
-                                tolerance >= MobilityAt::leastRoughTolerance}});
+                const double single = Accuracy::errorOfSinglePrecision;
+                const auto product = [&](double error, const MatrixXd& x, MatrixXd& y) {
+                    EXPECT_TRUE(error == 0 || error == single);
+                    error > 0 ? inexactly(x, y) : exactly(x, y);
+                };
+                lanczos.apply(
+                    product, x, {f}, result, Lanczos::OwnNorm,
+                    {{single, single, 0, tolerance >= Accuracy::leastToleranceOfSinglePrecision}});
                 const double error = errorOf(lanczos, result, A, f, x) / tolerance;
                 EXPECT_LE(error, 5) << kind << " tolerance " << tolerance << " condition "
                                     << condition << " " << repeat;
                 worst = max(worst, error);
                 cases++;
-                again += exact + rough > lanczos.getNumProducts();
+                again += exact + inexact > lanczos.getNumProducts();
                 if (kind == Uniform && tolerance == 1e-6)
-                    products += exact + rough, roughOnes += rough;
+                    products += exact + inexact, inexactOnes += inexact;
             }
     cout << cases << " cases, worst error " << worst << " tolerances, " << again
-         << " done again; at 1e-6 " << roughOnes << " of " << products << " products rough" << endl;
-    EXPECT_GT(roughOnes, products / 3);
+         << " done again; at 1e-6 " << inexactOnes << " of " << products << " products inexact"
+         << endl;
+    EXPECT_GT(inexactOnes, products / 3);
 }
 
 /** Roots that are differenced allow rounding much less than the tolerance. */
-TEST(Lanczos, RoughProductsKeepTheirShare) {
+TEST(Lanczos, InexactProductsKeepTheirShare) {
     mt19937 random(6);
     const int n = 90;
     for (double tolerance : {1e-5, 1e-6, 1e-8})
         for (double share : {1e-3 * tolerance, 1e-1 * tolerance}) {
-            int products = 0, roughOnes = 0;
+            int products = 0, inexactOnes = 0;
             double worst = 0;
             for (int repeat = 0; repeat < 40; repeat++) {
                 const KnownMatrix A = {spectrum(random, Uniform, n, 20), rotation(random, n)};
                 const double norm = A.values.cwiseAbs().maxCoeff();
                 const MatrixXd x = normal(random, n, 1);
-                const auto exactly = [&](const MatrixXd& in, MatrixXd& out) {
+                const double single = Accuracy::errorOfSinglePrecision;
+                const auto product = [&](double error, const MatrixXd& in, MatrixXd& out) {
+                    EXPECT_TRUE(error == 0 || error == single);
                     out = A.times(in, A.values);
-                };
-                const auto roughly = [&](const MatrixXd& in, MatrixXd& out) {
-                    exactly(in, out);
-                    out += MobilityAt::roughError * norm * in.norm() *
-                           normal(random, n, 1).normalized();
+                    if (error > 0)
+                        out += error * norm * in.norm() * normal(random, n, 1).normalized();
                 };
                 const auto f = repeat % 2 ? SpectralFunction::squareRoot()
                                           : SpectralFunction::inverseSquareRoot();
                 Lanczos lanczos(tolerance);
                 MatrixXd result, exact;
-                lanczos.apply(exactly, x, {f}, result, Lanczos::OwnNorm,
-                              {{roughly, MobilityAt::roughError, 0, false, share}});
+                lanczos.apply(product, x, {f}, result, Lanczos::OwnNorm,
+                              {{single, single, 0, false, share}});
                 const Lanczos::Course course = lanczos.getCourse();
-                products += course.isRough.size();
-                roughOnes += count(course.isRough.begin(), course.isRough.end(), 1);
+                products += course.isInexact.size();
+                inexactOnes += count(course.isInexact.begin(), course.isInexact.end(), 1);
                 // As many products, all exact.
-                lanczos.apply(exactly, x, {f}, exact, Lanczos::OwnNorm, {}, &course);
+                lanczos.apply(product, x, {f}, exact, Lanczos::OwnNorm, {}, &course);
                 ASSERT_EQ(lanczos.getNumProducts(), course.products[0]);
                 worst = max(worst, (result - exact).norm() / exact.norm() / share);
             }
             cout << "tolerance " << tolerance << ", share " << share << ": rounding makes at most "
-                 << worst << " of it; " << roughOnes << " of " << products << " products rough\n";
+                 << worst << " of it; " << inexactOnes << " of " << products
+                 << " products inexact\n";
             EXPECT_LT(worst, 1);
-            EXPECT_GT(roughOnes, products / 10);
+            EXPECT_GT(inexactOnes, products / 10);
         }
 }
 
@@ -289,26 +295,24 @@ TEST(Lanczos, CoarseProductsAreTriedFirst) {
                 const VectorXd change = normal(random, n, 1).array().sin();
                 const MatrixXd Q = rotation(random, n);
                 string calls;
-                const auto product = [&](char name, double error) {
-                    return [&, name, error](const MatrixXd& in, MatrixXd& out) {
-                        if (calls.empty() || calls.back() != name) calls += name;
-                        out = A.times(in, A.values);
-                        const double size = 0.5 * error * first;
-                        out += size * (Q * change.asDiagonal() * Q.transpose() * in);
-                        for (int c = 0; c < in.cols(); c++)
-                            out.col(c) +=
-                                size * in.col(c).norm() * normal(random, n, 1).normalized();
-                    };
-                };
                 const double coarse = 0.1 * tolerance, fine = 0.01 * tolerance;
+                const auto product = [&](double error, const MatrixXd& in, MatrixXd& out) {
+                    const char name = error == coarse ? 'c' : error == fine ? 'f' : 'e';
+                    if (calls.empty() || calls.back() != name) calls += name;
+                    out = A.times(in, A.values);
+                    const double size = 0.5 * error * first;
+                    out += size * (Q * change.asDiagonal() * Q.transpose() * in);
+                    for (int c = 0; c < in.cols(); c++)
+                        out.col(c) += size * in.col(c).norm() * normal(random, n, 1).normalized();
+                };
                 const auto f = repeat % 3 == 0 ? SpectralFunction::squareRoot()
                                : repeat % 3 == 1
                                    ? SpectralFunction::inverseSquareRoot()
                                    : SpectralFunction::decay(pow(10, 2 * uniform(random) - 1));
                 Lanczos lanczos(tolerance);
                 MatrixXd result;
-                lanczos.apply(product('e', 0), x, {f}, result, Lanczos::OwnNorm,
-                              {{product('c', coarse), 0, coarse}, {product('f', fine), 0, fine}});
+                lanczos.apply(product, x, {f}, result, Lanczos::OwnNorm,
+                              {{coarse, 0, coarse}, {fine, 0, fine}});
                 const double error = errorOf(lanczos, result, A, f, x) / tolerance;
                 EXPECT_LE(error, 5) << kind << " tolerance " << tolerance << " condition "
                                     << condition << " " << repeat;
@@ -329,46 +333,45 @@ TEST(Lanczos, CoarseProductsAreTriedFirst) {
 }
 
 TEST(Lanczos, ACourseIsFollowed) {
-    // As many products of each column as the course has, in its order of exact and rough ones, even
-    // where the iteration would have gone another way.
+    // As many products of each column as the course has, in its order of exact and inexact ones,
+    // even where the iteration would have gone another way.
     mt19937 random(12);
     const int n = 90;
     const double tolerance = 1e-3;
     const KnownMatrix A = {spectrum(random, Uniform, n, 30), rotation(random, n)};
     const MatrixXd x = normal(random, n, 2);
     const vector<SpectralFunction> f(2, SpectralFunction::squareRoot());
-    string calls;  // e for an exact product, r for a rough one
-    const auto product = [&](char kind) {
-        return [&, kind](const MatrixXd& in, MatrixXd& out) {
-            calls += kind;
-            out = A.times(in, A.values);
-        };
+    string calls;  // e for an exact product, i for an inexact one
+    const auto product = [&](double error, const MatrixXd& in, MatrixXd& out) {
+        calls += error > 0 ? 'i' : 'e';
+        out = A.times(in, A.values);
     };
     Lanczos lanczos(tolerance);
     MatrixXd result;
-    const vector<Lanczos::Rough> rough = {{product('r'), MobilityAt::roughError, 0, true}};
-    lanczos.apply(product('e'), x, f, result, Lanczos::OwnNorm, rough);
+    const double single = Accuracy::errorOfSinglePrecision;
+    const vector<InexactProduct> inexact = {{single, single, 0, true}};
+    lanczos.apply(product, x, f, result, Lanczos::OwnNorm, inexact);
     Lanczos::Course course = lanczos.getCourse();
-    ASSERT_EQ(course.isRough.size(), calls.size());
-    for (size_t k = 0; k < calls.size(); k++) EXPECT_EQ(course.isRough[k], calls[k] == 'r');
+    ASSERT_EQ(course.isInexact.size(), calls.size());
+    for (size_t k = 0; k < calls.size(); k++) EXPECT_EQ(course.isInexact[k], calls[k] == 'i');
     EXPECT_EQ(*max_element(course.products.begin(), course.products.end()), int(calls.size()));
     EXPECT_EQ(course.products[0] + course.products[1], lanczos.getNumProducts());
     course.products[0] += 2;
     course.products[1] += 5;
-    course.isRough.clear();
+    course.isInexact.clear();
     string wanted;
     for (int k = 0; k < course.products[1]; k++) {
-        course.isRough.push_back(k % 3 == 1);
-        wanted += k % 3 == 1 ? 'r' : 'e';
+        course.isInexact.push_back(k % 3 == 1);
+        wanted += k % 3 == 1 ? 'i' : 'e';
     }
     calls.clear();
-    lanczos.apply(product('e'), x, f, result, Lanczos::OwnNorm, rough, &course);
+    lanczos.apply(product, x, f, result, Lanczos::OwnNorm, inexact, &course);
     EXPECT_EQ(calls, wanted);
     EXPECT_EQ(lanczos.getNumProducts(), course.products[0] + course.products[1]);
     EXPECT_EQ(lanczos.getCourse().products, course.products);
     // Too short a course is left: the error decides.
     course.products = {3, 3};
-    lanczos.apply(product('e'), x, f, result, Lanczos::OwnNorm, {}, &course);
+    lanczos.apply(product, x, f, result, Lanczos::OwnNorm, {}, &course);
     EXPECT_GT(lanczos.getNumProducts(), 6);
     for (int c = 0; c < 2; c++)
         EXPECT_LT(errorOf(lanczos, result, A, f[c], x.col(c), c), 10 * tolerance);
@@ -397,7 +400,7 @@ TEST(Lanczos, DifferencesOfOneCourseKeepTheirDigits) {
                 repeat % 2 ? SpectralFunction::squareRoot() : SpectralFunction::inverseSquareRoot();
             const MatrixXd x = normal(random, n, 1);
             const auto product = [&](double shift) {
-                return [&whole, &B, shift](const MatrixXd& in, MatrixXd& out) {
+                return [&whole, &B, shift](double, const MatrixXd& in, MatrixXd& out) {
                     out = whole * in + shift * (B * in);
                 };
             };
@@ -483,7 +486,7 @@ TEST(Lanczos, ColumnsAreIndependentAndConvergedOnesAreLeftOut) {
     Lanczos lanczos(1e-6), alone(1e-6);
     MatrixXd together, again, single;
     int multiplied = 0, calls = 0;
-    const Lanczos::Product counting = [&](const MatrixXd& in, MatrixXd& out) {
+    const Lanczos::Product counting = [&](double, const MatrixXd& in, MatrixXd& out) {
         multiplied += in.cols();
         calls++;
         A.product()(in, out);
@@ -618,8 +621,9 @@ TEST(Lanczos, SuspensionsOfSpheres) {
                                                     SpectralFunction::decayNoise(h)};
                 Lanczos lanczos(tolerance);
                 MatrixXd result;
-                lanczos.apply([&](const MatrixXd& in, MatrixXd& out) { out.noalias() = S * in; }, x,
-                              f, result, Lanczos::NormOfSum);
+                lanczos.apply(
+                    [&](double, const MatrixXd& in, MatrixXd& out) { out.noalias() = S * in; }, x,
+                    f, result, Lanczos::NormOfSum);
                 fewest = min(fewest, lanczos.getNumIterations());
                 most = max(most, lanczos.getNumIterations());
                 for (int c = lanczos.isIncrement(0) ? 0 : 1; c < 2; c++)

@@ -75,7 +75,7 @@ struct Answers {
     explicit Answers(MobilityAt& at) {
         at.dense(dense);
         at.friction(friction);
-        at.apply(MatrixXd::Identity(dense.rows(), dense.rows()), products);
+        at.multiply(MatrixXd::Identity(dense.rows(), dense.rows()), products);
     }
     bool operator==(const Answers& other) const {
         return dense == other.dense && friction == other.friction && products == other.products;
@@ -179,7 +179,7 @@ private:
     class Place : public MobilityAt {
     public:
         using MobilityAt::MobilityAt;
-        void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+        void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override {
             velocities = forces / (1 + volume);
         }
 
@@ -222,7 +222,7 @@ TEST(MobilityModel, FlowAtPointsIsKnownOrRefused) {
         using RotnePragerYamakawa::RotnePragerYamakawa;
         struct At : MobilityAt {
             using MobilityAt::MobilityAt;
-            void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+            void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override {
                 velocities = forces;
             }
             void moveTo(const Placement&, bool) override {}

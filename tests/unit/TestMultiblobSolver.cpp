@@ -128,9 +128,9 @@ struct CoarsePlace : MobilityAt {
     CoarsePlace(const MobilityModel& model, const MatrixXd& M, const MatrixXd& anyMatrix)
         : MobilityAt(model), M(M), errors(M.operatorNorm() / anyMatrix.operatorNorm() * anyMatrix) {
     }
-    void apply(const MatrixXd& forces, MatrixXd& velocities) override { velocities = M * forces; }
-    void applyWithin(double error, const MatrixXd& forces, MatrixXd& velocities) override {
-        velocities = M * forces + error * (errors * forces);
+    void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy& accuracy) override {
+        velocities = M * forces;
+        if (accuracy.error > 0) velocities += accuracy.error * (errors * forces);
     }
     void moveTo(const Placement&, bool) override {}
 };
@@ -240,7 +240,7 @@ TEST(MultiblobSolver, RoughProductsKeepAnyTolerance) {
     for (double tolerance : {1e-1, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10}) {
         MatrixXd twists, exactly;
         const int iterations = at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance,
-                                               MobilityAt::roughError, twists);
+                                               Accuracy::errorOfSinglePrecision, twists);
         const int products = at.solver.getNumProducts(), exact = at.solver.getNumExactProducts();
         const int exactIterations =
             at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, 0, exactly);
@@ -402,7 +402,8 @@ TEST(MultiblobSolver, SlipsTooAndTheForcesOfBlobs) {
     SolverOf at(layer);
     for (double tolerance : {1e-3, 1e-6, 1e-9}) {
         MatrixXd twists, forces;
-        at.solver.solve(*at.place, wrenches, slips, tolerance, MobilityAt::roughError, twists);
+        at.solver.solve(*at.place, wrenches, slips, tolerance, Accuracy::errorOfSinglePrecision,
+                        twists);
         at.solver.getBlobForces(forces);
         const VectorXd difference = forces - lambda, ofTwists = twists - U;
         // Errors are relative to forces and slips together, in the energy norm.
@@ -426,7 +427,8 @@ TEST(MultiblobSolver, IllConditionedBodiesAreNotTrustedToRoughProducts) {
     SolverOf at(layer);
     for (double tolerance : {1e-4, 1e-6}) {
         MatrixXd twists;
-        at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance, MobilityAt::roughError, twists);
+        at.solver.solve(*at.place, wrenches, MatrixXd(), tolerance,
+                        Accuracy::errorOfSinglePrecision, twists);
         EXPECT_LT(layer.errorOf(twists, wrenches, 0), 3 * tolerance);
         EXPECT_GE(at.solver.getNumExactProducts(), 1);
     }
@@ -439,8 +441,8 @@ TEST(MultiblobSolver, ModelsWithoutRoughProductsHaveNoneInVain) {
     const MatrixXd wrenches = normal(random, layer.bodies->getNumRows(), 1);
     SolverOf at(layer);
     MatrixXd twists;
-    const int iterations =
-        at.solver.solve(*at.place, wrenches, MatrixXd(), 1e-6, MobilityAt::roughError, twists);
+    const int iterations = at.solver.solve(*at.place, wrenches, MatrixXd(), 1e-6,
+                                           Accuracy::errorOfSinglePrecision, twists);
     EXPECT_EQ(at.solver.getNumProducts(), iterations + 1);
     EXPECT_LT(layer.errorOf(twists, wrenches, 0), 3e-6);
 }
@@ -458,7 +460,8 @@ TEST(MultiblobSolver, BeginsAtAGuessThatTurnsWithTheBodies) {
             Layer moved(shell(20, 0.8), 0.25, 2.2, 5);
             MatrixXd twists, expected, guessed;
             at.goTo(layer);
-            at.solver.solve(*at.place, wrenches, slips, tolerance, MobilityAt::roughError, twists);
+            at.solver.solve(*at.place, wrenches, slips, tolerance, Accuracy::errorOfSinglePrecision,
+                            twists);
             at.solver.keepGuess(0);
             for (Pose& pose : moved.poses) {
                 pose.R += step * Vector3d(normal(random, 3, 1)).cwiseAbs();
@@ -469,9 +472,9 @@ TEST(MultiblobSolver, BeginsAtAGuessThatTurnsWithTheBodies) {
             const MatrixXd wrenchesThere = wrenches + step * change;
             at.solver.solve(*at.place, wrenchesThere, slips, 1e-10, 0, expected);
             const int cold = at.solver.solve(*at.place, wrenchesThere, slips, tolerance,
-                                             MobilityAt::roughError, twists);
+                                             Accuracy::errorOfSinglePrecision, twists);
             const int warm = at.solver.solve(*at.place, wrenchesThere, slips, tolerance,
-                                             MobilityAt::roughError, guessed, true);
+                                             Accuracy::errorOfSinglePrecision, guessed, true);
             cout << "step " << step << ", tolerance " << tolerance << ": " << warm
                  << " iterations instead of " << cold << endl;
             EXPECT_LT((guessed - expected).norm(), 10 * tolerance * expected.norm());

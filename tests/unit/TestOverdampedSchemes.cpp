@@ -622,10 +622,10 @@ TEST(OverdampedSchemes, DifferencedRootsFollowOneCourse) {
     };
     const auto find = [&](double wanted) {
         BodyMobility& mobility = bodies.byProducts();
-        BodyMobility::ForDifferences needed;
+        ErrorBudget::Needs needed;
         needed.partOfTolerance = 0.1;
         needed.exactProducts = true;
-        mobility.setTolerance(wanted, needed);
+        mobility.setErrors(ErrorBudget(wanted, needed));
         Found found;
         MatrixXd first, second, last;
         const auto productsOf = [&](MatrixXd& slips) {

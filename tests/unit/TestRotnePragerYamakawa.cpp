@@ -178,7 +178,7 @@ TEST(RotnePragerYamakawa, ApplyIsTheMatrix) {
             MatrixXd dense, velocities;
             M->dense(dense);
             const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, columns);
-            M->apply(forces, velocities);
+            M->multiply(forces, velocities);
             const double scale = dense.cwiseAbs().maxCoeff();
             EXPECT_LT((velocities - dense * forces).cwiseAbs().maxCoeff(), 1e-14 * scale);
         }

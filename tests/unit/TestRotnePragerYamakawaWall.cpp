@@ -45,7 +45,7 @@ struct Scene {
         MatrixXd matrix;
         model(viscosity)
             .at({positions})
-            ->apply(MatrixXd::Identity(particles.numRows, particles.numRows), matrix);
+            ->multiply(MatrixXd::Identity(particles.numRows, particles.numRows), matrix);
         return matrix;
     }
     MatrixXd unbounded(double viscosity = 1) const {
@@ -296,12 +296,12 @@ TEST(RotnePragerYamakawaWall, ApplyIsTheMatrix) {
                 MatrixXd dense, velocities;
                 M->dense(dense);
                 const MatrixXd forces = MatrixXd::Random(scene.particles.numRows, columns);
-                M->apply(forces, velocities);
+                M->multiply(forces, velocities);
                 EXPECT_LT(largest(velocities - dense * forces), 3e-14 * largest(dense));
                 // The product is made again, into the same memory.
                 const double* place = velocities.data();
                 const MatrixXd first = velocities;
-                M->apply(forces, velocities);
+                M->multiply(forces, velocities);
                 EXPECT_EQ(largest(velocities - first), 0);
                 EXPECT_EQ(velocities.data(), place);
             }

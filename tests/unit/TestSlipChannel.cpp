@@ -104,7 +104,7 @@ TEST(SlipChannel, IsSymmetricAndPositiveDefinite) {
         EXPECT_LT((M - M.transpose()).norm(), 1e-13 * M.norm());
         EXPECT_EQ(Eigen::LLT<MatrixXd>(M).info(), Eigen::Success);
         MatrixXd product;
-        model->at({places, box})->apply(MatrixXd::Identity(M.rows(), M.rows()), product);
+        model->at({places, box})->multiply(MatrixXd::Identity(M.rows(), M.rows()), product);
         EXPECT_LT((product - M).norm(), 1e-13 * M.norm());
     }
 }

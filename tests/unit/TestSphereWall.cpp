@@ -206,7 +206,7 @@ TEST(SphereWallCongruence, IsSymmetricPositiveDefiniteAndItsProductsAreTheMatrix
         const MatrixXd forces = MatrixXd::Random(M.rows(), 3);
         const SphereWallCongruence model = scene.best();
         const auto best = model.at({scene.positions});
-        best->apply(forces, products);
+        best->multiply(forces, products);
         ASSERT_LT((products - M * forces).cwiseAbs().maxCoeff(), 1e-13 * M.maxCoeff() * M.rows())
             << trial;
         best->friction(products);
@@ -239,7 +239,7 @@ public:
         traits.isHomogeneous = traits.isIsotropic = traits.isMirrored = true;
         traits.isDivergenceFree = traits.hasStresslets = true;
         traits.hasProducts = false;
-        traits.hasRoughProducts = traits.isMatrixFree = traits.isMadeFromFriction = true;
+        traits.hasSinglePrecision = traits.isMatrixFree = traits.isMadeFromFriction = true;
         traits.rowsWorthIterations = 17;
         traits.hasOwnRandomField = true;
         return traits;
@@ -278,11 +278,12 @@ public:
     class Place : public MobilityAt {
     public:
         using MobilityAt::MobilityAt;
-        void apply(const MatrixXd& f, MatrixXd& v) override { v = f; }
-        void applyRoughly(const MatrixXd& f, MatrixXd& v) override { v = 2 * f; }
-        void applyWithin(double error, const MatrixXd& f, MatrixXd& v) override { v = error * f; }
-        void applyForDifference(double error, const MatrixXd& f, MatrixXd& v) override {
-            v = (nearby ? 100 : 10) * error * f;
+        void multiply(const MatrixXd& f, MatrixXd& v, const Accuracy& accuracy) override {
+            const double error = accuracy.error;
+            v = (error == 0                                 ? 1
+                 : accuracy.purpose == Accuracy::Difference ? (nearby ? 100 : 10) * error
+                                                            : error) *
+                f;
         }
         void dense(MatrixXd& M) override { M.setIdentity(particles.numRows, particles.numRows); }
         void addStressletsOf(const DrivenFlow&, MatrixXd& slips) override { slips.array() += 1; }
@@ -328,7 +329,7 @@ TEST(SphereWallCongruence, HandsOnWhatItsModelCanDo) {
     EXPECT_EQ(best.placeInFormulas(0, Vec3(1, 2, 3)), Vec3(1, 2, 10));
     const MobilityTraits& traits = best.getTraits();
     EXPECT_TRUE(traits.isMirrored);
-    EXPECT_TRUE(traits.hasRoughProducts);
+    EXPECT_TRUE(traits.hasSinglePrecision);
     EXPECT_FALSE(traits.hasProducts);
     EXPECT_TRUE(traits.isMatrixFree);
     EXPECT_TRUE(traits.isAnchored);
@@ -363,16 +364,14 @@ TEST(SphereWallCongruence, HandsOnWhatItsModelCanDo) {
     const auto expectProduct = [&](double factor, const string& what) {
         EXPECT_LT((product - factor * M * forces).norm(), 1e-13 * M.norm()) << what;
     };
-    at->apply(forces, product);
-    expectProduct(1, "apply()");
-    at->applyRoughly(forces, product);
-    expectProduct(2, "applyRoughly()");
-    at->applyWithin(0.25, forces, product);
-    expectProduct(0.25, "applyWithin()");
-    at->applyForDifference(0.25, forces, product);
-    expectProduct(2.5, "applyForDifference()");
-    best.near({scene.positions})->applyForDifference(0.25, forces, product);
-    expectProduct(25, "applyForDifference() nearby");
+    at->multiply(forces, product);
+    expectProduct(1, "an exact product");
+    at->multiply(forces, product, {0.25});
+    expectProduct(0.25, "an inexact product");
+    at->multiply(forces, product, {0.25, Accuracy::Difference});
+    expectProduct(2.5, "a product for a difference");
+    best.near({scene.positions})->multiply(forces, product, {0.25, Accuracy::Difference});
+    expectProduct(25, "a product for a difference, nearby");
     EXPECT_EQ(at->getSecondsOfGrid(), 37);
 
     // M = B B^T. Stresslets move particles by B, and are those of the forces B^T F.

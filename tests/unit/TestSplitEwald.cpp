@@ -233,7 +233,7 @@ TEST(SplitEwald, ThreadsDoNotChangeABit) {
         for (int threads : {1, 2, 3, 5}) {
             const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-4, 0,
                                                 make_shared<CpuGridFluid>(onThreads(threads)));
-            model.at(scene.placement)->apply(forces, velocities);
+            model.at(scene.placement)->multiply(forces, velocities);
             if (threads == 1) first = velocities;
             EXPECT_EQ(velocities, first) << scene.what << " " << threads;
         }
@@ -376,7 +376,7 @@ TEST(SplitEwald, FastGridsArePlainOnesToRounding) {
         EXPECT_LE((fast.denseOfWaves() - M).norm(), 1e-13 * M.norm()) << scene.what;
         const MatrixXd rough = fast.denseOfWaves(true);
         EXPECT_LE(normOf(scaled(0.5 * (rough + rough.transpose()) - M, scene.particles)),
-                  MobilityAt::roughError * normOf(scaled(M, scene.particles)))
+                  Accuracy::errorOfSinglePrecision * normOf(scaled(M, scene.particles)))
             << scene.what;
         EXPECT_GT((rough - M).norm(), 0);
         const NoiseStream noise;
@@ -424,7 +424,7 @@ TEST(SplitEwald, PlacesNearbyKeepTheirPairs) {
     const auto difference = [&](double step) {
         unique_ptr<MobilityAt> at = model.at(scene.placement);
         MatrixXd ends[2], unused;
-        at->apply(forces, unused);
+        at->multiply(forces, unused);
         for (int side = 0; side < 2; side++) {
             Placement moved = scene.placement;
             for (size_t i = 0; i < direction.size(); i++)
@@ -432,7 +432,7 @@ TEST(SplitEwald, PlacesNearbyKeepTheirPairs) {
             // The anchors of a nearby placement are those of the placement before.
             model.place(at, scene.placement);
             model.placeNear(at, moved);
-            at->apply(forces, ends[side]);
+            at->multiply(forces, ends[side]);
         }
         return MatrixXd((ends[1] - ends[0]) / step);
     };
@@ -634,7 +634,7 @@ TEST(SplitEwald, FieldsAndProductsShareNoResults) {
     const auto fresh = [&](const Placement& placement) {
         const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, plainFluid());
         MatrixXd velocities;
-        model.at(placement)->apply(forces, velocities);
+        model.at(placement)->multiply(forces, velocities);
         return velocities;
     };
     const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, plainFluid());
@@ -647,15 +647,15 @@ TEST(SplitEwald, FieldsAndProductsShareNoResults) {
             model.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, placement->box, field);
             field->slipsAt(*placement, false, slips);
             model.place(a, *placement);
-            a->apply(forces, velocities);
+            a->multiply(forces, velocities);
             EXPECT_EQ(velocities, fresh(*placement));
-            b->apply(forces, velocities);
+            b->multiply(forces, velocities);
             EXPECT_EQ(velocities, fresh(other));
             model.place(a, other);
             model.placeNear(a, scene.placement);
-            a->apply(forces, velocities);
+            a->multiply(forces, velocities);
             field->slipsAt(scene.placement, true, slips);
-            b->apply(forces, velocities);
+            b->multiply(forces, velocities);
             EXPECT_EQ(velocities, fresh(other));
         }
 }

@@ -105,7 +105,7 @@ TEST(StokesianDynamics, TwoSedimentingSpheres) {
             VectorXd force = VectorXd::Zero(12);
             force[2] = force[8] = -1;
             MatrixXd velocity;
-            model.at({{Vec3(), Vec3(c.l, 0, 0)}})->apply(force, velocity);
+            model.at({{Vec3(), Vec3(c.l, 0, 0)}})->multiply(force, velocity);
             const double forceRatio = -1 / velocity(2), omega = velocity(4) / velocity(2);
             EXPECT_NEAR(velocity(8), velocity(2), 1e-14);
             EXPECT_NEAR(velocity(10), -velocity(4), 1e-14);
@@ -200,7 +200,7 @@ TEST(StokesianDynamics, MatricesAgreeAndAreSymmetric) {
             at->dense(mobility);
             at->friction(friction);
             const MatrixXd forces = MatrixXd::Random(18, 2);
-            at->apply(forces, velocities);
+            at->multiply(forces, velocities);
             EXPECT_LT((friction - friction.transpose()).norm() / friction.norm(), 1e-14);
             EXPECT_LT((mobility - mobility.transpose()).norm() / mobility.norm(), 1e-14);
             EXPECT_LT((friction * mobility - MatrixXd::Identity(18, 18)).norm(), 1e-12);

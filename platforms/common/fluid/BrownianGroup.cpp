@@ -168,8 +168,7 @@ bool BrownianGroup::differencesIterate(const SchemeTraits& traits) {
 void BrownianGroup::setTolerance(const SchemeTraits& traits, const OverdampedStep& step) {
     Differencing differences;
     if (step.kT > 0) differences = differencing(traits);
-    mobility->setTolerance(tolerance,
-                           ErrorBudget::forDifferences(tolerance, differences, step.difference));
+    mobility->setErrors(ErrorBudget::ofDifferencing(tolerance, differences, step.difference));
 }
 
 double BrownianGroup::differenceOf(const SchemeTraits& traits, double wanted) {

@@ -18,10 +18,10 @@ namespace {
  * several stages the last one follows the differences (OverdampedMove::atPresent()).
  */
 string describeProducts(BodyMobility& mobility, bool differenced, const SchemeTraits& scheme) {
-    const string products = mobility.describeProducts(!differenced);
+    const string products = mobility.describeProducts(differenced);
     string text = products;
     if (differenced && overdampedScheme(scheme.scheme).numStages() > 1) {
-        const string later = mobility.describeProducts(true);
+        const string later = mobility.describeProducts(false);
         if (later != products)
             text = (products.empty() ? "over all pairs" : products) + " for differences, then " +
                    later;

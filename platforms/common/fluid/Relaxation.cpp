@@ -13,9 +13,6 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Products of Lanczos that are solves themselves have this part of the tolerance. */
-const double innerTolerance = 0.05;
-
 /**
  * The constant process of one body. Its matrices are known in the body's frame, for each step size
  * and inertia scale.
@@ -83,21 +80,15 @@ public:
 
 protected:
     void prepare() override {
-        BodyMobility::ForDifferences needed;
-        // Products of multiblobs are solves, to a part of the tolerance; those of spheres are made
-        // as the tolerance itself allows, and are described so.
-        const bool iterate = !mobility.getBodies().multipliesWithoutIterations();
-        if (!iterate) needed.partOfTolerance = innerTolerance;
-        mobility.setTolerance(iterate ? innerTolerance * tolerance : tolerance, needed);
+        mobility.setErrors(ErrorBudget::ofRelaxation(
+            tolerance, !mobility.getBodies().multipliesWithoutIterations()));
     }
     void evolve(const RelaxationStep& step) override {
         const BodyMobility::Solving timed(mobility);
-        const auto product = [&](double error) {
-            return [&, error](const MatrixXd& x, MatrixXd& y) {
-                scaling.wrenches(x, mobility, step.bodies, step.freeParticles, wrenches);
-                mobility.multiply(wrenches, twists, error);
-                scaling.scaled(twists, mobility, step.bodies, step.freeParticles, y);
-            };
+        const auto product = [&](double error, const MatrixXd& x, MatrixXd& y) {
+            scaling.wrenches(x, mobility, step.bodies, step.freeParticles, wrenches);
+            mobility.multiply(wrenches, twists, {error, Accuracy::Value});
+            scaling.scaled(twists, mobility, step.bodies, step.freeParticles, y);
         };
         vector<SpectralFunction> functions = {SpectralFunction::decay(step.h)};
         columns.resize(Z.size(), step.kT > 0 ? 2 : 1);
@@ -106,15 +97,12 @@ protected:
             columns.col(1) = sqrt(step.kT) * chi;
             functions.push_back(SpectralFunction::decayNoise(step.h));
         }
-        // For multiblobs a product is a solve, whose own products are rough where that is accurate
-        // enough.
-        vector<Lanczos::Rough> rough;
+        // For multiblobs a product is a solve, whose own products are inexact where that is
+        // accurate enough.
+        vector<InexactProduct> inexact;
         if (mobility.getBodies().multipliesWithoutIterations())
-            for (const InexactProduct& each :
-                 ErrorBudget(tolerance).inRoots(mobility.getBodies().getModel(), 1, 0))
-                rough.push_back(
-                    {product(each.error), each.ofNorm, each.ofVector, each.atOnce, each.share});
-        lanczos.apply(product(0), columns, functions, results, Lanczos::NormOfSum, rough);
+            inexact = ErrorBudget(tolerance).inRoots(mobility.getBodies().getModel(), 1, 0);
+        lanczos.apply(product, columns, functions, results, Lanczos::NormOfSum, inexact);
         if (!lanczos.isIncrement(0)) Z.setZero();
         for (int c = 0; c < results.cols(); c++) Z += results.col(c);
         iterations += lanczos.getNumIterations();

@@ -126,7 +126,7 @@ void Lanczos::Column::start(const VectorXd& x) {
             "positions, forces and torques");
     alpha.clear();
     beta.clear();
-    wasRough.clear();
+    wasInexact.clear();
     scale = 0;
     active = norm > 0;
     exact = false;
@@ -176,21 +176,21 @@ struct Lanczos::Request {
     const std::vector<Outer>& outer;
 };
 
-/** The iteration of all columns with one kind of rough products, or with exact ones alone. */
+/** The iteration of all columns with one kind of inexact products, or with exact ones alone. */
 class Lanczos::Attempt {
 public:
-    /** @param rough  null: exact products only */
-    Attempt(Lanczos& lanczos, const Request& request, const Rough* rough)
-        : lanczos(lanczos), request(request), rough(rough), isRough(rough && rough->atOnce),
-          columns(lanczos.columns), work(lanczos.work) {}
+    /** @param inexact  null: exact products only */
+    Attempt(Lanczos& lanczos, const Request& request, const InexactProduct* inexact)
+        : lanczos(lanczos), request(request), inexact(inexact),
+          isInexact(inexact && inexact->atOnce), columns(lanczos.columns), work(lanczos.work) {}
     /**
-     * @return whether the results have the tolerance. If not, rough products are not accurate
+     * @return whether the results have the tolerance. If not, inexact products are not accurate
      *     enough; without them there is an error.
      */
     bool run(MatrixXd& result);
 
 private:
-    enum Verdict { NotYet, Converged, TooRough };
+    enum Verdict { NotYet, Converged, TooInexact };
     void start(MatrixXd& result);
     bool extendAll(int k);
     bool judgeAll(int k, MatrixXd& result);
@@ -198,13 +198,13 @@ private:
     bool evaluate(Column& column, const SpectralFunction& f);
     Verdict judge(Column& column, const SpectralFunction& f, MatrixXd& result);
     void magnify(Column& column);
-    double errorOfRough(const Column& column) const;
-    bool allowsRoughProducts(const Column& column) const;
+    double errorOfInexact(const Column& column) const;
+    bool allowsInexactProducts(const Column& column) const;
 
     Lanczos& lanczos;
     const Request& request;
-    const Rough* const rough;
-    bool isRough;  // whether the next product is rough; without a course, all after it are, too
+    const InexactProduct* const inexact;
+    bool isInexact;  // whether the next product is inexact; without a course, all after it are, too
     std::vector<Column>& columns;
     Workspace& work;
     int numActive = 0;
@@ -213,14 +213,14 @@ private:
 
 void Lanczos::apply(const Product& multiply, const MatrixXd& x,
                     const std::vector<SpectralFunction>& functions, MatrixXd& result,
-                    Measure measure, const std::vector<Rough>& rough, const Course* toFollow,
-                    const std::vector<Outer>& outer) {
+                    Measure measure, const std::vector<InexactProduct>& inexact,
+                    const Course* toFollow, const std::vector<Outer>& outer) {
     numProducts = numIterations = 0;
     const Request request = {multiply, x, functions, measure, toFollow, outer};
-    const int count = rough.size();
+    const int count = inexact.size();
     const int first = toFollow ? std::min(toFollow->attempt, count) : 0;
     for (int kind = first; kind <= count; kind++) {
-        Attempt attempt(*this, request, kind < count ? &rough[kind] : nullptr);
+        Attempt attempt(*this, request, kind < count ? &inexact[kind] : nullptr);
         if (!attempt.run(result)) continue;
         course.attempt = kind;
         return;
@@ -250,7 +250,7 @@ void Lanczos::Attempt::start(MatrixXd& result) {
 }
 
 /**
- * The k-th product of all columns that have not converged. @return whether rough products are
+ * The k-th product of all columns that have not converged. @return whether inexact products are
  * accurate enough
  */
 bool Lanczos::Attempt::extendAll(int k) {
@@ -258,10 +258,10 @@ bool Lanczos::Attempt::extendAll(int k) {
     work.input.resize(request.x.rows(), numActive);
     for (int c = 0, i = 0; c < count; c++)
         if (columns[c].active) work.input.col(i++) = columns[c].basis.col(k - 1);
-    if (rough && request.course && k <= static_cast<int>(request.course->isRough.size()))
-        isRough = request.course->isRough[k - 1];
-    course.isRough.push_back(isRough);
-    (isRough ? rough->multiply : request.multiply)(work.input, work.output);
+    if (inexact && request.course && k <= static_cast<int>(request.course->isInexact.size()))
+        isInexact = request.course->isInexact[k - 1];
+    course.isInexact.push_back(isInexact);
+    request.multiply(isInexact ? inexact->error : 0, work.input, work.output);
     lanczos.numIterations++;
     lanczos.numProducts += numActive;
     for (int c = 0, i = 0; c < count; c++)
@@ -270,25 +270,25 @@ bool Lanczos::Attempt::extendAll(int k) {
 }
 
 /**
- * Look at the columns whose turn it is after k products. @return whether rough products are
+ * Look at the columns whose turn it is after k products. @return whether inexact products are
  * accurate enough
  */
 bool Lanczos::Attempt::judgeAll(int k, MatrixXd& result) {
     const int count = columns.size();
-    // Until the next products may be rough, every iterate is checked for that.
-    const bool mayBecomeRough = rough && !isRough && !request.course;
+    // Until the next products may be inexact, every iterate is checked for that.
+    const bool mayBecomeInexact = inexact && !isInexact && !request.course;
     const bool last = k >= lanczos.maxIterations;
     const auto isDue = [&](const Column& column) {
         return column.active && (column.exact || last || k == column.nextLook);
     };
     for (int c = 0; c < count; c++)
-        if (isDue(columns[c]) || (mayBecomeRough && columns[c].active))
+        if (isDue(columns[c]) || (mayBecomeInexact && columns[c].active))
             if (!evaluate(columns[c], request.functions[c])) return false;
     for (int c = 0; c < count; c++) {
         Column& column = columns[c];
         if (!isDue(column)) continue;
         const Verdict verdict = judge(column, request.functions[c], result);
-        if (verdict == TooRough || (verdict == NotYet && last && isRough)) return false;
+        if (verdict == TooInexact || (verdict == NotYet && last && isInexact)) return false;
         if (verdict == NotYet && last) {
             std::ostringstream message;
             message << "MobilityForce: after " << k
@@ -303,16 +303,16 @@ bool Lanczos::Attempt::judgeAll(int k, MatrixXd& result) {
         column.active = false;
         numActive--;
     }
-    if (mayBecomeRough)
-        isRough = std::all_of(columns.begin(), columns.end(), [&](const Column& column) {
-            return !column.active || allowsRoughProducts(column);
+    if (mayBecomeInexact)
+        isInexact = std::all_of(columns.begin(), columns.end(), [&](const Column& column) {
+            return !column.active || allowsInexactProducts(column);
         });
     return true;
 }
 
-/** The error of a rough product with a vector of length 1. */
-double Lanczos::Attempt::errorOfRough(const Column& column) const {
-    return rough ? rough->ofNorm * column.scale + rough->ofVector * column.first : 0;
+/** The error of a inexact product with a vector of length 1. */
+double Lanczos::Attempt::errorOfInexact(const Column& column) const {
+    return inexact ? inexact->ofNorm * column.scale + inexact->ofVector * column.first : 0;
 }
 
 /**
@@ -320,16 +320,16 @@ double Lanczos::Attempt::errorOfRough(const Column& column) const {
  * coefficients. The next products together therefore do not exceed a few times the effect of the
  * last one.
  */
-bool Lanczos::Attempt::allowsRoughProducts(const Column& column) const {
+bool Lanczos::Attempt::allowsInexactProducts(const Column& column) const {
     const double ofLast = 0.25;  // the part of the last product
-    const double share = ofLast * (rough->share > 0 ? rough->share : lanczos.tolerance);
+    const double share = ofLast * (inexact->share > 0 ? inexact->share : lanczos.tolerance);
     const Iterate& iterate = column.iterate[column.form];
-    return errorOfRough(column) * iterate.lastFactor <= share * iterate.norm;
+    return errorOfInexact(column) * iterate.lastFactor <= share * iterate.norm;
 }
 
 /**
- * The next basis vector and the next row of the tridiagonal matrix. @return whether rough products
- * are accurate enough
+ * The next basis vector and the next row of the tridiagonal matrix. @return whether inexact
+ * products are accurate enough
  */
 bool Lanczos::Attempt::extend(Column& column, const VectorXd& product) {
     const int k = column.alpha.size() + 1, n = product.size();
@@ -342,16 +342,16 @@ bool Lanczos::Attempt::extend(Column& column, const VectorXd& product) {
         alpha += work.overlap[k - 1];
     }
     const double beta = w.norm();
-    if (!std::isfinite(alpha + beta) && isRough) return false;
+    if (!std::isfinite(alpha + beta) && isInexact) return false;
     if (!std::isfinite(alpha + beta))
         throw OpenMMException(
             "MobilityForce: a product with the mobility is not finite; look at the positions");
     column.alpha.push_back(alpha);
     column.scale = std::max(column.scale, std::abs(alpha) + beta);
     if (k == 1) column.first = std::hypot(alpha, beta);
-    column.wasRough.push_back(isRough);
+    column.wasInexact.push_back(isInexact);
     column.exact =
-        k == n || beta <= (isRough ? errorOfRough(column) : roundingError * column.scale);
+        k == n || beta <= (isInexact ? errorOfInexact(column) : roundingError * column.scale);
     if (column.exact) return true;
     column.beta.push_back(beta);
     if (column.basis.cols() == k) column.basis.conservativeResize(n, std::min(2 * k, n));
@@ -359,7 +359,7 @@ bool Lanczos::Attempt::extend(Column& column, const VectorXd& product) {
     return true;
 }
 
-/** f of the tridiagonal matrix. @return whether rough products are accurate enough */
+/** f of the tridiagonal matrix. @return whether inexact products are accurate enough */
 bool Lanczos::Attempt::evaluate(Column& column, const SpectralFunction& f) {
     const int k = column.alpha.size();
     // The matrix is scaled to about 1, as Eigen's test for zeros beside the diagonal assumes.
@@ -372,7 +372,7 @@ bool Lanczos::Attempt::evaluate(Column& column, const SpectralFunction& f) {
     column.smallest = ritzValues[0];
     column.largest = ritzValues[k - 1];
     if (solver.info() != Eigen::Success || !(column.smallest > 0)) {
-        if (isRough) return false;
+        if (isInexact) return false;
         std::ostringstream message;
         message << "MobilityForce: the mobility is not positive definite (eigenvalues from "
                 << column.smallest << " to " << column.largest
@@ -404,14 +404,14 @@ bool Lanczos::Attempt::evaluate(Column& column, const SpectralFunction& f) {
         const double steepest =
             slopes.cwiseAbs().colwise().maxCoeff().transpose().cwiseProduct(firstRow).norm();
         // An error of the j-th product only changes what the j-th basis vector becomes.
-        double ofRough = 0;
+        double ofInexact = 0;
         for (int j = 0; j < k; j++) {
             work.weights = solver.eigenvectors().row(j).transpose().cwiseProduct(firstRow);
             iterate.lastFactor = (slopes * work.weights).cwiseAbs().maxCoeff();
-            if (column.wasRough[j]) ofRough += iterate.lastFactor;
+            if (column.wasInexact[j]) ofInexact += iterate.lastFactor;
         }
         iterate.roundoff = roundingError * (column.scale * steepest + iterate.norm) +
-                           errorOfRough(column) * std::min(ofRough, steepest);
+                           errorOfInexact(column) * std::min(ofInexact, steepest);
         iterate.bound = column.exact
                             ? 0
                             : column.beta[k - 1] *
@@ -498,12 +498,12 @@ Lanczos::Attempt::Verdict Lanczos::Attempt::judge(Column& column, const Spectral
     column.error = (iterate.bound + iterate.roundoff) / norm;
     if (!iterationConverged(norm)) {
         // Errors of the first products count most, so that more products do not help.
-        if (isRough && rough->ofVector > 0 && !roundingIsSmall(norm)) return TooRough;
+        if (isInexact && inexact->ofVector > 0 && !roundingIsSmall(norm)) return TooInexact;
         column.planNextLook(iterate.bound / (shareOfIteration * tolerance * norm));
         return NotYet;
     }
     if (!roundingIsSmall(norm)) {
-        if (isRough) return TooRough;
+        if (isInexact) return TooInexact;
         std::ostringstream message;
         message << "MobilityForce: " << toleranceText(tolerance, lanczos.wanted)
                 << " cannot be reached: rounding makes an error of " << column.error

@@ -25,6 +25,22 @@ struct SpectralFunction {
     static SpectralFunction inverse();
 };
 
+/** A kind of products with a matrix A that takes less time than exact ones, and its errors. */
+struct InexactProduct {
+    double error = 0;  // that the product is asked for
+    /** The error of a product with a vector v is at most this times the norms of A and v... */
+    double ofNorm = 0;
+    /** ...and this times the norm of v times |A x|/|x|, where x is the column's vector. */
+    double ofVector = 0;
+    /** Whether the first products may be inexact. Otherwise the iterates decide. */
+    bool atOnce = true;
+    /**
+     * Then their errors together make at most about this part of the result. 0: what the tolerance
+     * leaves.
+     */
+    double share = 0;
+};
+
 /**
  * Functions of a symmetric positive definite matrix A times vectors, f(A) x, from products with A
  * alone.
@@ -50,42 +66,31 @@ struct SpectralFunction {
  * Reference: Saad, SIAM J. Numer. Anal. 29, 209 (1992); Chow, Saad, SIAM J. Sci. Comput. 36, A588
  * (2014).
  *
- * Rough products, if there are any, are used from the iteration on where their errors do no harm.
- * An error in the k-th product enters the result as the k-th basis vector does. Rough products are
- * therefore used from the first product on at coarse tolerances, and after a few at fine ones.
+ * Inexact products, if there are any, are used from the iteration on where their errors do no harm.
+ * An error in the k-th product enters the result as the k-th basis vector does. Inexact products
+ * are therefore used from the first product on at coarse tolerances, and after a few at fine ones.
  * Their errors are counted with rounding. If this makes the estimate too large, the computation is
- * repeated with the next kind of rough products, and in the end with exact ones.
+ * repeated with the next kind of inexact products, and in the end with exact ones.
  *
  * There are no measured times and no random numbers: the same input gives the same bits.
  */
 class Lanczos {
 public:
-    /** y = A x for several columns; y may have any size before. */
-    typedef std::function<void(const Eigen::MatrixXd& x, Eigen::MatrixXd& y)> Product;
+    /**
+     * y = A x for several columns; y may have any size before.
+     *
+     * @param error  InexactProduct::error; 0: the product is to be exact
+     */
+    typedef std::function<void(double error, const Eigen::MatrixXd& x, Eigen::MatrixXd& y)> Product;
     /** What the tolerance is relative to: each column's own norm, or (not for increments, see
      * apply()) that of their sum. */
     enum Measure { OwnNorm, NormOfSum };
 
-    /** Products that take less time, and their errors. */
-    struct Rough {
-        Product multiply;
-        /** The error of a product with a vector v is at most this times the norms of A and v... */
-        double ofNorm = 0;
-        /** ...and this times the norm of v times |A x|/|x|, where x is the column's vector. */
-        double ofVector = 0;
-        /** Whether the first products may be rough. Otherwise the iterates decide. */
-        bool atOnce = true;
-        /**
-         * Then their errors together make at most about this part of the result. 0: what the
-         * tolerance leaves.
-         */
-        double share = 0;
-    };
     /** How the columns of apply() have iterated. */
     struct Course {
-        std::vector<int> products;  // of each column
-        std::vector<char> isRough;  // each call of the product, in order
-        int attempt = 0;            // the kind of rough products
+        std::vector<int> products;    // of each column
+        std::vector<char> isInexact;  // each call of the product, in order
+        int attempt = 0;              // the kind of inexact products
     };
 
     static constexpr int defaultIterations = 1000;
@@ -113,13 +118,13 @@ public:
      *
      * For differences of results for A and for A' close to it, with the same x, the second apply()
      * should follow the course of the first. It makes as many products of each column, exact and
-     * rough ones in the same order, and more only where the error of the iteration exceeds six
+     * inexact ones in the same order, and more only where the error of the iteration exceeds six
      * tolerances, twice what it may be otherwise. Where no more are needed, the result is a smooth
      * function of the matrix. For spectra without gaps, the relative error of the difference is
      * then up to a hundred tolerances, however close A' is to A. For eigenvalues in clusters the
      * difference may be worse, and no estimate tells.
      *
-     * @param rough   kinds of rough products, which are tried in this order
+     * @param inexact kinds of inexact products, which are tried in this order
      * @param course  to be followed; null: none
      * @param outer   the tolerance is also that of each product B f(A) x. How much larger errors
      *     are, relative to these products, is measured with the last basis vector, and with the
@@ -131,7 +136,7 @@ public:
      */
     void apply(const Product& multiply, const Eigen::MatrixXd& x,
                const std::vector<SpectralFunction>& functions, Eigen::MatrixXd& result,
-               Measure measure = OwnNorm, const std::vector<Rough>& rough = {},
+               Measure measure = OwnNorm, const std::vector<InexactProduct>& inexact = {},
                const Course* course = nullptr, const std::vector<Outer>& outer = {});
 
     /** The course of the last apply(). */
@@ -159,7 +164,7 @@ private:
         double norm;            // of x
         Eigen::MatrixXd basis;  // v_1 ... v_k, v_k+1
         std::vector<double> alpha, beta;
-        std::vector<char> wasRough;  // for each product
+        std::vector<char> wasInexact;  // for each product
         double scale;  // the largest number in the tridiagonal matrix, about the norm of A
         double first;  // |A x|/|x|
         double smallest, largest;  // Ritz values

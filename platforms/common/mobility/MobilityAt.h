@@ -7,6 +7,7 @@
 #include <array>
 #include <vector>
 
+#include "mobility/Accuracy.h"
 #include "mobility/FlowSources.h"
 
 namespace RigidHIPlugin {
@@ -40,45 +41,15 @@ public:
     /**
      * Compute velocities = M forces. Every column is a case of its own.
      *
+     * For differences, all placements must have been reached by this object from the same accepted
+     * one, or by objects that were there (MobilityTraits::isAnchored).
+     *
      * @param velocities  resized and overwritten
+     * @param accuracy    exact by default. A model that has products of one kind only ignores it
      */
-    virtual void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) = 0;
-    /**
-     * As apply(), but with an error of at most `roughError` times the norm of M times the norm of
-     * the forces; see MobilityTraits::hasRoughProducts. Default: apply().
-     */
-    virtual void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
-        apply(forces, velocities);
-    }
-    /**
-     * The error of applyRoughly(), and the smallest tolerance of an iteration for which such
-     * products are accurate enough.
-     */
-    static constexpr double roughError = 1e-6, leastRoughTolerance = 5e-5;
-    /**
-     * As apply(), but with an error of at most `error` times the norm of M times the norm of the
-     * forces, if that takes less time. M and forces are scaled by the square roots of the
-     * particles' own mobilities in both norms. An `error` of 0 asks for exact products. Default:
-     * applyRoughly() where its error is small enough.
-     */
-    virtual void applyWithin(double error, const Eigen::MatrixXd& forces,
-                             Eigen::MatrixXd& velocities) {
-        if (error >= roughError)
-            applyRoughly(forces, velocities);
-        else
-            apply(forces, velocities);
-    }
-    /**
-     * As apply(), for differences of products at placements near to one that the model has
-     * accepted: their difference has a relative error of about `error`, if that takes less time.
-     * All of these placements must have been reached by this object from the same accepted one, or
-     * by objects that were there (MobilityTraits::isAnchored). Default: apply().
-     */
-    virtual void applyForDifference(double error, const Eigen::MatrixXd& forces,
-                                    Eigen::MatrixXd& velocities) {
-        apply(forces, velocities);
-    }
-    /** The matrix itself. Default: apply() to the identity. */
+    virtual void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
+                          const Accuracy& accuracy = Accuracy()) = 0;
+    /** The matrix itself. Default: multiply() with the identity. */
     virtual void dense(Eigen::MatrixXd& mobility);
     /**
      * The inverse of the matrix. Default: by the Cholesky factors of dense().

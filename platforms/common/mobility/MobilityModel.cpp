@@ -45,7 +45,7 @@ void MobilityAt::addFlowAt(const FlowSources&, const std::vector<OpenMM::Vec3>&,
 }
 
 void MobilityAt::dense(Eigen::MatrixXd& mobility) {
-    apply(Eigen::MatrixXd::Identity(particles.numRows, particles.numRows), mobility);
+    multiply(Eigen::MatrixXd::Identity(particles.numRows, particles.numRows), mobility);
 }
 
 void MobilityAt::friction(Eigen::MatrixXd& friction) {

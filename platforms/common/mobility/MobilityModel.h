@@ -54,7 +54,7 @@ struct HydrodynamicParticles {
  * immutable, so several threads may ask any number of its MobilityAt objects at once.
  *
  * A new model is two classes: a MobilityModel with its traits and makePlace(), and its MobilityAt
- * with apply(). Where the model can do better than a default, it overrides it.
+ * with multiply(). Where the model can do better than a default, it overrides it.
  */
 class MobilityModel {
 public:
@@ -157,8 +157,8 @@ public:
     virtual void checkBox(const BoxVectors& box) const {}
     /** A description of the model in a box, for describeEffects(). Default: nothing. */
     virtual std::string describe(const BoxVectors& box) const { return {}; }
-    /** Whether MobilityAt::applyWithin() makes products of such an error in less time than a sum
-     * over all pairs takes. Default: it does not. */
+    /** Whether MobilityAt::multiply() makes products of such an error in less time than a sum over
+     * all pairs takes. Default: it does not. */
     virtual bool hasFastProducts(double error) const { return false; }
     /** How it makes these products, for describeEffects(). Empty where it has none. */
     virtual std::string describeFastProducts(double error) const { return {}; }

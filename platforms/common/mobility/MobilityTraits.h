@@ -54,13 +54,14 @@ struct MobilityTraits {
     bool hasStresslets = false;
 
     // ---- What costs less
-    /** Whether MobilityAt::apply() needs no matrix, so that Krylov methods make sense. */
+    /** Whether MobilityAt::multiply() needs no matrix, so that Krylov methods make sense. */
     bool hasProducts = true;
     /**
-     * Whether MobilityAt::applyRoughly() takes less time than apply(), so that iterations should
-     * use it where its error is small enough.
+     * Whether products in single precision take less time than exact ones
+     * (Accuracy::allowsSinglePrecision()), so that iterations should use them where their error is
+     * small enough.
      */
-    bool hasRoughProducts = false;
+    bool hasSinglePrecision = false;
     /**
      * Whether MobilityAt::dense() makes products with the columns of the identity, so that it is
      * useful for few rows only.

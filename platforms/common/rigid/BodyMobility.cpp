@@ -206,7 +206,7 @@ void BodyMobility::applyToParticles(const VectorXd& forces, VectorXd& velocities
     MatrixXd f = MatrixXd::Zero(particles.numRows, 1), u;
     for (int i = 0; i < particles.size(); i++)
         f.middleRows<3>(particles.firstRow[i]) = forces.segment<3>(3 * particles.systemIndex[i]);
-    particlesHere().particles().apply(f, u);
+    particlesHere().particles().multiply(f, u);
     costs.products += bodies.hasProducts();
     for (int i = 0; i < particles.size(); i++)
         velocities.segment<3>(3 * particles.systemIndex[i]) =

@@ -8,6 +8,7 @@
 
 #include "mobility/RandomField.h"
 #include "rigid/BodiesAt.h"
+#include "rigid/ErrorBudget.h"
 #include "rigid/SlipSpace.h"
 
 namespace RigidHIPlugin {
@@ -56,46 +57,18 @@ public:
     const std::vector<Pose>& posesHere() const { return getPoses(); }
     /** The rotation of an element at the poses set last. */
     const Eigen::Matrix3d& getTurn(int element) const { return getTurns()[element]; }
-    /** What finite differences need of the results that they are taken of. */
-    struct ForDifferences {
-        /** Iterations go to this part of the tolerance. */
-        double partOfTolerance = 1;
-        /**
-         * Exact products within iterations: small differences would magnify rounding of single
-         * precision.
-         */
-        bool exactProducts = false;
-        /**
-         * With exact products, errors of the last products of a root may still make this part of
-         * it. 0: all are exact.
-         */
-        double shareOfRough = 0;
-        /**
-         * Products within iterations may be as coarse as the tolerance allows. Results of
-         * iterations that are differenced must not have such products, because their errors jump
-         * from place to place.
-         */
-        bool coarseProducts = true;
-        /**
-         * Where nothing iterates, solve() has exact products. Otherwise its products are right to a
-         * part of the tolerance.
-         */
-        bool exactSolves = true;
-        /** Then, whether these products are differenced. */
-        bool differencedSolves = false;
-    };
-    /** Set the relative tolerance of iterations, from the start of a step on. */
-    virtual void setTolerance(double relative, const ForDifferences& needed) {}
-    void setTolerance(double relative) { setTolerance(relative, ForDifferences()); }
+    /** Set the errors that iterations and products may have, from the start of a step on. */
+    virtual void setErrors(const ErrorBudget& errors) {}
+    void setTolerance(double relative) { setErrors(ErrorBudget(relative)); }
+    /** In this step no more differences are taken: iterations go to the tolerance itself. */
+    virtual void endDifferences() {}
     /**
      * How the first products of iterations are made, for describeEffects(). Default, and where they
      * are sums over all pairs: empty.
      *
-     * @param coarse  as of ForDifferences
+     * @param differenced  in a step that takes differences of iterations
      */
-    virtual std::string describeProducts(bool coarse) { return {}; }
-    /** In this step no more differences are taken: iterations go to the tolerance itself. */
-    virtual void endDifferences() {}
+    virtual std::string describeProducts(bool differenced) { return {}; }
     /**
      * Whether multiplyNearby(), solve() and the thermal vectors iterate, and so are right to the
      * tolerance only.
@@ -241,11 +214,10 @@ public:
      * twists = N wrenches, as products for a caller's own iteration and for users. There are no
      * blob forces.
      *
-     * @param errorOfProducts  as in MobilityAt::applyWithin(), for products that no iteration is
-     *     built on here; 0: exact
+     * @param accuracy  of products that no iteration is built on here
      */
     virtual void multiply(const MatrixXd& wrenches, MatrixXd& twists,
-                          double errorOfProducts = 0) = 0;
+                          const Accuracy& accuracy = Accuracy()) = 0;
     /**
      * velocities = M forces of the elements' particles at the poses set last, as if each particle
      * were free. There are three rows for each particle of the System, of which those of these

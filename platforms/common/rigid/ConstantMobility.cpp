@@ -56,7 +56,7 @@ const MatrixXd& ConstantMobility::friction() {
     return xi;
 }
 
-void ConstantMobility::multiply(const MatrixXd& wrenches, MatrixXd& twists, double) {
+void ConstantMobility::multiply(const MatrixXd& wrenches, MatrixXd& twists, const Accuracy&) {
     twists.noalias() = mobility() * wrenches;
 }
 

@@ -33,7 +33,7 @@ public:
     const MatrixXd& mobility() override;
     const MatrixXd& friction() override;
     void multiply(const MatrixXd& wrenches, MatrixXd& twists,
-                  double toleranceOfProducts = 0) override;
+                  const Accuracy& accuracy = Accuracy()) override;
 
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return turns; }

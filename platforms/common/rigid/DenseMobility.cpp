@@ -45,7 +45,7 @@ void DenseMobility::factorise() {
     factoriseFriction();
 }
 
-void DenseMobility::multiply(const MatrixXd& wrenches, MatrixXd& twists, double) {
+void DenseMobility::multiply(const MatrixXd& wrenches, MatrixXd& twists, const Accuracy&) {
     twists.noalias() = mobility() * wrenches;
 }
 
@@ -137,7 +137,7 @@ void DenseMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& fo
         slips.noalias() = elsewhere.mobility() * forces;
         return;
     }
-    elsewhere.particles().apply(forces, slips);
+    elsewhere.particles().multiply(forces, slips);
     costs.products += forces.cols();
 }
 

@@ -28,7 +28,7 @@ public:
     const MatrixXd& mobility() override { return here.mobility(); }
     const MatrixXd& friction() override { return here.friction(); }
     void multiply(const MatrixXd& wrenches, MatrixXd& twists,
-                  double toleranceOfProducts = 0) override;
+                  const Accuracy& accuracy = Accuracy()) override;
 
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return here.getTurns(); }

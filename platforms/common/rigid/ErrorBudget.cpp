@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "rigid/BodyMobility.h"
+
 using namespace std;
 
 namespace RigidHIPlugin {
@@ -10,11 +12,10 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * The largest error of products in iterations. Errors of coarser products were up to four times as
- * large for the vectors of an iteration as for random forces, errors of finer ones at most as
- * large.
+ * The largest error of products in iterations. Larger errors were up to four times as large for the
+ * vectors of an iteration as for random forces, smaller ones at most as large.
  */
-const double coarsestError = 1e-3;
+const double largestError = 1e-3;
 
 /**
  * The default of setFiniteDifferenceStep(), a balance of rounding of 1e-16 and the error of the
@@ -27,7 +28,7 @@ const double denseDifference = 1e-5;
  * therefore t^(1/3). It is not so large that bodies leave the neighbourhood in which the mobility
  * is smooth. Until the differences are taken, iterations go to a part of the tolerance.
  */
-const double largestDifference = 1e-2, toleranceOfDifferences = 0.1;
+const double largestDifference = 1e-2;
 
 /**
  * Differences of roots that follow one course (Lanczos::apply()) have an error that
@@ -61,103 +62,113 @@ Differencing Differencing::of(const SchemeTraits& scheme, const BodyMobility& mo
 double ErrorBudget::differenceStep(double tolerance, const Differencing& differencing) {
     if (!differencing.iterate) return denseDifference;
     // Where products may be of single precision at once, small differences would need exact ones.
-    if (differencing.follow && tolerance < MobilityAt::leastRoughTolerance) return denseDifference;
+    if (differencing.follow && tolerance < Accuracy::leastToleranceOfSinglePrecision)
+        return denseDifference;
     return min(largestDifference, max(denseDifference, cbrt(tolerance)));
 }
 
-BodyMobility::ForDifferences ErrorBudget::forDifferences(double tolerance,
-                                                         const Differencing& differencing,
-                                                         double step) {
-    BodyMobility::ForDifferences needed;
-    needed.coarseProducts = !differencing.iterate;
+ErrorBudget ErrorBudget::ofDifferencing(double tolerance, const Differencing& differencing,
+                                        double step) {
+    Needs needed;
+    needed.largeErrors = !differencing.iterate;
     needed.exactSolves = differencing.results != Differenced::Nothing;
     needed.differencedSolves = differencing.results == Differenced::Solves;
-    if (!differencing.iterate) return needed;
+    if (!differencing.iterate) return ErrorBudget(tolerance, needed);
     needed.exactProducts = step < largestDifference;
-    needed.partOfTolerance = toleranceOfDifferences;
-    if (!differencing.follow) return needed;
-    needed.partOfTolerance =
-        max(toleranceOfDifferences, min(1.0, enoughForDrifts / (errorOfFollowing * tolerance)));
+    needed.partOfTolerance = Accuracy::partForDifferences;
+    if (!differencing.follow) return ErrorBudget(tolerance, needed);
+    needed.partOfTolerance = max(Accuracy::partForDifferences,
+                                 min(1.0, enoughForDrifts / (errorOfFollowing * tolerance)));
     // Rounding may do as much to the difference as the tolerance does.
-    needed.shareOfRough = errorOfFollowing * needed.partOfTolerance * tolerance * step;
-    return needed;
-}
-
-ErrorBudget ErrorBudget::beforeSteps(double tolerance) {
-    BodyMobility::ForDifferences needed;
-    needed.coarseProducts = false;
+    needed.shareOfInexact = errorOfFollowing * needed.partOfTolerance * tolerance * step;
     return ErrorBudget(tolerance, needed);
 }
 
-ErrorBudget ErrorBudget::afterDifferences(double tolerance) {
-    BodyMobility::ForDifferences none;
+ErrorBudget ErrorBudget::afterDifferences() const {
+    Needs none;
     none.exactSolves = false;
     return ErrorBudget(tolerance, none);
 }
 
-double ErrorBudget::ofDifferences() const {
-    const double part = 0.1, most = 1e-4;
-    return min(most, part * tolerance);
+ErrorBudget ErrorBudget::ofRelaxation(double tolerance, bool iterate) {
+    // Products that are iterations themselves have this part of the tolerance. Other products are
+    // made as the tolerance itself allows, and are described so.
+    const double inner = 0.05;
+    if (iterate) return ErrorBudget(inner * tolerance);
+    Needs needed;
+    needed.partOfTolerance = inner;
+    return ErrorBudget(tolerance, needed);
 }
 
-double ErrorBudget::ofProductsAsSolves(const MobilityModel& model) const {
+ErrorBudget ErrorBudget::beforeSteps(double tolerance) {
+    Needs needed;
+    needed.largeErrors = false;
+    return ErrorBudget(tolerance, needed);
+}
+
+Accuracy ErrorBudget::ofDifferences() const {
+    const double part = 0.1, most = 1e-4;
+    return {min(most, part * tolerance), Accuracy::Difference};
+}
+
+Accuracy ErrorBudget::ofProductsAsSolves(const MobilityModel& model) const {
     // The tolerance is in the norm of the friction. In this norm errors of products were up to a
     // hundred times as large.
     const double error = 0.01 * ofIterations();
-    return !needed.exactSolves && model.hasFastProducts(error) ? error : 0;
+    return {!needed.exactSolves && model.hasFastProducts(error) ? error : 0, Accuracy::Value};
 }
 
-double ErrorBudget::coarseInSolves(const MobilityModel& model, double mostUseful) const {
-    const double error = min(coarsestError, mostUseful);
-    const bool isWorthIt = error > MobilityAt::roughError && model.hasFastProducts(error);
-    return allowsCoarse() && isWorthIt ? error : 0;
+double ErrorBudget::largeInSolves(const MobilityModel& model, double mostUseful) const {
+    const double error = min(largestError, mostUseful);
+    const bool isWorthIt = error > Accuracy::errorOfSinglePrecision && model.hasFastProducts(error);
+    return allowsLargeErrors() && isWorthIt ? error : 0;
 }
 
 double ErrorBudget::inSolves(const MobilityModel& model, double mostUseful) const {
     if (needed.exactProducts) return 0;
-    return max(coarseInSolves(model, mostUseful), MobilityAt::roughError);
+    return max(largeInSolves(model, mostUseful), Accuracy::errorOfSinglePrecision);
 }
 
-vector<double> ErrorBudget::coarseInRoots(const MobilityModel& model, double amplification) const {
+vector<double> ErrorBudget::largeInRoots(const MobilityModel& model, double amplification) const {
     vector<double> errors;
-    if (!allowsCoarse()) return errors;
+    if (!allowsLargeErrors()) return errors;
     // With a tenth of the tolerance the estimate of what such products do to a result rarely
     // exceeds what is allowed; a hundredth is for badly conditioned matrices.
     for (double part : {0.1, 0.01}) {
-        const double error = min(coarsestError, part * ofIterations() / amplification);
-        if (error >= MobilityAt::roughError && model.hasFastProducts(error))
+        const double error = min(largestError, part * ofIterations() / amplification);
+        if (error >= Accuracy::errorOfSinglePrecision && model.hasFastProducts(error))
             errors.push_back(error);
     }
     return errors;
 }
 
-bool ErrorBudget::allowsSinglePrecision() const {
-    return ofIterations() >= MobilityAt::leastRoughTolerance;
+bool ErrorBudget::startsInSinglePrecision() const {
+    return ofIterations() >= Accuracy::leastToleranceOfSinglePrecision;
 }
 
 vector<InexactProduct> ErrorBudget::inRoots(const MobilityModel& model, double amplification,
                                             double ofVector) const {
     vector<InexactProduct> products;
-    for (double error : coarseInRoots(model, amplification))
+    for (double error : largeInRoots(model, amplification))
         products.push_back({error, 0, amplification * error, true, 0});
-    if (!model.getTraits().hasRoughProducts) return products;
-    const double single = MobilityAt::roughError;
+    if (!model.getTraits().hasSinglePrecision) return products;
+    const double single = Accuracy::errorOfSinglePrecision;
     if (!needed.exactProducts)
-        products.push_back({single, single, ofVector, allowsSinglePrecision(), 0});
-    else if (needed.shareOfRough > 0)
-        products.push_back({single, single, ofVector, false, needed.shareOfRough});
+        products.push_back({single, single, ofVector, startsInSinglePrecision(), 0});
+    else if (needed.shareOfInexact > 0)
+        products.push_back({single, single, ofVector, false, needed.shareOfInexact});
     return products;
 }
 
 double ErrorBudget::firstInRoots(const MobilityModel& model, double amplification) const {
-    const vector<double> coarse = coarseInRoots(model, amplification);
-    if (!coarse.empty()) return coarse[0];
-    return allowsSinglePrecision() ? MobilityAt::roughError : 0;
+    const vector<double> large = largeInRoots(model, amplification);
+    if (!large.empty()) return large[0];
+    return startsInSinglePrecision() ? Accuracy::errorOfSinglePrecision : 0;
 }
 
 double ErrorBudget::firstInSolves(const MobilityModel& model, double mostUseful) const {
-    return max(coarseInSolves(model, mostUseful),
-               allowsSinglePrecision() ? MobilityAt::roughError : 0);
+    return max(largeInSolves(model, mostUseful),
+               startsInSinglePrecision() ? Accuracy::errorOfSinglePrecision : 0);
 }
 
 }  // namespace RigidHIPlugin

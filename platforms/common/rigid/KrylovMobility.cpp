@@ -10,8 +10,7 @@ namespace RigidHIPlugin {
 
 KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
     : BodyMobility(bodies), spheres(bodies.getMotion().isIdentity()), wantedTolerance(tolerance),
-      toleranceOfStep(tolerance), budget(ErrorBudget::beforeSteps(tolerance)), here(bodies, costs),
-      elsewhere(bodies, costs) {
+      budget(ErrorBudget::beforeSteps(tolerance)), here(bodies, costs), elsewhere(bodies, costs) {
     if (!spheres) return;
     const HydrodynamicParticles& particles = bodies.getParticles();
     ownScale.resize(particles.numRows);
@@ -23,14 +22,13 @@ KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
     }
 }
 
-void KrylovMobility::setTolerance(double relative, const ForDifferences& needed) {
-    toleranceOfStep = relative;
+void KrylovMobility::setErrors(const ErrorBudget& errors) {
     courseOfWrench = courseOfSlip = Lanczos::Course();
     modesAreKnown = false;
-    setBudget(ErrorBudget(relative, needed));
+    setBudget(errors);
 }
 
-void KrylovMobility::endDifferences() { setBudget(ErrorBudget::afterDifferences(toleranceOfStep)); }
+void KrylovMobility::endDifferences() { setBudget(budget.afterDifferences()); }
 
 void KrylovMobility::setBudget(const ErrorBudget& newBudget) {
     if (newBudget.ofIterations() != budget.ofIterations()) lanczos.reset();
@@ -68,23 +66,23 @@ double KrylovMobility::errorInSolves() {
     return budget.inSolves(bodies.getModel(), theSolver().errorFor(budget.ofIterations()));
 }
 
-string KrylovMobility::describeProducts(bool coarse) {
+string KrylovMobility::describeProducts(bool differenced) {
     const MobilityModel& model = bodies.getModel();
-    ForDifferences needed;
-    needed.coarseProducts = coarse;
-    const ErrorBudget described(toleranceOfStep, needed);
+    const double tolerance = budget.getTolerance();
+    const ErrorBudget described =
+        differenced ? ErrorBudget::beforeSteps(tolerance) : ErrorBudget(tolerance);
     const double amplification = spheres ? 1 : theSolver().getAmplification();
     const string roots = model.describeFastProducts(described.firstInRoots(model, amplification));
     if (spheres) return roots;
-    const string solves = model.describeFastProducts(
-        described.firstInSolves(model, theSolver().errorFor(toleranceOfStep)));
+    const string solves =
+        model.describeFastProducts(described.firstInSolves(model, theSolver().errorFor(tolerance)));
     if (roots == solves) return roots;
     const auto text = [](const string& way) { return way.empty() ? "over all pairs" : way; };
     return "of roots " + text(roots) + ", of solves " + text(solves);
 }
 
 void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists,
-                                double errorOfProducts) {
+                                const Accuracy& accuracy) {
     const Solving timed(*this);
     const OwnTensors& own = bodies.getOwnTensors();
     const MatrixXd* forces = &wrenches;
@@ -94,7 +92,7 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         forces = &scratch;
     }
     if (spheres) {
-        at.particles().applyWithin(errorOfProducts, *forces, twists);
+        at.particles().multiply(*forces, twists, accuracy);
         costs.products += wrenches.cols();
     } else {
         const int iterations = solverAt(at).solve(at.particles(), *forces, MatrixXd(),
@@ -120,7 +118,7 @@ void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matr
         return;
     }
     if (budget.solvesAreDifferenced() && !bodies.getOwnTensors().any()) {
-        here.particles().applyForDifference(budget.ofDifferences(), wrenches, twists);
+        here.particles().multiply(wrenches, twists, budget.ofDifferences());
         costs.products += wrenches.cols();
     } else
         multiply(wrenches, twists, budget.ofProductsAsSolves(bodies.getModel()));
@@ -159,10 +157,10 @@ void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& f
     elsewhere.anchorTo(here);
     elsewhere.setPoses(poses, true);
     if (getSlipSpace().areOfBodies()) {
-        multiplyAt(elsewhere, forces, slips, 0);
+        multiplyAt(elsewhere, forces, slips, Accuracy());
         return;
     }
-    elsewhere.particles().applyForDifference(budget.ofDifferences(), forces, slips);
+    elsewhere.particles().multiply(forces, slips, budget.ofDifferences());
     costs.products += forces.cols();
 }
 
@@ -208,13 +206,9 @@ public:
         : mobility(mobility), kind(kind), modes(mobility.modes), blobs(mobility.here.particles()),
           solver(mobility.spheres ? nullptr : &mobility.solverAt(mobility.here)) {}
     SpectralFunction ofEigenvalues() const;
-    /** y = S' x; `error` as in MobilityAt::applyWithin(). */
+    /** y = S' x; `error` as in Accuracy. */
     void multiply(double error, const MatrixXd& x, MatrixXd& y);
-    /** multiply() with this error. */
-    Lanczos::Product within(double error) {
-        return [this, error](const MatrixXd& x, MatrixXd& y) { multiply(error, x, y); };
-    }
-    vector<Lanczos::Rough> roughProducts();
+    vector<InexactProduct> inexactProducts();
     /** What the vectors of an iteration for W are. */
     const MatrixXd& before(const MatrixXd& W);
     /** Make results of the iteration into the function of S. */
@@ -254,24 +248,20 @@ void KrylovMobility::ScaledFunction::multiply(double error, const MatrixXd& x, M
     } else {
         const VectorXd& ownScale = mobility.ownScale;
         mobility.scaled = ownScale.asDiagonal() * *from;
-        blobs.applyWithin(error, mobility.scaled, y);
+        blobs.multiply(mobility.scaled, y, {error, Accuracy::Value});
         y = ownScale.asDiagonal() * y;
     }
     modes.solve(y);
 }
 
-vector<Lanczos::Rough> KrylovMobility::ScaledFunction::roughProducts() {
+vector<InexactProduct> KrylovMobility::ScaledFunction::inexactProducts() {
     // Errors of products of single precision are those of S, and not relative to the norm of S'.
     // Terms of a sum have independent errors, which are relative to products with any vector
     // without a preferred direction.
     const double termsOfSums = 3;
-    const double ofModes = modes.any() ? termsOfSums * MobilityAt::roughError : 0;
-    vector<Lanczos::Rough> rough;
-    for (const InexactProduct& product : mobility.budget.inRoots(
-             mobility.bodies.getModel(), solver ? solver->getAmplification() : 1, ofModes))
-        rough.push_back({within(product.error), product.ofNorm, product.ofVector, product.atOnce,
-                         product.share});
-    return rough;
+    const double ofModes = modes.any() ? termsOfSums * Accuracy::errorOfSinglePrecision : 0;
+    return mobility.budget.inRoots(mobility.bodies.getModel(),
+                                   solver ? solver->getAmplification() : 1, ofModes);
 }
 
 const MatrixXd& KrylovMobility::ScaledFunction::before(const MatrixXd& W) {
@@ -314,8 +304,11 @@ void KrylovMobility::applyFunction(Function kind, const MatrixXd& W, MatrixXd& r
     const vector<SpectralFunction> functions(W.cols(), function.ofEigenvalues());
     const bool follows =
         course && here.isNearby() && static_cast<int>(course->products.size()) == W.cols();
-    lanczos->apply(function.within(0), function.before(W), functions, result, Lanczos::OwnNorm,
-                   function.roughProducts(), follows ? course : nullptr, function.outers());
+    const Lanczos::Product product = [&](double error, const MatrixXd& x, MatrixXd& y) {
+        function.multiply(error, x, y);
+    };
+    lanczos->apply(product, function.before(W), functions, result, Lanczos::OwnNorm,
+                   function.inexactProducts(), follows ? course : nullptr, function.outers());
     function.after(result);
     if (course && !follows) *course = lanczos->getCourse();
     costs.products += lanczos->getNumProducts();

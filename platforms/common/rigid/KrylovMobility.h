@@ -21,7 +21,7 @@ namespace RigidHIPlugin {
 class KrylovMobility : public BodyMobility {
 public:
     /**
-     * @param tolerance  relative, as the user has set it; setTolerance() may set a part of it for
+     * @param tolerance  relative, as the user has set it; setErrors() may set a part of it for
      *     iterations
      */
     KrylovMobility(const CoupledBodies& bodies, double tolerance);
@@ -29,10 +29,9 @@ public:
     void setPoses(const std::vector<Pose>& poses, bool nearby = false) override {
         here.setPoses(poses, nearby);
     }
-    using BodyMobility::setTolerance;
-    void setTolerance(double relative, const ForDifferences& needed) override;
-    std::string describeProducts(bool coarse) override;
+    void setErrors(const ErrorBudget& errors) override;
     void endDifferences() override;
+    std::string describeProducts(bool differenced) override;
     bool productsIterate() const override { return getSlipSpace().areOfBodies() && !spheres; }
     bool solvesIterate() const override { return !spheres; }
     bool rootsIterate() const override { return true; }
@@ -50,8 +49,9 @@ public:
     void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override;
     const MatrixXd& mobility() override;
     const MatrixXd& friction() override { return here.friction(); }
-    void multiply(const MatrixXd& wrenches, MatrixXd& twists, double errorOfProducts = 0) override {
-        multiplyAt(here, wrenches, twists, errorOfProducts);
+    void multiply(const MatrixXd& wrenches, MatrixXd& twists,
+                  const Accuracy& accuracy = Accuracy()) override {
+        multiplyAt(here, wrenches, twists, accuracy);
     }
 
 protected:
@@ -71,7 +71,7 @@ private:
     void iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
                  bool fromGuess = false);
     void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists,
-                    double errorOfProducts);
+                    const Accuracy& accuracy);
     /**
      * @param course  of the root at the last poses that were not nearby ones; at nearby poses the
      *     iterations follow it, so that differences are accurate. null: differences are not taken
@@ -85,7 +85,6 @@ private:
 
     const bool spheres;  // K = 1, with or without own tensors
     const double wantedTolerance;
-    double toleranceOfStep;
     ErrorBudget budget;
     BodiesAt here, elsewhere;
     std::unique_ptr<MultiblobSolver> solver;  // made when first needed

@@ -45,14 +45,14 @@ MatrixXd basisOf(const MatrixXd& A) {
     return basis;
 }
 
-/** The limit with rough products. After it the solve is tried with exact ones. */
-const int maxRoughIterations = 100;
+/** The limit with inexact products. After it the solve is tried with exact ones. */
+const int maxInexactIterations = 100;
 
 }  // namespace
 
 MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists,
                                  const MobilityModel& model)
-    : hasRoughProducts(model.getTraits().hasRoughProducts), numRows(motion.getNumRows()),
+    : hasSinglePrecision(model.getTraits().hasSinglePrecision), numRows(motion.getNumRows()),
       numBlobRowsTotal(motion.getParticles().numRows),
       turns(motion.getElements().size(), Matrix3d::Identity()) {
     vector<shared_ptr<const Shape> > known;
@@ -178,13 +178,13 @@ void MultiblobSolver::project() {
 void MultiblobSolver::multiply(MobilityAt& blobs, double error, const MatrixXd& from,
                                MatrixXd& to) {
     turn(OfBlobs, false, from, lab);
-    blobs.applyWithin(error, lab, labProduct);
+    blobs.multiply(lab, labProduct, {error, Accuracy::Value});
     turn(OfBlobs, true, labProduct, to);
 }
 
 int MultiblobSolver::apply(MobilityAt& blobs, const MatrixXd& wrenches, double tolerance,
                            MatrixXd& twists) {
-    return solve(blobs, wrenches, MatrixXd(), tolerance, MobilityAt::roughError, twists);
+    return solve(blobs, wrenches, MatrixXd(), tolerance, Accuracy::errorOfSinglePrecision, twists);
 }
 
 /** The iteration of one solve, with products of one error. */
@@ -231,8 +231,8 @@ private:
     MatrixXd &lambda, &residual, &preconditioned, &direction, &product, &twists;
     const int columns;
     const bool withSlips;
-    // Rough products reduce the residual by equal factors, one stage after the other, with an exact
-    // residual after each.
+    // Inexact products reduce the residual by equal factors, one stage after the other, with an
+    // exact residual after each.
     int stage = 1, stages = 1;
     int numIterations = 0;
     // Of each column: the energies of the residual now and one iteration before, what the error is
@@ -296,9 +296,9 @@ bool MultiblobSolver::Attempt::reachesTolerance() {
     return stage == stages && isWithin(tolerance);
 }
 
-/** Whether rough products lead no further. @throws OpenMMException if exact ones do not */
+/** Whether inexact products lead no further. @throws OpenMMException if exact ones do not */
 bool MultiblobSolver::Attempt::isGivenUp() {
-    const int limit = error > 0 ? maxRoughIterations : maxIterations;
+    const int limit = error > 0 ? maxInexactIterations : maxIterations;
     if (numIterations < limit && gradient.allFinite()) return false;
     if (error == 0) refuse();
     numIterations = limit + 1;
@@ -349,12 +349,12 @@ int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const Ma
         turn(OfBlobs, true, slips, slips_body);
     else
         slips_body.resize(0, 0);
-    // Rough products that reduce a residual by less than this are not worth the exact ones.
+    // Inexact products that reduce a residual by less than this are not worth the exact ones.
     const double leastReduction = 0.1;
     vector<double> errors;
-    if (hasRoughProducts && error > 0) errors.push_back(error);
-    if (hasRoughProducts && error > MobilityAt::roughError)
-        errors.push_back(MobilityAt::roughError);
+    if (hasSinglePrecision && error > 0) errors.push_back(error);
+    if (hasSinglePrecision && error > Accuracy::errorOfSinglePrecision)
+        errors.push_back(Accuracy::errorOfSinglePrecision);
     errors.push_back(0);
     int iterations = 0;
     for (double ofProducts : errors) {
@@ -412,7 +412,8 @@ void MultiblobSolver::beginFromGuess(const MatrixXd& wrenches, const MatrixXd& s
 
 /** By how much products of this error can reduce a residual before it is computed anew. */
 double MultiblobSolver::reductionOf(double error) const {
-    return error * max(growth, MobilityAt::leastRoughTolerance / MobilityAt::roughError);
+    return error * max(growth, Accuracy::leastToleranceOfSinglePrecision /
+                                   Accuracy::errorOfSinglePrecision);
 }
 
 double MultiblobSolver::errorFor(double tolerance) const { return tolerance / reductionOf(1); }

@@ -35,12 +35,12 @@ class RigidMotion;
  *            of the bodies' own friction, and three times what U is due to random slips (by the
  *            number of rows). So random velocities are right to three tolerances. Many blobs have
  *            far more energy in slips than what moves their body.
- * Precision: products have the error that the caller allows (MobilityAt::applyWithin()). With
+ * Precision: products have the error that the caller allows (Accuracy::error). With
  *            them, the recursive residual is no longer the true one once it has shrunk by about
  *            their error. Each time before that, the residual is computed anew from lambda by an
  *            exact product, and the iteration goes on (van der Vorst, Ye, SIAM J. Sci. Comput. 22,
- *            835 (2000)). With MobilityAt::roughError one product is exact at a tolerance of 1e-6,
- *            and none at 5e-5 and more. If rough products do not converge, the solve is repeated
+ *            835 (2000)). With Accuracy::errorOfSinglePrecision one product is exact at a tolerance
+ * of 1e-6, and none at 5e-5 and more. If inexact products do not converge, the solve is repeated
  *            with finer ones, and in the end with exact ones.
  * Cost:      an iteration has one product with M and one solve with each body's own matrix.
  */
@@ -67,7 +67,7 @@ public:
      * twists = N (wrenches + K^T M^-1 slips), with slips of the blobs (lab frame; as many columns;
      * empty: none).
      *
-     * @param error          of products in iterations, as in MobilityAt::applyWithin(); 0: exact
+     * @param error          of products in iterations, as in Accuracy::error; 0: exact
      *     ones only
      * @param fromGuess      begin at the solution that keepGuess() has kept, corrected by the
      *     bodies' own response to the changes; for one column and similar wrenches and slips only
@@ -83,7 +83,7 @@ public:
     double getAmplification() const { return amplification; }
     /** Keep a column of the last solve. It turns with the bodies. */
     void keepGuess(int column);
-    /** Products with one vector of the last solve, exact and rough. */
+    /** Products with one vector of the last solve, exact and inexact. */
     int getNumProducts() const { return numProducts; }
     /** How many of them were exact. */
     int getNumExactProducts() const { return numExactProducts; }
@@ -93,7 +93,7 @@ public:
     // With M~ = L L^T in the body frame and T the turn to the lab frame, the well-conditioned S =
     // L^-1 T^T M T L^-T stands for M. Then s = T L S^(1/2) W has the covariance M, and K^T T L^-T
     // S^(-1/2) W that of the friction K^T M^-1 K.
-    /** y = S x; `error` as in MobilityAt::applyWithin(). */
+    /** y = S x; `error` as in Accuracy::error. */
     void multiplyScaled(MobilityAt& blobs, double error, const Eigen::MatrixXd& x,
                         Eigen::MatrixXd& y);
     /** slips = T L x */
@@ -157,7 +157,7 @@ private:
     double reductionOf(double error) const;
     void findEnergyOfTwists(Eigen::VectorXd& energy);
 
-    const bool hasRoughProducts;
+    const bool hasSinglePrecision;
     std::vector<int> rows, blobRow, numBlobRows;  // of elements
     int numRows = 0, numBlobRowsTotal = 0;
     std::vector<std::shared_ptr<const Shape> > shapes;

@@ -60,7 +60,7 @@ public:
     };
     /**
      * The parameters that are accurate enough for this error of products
-     * (MobilityAt::applyWithin()) of so many particles; null if the sum over all pairs takes less
+     * (MobilityAt::multiply()) of so many particles; null if the sum over all pairs takes less
      * time.
      */
     static const Accuracy* choose(double error, int numParticles, bool hasWall);

@@ -22,11 +22,10 @@ namespace {
 class Place : public MobilityAt {
 public:
     explicit Place(const RotnePragerYamakawaGrid& model) : MobilityAt(model), model(model) {}
-    void apply(const MatrixXd& forces, MatrixXd& velocities) override {
-        multiply(forces, velocities, false);
-    }
-    void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override {
-        multiply(forces, velocities, true);
+    void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy& accuracy) override {
+        prepare();
+        const TimeOfLife timer(secondsOfGrid);
+        parts->multiply(forces, accuracy.allowsSinglePrecision(), velocities);
     }
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
@@ -57,11 +56,6 @@ private:
         model.move(parts, next, nextIsNearby);
         isPrepared = true;
     }
-    void multiply(const MatrixXd& forces, MatrixXd& velocities, bool roughly) {
-        prepare();
-        const TimeOfLife timer(secondsOfGrid);
-        parts->multiply(forces, roughly, velocities);
-    }
     const RotnePragerYamakawaGrid& model;
     std::shared_ptr<SplitParts> parts;
     Placement next;
@@ -77,7 +71,7 @@ class Field : public RandomField {
 public:
     explicit Field(const RotnePragerYamakawaGrid& model)
         : model(model), particles(model.getParticles()),
-          lanczos(partOfTolerance * model.getTolerance(), Lanczos::defaultIterations,
+          lanczos(Accuracy::partForDifferences * model.getTolerance(), Lanczos::defaultIterations,
                   model.getTolerance()) {
         // About the square root of a particle's own friction over 6 pi viscosity.
         ownScale.resize(particles.numRows);
@@ -172,10 +166,6 @@ public:
 
 private:
     /**
-     * The root is computed to a part of the tolerance, because it is differenced to find drifts.
-     */
-    static constexpr double partOfTolerance = 0.1;
-    /**
      * This part of the tolerance is added to own mobilities. Without it, pairs that are cut off may
      * leave eigenvalues below 0 by an error below the tolerance.
      */
@@ -188,7 +178,7 @@ private:
     void applyRoot(const SpectralFunction& f, MatrixXd& result) {
         const double more = partOfOwn * model.getTolerance() / (6 * M_PI * model.getViscosity());
         lanczos.apply(
-            [&](const MatrixXd& x, MatrixXd& y) {
+            [&](double, const MatrixXd& x, MatrixXd& y) {
                 scaled = ownScale.asDiagonal() * x;
                 parts->multiplyPairs(scaled, y);
                 y = ownScale.asDiagonal() * y;

@@ -36,11 +36,12 @@ void SplitParts::multiplyPairs(const MatrixXd& forces, MatrixXd& velocities) {
     velocities *= 1 / (8 * M_PI * viscosity);
 }
 
-void SplitParts::multiply(const MatrixXd& forces, bool roughly, MatrixXd& velocities) {
+void SplitParts::multiply(const MatrixXd& forces, bool inSingle, MatrixXd& velocities) {
     multiplyPairs(forces, velocities);
     const std::lock_guard<std::mutex> lock(inUse);
     for (int c = 0; c < forces.cols(); c++)
-        waves.addProduct(fluid, viscosity, roughly, forces.col(c).data(), velocities.col(c).data());
+        waves.addProduct(fluid, viscosity, inSingle, forces.col(c).data(),
+                         velocities.col(c).data());
 }
 
 void SplitParts::draw(const NoiseStream& noise, uint32_t purpose, std::vector<GridField>& fields) {

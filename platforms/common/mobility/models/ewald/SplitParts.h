@@ -35,7 +35,7 @@ public:
     const std::vector<OpenMM::Vec3>& getAnchor() const { return anchor; }
 
     /** Compute velocities = M forces. */
-    void multiply(const MatrixXd& forces, bool roughly, MatrixXd& velocities);
+    void multiply(const MatrixXd& forces, bool inSingle, MatrixXd& velocities);
     /** Likewise with the matrix of pairs alone. */
     void multiplyPairs(const MatrixXd& forces, MatrixXd& velocities);
     void draw(const NoiseStream& noise, uint32_t purpose, std::vector<GridField>& fields);

@@ -48,7 +48,7 @@ void WaveField::moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnch
     }
 }
 
-void WaveField::addProduct(GridFluid& fluid, double viscosity, bool roughly, const double* forces,
+void WaveField::addProduct(GridFluid& fluid, double viscosity, bool inSingle, const double* forces,
                            double* velocities) {
     gathered.resize(rowsOf(channels));
     double* to = gathered.data();
@@ -57,7 +57,7 @@ void WaveField::addProduct(GridFluid& fluid, double viscosity, bool roughly, con
             const double* from = forces + particles.firstRow[p] + (part.ofTorques ? 3 : 0);
             to = std::copy_n(from, 3, to);
         }
-    fluid.multiply(channels, viscosity, roughly, gathered, results);
+    fluid.multiply(channels, viscosity, inSingle, gathered, results);
     scatterAdd(results.data(), velocities);
 }
 

@@ -24,7 +24,7 @@ public:
     void setBox(const SplitBox& box);
     void moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnchors);
     /** Compute velocities += M forces for one column. */
-    void addProduct(GridFluid& fluid, double viscosity, bool roughly, const double* forces,
+    void addProduct(GridFluid& fluid, double viscosity, bool inSingle, const double* forces,
                     double* velocities);
     /** Draw the random field whose averages have the covariance of this M. */
     void draw(GridFluid& fluid, double viscosity, const NoiseStream& noise, uint32_t purpose,

@@ -279,18 +279,18 @@ void CpuGridFluid::multiplyColumn(const GridStencils& stencils, double viscosity
     engineOf(exact, stencils).multiply(&all, 1, viscosity, forces, velocities);
 }
 
-void CpuGridFluid::multiplyColumnRoughly(const GridStencils& stencils, double viscosity,
-                                         const double* forces, double* velocities) {
+void CpuGridFluid::multiplyColumnInSingle(const GridStencils& stencils, double viscosity,
+                                          const double* forces, double* velocities) {
     const GridChannel all = withoutFactors(stencils);
-    engineOf(rough, stencils).multiply(&all, 1, viscosity, forces, velocities);
+    engineOf(single, stencils).multiply(&all, 1, viscosity, forces, velocities);
 }
 
 void CpuGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, double viscosity,
-                                    bool roughly, const double* forces, double* velocities) {
+                                    bool inSingle, const double* forces, double* velocities) {
     const GridStencils& stencils = *channels[0].stencils;
     const int count = channels.size();
-    if (roughly)
-        engineOf(rough, stencils, count)
+    if (inSingle)
+        engineOf(single, stencils, count)
             .multiply(channels.data(), count, viscosity, forces, velocities);
     else
         engineOf(exact, stencils, count)

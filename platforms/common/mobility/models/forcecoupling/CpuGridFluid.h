@@ -29,20 +29,20 @@ typedef std::function<void(int count, const std::function<void(int, int)>& task)
  * Cost: a product takes three transforms there and three back, and a random field takes three back.
  * Spreading and averaging take about n P^3 pi/4 nodes each, with P the stencil's width.
  * Measurements: benchmarks/README.md. Memory: three numbers a node, as many for each random field
- * that is kept, and half as many for rough products.
+ * that is kept, and half as many for products in single precision.
  */
 class CpuGridFluid : public GridFluid {
 public:
     explicit CpuGridFluid(GridThreads threads = {});
     ~CpuGridFluid() override;
     void forRanges(int count, const std::function<void(int, int)>& task) const override;
-    bool hasRoughProducts() const override { return true; }
+    bool hasSinglePrecision() const override { return true; }
 
 protected:
     void multiplyColumn(const GridStencils& stencils, double viscosity, const double* forces,
                         double* velocities) override;
-    void multiplyColumnRoughly(const GridStencils& stencils, double viscosity, const double* forces,
-                               double* velocities) override;
+    void multiplyColumnInSingle(const GridStencils& stencils, double viscosity,
+                                const double* forces, double* velocities) override;
     void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
                    GridField& field) override;
     std::unique_ptr<ModeNoise> modeNoise(const NoiseStream& noise, uint32_t purpose) const override;
@@ -50,7 +50,7 @@ protected:
                        double* velocities) override;
     void averageGradientColumn(const GridField& field, const GridStencils& stencils,
                                double* gradients) override;
-    void multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
+    void multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool inSingle,
                           const double* forces, double* velocities) override;
     void drawChannels(const std::vector<GridChannel>& channels, double viscosity,
                       const ModeNoise& noise, std::vector<GridField>& fields) override;
@@ -63,7 +63,7 @@ private:
 
     const GridThreads threads;
     std::unique_ptr<GridEngine<double> > exact;
-    std::unique_ptr<GridEngine<float> > rough;
+    std::unique_ptr<GridEngine<float> > single;
 };
 
 /** CounterModeNoise by packs of modes. The numbers are the same to a few roundings. */

@@ -19,15 +19,13 @@ class Place : public MobilityAt {
 public:
     explicit Place(const ForceCouplingGrid& model)
         : MobilityAt(model), model(model), stencils(model.getParticles(), model.getResolution()) {}
-    void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+    void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy& accuracy) override {
         prepare();
         const TimeOfLife timer(secondsOfGrid);
-        model.getFluid().multiply(stencils, viscosity, forces, velocities);
-    }
-    void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override {
-        prepare();
-        const TimeOfLife timer(secondsOfGrid);
-        model.getFluid().multiplyRoughly(stencils, viscosity, forces, velocities);
+        if (accuracy.allowsSinglePrecision())
+            model.getFluid().multiplyInSingle(stencils, viscosity, forces, velocities);
+        else
+            model.getFluid().multiply(stencils, viscosity, forces, velocities);
     }
 
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
@@ -128,12 +126,12 @@ private:
 
 namespace {
 
-MobilityTraits traitsOnGrid(bool mirrored, bool roughProducts) {
+MobilityTraits traitsOnGrid(bool mirrored, bool singlePrecision) {
     MobilityTraits traits("ForceCoupling");
     traits.isAnchored = true;
     traits.isHomogeneous = traits.isDivergenceFree = !mirrored;
     traits.isMirrored = mirrored;
-    traits.hasRoughProducts = roughProducts;
+    traits.hasSinglePrecision = singlePrecision;
     traits.isMatrixFree = true;
     traits.hasOwnRandomField = true;
     return traits;
@@ -144,7 +142,7 @@ MobilityTraits traitsOnGrid(bool mirrored, bool roughProducts) {
 ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity,
                                      double tolerance, double spacing,
                                      const std::shared_ptr<GridFluid>& fluid, bool mirrored)
-    : MobilityModel(particles, viscosity, traitsOnGrid(mirrored, fluid->hasRoughProducts())),
+    : MobilityModel(particles, viscosity, traitsOnGrid(mirrored, fluid->hasSinglePrecision())),
       resolution(particles, tolerance, spacing), fluid(fluid) {
     // With a still coarser grid, whole particles are between the nodes, and mobilities are zero or
     // negative.

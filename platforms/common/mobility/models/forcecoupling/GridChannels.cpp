@@ -9,7 +9,7 @@ GridFactors::GridFactors(const GridShape& shape, const std::function<double(doub
     const std::array<int, 3>& n = shape.size;
     const size_t numColumns = (size_t)(n[1] / 2 + 1) * numModes;
     exact.resize(numColumns * columnNumbers);
-    rough.resize(numColumns * columnNumbers);
+    single.resize(numColumns * columnNumbers);
     std::fill_n(exact.data(), exact.size(), 0.0);
     for (int y = 0; y <= n[1] / 2; y++)
         for (int z = 0; z < numModes; z++) {
@@ -23,7 +23,7 @@ GridFactors::GridFactors(const GridShape& shape, const std::function<double(doub
                 for (int at : {2 * x, 2 * ((n[0] - x) % n[0])}) to[at] = to[at + 1] = value;
             }
         }
-    std::copy_n(exact.data(), exact.size(), rough.data());
+    std::copy_n(exact.data(), exact.size(), single.data());
 }
 
 }  // namespace RigidHIPlugin

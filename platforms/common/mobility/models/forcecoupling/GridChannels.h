@@ -22,7 +22,7 @@ public:
      * complex column needs it. The column is padded by zeros.
      */
     const double* column(int y, int z, double) const { return exact.data() + place(y, z); }
-    const float* column(int y, int z, float) const { return rough.data() + place(y, z); }
+    const float* column(int y, int z, float) const { return single.data() + place(y, z); }
     const GridShape& getShape() const { return shape; }
 
 private:
@@ -33,7 +33,7 @@ private:
     const size_t columnNumbers;
     const int numModes;
     AlignedArray exact;
-    AlignedArrayOf<float> rough;
+    AlignedArrayOf<float> single;
 };
 
 /**

@@ -13,12 +13,12 @@ void GridFluid::multiply(const GridStencils& stencils, double viscosity, const M
         multiplyColumn(stencils, viscosity, forces.col(c).data(), velocities.col(c).data());
 }
 
-void GridFluid::multiplyRoughly(const GridStencils& stencils, double viscosity,
-                                const MatrixXd& forces, MatrixXd& velocities) {
+void GridFluid::multiplyInSingle(const GridStencils& stencils, double viscosity,
+                                 const MatrixXd& forces, MatrixXd& velocities) {
     const std::lock_guard<std::mutex> lock(inUse);
     velocities.resize(forces.rows(), forces.cols());
     for (int c = 0; c < forces.cols(); c++)
-        multiplyColumnRoughly(stencils, viscosity, forces.col(c).data(), velocities.col(c).data());
+        multiplyColumnInSingle(stencils, viscosity, forces.col(c).data(), velocities.col(c).data());
 }
 
 void GridFluid::draw(const GridStencils& stencils, double viscosity, const NoiseStream& noise,
@@ -32,11 +32,11 @@ void GridFluid::draw(const GridStencils& stencils, double viscosity, const ModeN
     drawModes(stencils, viscosity, GridModeNoise(stencils.getShape(), noise), field);
 }
 
-void GridFluid::multiply(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
+void GridFluid::multiply(const std::vector<GridChannel>& channels, double viscosity, bool inSingle,
                          const VectorXd& forces, VectorXd& velocities) {
     const std::lock_guard<std::mutex> lock(inUse);
     velocities.resize(rowsOf(channels));
-    multiplyChannels(channels, viscosity, roughly, forces.data(), velocities.data());
+    multiplyChannels(channels, viscosity, inSingle, forces.data(), velocities.data());
 }
 
 void GridFluid::draw(const std::vector<GridChannel>& channels, double viscosity,

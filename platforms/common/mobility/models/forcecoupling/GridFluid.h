@@ -51,11 +51,12 @@ public:
      */
     void multiply(const GridStencils& stencils, double viscosity, const Eigen::MatrixXd& forces,
                   Eigen::MatrixXd& velocities);
-    /** Whether multiplyRoughly() takes less time. */
-    virtual bool hasRoughProducts() const { return false; }
-    /** Likewise with an error of at most MobilityAt::roughError, where that takes less time. */
-    void multiplyRoughly(const GridStencils& stencils, double viscosity,
-                         const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities);
+    /** Whether multiplyInSingle() takes less time. */
+    virtual bool hasSinglePrecision() const { return false; }
+    /** Likewise with an error of at most Accuracy::errorOfSinglePrecision, where that takes less
+     * time. */
+    void multiplyInSingle(const GridStencils& stencils, double viscosity,
+                          const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities);
     /**
      * Draw the random field whose averages have the covariance M: u(k) = (eta V)^(-1/2) (1 - k
      * k/k^2) zeta/|k|. It has the same law as the field of the paper's fluctuating stress (Westwood
@@ -80,9 +81,9 @@ public:
      *
      * Cost: six transforms and two passes over particles for each channel.
      *
-     * @param roughly  as multiplyRoughly()
+     * @param inSingle  as multiplyInSingle()
      */
-    void multiply(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
+    void multiply(const std::vector<GridChannel>& channels, double viscosity, bool inSingle,
                   const Eigen::VectorXd& forces, Eigen::VectorXd& velocities);
     /**
      * Draw the random field, one for each channel, whose averages have the covariance of that M.
@@ -116,14 +117,14 @@ public:
 protected:
     virtual void multiplyColumn(const GridStencils& stencils, double viscosity,
                                 const double* forces, double* velocities) = 0;
-    virtual void multiplyColumnRoughly(const GridStencils& stencils, double viscosity,
-                                       const double* forces, double* velocities) {
+    virtual void multiplyColumnInSingle(const GridStencils& stencils, double viscosity,
+                                        const double* forces, double* velocities) {
         multiplyColumn(stencils, viscosity, forces, velocities);
     }
     virtual void drawModes(const GridStencils& stencils, double viscosity, const ModeNoise& noise,
                            GridField& field) = 0;
     virtual void multiplyChannels(const std::vector<GridChannel>& channels, double viscosity,
-                                  bool roughly, const double* forces, double* velocities) = 0;
+                                  bool inSingle, const double* forces, double* velocities) = 0;
     virtual void drawChannels(const std::vector<GridChannel>& channels, double viscosity,
                               const ModeNoise& noise, std::vector<GridField>& fields) = 0;
     virtual std::unique_ptr<ModeNoise> modeNoise(const NoiseStream& noise, uint32_t purpose) const;
@@ -157,7 +158,7 @@ protected:
                        double* velocities) override;
     void averageGradientColumn(const GridField& field, const GridStencils& stencils,
                                double* gradients) override;
-    void multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool roughly,
+    void multiplyChannels(const std::vector<GridChannel>& channels, double viscosity, bool inSingle,
                           const double* forces, double* velocities) override;
     void drawChannels(const std::vector<GridChannel>& channels, double viscosity,
                       const ModeNoise& noise, std::vector<GridField>& fields) override;

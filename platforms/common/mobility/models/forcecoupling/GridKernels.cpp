@@ -24,7 +24,7 @@ const GridKernels<double>& exactKernels() {
     static constexpr GridKernels<double> table = gridKernels<double>();
     return table;
 }
-const GridKernels<float>& roughKernels() {
+const GridKernels<float>& singleKernels() {
     static constexpr GridKernels<float> table = gridKernels<float>();
     return table;
 }
@@ -42,7 +42,7 @@ HWY_AFTER_NAMESPACE();
 namespace RigidHIPlugin {
 
 HWY_EXPORT(exactKernels);
-HWY_EXPORT(roughKernels);
+HWY_EXPORT(singleKernels);
 HWY_EXPORT(kernelsOfFields);
 
 template <>
@@ -51,7 +51,7 @@ const GridKernels<double>& GridKernels<double>::best() {
 }
 template <>
 const GridKernels<float>& GridKernels<float>::best() {
-    return HWY_DYNAMIC_DISPATCH(roughKernels)();
+    return HWY_DYNAMIC_DISPATCH(singleKernels)();
 }
 const FieldKernels& FieldKernels::best() { return HWY_DYNAMIC_DISPATCH(kernelsOfFields)(); }
 

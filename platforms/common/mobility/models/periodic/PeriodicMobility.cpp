@@ -103,7 +103,7 @@ const MatrixXd& LatticeSumAt::matrix() {
     return cached;
 }
 
-void LatticeSumAt::apply(const MatrixXd& forces, MatrixXd& velocities) {
+void LatticeSumAt::multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) {
     velocities.noalias() = matrix() * forces;
 }
 

@@ -50,7 +50,8 @@ void checkPeriodicRows(int rows, int largestRows, bool hasGrid);
 class LatticeSumAt : public MobilityAt {
 public:
     explicit LatticeSumAt(const PeriodicMobility& model);
-    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
+                  const Accuracy&) override;
     void dense(Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
                    double factor, Velocities& velocities) override;

@@ -52,7 +52,7 @@ public:
           largestRadius(particles.radii.empty()
                             ? 0
                             : *std::max_element(particles.radii.begin(), particles.radii.end())) {}
-    void apply(const MatrixXd& forces, MatrixXd& velocities) override;
+    void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override;
     void dense(MatrixXd& mobility) override;
     void friction(MatrixXd& friction) override;
     void addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) override {
@@ -187,7 +187,7 @@ FlowSources Place::sources(const MatrixXd& forces, const DrivenFlow* flow) {
     return result;
 }
 
-void Place::apply(const MatrixXd& forces, MatrixXd& velocities) {
+void Place::multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) {
     dense(scratch);
     velocities.noalias() = scratch * forces;
 }

@@ -200,7 +200,7 @@ MobilityTraits traitsOf(const HydrodynamicParticles& particles,
     traits.mayObject = wall.has_value();
     traits.holdsNearby = wall && wall->reachesBeyond();
     traits.isHomogeneous = traits.isIsotropic = traits.isDivergenceFree = !wall;
-    traits.hasRoughProducts = fitSingle(particles);
+    traits.hasSinglePrecision = fitSingle(particles);
     traits.rowsWorthIterations = 425;
     // Products for differences keep the cubes of the placement before.
     const double coarsest = 1e-2;
@@ -346,10 +346,6 @@ void CpuRotnePragerYamakawaAt::split(int count, double pairs, const Task& task) 
         task(0, count);
 }
 
-void CpuRotnePragerYamakawaAt::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
-    multiply(forces, loads, velocities);
-}
-
 void CpuRotnePragerYamakawaAt::addFlowAt(const FlowSources& flowSources,
                                          const std::vector<OpenMM::Vec3>& points, double factor,
                                          Velocities& velocities) {
@@ -368,12 +364,24 @@ void CpuRotnePragerYamakawaAt::addFlowAt(const FlowSources& flowSources,
         addFreeFlowAt(particles, positions, flowSources, points, unit, velocities);
 }
 
-void CpuRotnePragerYamakawaAt::applyRoughly(const Eigen::MatrixXd& forces,
-                                            Eigen::MatrixXd& velocities) {
-    if (model.getTraits().hasRoughProducts && preparePlacesInSingle())
-        multiply(forces, singleLoads, velocities);
+void CpuRotnePragerYamakawaAt::multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
+                                        const Accuracy& accuracy) {
+    const FastSum::Accuracy* fastAccuracy = model.fastAccuracy(accuracy.error);
+    if (!fastAccuracy || !placesAreFinite()) {
+        multiplyPairs(forces, accuracy.allowsSinglePrecision(), velocities);
+        return;
+    }
+    FastSum& sum = accuracy.purpose == Accuracy::Difference ? sumNearby(*fastAccuracy)
+                                                            : sumHere(*fastAccuracy);
+    sum.apply(forces, 1 / (8 * M_PI * viscosity), velocities);
+}
+
+void CpuRotnePragerYamakawaAt::multiplyPairs(const Eigen::MatrixXd& forces, bool inSingle,
+                                             Eigen::MatrixXd& velocities) {
+    if (inSingle && model.getTraits().hasSinglePrecision && preparePlacesInSingle())
+        multiplyPairs(forces, singleLoads, velocities);
     else
-        multiply(forces, loads, velocities);
+        multiplyPairs(forces, loads, velocities);
 }
 
 bool CpuRotnePragerYamakawaAt::preparePlacesInSingle() {
@@ -449,16 +457,11 @@ void CpuRotnePragerYamakawaAt::placesInFormulas(std::vector<OpenMM::Vec3>& posit
     }
 }
 
-void CpuRotnePragerYamakawaAt::applyWithin(double error, const Eigen::MatrixXd& forces,
-                                           Eigen::MatrixXd& velocities) {
-    const FastSum::Accuracy* accuracy = model.fastAccuracy(error);
-    if (!accuracy || !placesAreFinite()) {
-        MobilityAt::applyWithin(error, forces, velocities);
-        return;
-    }
-    Fast& own = fast[accuracy->order];
+/** The sum by multipoles at this placement. */
+FastSum& CpuRotnePragerYamakawaAt::sumHere(const FastSum::Accuracy& accuracy) {
+    Fast& own = fast[accuracy.order];
     if (!own.sum)
-        own.sum.reset(new FastSum(particles, model.wall.has_value(), *accuracy, model.forRanges));
+        own.sum.reset(new FastSum(particles, model.wall.has_value(), accuracy, model.forRanges));
     if (!own.isHere) {
         std::vector<OpenMM::Vec3> positions;
         std::vector<double> weights;
@@ -466,19 +469,14 @@ void CpuRotnePragerYamakawaAt::applyWithin(double error, const Eigen::MatrixXd& 
         own.sum->moveTo(positions, weights);
         own.isHere = true;
     }
-    own.sum->apply(forces, 1 / (8 * M_PI * viscosity), velocities);
+    return *own.sum;
 }
 
-void CpuRotnePragerYamakawaAt::applyForDifference(double error, const Eigen::MatrixXd& forces,
-                                                  Eigen::MatrixXd& velocities) {
-    const FastSum::Accuracy* accuracy = model.fastAccuracy(error);
-    if (!accuracy || !placesAreFinite()) {
-        apply(forces, velocities);
-        return;
-    }
-    Fast& own = smooth[accuracy->order];
+/** Likewise with the cubes of the accepted placement, in double precision, for differences. */
+FastSum& CpuRotnePragerYamakawaAt::sumNearby(const FastSum::Accuracy& accuracy) {
+    Fast& own = smooth[accuracy.order];
     if (!own.sum) {
-        FastSum::Accuracy inDoubles = *accuracy;
+        FastSum::Accuracy inDoubles = accuracy;
         inDoubles.floats = 0;
         own.sum.reset(new FastSum(particles, model.wall.has_value(), inDoubles, model.forRanges));
     }
@@ -490,12 +488,13 @@ void CpuRotnePragerYamakawaAt::applyForDifference(double error, const Eigen::Mat
         own.sum->displaceTo(positions, weights);
         own.hasCubes = own.isHere = true;
     }
-    own.sum->apply(forces, 1 / (8 * M_PI * viscosity), velocities);
+    return *own.sum;
 }
 
 template <class Number>
-void CpuRotnePragerYamakawaAt::multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer,
-                                        Eigen::MatrixXd& velocities) {
+void CpuRotnePragerYamakawaAt::multiplyPairs(const Eigen::MatrixXd& forces,
+                                             std::vector<Number>& buffer,
+                                             Eigen::MatrixXd& velocities) {
     const size_t numSlots = x.size();
     velocities.resize(particles.numRows, forces.cols());
     buffer.resize(6 * maxColumns * numSlots);  // zeros, and padding stays zero

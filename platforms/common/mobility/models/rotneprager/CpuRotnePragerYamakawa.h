@@ -93,23 +93,19 @@ private:
 class CpuRotnePragerYamakawaAt : public MobilityAt {
 public:
     explicit CpuRotnePragerYamakawaAt(const CpuRotnePragerYamakawa& model);
-    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
     /**
-     * In single precision, in about half the time. Differences of positions, overlapping pairs, and
-     * sums over more than 64 particles are in double precision. All is in double precision if radii
-     * are not between 1e-4 and 1e4 nm. Results do not depend on the number of threads, but they
-     * depend on the width of packs.
+     * Sums over all pairs, or where the error is large enough:
+     *
+     *  - By a FastSum, where there are so many particles that it takes less time
+     *    (FastSum::choose()). For differences the FastSum is in double precision and has the cubes
+     *    of the accepted placement.
+     *  - In single precision, in about half the time. Differences of positions, overlapping pairs,
+     *    and sums over more than 64 particles are in double precision. All is in double precision
+     *    if radii are not between 1e-4 and 1e4 nm. Results do not depend on the number of threads,
+     *    but they depend on the width of packs.
      */
-    void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
-    /**
-     * By a FastSum where there are so many particles that it takes less time: FastSum::choose(). It
-     * is not meant for differences of products.
-     */
-    void applyWithin(double error, const Eigen::MatrixXd& forces,
-                     Eigen::MatrixXd& velocities) override;
-    /** By a FastSum in double precision with the cubes of the accepted placement. */
-    void applyForDifference(double error, const Eigen::MatrixXd& forces,
-                            Eigen::MatrixXd& velocities) override;
+    void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
+                  const Accuracy& accuracy) override;
     void dense(Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
                    double factor, Velocities& velocities) override;
@@ -119,9 +115,13 @@ protected:
 
 private:
     static constexpr int maxColumns = 2;  // at once
+    /** Sums over all pairs. */
+    void multiplyPairs(const Eigen::MatrixXd& forces, bool inSingle, Eigen::MatrixXd& velocities);
     template <class Number>
-    void multiply(const Eigen::MatrixXd& forces, std::vector<Number>& buffer,
-                  Eigen::MatrixXd& velocities);
+    void multiplyPairs(const Eigen::MatrixXd& forces, std::vector<Number>& buffer,
+                       Eigen::MatrixXd& velocities);
+    FastSum& sumHere(const FastSum::Accuracy& accuracy);
+    FastSum& sumNearby(const FastSum::Accuracy& accuracy);
     void sumPairs(const PairSumArrays& arrays);
     bool preparePlacesInSingle();  // whether floats can hold them
     template <class Task>

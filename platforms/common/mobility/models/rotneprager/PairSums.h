@@ -32,7 +32,7 @@ struct PairSumArrays {
     const double* loads;
     /**
      * Null, or all these data in floats. The sums are then in single precision, as
-     * CpuRotnePragerYamakawaAt::applyRoughly() promises.
+     * Accuracy::errorOfSinglePrecision promises.
      */
     const float* singleLoads;
     const float* singlePlaces;  // rows: x, y, z, the rounding errors of x, y, z, and a third of the

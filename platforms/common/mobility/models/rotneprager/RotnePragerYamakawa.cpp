@@ -51,7 +51,8 @@ void placeCross(Eigen::MatrixXd& m, int row, int column, double factor, const Ve
 class Place : public MobilityAt {
 public:
     using MobilityAt::MobilityAt;
-    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
+                  const Accuracy&) override;
     void dense(Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
@@ -66,7 +67,7 @@ private:
     std::vector<Vec3> positions;
 };
 
-void Place::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+void Place::multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities, const Accuracy&) {
     velocities.resize(particles.numRows, forces.cols());
     velocities.setZero();
     for (int i = 0; i < particles.size(); i++) {

@@ -206,7 +206,7 @@ namespace {
 class Place : public MobilityAt {
 public:
     explicit Place(const StokesianDynamics& model) : MobilityAt(model), model(model) {}
-    void apply(const MatrixXd& forces, MatrixXd& velocities) override;
+    void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override;
     void dense(MatrixXd& mobility) override;
     void friction(MatrixXd& friction) override;
     void addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) override {
@@ -287,7 +287,7 @@ void Place::friction(MatrixXd& friction) {
     friction = frictionMatrix;
 }
 
-void Place::apply(const MatrixXd& forces, MatrixXd& velocities) {
+void Place::multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) {
     if (!model.hasLubrication()) {
         makeFarField();
         velocities.noalias() = farField * forces;

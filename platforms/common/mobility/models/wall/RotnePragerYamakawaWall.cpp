@@ -66,7 +66,8 @@ class Place : public MobilityAt {
 public:
     Place(const MobilityModel& model, const NoSlipPlane& wall)
         : MobilityAt(model), wall(wall), positions(particles.size()), weights(particles.size()) {}
-    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
+    void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
+                  const Accuracy&) override;
     void dense(Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
@@ -93,7 +94,7 @@ void Place::moveTo(const Placement& placement, bool nearby) {
     }
 }
 
-void Place::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+void Place::multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities, const Accuracy&) {
     velocities.resize(particles.numRows, forces.cols());
     velocities.setZero();
     const double scale = 1 / (8 * M_PI * viscosity);

@@ -27,24 +27,9 @@ void fold(const SlipChannel& model, MatrixXd& both, double factor, MatrixXd& res
 class PlaceOfImages : public MobilityAt {
 public:
     explicit PlaceOfImages(const SlipChannel& model) : MobilityAt(model), model(model) {}
-    void apply(const MatrixXd& forces, MatrixXd& velocities) override {
+    void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy& accuracy) override {
         mirror(forces);
-        periodic->apply(bothForces, bothVelocities);
-        fold(model, bothVelocities, 0.5, velocities);
-    }
-    void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override {
-        mirror(forces);
-        periodic->applyRoughly(bothForces, bothVelocities);
-        fold(model, bothVelocities, 0.5, velocities);
-    }
-    void applyWithin(double error, const MatrixXd& forces, MatrixXd& velocities) override {
-        mirror(forces);
-        periodic->applyWithin(error, bothForces, bothVelocities);
-        fold(model, bothVelocities, 0.5, velocities);
-    }
-    void applyForDifference(double error, const MatrixXd& forces, MatrixXd& velocities) override {
-        mirror(forces);
-        periodic->applyForDifference(error, bothForces, bothVelocities);
+        periodic->multiply(bothForces, bothVelocities, accuracy);
         fold(model, bothVelocities, 0.5, velocities);
     }
     void dense(MatrixXd& mobility) override {
@@ -90,17 +75,8 @@ private:
 class PlaceInMirrored : public MobilityAt {
 public:
     explicit PlaceInMirrored(const SlipChannel& model) : MobilityAt(model), model(model) {}
-    void apply(const MatrixXd& forces, MatrixXd& velocities) override {
-        mirrored->apply(forces, velocities);
-    }
-    void applyRoughly(const MatrixXd& forces, MatrixXd& velocities) override {
-        mirrored->applyRoughly(forces, velocities);
-    }
-    void applyWithin(double error, const MatrixXd& forces, MatrixXd& velocities) override {
-        mirrored->applyWithin(error, forces, velocities);
-    }
-    void applyForDifference(double error, const MatrixXd& forces, MatrixXd& velocities) override {
-        mirrored->applyForDifference(error, forces, velocities);
+    void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy& accuracy) override {
+        mirrored->multiply(forces, velocities, accuracy);
     }
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {

@@ -147,19 +147,16 @@ public:
     Place(const SphereWallCongruence& congruence, const NoSlipPlane& wall,
           const MobilityModel& model)
         : MobilityAt(congruence), wall(wall), model(model), factors(particles.size()) {}
-    void apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
-    void applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) override;
-    void applyWithin(double error, const Eigen::MatrixXd& forces,
-                     Eigen::MatrixXd& velocities) override;
-    void applyForDifference(double error, const Eigen::MatrixXd& forces,
-                            Eigen::MatrixXd& velocities) override;
+    /** B is a smooth function of the positions, and so the errors of the model stay alike. */
+    void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
+                  const Accuracy& accuracy) override;
     void dense(Eigen::MatrixXd& mobility) override;
     void addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) override;
     FlowSources sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) override;
     void addFlowAt(const FlowSources& sources, const vector<OpenMM::Vec3>& points, double factor,
                    Velocities& velocities) override {
         FlowSources inModel = sources;
-        multiply(inModel.forces, true);
+        multiplyByFactors(inModel.forces, true);
         inner->addFlowAt(inModel, points, factor, velocities);
     }
     double getSecondsOfGrid() const override { return inner ? inner->getSecondsOfGrid() : 0; }
@@ -170,7 +167,7 @@ protected:
 private:
     /** rows -> B rows, or B^T rows. */
     template <class Rows>
-    void multiply(Rows&& rows, bool transposed) const;
+    void multiplyByFactors(Rows&& rows, bool transposed) const;
 
     const NoSlipPlane& wall;
     const MobilityModel& model;
@@ -193,7 +190,7 @@ void Place::moveTo(const Placement& placement, bool nearby) {
 }
 
 template <class Rows>
-void Place::multiply(Rows&& rows, bool transposed) const {
+void Place::multiplyByFactors(Rows&& rows, bool transposed) const {
     for (int i = 0; i < particles.size(); i++) {
         if (!isSingleSphere(particles, i)) continue;
         const Factor& B = factors[i];
@@ -223,57 +220,35 @@ void Place::multiply(Rows&& rows, bool transposed) const {
     }
 }
 
-void Place::apply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
+void Place::multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
+                     const Accuracy& accuracy) {
     scaled = forces;
-    multiply(scaled, true);
-    inner->apply(scaled, velocities);
-    multiply(velocities, false);
-}
-
-void Place::applyWithin(double error, const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
-    scaled = forces;
-    multiply(scaled, true);
-    inner->applyWithin(error, scaled, velocities);
-    multiply(velocities, false);
-}
-
-/** B is a smooth function of the positions, and so the errors of the model stay alike. */
-void Place::applyForDifference(double error, const Eigen::MatrixXd& forces,
-                               Eigen::MatrixXd& velocities) {
-    scaled = forces;
-    multiply(scaled, true);
-    inner->applyForDifference(error, scaled, velocities);
-    multiply(velocities, false);
+    multiplyByFactors(scaled, true);
+    inner->multiply(scaled, velocities, accuracy);
+    multiplyByFactors(velocities, false);
 }
 
 void Place::addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) {
     scaled.setZero(slips.rows(), slips.cols());
     inner->addStressletsOf(flow, scaled);
-    multiply(scaled, false);
+    multiplyByFactors(scaled, false);
     slips += scaled;
 }
 
 /** The forces stay those on particles, because addFlowAt() scales them. */
 FlowSources Place::sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) {
     scaled = forces;
-    multiply(scaled, true);
+    multiplyByFactors(scaled, true);
     FlowSources result = inner->sources(scaled, flow);
     result.forces = forces;
     return result;
 }
 
-void Place::applyRoughly(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities) {
-    scaled = forces;
-    multiply(scaled, true);
-    inner->applyRoughly(scaled, velocities);
-    multiply(velocities, false);
-}
-
 void Place::dense(Eigen::MatrixXd& mobility) {
     inner->dense(mobility);
-    multiply(mobility, false);
+    multiplyByFactors(mobility, false);
     auto columns = mobility.transpose();
-    multiply(columns, false);
+    multiplyByFactors(columns, false);
     mobility.triangularView<Eigen::StrictlyUpper>() = mobility.transpose();
 }
 
