@@ -95,7 +95,7 @@ VectorXd Fluid::apply(const VectorXd& wrenches, const BodySet& bodies,
         // one product.
         const bool fast = group->bodies.hasModel() &&
                           group->bodies.getModel().hasFastProducts(force.getSolverTolerance());
-        mobility.multiply(f, u, fast ? force.getSolverTolerance() : 0);
+        mobility.multiply(f, u, {fast ? force.getSolverTolerance() : 0});
         for (size_t e = 0; e < elements.size(); e++)
             if (!elements[e].isFree())
                 result.segment<6>(6 * elements[e].body) =
