@@ -105,7 +105,8 @@ private:
     };
     struct Place : public RigidHIPlugin::MobilityAt {
         explicit Place(const RandomFieldModel& model) : MobilityAt(model), model(model) {}
-        void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override {
+        void multiply(const MatrixXd& forces, MatrixXd& velocities,
+                      const RigidHIPlugin::Accuracy&) override {
             velocities = B * (B.transpose() * forces);
         }
         void moveTo(const RigidHIPlugin::Placement& at, bool) override { B = model.B(at); }

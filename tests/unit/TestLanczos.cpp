@@ -489,7 +489,7 @@ TEST(Lanczos, ColumnsAreIndependentAndConvergedOnesAreLeftOut) {
     const Lanczos::Product counting = [&](double, const MatrixXd& in, MatrixXd& out) {
         multiplied += in.cols();
         calls++;
-        A.product()(in, out);
+        A.product()(0, in, out);
     };
     lanczos.apply(counting, x, f, together);
     EXPECT_EQ(lanczos.getNumProducts(), multiplied);
