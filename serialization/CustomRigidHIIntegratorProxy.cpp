@@ -35,6 +35,28 @@ const EnumNames<Integrator::WallRejection> wallRejections = {{"Overlap", Integra
 const EnumNames<Integrator::DriftCorrectorScaling> driftCorrectorScalings = {
     {"SlipOnly", Integrator::SlipOnly}, {"Whole", Integrator::Whole}};
 
+/** The settings that are plain numbers. A new one is a line at the end. */
+const struct {
+    const char* name;
+    double (Integrator::*get)() const;
+    void (Integrator::*set)(double);
+    bool isInOldFiles;  // if not, a file without the setting leaves it as it is by default
+} numbers[] = {
+    {"constraintTolerance", &Integrator::getConstraintTolerance,
+     &Integrator::setConstraintTolerance, true},
+    {"friction", &Integrator::getFriction, &Integrator::setFriction, true},
+    {"rotationalFriction", &Integrator::getRotationalFriction, &Integrator::setRotationalFriction,
+     true},
+    {"gradientRelaxationTime", &Integrator::getGradientRelaxationTime,
+     &Integrator::setGradientRelaxationTime, true},
+    {"gradientRotationalRelaxationTime", &Integrator::getGradientRotationalRelaxationTime,
+     &Integrator::setGradientRotationalRelaxationTime, true},
+    {"poseTolerance", &Integrator::getPoseTolerance, &Integrator::setPoseTolerance, true},
+    {"inertiaScale", &Integrator::getInertiaScale, &Integrator::setInertiaScale, false},
+    {"finiteDifferenceStep", &Integrator::getFiniteDifferenceStep,
+     &Integrator::setFiniteDifferenceStep, false},
+};
+
 void writeVector(SerializationNode& node, const Vec3& vector) {
     node.setDoubleProperty("x", vector[0])
         .setDoubleProperty("y", vector[1])
@@ -109,22 +131,15 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
     const Integrator& integrator = *static_cast<const Integrator*>(object);
     node.setIntProperty("version", formatVersion);
     node.setDoubleProperty("stepSize", integrator.getStepSize());
-    node.setDoubleProperty("constraintTolerance", integrator.getConstraintTolerance());
+    for (const auto& number : numbers)
+        node.setDoubleProperty(number.name, (integrator.*number.get)());
     node.setIntProperty("integrationForceGroups", integrator.getIntegrationForceGroups());
     node.setStringProperty("scheme", nameOf(schemes, integrator.getScheme()));
     node.setStringProperty("noiseLaw", nameOf(noiseLaws, integrator.getNoiseLaw()));
     node.setDoubleProperty("temperature", integrator.getTemperature());
-    node.setDoubleProperty("friction", integrator.getFriction());
-    node.setDoubleProperty("rotationalFriction", integrator.getRotationalFriction());
-    node.setDoubleProperty("inertiaScale", integrator.getInertiaScale());
-    node.setDoubleProperty("gradientRelaxationTime", integrator.getGradientRelaxationTime());
-    node.setDoubleProperty("gradientRotationalRelaxationTime",
-                           integrator.getGradientRotationalRelaxationTime());
     node.setIntProperty("randomSeed", integrator.getRandomNumberSeedAsSet());
-    node.setDoubleProperty("poseTolerance", integrator.getPoseTolerance());
     node.setIntProperty("maximumRejections", integrator.getMaximumRejections());
     node.setIntProperty("numHostThreads", integrator.getNumHostThreads());
-    node.setDoubleProperty("finiteDifferenceStep", integrator.getFiniteDifferenceStep());
     node.setStringProperty("wallRejection", nameOf(wallRejections, integrator.getWallRejection()));
     node.setStringProperty("driftCorrectorScaling",
                            nameOf(driftCorrectorScalings, integrator.getDriftCorrectorScaling()));
@@ -140,24 +155,17 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
         node.wrongValue("version", to_string(formatVersion));
     unique_ptr<Integrator> integrator(
         new Integrator(node.number("temperature"), node.number("stepSize")));
-    integrator->setConstraintTolerance(node.number("constraintTolerance"));
+    for (const auto& number : numbers)
+        if (number.isInOldFiles || node.has(number.name))
+            (integrator.get()->*number.set)(node.number(number.name));
     integrator->setIntegrationForceGroups(node.integer("integrationForceGroups"));
     integrator->setScheme(valueOf(schemes, node, "scheme"));
     integrator->setNoiseLaw(valueOf(noiseLaws, node, "noiseLaw"));
-    integrator->setFriction(node.number("friction"));
-    integrator->setRotationalFriction(node.number("rotationalFriction"));
-    integrator->setGradientRelaxationTime(node.number("gradientRelaxationTime"));
-    integrator->setGradientRotationalRelaxationTime(
-        node.number("gradientRotationalRelaxationTime"));
     integrator->setRandomNumberSeed(node.integer("randomSeed"));
-    integrator->setPoseTolerance(node.number("poseTolerance"));
-    // Files of version 0.1 do not have this property.
-    if (node.has("inertiaScale")) integrator->setInertiaScale(node.number("inertiaScale"));
+    // Files of version 0.1 have none of the following properties.
     if (node.has("numHostThreads")) integrator->setNumHostThreads(node.integer("numHostThreads"));
     if (node.has("maximumRejections"))
         integrator->setMaximumRejections(node.integer("maximumRejections"));
-    if (node.has("finiteDifferenceStep"))
-        integrator->setFiniteDifferenceStep(node.number("finiteDifferenceStep"));
     if (node.has("wallRejection"))
         integrator->setWallRejection(valueOf(wallRejections, node, "wallRejection"));
     if (node.has("driftCorrectorScaling"))

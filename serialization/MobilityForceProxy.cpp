@@ -32,6 +32,21 @@ const EnumNames<MobilityForce::Solver> solvers = {{"Auto", MobilityForce::Auto},
                                                   {"Dense", MobilityForce::Dense},
                                                   {"MatrixFree", MobilityForce::MatrixFree}};
 
+/** The settings that are plain numbers. A new one is a line at the end. */
+const struct {
+    const char* name;
+    double (MobilityForce::*get)() const;
+    void (MobilityForce::*set)(double);
+    bool isInOldFiles;  // if not, a file without the setting leaves it as it is by default
+} numbers[] = {
+    {"viscosity", &MobilityForce::getViscosity, &MobilityForce::setViscosity, true},
+    {"wallHeight", &MobilityForce::getWallHeight, &MobilityForce::setWallHeight, false},
+    {"minimumGap", &MobilityForce::getMinimumGap, &MobilityForce::setMinimumGap, true},
+    {"solverTolerance", &MobilityForce::getSolverTolerance, &MobilityForce::setSolverTolerance,
+     true},
+    {"gridSpacing", &MobilityForce::getGridSpacing, &MobilityForce::setGridSpacing, false},
+};
+
 }  // namespace
 
 MobilityForceProxy::MobilityForceProxy() : SerializationProxy(className) {}
@@ -41,20 +56,16 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     node.setIntProperty("version", formatVersion);
     node.setIntProperty("forceGroup", force.getForceGroup());
     node.setStringProperty("name", force.getName());
-    node.setDoubleProperty("viscosity", force.getViscosity());
+    for (const auto& number : numbers) node.setDoubleProperty(number.name, (force.*number.get)());
     node.setStringProperty("model", nameOf(models, force.getModel()));
     node.setStringProperty("boundary", nameOf(boundaries, force.getBoundary()));
-    node.setDoubleProperty("wallHeight", force.getWallHeight());
     double low, high;
     force.getChannelWalls(low, high);
     node.setDoubleProperty("channelLow", low).setDoubleProperty("channelHigh", high);
     node.setStringProperty("sphereWallMobility",
                            nameOf(sphereWallMobilities, force.getSphereWallMobility()));
     node.setBoolProperty("lubrication", force.getLubrication());
-    node.setDoubleProperty("minimumGap", force.getMinimumGap());
     node.setStringProperty("solver", nameOf(solvers, force.getSolver()));
-    node.setDoubleProperty("solverTolerance", force.getSolverTolerance());
-    node.setDoubleProperty("gridSpacing", force.getGridSpacing());
     node.setBoolProperty("fastSummation", force.getFastSummation());
     double f0;
     int forceAxis, waveAxis, index;
@@ -100,22 +111,19 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     unique_ptr<MobilityForce> force(new MobilityForce());
     force->setForceGroup(node.integer("forceGroup"));
     force->setName(node.text("name"));
-    force->setViscosity(node.number("viscosity"));
+    for (const auto& number : numbers)
+        if (number.isInOldFiles || node.has(number.name))
+            (force.get()->*number.set)(node.number(number.name));
     force->setModel(valueOf(models, node, "model"));
     force->setBoundary(valueOf(boundaries, node, "boundary"));
     // Older files do not have walls, and have none of the following properties either.
-    if (node.has("wallHeight")) force->setWallHeight(node.number("wallHeight"));
     if (node.has("channelLow") &&
         (node.number("channelLow") != 0 || node.number("channelHigh") != 0))
         force->setChannelWalls(node.number("channelLow"), node.number("channelHigh"));
     if (node.has("sphereWallMobility"))
         force->setSphereWallMobility(valueOf(sphereWallMobilities, node, "sphereWallMobility"));
     force->setLubrication(node.boolean("lubrication"));
-    force->setMinimumGap(node.number("minimumGap"));
     force->setSolver(valueOf(solvers, node, "solver"));
-    force->setSolverTolerance(node.number("solverTolerance"));
-    // Grids.
-    if (node.has("gridSpacing")) force->setGridSpacing(node.number("gridSpacing"));
     // Fast sums.
     if (node.has("fastSummation")) force->setFastSummation(node.boolean("fastSummation"));
     // Driven flows.

@@ -14,16 +14,21 @@ may not be empty:
     <!-- recipe: add to the list MACRO in FILE -->
         lines at the end of a macro: the line before them gets its backslash
     <!-- recipe: in FILE before TEXT -->
-        the block goes before the one line of the file that has this text; likewise `after`
+        the block goes before the one line of the file that has this text; likewise `after`, and
+        `in place of` for a block that takes the place of the line
 Anywhere:
     <!-- recipe: test NAME NAME -->
         test programs, as files in tests/unit or tests/platform are named, that must pass
+    <!-- recipe: pytest FILE FILE -->
+        tests in Python that must pass
     <!-- recipe: python EXPRESSION -->
         is true after `from openmmrigidhi import *`
     <!-- recipe: spoil FILE: OLD -> NEW, seen by NAME -->
         with this replacement the test program must fail, on both platforms
 """
 import argparse
+import difflib
+import os
 import pathlib
 import re
 import shutil
@@ -32,7 +37,8 @@ import sys
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-PAGES = ('CONTRIBUTING.md', 'tests/recipes/AdamsBashforth.md')
+PAGES = ('CONTRIBUTING.md',
+         *sorted(str(page.relative_to(ROOT)) for page in (ROOT/'tests/recipes').glob('*.md')))
 # Within the copy, as in the repository: a compiler cache then finds what is the same.
 BUILD = 'build'
 RUNTIME = ('OpenMMRigidHIReference', 'OpenMMRigidHICPU', 'OpenMMRigidHIAny', 'RigidHIPythonPackage')
@@ -53,7 +59,7 @@ class Recipes:
     """The changes that all recipes of all pages make to the sources."""
     def __init__(self, files):
         self.files = files
-        self.programs, self.expressions, self.spoils = [], [], []
+        self.programs, self.python_tests, self.expressions, self.spoils = [], [], [], []
         self.steps = 0
 
     def follow(self, page):
@@ -79,7 +85,8 @@ class Recipes:
     def do(self, step, block):
         verbs = ((r'create (\S+)', self.create), (r'add to the list (\S+) in (\S+)',
                                                   self.add_to_list),
-                 (r'in (\S+) (before|after) (.+)', self.insert), (r'test (.+)', self.test),
+                 (r'in (\S+) (before|after|in place of) (.+)',
+                  self.insert), (r'test (.+)', self.test), (r'pytest (.+)', self.pytest),
                  (r'python (.+)', self.python), (r'spoil (\S+): (.+) -> (.+), seen by (\S+)',
                                                  self.spoil))
         for pattern, action in verbs:
@@ -118,7 +125,8 @@ class Recipes:
         if len(places) != 1:
             raise RecipeError(f'{len(places)} lines of {name} have "{text}", not one')
         at = places[0] + (where == 'after')
-        lines[at:at] = block.rstrip('\n').split('\n')
+        end = at + (where == 'in place of')
+        lines[at:end] = block[:-1].split('\n')
         self.files[name] = '\n'.join(lines).encode()
 
     def programs_of(self, name):
@@ -134,6 +142,11 @@ class Recipes:
                 program for program in self.programs_of(name) if program not in self.programs
             ]
 
+    def pytest(self, names):
+        for name in names.split():
+            self.text(name)
+            self.python_tests.append(name)
+
     def python(self, expression):
         self.expressions.append(expression)
 
@@ -143,24 +156,37 @@ class Recipes:
         self.spoils.append((name, old, new, self.programs_of(program)))
 
 
-def unformatted(files, before):
-    """The C++ files that the recipes made or changed and that clang-format would format in another
-    way; none where there is no clang-format of Debian 12.
+def formatter(name):
+    """The command that formats a file of this name from its standard input, or None where there is
+    not the formatter of Debian 12."""
+    if name.endswith(('.h', '.cpp')):
+        program, version = shutil.which('clang-format-14') or shutil.which('clang-format'), '14.'
+        command = [program, f'--assume-filename={ROOT/name}']
+    elif name.endswith('.py'):
+        program, version, command = shutil.which('yapf3'), '0.32', ['yapf3']
+    else:
+        return None
+    known = program and f' {version}' in subprocess.run([program, '--version'], capture_output=True,
+                                                        text=True).stdout
+    return command if known else None
 
-    The backslashes of lists are left to `make format`, because their column depends on all lines.
+
+def unformatted(files, before):
+    """What `make format` would change in the files that the recipes made or changed: lines.
+
+    The backslashes of lists are left to it, because their column depends on all lines.
     """
-    program = shutil.which('clang-format-14') or shutil.which('clang-format')
-    if program is None or ' version 14.' not in subprocess.run(
-        [program, '--version'], capture_output=True, text=True).stdout:
-        return []
     found = []
     for name, content in files.items():
-        if not name.endswith(('.h', '.cpp')) or content == before.get(name):
+        command = formatter(name) if content != before.get(name) else None
+        if command is None:
             continue
-        formatted = subprocess.run([program, f'--assume-filename={ROOT/name}'], input=content,
-                                   cwd=ROOT, check=True, capture_output=True).stdout
-        if re.sub(rb' +\\\n', b'\n', formatted) != re.sub(rb' +\\\n', b'\n', content):
-            found.append(name)
+        formatted = subprocess.run(command, input=content, cwd=ROOT, check=True,
+                                   capture_output=True).stdout
+        was, wanted = (re.sub(r' +\\\n', '\n', text.decode()).splitlines()
+                       for text in (content, formatted))
+        found += difflib.unified_diff(was, wanted, name, name, 'as the page says',
+                                      'as make format would have it', n=0, lineterm='')
     return found
 
 
@@ -236,8 +262,9 @@ def main(argv=None):
         recipes.follow(page)
     bad = unformatted(recipes.files, before)
     if bad:
-        raise RecipeError('clang-format formats the code blocks of the pages in another way, which '
-                          'are now in ' + ', '.join(bad))
+        raise RecipeError(
+            '`make format` would format the code blocks of the pages in another way:\n' +
+            '\n'.join(bad))
     if not recipes.spoils:
         raise RecipeError('no page has a recipe')
     print(f'-- followed {recipes.steps} steps on {len(PAGES)} pages')
@@ -254,6 +281,13 @@ def main(argv=None):
             f'from openmmrigidhi import *\nassert {expression}',
             str(copy.build/'python')
         ])
+    if recipes.python_tests:
+        copy.must(
+            'run ' + ' '.join(recipes.python_tests),
+            [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', *recipes.python_tests],
+            env={
+                **os.environ, 'PYTHONPATH': str(copy.build/'python')
+            })
     finished = copy.test(recipes.programs)
     if finished.returncode != 0:
         print(

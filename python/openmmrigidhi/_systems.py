@@ -34,8 +34,19 @@ def hydrodynamic_radii(system: openmm.System, radii: Optional[Numbers], where: s
     if radii is not None:
         return np.array(_units.per_site(radii, _units.LENGTH, count, where, 'radii'))
     fluids = forces_of(system, MobilityForce)
-    return np.array([fluids[0].getParticleRadius(i)._value
-                     for i in range(count)]) if fluids else np.zeros(count)
+    if not fluids:
+        return np.zeros(count)
+    fromForce = np.array([fluids[0].getParticleRadius(i)._value for i in range(count)])
+    return fromForce
+
+
+def walls_of(fluid: MobilityForce) -> list[tuple[int, float, int]]:
+    """The walls of a fluid: the axis across each, where it is (nm), and the side of the fluid."""
+    traits = fluid.getBoundary().traits
+    if traits.numWalls == 0:
+        return []
+    places = (fluid.getWallHeight(),) if traits.numWalls == 1 else fluid.getChannelWalls()
+    return [(traits.wallAxis, place._value, side) for place, side in zip(places, (1, -1))]
 
 
 def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> None:

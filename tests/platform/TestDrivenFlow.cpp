@@ -7,8 +7,8 @@
 #include <complex>
 
 #include "FlowSupport.h"
+#include "mobility/StressletBasis.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
-#include "mobility/models/stokesian/StressletBasis.h"
 
 using namespace OpenMM;
 using namespace RigidHITest;

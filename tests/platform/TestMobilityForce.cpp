@@ -22,6 +22,10 @@ struct ModelCase {
     bool takesFreeParticles;
     bool couplesBodies;
     MobilityForce::SphereWallMobility sphereWall = MobilityForce::FromModel;
+
+    const RigidHIPlugin::BoundaryTraits& bounds() const {
+        return RigidHIPlugin::traitsOf(boundary);
+    }
 };
 void PrintTo(const ModelCase& model, ostream* out) {
     *out << model.name;
@@ -53,7 +57,7 @@ void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setWallHeight(wallHeight);
     scene.fluid->setSphereWallMobility(model.sphereWall);
     scene.fluid->setChannelWalls(wallHeight, wallHeight + channelWidth);
-    if (model.boundary == MobilityForce::SlipChannel) scene.side = channelWidth + 1;
+    if (model.bounds().isPeriodic && model.bounds().hasWalls()) scene.side = channelWidth + 1;
 }
 /**
  * A distance from the scene at which the effect of a wall or of images is a radius divided by the
@@ -160,8 +164,8 @@ TEST_P(EveryModel, TurnsAndMovesWithTheScene) {
         const MatrixXd before = scene.mobility();
         mt19937 random(100 + seed);
         // At a wall, only turns and moves that leave the wall where it is are allowed.
-        const bool atWall = GetParam().boundary == MobilityForce::NoSlipWall;
-        const bool inChannel = GetParam().boundary == MobilityForce::SlipChannel;
+        const bool atWall = GetParam().bounds().isAcross(2);
+        const bool inChannel = GetParam().bounds().isAcross(1);
         // In a box only turns by right angles are allowed.
         const double half = sqrt(0.5);
         const QuaternionArray turn = atWall               ? QuaternionArray{{0.6, 0, 0, -0.8}}
@@ -240,8 +244,7 @@ TEST_P(EveryModel, BodiesAloneHaveTheTensorOfTheirBlobs) {
 
 TEST_P(EveryModel, FarAwayIsThatOfAPointForce) {
     const double R = 300, eta = 0.6;
-    if (GetParam().boundary == MobilityForce::Periodic ||
-        GetParam().boundary == MobilityForce::SlipChannel) {
+    if (GetParam().bounds().isPeriodic) {
         SKIP_ON_SINGLE_PRECISION_DEVICES(
             "they keep positions in the box, and the box is 1e9 nm wide");
     }
@@ -506,14 +509,14 @@ VectorXd blobVelocities(FluidScene& scene, const VectorXd& forces) {
 }
 
 /**
- * The same velocities by the tensor of Rotne, Prager and Yamakawa, written down independently.
+ * The same velocities by the tensor of Rotne, Prager and Yamakawa, written down independently, or
+ * above a wall by the model of each pair.
  * @param labels  a number for each particle: those with the same number feel each other
  */
 VectorXd expectedBlobVelocities(FluidScene& scene, const vector<int>& labels,
                                 const VectorXd& forces) {
     const auto x = positionsOf(*scene.context);
     const int n = x.size();
-    const double height = scene.fluid->getWallHeight();
     VectorXd v = VectorXd::Zero(3 * n);
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) {
@@ -522,14 +525,13 @@ VectorXd expectedBlobVelocities(FluidScene& scene, const vector<int>& labels,
             if (a == 0 || b == 0 || labels[i] != labels[j]) continue;
             Matrix3d M = pairOfSpheres(a, b, toEigen(x[i] - x[j]), scene.fluid->getViscosity())
                              .topLeftCorner(3, 3);
-            if (scene.fluid->getBoundary() == MobilityForce::NoSlipWall) {
+            if (RigidHIPlugin::traitsOf(scene.fluid->getBoundary()).hasWalls()) {
                 RigidHIPlugin::HydrodynamicParticles pair;
                 pair.add(a, false, 0, -1);
                 if (i != j) pair.add(b, false, 1, -1);
-                RigidHIPlugin::RotnePragerYamakawaWall above(
-                    pair, scene.fluid->getViscosity(), RigidHIPlugin::NoSlipPlane(height, false));
+                const auto above = RigidHIPlugin::createMobility(*scene.fluid, {}, pair);
                 MatrixXd both;
-                above.at({i == j ? vector<Vec3>{x[i]} : vector<Vec3>{x[i], x[j]}})->dense(both);
+                above->at({i == j ? vector<Vec3>{x[i]} : vector<Vec3>{x[i], x[j]}})->dense(both);
                 M = both.topRightCorner(3, 3);
             }
             v.segment<3>(3 * i) += M * forces.segment<3>(3 * j);

@@ -861,5 +861,5 @@ TEST(OverdampedSchemes, SayWhatTheirFlowIs) {
         [&] { forgotten.check("Forgetful"); },
         {"the scheme Forgetful does not record the flow of its step completely",
          "its solves for velocities in this flow add up to 0.000000, and must add up to 1.000000",
-         "record each such solve"});
+         "give each such solve its weight"});
 }

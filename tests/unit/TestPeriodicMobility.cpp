@@ -7,10 +7,10 @@
 
 #include "EigenInstances.h"
 #include "TestSupport.h"
+#include "mobility/StressletBasis.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 #include "mobility/models/periodic/PeriodicStokesianDynamics.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
-#include "mobility/models/stokesian/StressletBasis.h"
 
 using namespace RigidHIPlugin;
 using namespace RigidHITest;

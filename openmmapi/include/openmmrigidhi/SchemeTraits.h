@@ -19,6 +19,28 @@ enum class SchemeKind {
  */
 enum class Differenced { Nothing, Products, Solves, Roots };
 
+/**
+ * What a step asks of the mobility of particles. Where matrices are formed, the time of a step is
+ * that of `matrices`; on a grid it is that of the others.
+ */
+struct SchemeWork {
+    int solves = 0;    // of mobility problems
+    int fields = 0;    // random fields on a grid
+    int roots = 0;     // square roots of the whole mobility, which iterations find on a grid
+    int matrices = 0;  // formed and factorised where there is no grid
+    // What bodies with a stochastic drift add. Where roots are differenced and a random field is
+    // not one flow, each of these matrices stands for a field too.
+    int driftSolves = 0, driftMatrices = 0;
+    int driftMatricesOfBody = 0;  // for each body
+
+    constexpr SchemeWork() {}
+    constexpr SchemeWork(int solves, int fields, int roots, int matrices, int driftSolves = 0,
+                         int driftMatrices = 0, int driftMatricesOfBody = 0)
+        : solves(solves), fields(fields), roots(roots), matrices(matrices),
+          driftSolves(driftSolves), driftMatrices(driftMatrices),
+          driftMatricesOfBody(driftMatricesOfBody) {}
+};
+
 /** What is known of a scheme without running it. SchemeList.h explains each member. */
 struct SchemeTraits {
     CustomRigidHIIntegrator::Scheme scheme;
@@ -27,6 +49,7 @@ struct SchemeTraits {
     bool hasMomenta;
     int weakOrder, coldOrder, forces;
     Differenced differenced;
+    SchemeWork work;
     const char *drift, *description;
 
     /** Whether the scheme needs a MobilityForce. */
@@ -38,19 +61,19 @@ struct SchemeTraits {
 
 /** All schemes, in the order of their numbers. */
 constexpr SchemeTraits schemeTable[] = {
-#define RIGIDHI_ROW(name, kind, momenta, weakOrder, coldOrder, forces, differenced, drift, \
-                    description)                                                           \
-    {                                                                                      \
-        CustomRigidHIIntegrator::name,                                                     \
-        #name,                                                                             \
-        SchemeKind::kind,                                                                  \
-        momenta,                                                                           \
-        weakOrder,                                                                         \
-        coldOrder,                                                                         \
-        forces,                                                                            \
-        Differenced::differenced,                                                          \
-        drift,                                                                             \
-        description},
+#define RIGIDHI_ROW(name, kind, momenta, weakOrder, coldOrder, forces, differenced, work, drift, \
+                    description)                                                                 \
+    {CustomRigidHIIntegrator::name,                                                              \
+     #name,                                                                                      \
+     SchemeKind::kind,                                                                           \
+     momenta,                                                                                    \
+     weakOrder,                                                                                  \
+     coldOrder,                                                                                  \
+     forces,                                                                                     \
+     Differenced::differenced,                                                                   \
+     SchemeWork work,                                                                            \
+     drift,                                                                                      \
+     description},
     RIGIDHI_SCHEMES(RIGIDHI_ROW)
 #undef RIGIDHI_ROW
 };

@@ -101,11 +101,9 @@ void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
     move.begin(step);
     move.force = brownian.readForces(question.bodies, question.freeParticles);
     move.record(&result.made);
-    MatrixXd slips, twists;
+    MatrixXd twists;
     move.atStart();
-    move.addFlow(slips);
-    move.solve(move.force, slips, twists);
-    move.recordSolve(1);
+    move.solve(move.velocity(1, move.force), twists);
     move.record(nullptr);
 }
 

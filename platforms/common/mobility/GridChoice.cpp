@@ -36,35 +36,23 @@ const double timeOfNode = 1.2;        // for each node of a stencil, spreading a
 /** The times that EwaldSplitting compares were measured on a faster machine, with AVX-512. */
 const double timesOfSplitting = 1.5;
 
-/** What a step asks of the mobility of particles. */
-struct StepWork {
-    int solves;    // of mobility problems
-    int fields;    // random fields on a grid
-    int roots;     // of the whole mobility, which iterations find on a grid
-    int matrices;  // formed and factorised where there is no grid
-};
+/** Of a request of users, where the scheme has no fluid. */
+const SchemeWork workOfRequest(1, 1, 0, 1);
 
 /**
- * The work of a step without momenta, or of a request where the scheme has no fluid.
+ * The work of a step of a scheme, with that of the drifts that there are.
  *
- * @param isLocal     whether the random field on a grid is one flow (MobilityTraits::fieldIsLocal)
+ * @param isLocal      whether the random field on a grid is one flow (MobilityTraits::fieldIsLocal)
  * @param numDrifting  bodies with a stochastic drift
  */
-StepWork workOf(CustomRigidHIIntegrator::Scheme scheme, bool isLocal, int numDrifting) {
-    const SchemeTraits& traits = traitsOf(scheme);
-    const bool drifts = numDrifting > 0, hasTwoPlaces = traits.forces > 1;
-    if (traits.differenced == Differenced::Roots) {
-        // The mid-point, and differences along each axis of each body, or along one direction.
-        const bool alongEach = scheme == CustomRigidHIIntegrator::DriftCorrectorFD;
-        const int roots = !drifts ? 1 : alongEach ? 2 + 6 * numDrifting : 3;
-        return {1, isLocal ? 1 : roots, 0, roots};
+SchemeWork workOf(const SchemeTraits& scheme, bool isLocal, int numDrifting) {
+    SchemeWork work = scheme.needsFluid() ? scheme.work : workOfRequest;
+    if (numDrifting > 0) {
+        work.solves += work.driftSolves;
+        work.matrices += work.driftMatrices + work.driftMatricesOfBody * numDrifting;
     }
-    if (traits.differenced == Differenced::Products) {
-        if (hasTwoPlaces) return {2, 1, 0, drifts ? 4 : 2};
-        return {drifts ? 2 : 1, 1, 0, drifts ? 3 : 1};
-    }
-    if (traits.differenced == Differenced::Solves) return {drifts ? 2 : 1, 1, 0, drifts ? 2 : 1};
-    return hasTwoPlaces ? StepWork{2, 0, 2, 2} : StepWork{1, 1, 0, 1};
+    if (scheme.differenced == Differenced::Roots && !isLocal) work.fields = work.matrices;
+    return work;
 }
 
 /** The box of the fluid's grid, with edges along the axes: of a channel, twice its width. */
@@ -107,7 +95,8 @@ void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme
     bodyRows += 6 * bodies.size();
     const bool hasMomenta = traitsOf(scheme).kind == SchemeKind::FluidThermostat;
     // Only in a channel do spheres have a drift.
-    const StepWork work = workOf(scheme, !bySurfaces, (inChannel ? bodies : multiblobs).size());
+    const SchemeWork work =
+        workOf(traitsOf(scheme), !bySurfaces, (inChannel ? bodies : multiblobs).size());
 
     // Matrices. A channel has an image of every particle.
     const double rows = particles.numRows, n = (inChannel ? 2. : 1.) * particles.size(),

@@ -160,12 +160,9 @@ const char* boundaryName(MobilityForce::Boundary boundary) {
 void findWalls(const MobilityForce& force, double& low, double& high) {
     low = -numeric_limits<double>::infinity();
     high = numeric_limits<double>::infinity();
-    switch (force.getBoundary()) {
-        case MobilityForce::Unbounded:
-        case MobilityForce::Periodic: return;
-        case MobilityForce::NoSlipWall: low = force.getWallHeight(); return;
-        case MobilityForce::SlipChannel: force.getChannelWalls(low, high); return;
-    }
+    const int numWalls = traitsOf(force.getBoundary()).numWalls;
+    if (numWalls == 1) low = force.getWallHeight();
+    if (numWalls == 2) force.getChannelWalls(low, high);
 }
 
 bool hasBoundary(MobilityForce::Model model, MobilityForce::Boundary boundary) {

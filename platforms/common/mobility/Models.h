@@ -49,7 +49,7 @@ const char* modelName(MobilityForce::Model model);
 const char* boundaryName(MobilityForce::Boundary boundary);
 /**
  * The coordinates of the walls of a fluid on the axis that crosses them (BoundaryTraits::wallAxis),
- * nm; infinite where there is no wall. A new boundary with walls is entered here.
+ * nm; infinite where there is no wall.
  */
 void findWalls(const MobilityForce& force, double& low, double& high);
 /** Whether a model has a boundary; false for values that are no enumerators. */

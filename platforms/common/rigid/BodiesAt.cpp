@@ -1,7 +1,7 @@
 #include "rigid/BodiesAt.h"
 
 #include "linearalgebra/Symmetrise.h"
-#include "mobility/models/stokesian/StressletBasis.h"
+#include "mobility/StressletBasis.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;

@@ -129,11 +129,64 @@ void OverdampedMove::thermalSlip(Vectors& slips) {
     if (recorded) recordedSlips = slips;
 }
 
-void OverdampedMove::addFlow(Vectors& slips, int column, int columns) {
-    if (!flow) return;
-    mobility.flowSlips(*flow, slipsOfFlow);
-    if (slips.size() == 0) slips.setZero(slipsOfFlow.rows(), columns);
-    slips.col(column) += slipsOfFlow.col(0);
+// ---- Solves
+
+const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
+    if (!column.givesVelocity) return noSlips;
+    if (!flow && column.moreSlips.size() == 0) return column.slips;
+    slipsOfColumn = column.slips;
+    const auto add = [this](const Vectors& more) {
+        if (more.size() == 0) return;
+        if (slipsOfColumn.size() == 0)
+            slipsOfColumn = more;
+        else
+            slipsOfColumn += more;
+    };
+    if (flow) {
+        mobility.flowSlips(*flow, slipsOfFlow);
+        add(slipsOfFlow);
+    }
+    add(column.moreSlips);
+    return slipsOfColumn;
+}
+
+void OverdampedMove::solve(const Column& column, Vectors& twists) {
+    mobility.solve(column.wrench, slipsOf(column), twists);
+    recordSolve(column);
+}
+
+void OverdampedMove::solveFromKept(const Column& column, Vectors& twists) {
+    mobility.solveFromKept(column.wrench, slipsOf(column), twists);
+    recordSolve(column);
+}
+
+void OverdampedMove::solve(const Column& first, const Column& second, Vectors& twists) {
+    const Column* columns[] = {&first, &second};
+    wrenches.resize(getNumRows(), 2);
+    slips.resize(0, 0);
+    for (int k = 0; k < 2; k++) {
+        wrenches.col(k) = columns[k]->wrench.col(0);
+        const Vectors& ofColumn = slipsOf(*columns[k]);
+        if (ofColumn.size() == 0) continue;
+        if (slips.size() == 0) slips.setZero(ofColumn.rows(), 2);
+        slips.col(k) = ofColumn.col(0);
+    }
+    mobility.solve(wrenches, slips, twists);
+    for (int k = 0; k < 2; k++) recordSolve(*columns[k], k);
+}
+
+// ---- The flow of the step
+
+void OverdampedMove::recordSolve(const Column& solved, int column) {
+    if (!recorded || solved.weight == 0) return;
+    recordShare(solved.weight, column, solved.givesVelocity && flow);
+    if (solved.givesVelocity) recorded->solveWeight += solved.weight;
+}
+
+void OverdampedMove::recordShare(double weight, int column, bool inFlow) {
+    Vectors forces;
+    mobility.getBlobForces(forces);
+    recorded->shares.push_back({weight, mobility.posesHere(), forces.col(column), inFlow});
 }
 
 void FlowOfStep::check(const string& scheme) const {
@@ -144,16 +197,7 @@ void FlowOfStep::check(const string& scheme) const {
         " does not record the flow of its step completely: the weights of its solves for "
         "velocities in this flow add up to " +
         to_string(solveWeight) + ", and must add up to " + to_string(flowWeight) +
-        "; use another scheme, or record each such solve (CONTRIBUTING.md)");
-}
-
-void OverdampedMove::recordSolve(double weight, int column, bool givesVelocity) {
-    if (!recorded) return;
-    Vectors forces;
-    mobility.getBlobForces(forces);
-    recorded->shares.push_back(
-        {weight, mobility.posesHere(), forces.col(column), givesVelocity && flow});
-    if (givesVelocity) recorded->solveWeight += weight;
+        "; use another scheme, or give each such solve its weight (CONTRIBUTING.md)");
 }
 
 void OverdampedMove::recordThermalSlip(double weight) {
@@ -214,7 +258,7 @@ void OverdampedMove::recordKnownDrift(double factor) {
             displaceBy(sign * recordedDifference, row, displaced);
             at(displaced);
             mobility.solve(wrench, twists);
-            recordSolve(factor * sign / (2 * recordedDifference * lengths[row]), 0, false);
+            recordShare(factor * sign / (2 * recordedDifference * lengths[row]), 0, false);
         }
     }
     atStart();

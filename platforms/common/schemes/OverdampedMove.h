@@ -77,36 +77,54 @@ public:
     double h = 0, kT = 0;
     /** Forces and torques where they were evaluated last. */
     Vectors force;
-    /** U = N F, or with slips s N (F + K^T M^-1 s), at the present poses. */
-    void solve(const Vectors& wrenches, Vectors& twists) { mobility.solve(wrenches, twists); }
-    void solve(const Vectors& wrenches, const Vectors& slips, Vectors& twists) {
-        mobility.solve(wrenches, slips, twists);
+    /**
+     * One column of a solve, which is for velocities of bodies or for a direction, and its weight
+     * in the velocities with which the step moves bodies. Its vectors must live until it is solved.
+     */
+    class Column {
+        friend class OverdampedMove;
+        double weight;
+        bool givesVelocity;
+        const Vectors &wrench, &slips, &moreSlips;
+        Column(double weight, bool givesVelocity, const Vectors& wrench, const Vectors& slips,
+               const Vectors& moreSlips)
+            : weight(weight), givesVelocity(givesVelocity), wrench(wrench), slips(slips),
+              moreSlips(moreSlips) {}
+    };
+    /**
+     * A column that gives velocities of bodies, N (F + K^T M^-1 s) at the present poses. The slips
+     * s are the sum of `slips`, of those of the flow that users drive, and of `moreSlips`. A vector
+     * without rows stands for zeros.
+     *
+     * @param weight  of these velocities in those of the step; the weights of a step sum up to 1. 0
+     *     for a predictor
+     */
+    static Column velocity(double weight, const Vectors& wrench, const Vectors& slips = Vectors(),
+                           const Vectors& moreSlips = Vectors()) {
+        return Column(weight, true, wrench, slips, moreSlips);
     }
     /**
-     * Keep the forces of a column of the last solve(). The iterations of the next solve begin at
+     * A column N F of a direction or of noise alone, which the driven flow is no part of.
+     *
+     * @param weight  of N F in the velocities of the step; 0 where it is no part of them by itself
+     */
+    static Column direction(double weight, const Vectors& wrench) {
+        return Column(weight, false, wrench, wrench, wrench);
+    }
+    /**
+     * Solve the columns, and record the flow of their forces, by their weights, for users who ask
+     * for it.
+     */
+    void solve(const Column& column, Vectors& twists);
+    void solve(const Column& first, const Column& second, Vectors& twists);
+    /**
+     * Keep the forces of a column of the last solve(). The iterations of solveFromKept() begin at
      * these forces, at poses a step away at most. The forces are kept within a step only.
      */
     void keepForces(int column = 0) { mobility.keepForces(column); }
-    void solveFromKept(const Vectors& wrenches, const Vectors& slips, Vectors& twists) {
-        mobility.solveFromKept(wrenches, slips, twists);
-    }
-    /**
-     * Add the slips of the flow that users drive, at the present poses, to one of the `columns`
-     * columns of `slips`. The column must be that of a solve that gives velocities of bodies, not
-     * of one with random directions. Without a flow nothing is done. `slips` without rows means
-     * that there are none so far.
-     */
-    void addFlow(Vectors& slips, int column = 0, int columns = 1);
-    // The following methods record the flow with which the scheme moves bodies, for users who ask
-    // for it. They do nothing in a step whose flow nobody has asked for.
-    /**
-     * The flow has `weight` times the flow of the forces of the last solve, of one column. The
-     * weights of the solves that give velocities of bodies sum up to 1.
-     *
-     * @param givesVelocity  whether the solve gives velocities of bodies, and so has had addFlow();
-     *     false for a solve with random directions
-     */
-    void recordSolve(double weight, int column = 0, bool givesVelocity = true);
+    void solveFromKept(const Column& column, Vectors& twists);
+    // The following methods record what else is in the flow with which the scheme moves bodies.
+    // They do nothing in a step whose flow nobody has asked for.
     /**
      * The flow has `weight` times the random flow whose slips the last thermalSlip() gave, at the
      * present poses.
@@ -220,6 +238,11 @@ private:
      */
     void displaceBothWays(double& step);
     void displaceBy(double step, int onlyRow, std::vector<Pose>& poses) const;
+    /** The slips of a column; empty: none. */
+    const Vectors& slipsOf(const Column& column);
+    void recordSolve(const Column& solved, int column = 0);
+    /** The flow has `weight` times the flow of the forces of a column of the last solve. */
+    void recordShare(double weight, int column, bool inFlow);
     void recordKnownDrift(double factor);
     bool isAccepted(const std::vector<Pose>& poses);
     void requireDifferences(const char* method) const;
@@ -243,7 +266,9 @@ private:
     bool driftFactorScalesAll_ = false;
     const DrivenFlow* flow = nullptr;
     FlowOfStep* recorded = nullptr;
-    Vectors slipsOfFlow, recordedSlips;
+    Vectors slipsOfFlow, slipsOfColumn, recordedSlips;
+    Vectors wrenches, slips;  // of two columns
+    const Vectors noSlips;
     long long numDriftFactors = 0;
     double driftFactorSquares = 0;  // of nu - 1
 };

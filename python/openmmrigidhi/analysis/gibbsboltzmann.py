@@ -8,7 +8,8 @@ import numpy as np
 from .. import _units
 from .._types import Number, Numbers
 from .._quaternions import rotate
-from .._systems import BodyDefinitions, forces_of, hydrodynamic_radii, refuse_driven_flow
+from .._systems import (BodyDefinitions, forces_of, hydrodynamic_radii, refuse_driven_flow,
+                        walls_of)
 from ..bodyforce import CustomBodyForce
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     import openmm
 
 _MOVES = ('single', 'all')
-_Y, _Z = 1, 2
+_Z = 2
 
 
 class GibbsBoltzmannSampler(Sampler):
@@ -193,14 +194,11 @@ class GibbsBoltzmannSampler(Sampler):
 
     def _walls_of(self, height, radii, rejection, fluids, where):
         """The plane wall, if there is one, and both walls of a channel."""
-        boundary = fluids[0].getBoundary().name if fluids else None
-        if height is None and boundary == 'NoSlipWall':
-            height = fluids[0].getWallHeight()
-        places = [] if height is None else [(_units.number(height, _units.LENGTH, where,
-                                                           'wallHeight'), _Z, 1)]
-        if boundary == 'SlipChannel':
-            low, high = fluids[0].getChannelWalls()
-            places += [(low._value, _Y, 1), (high._value, _Y, -1)]
+        places = [(place, axis, side)
+                  for axis, place, side in walls_of(fluids[0])] if fluids else []
+        if height is not None:
+            given = (_units.number(height, _units.LENGTH, where, 'wallHeight'), _Z, 1)
+            places = [given] + [wall for wall in places if len(places) > 1]
         if not places:
             return []
         if not np.any(radii > 0):

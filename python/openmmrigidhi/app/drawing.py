@@ -13,7 +13,7 @@ from openmm import NonbondedForce, unit
 from .. import _units
 from .._types import Numbers, Path
 from .._quaternions import rotation_matrices
-from .._systems import BodyDefinitions, forces_of, hydrodynamic_radii
+from .._systems import BodyDefinitions, forces_of, hydrodynamic_radii, walls_of
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
 from .bodystates import BodyStates, readBodyStates
@@ -295,12 +295,8 @@ def _radii(system, radii, where):
 
 def _walls(system):
     """(axis, place) of the walls of the System's fluid."""
-    for fluid in forces_of(system, MobilityForce):
-        if fluid.getBoundary() == MobilityForce.NoSlipWall:
-            return [(2, fluid.getWallHeight()._value)]
-        if fluid.getBoundary() == MobilityForce.SlipChannel:
-            return [(1, wall._value) for wall in fluid.getChannelWalls()]
-    return []
+    fluids = forces_of(system, MobilityForce)
+    return [(axis, place) for axis, place, _ in walls_of(fluids[0])] if fluids else []
 
 
 def _given_walls(walls):

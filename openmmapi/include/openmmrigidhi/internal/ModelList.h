@@ -11,7 +11,7 @@
  *   name         of the enumerator of MobilityForce
  *   isPeriodic   whether the fluid fills the periodic box of the Context
  *   wallAxis     the axis that crosses the walls, 0 to 2; -1: there are no walls
- *   numWalls     1: the fluid is above the wall; 2: the fluid is between the walls
+ *   numWalls     1: the fluid is above setWallHeight(); 2: it is between setChannelWalls()
  *   walls        what the walls do, a word for descriptions; empty: there are no walls
  *   description  a sentence or two for docstrings and tables
  */

@@ -74,9 +74,7 @@ private:
             }
             if (!m.driftFactorScalesAll()) slip *= scale;
         }
-        m.addFlow(slip);
-        m.solve(m.force, slip, U);
-        m.recordSolve(1);
+        m.solve(m.velocity(1, m.force, slip), U);
         if (m.kT > 0)
             m.recordThermalSlip((m.driftFactorScalesAll() ? 1 : scale) * std::sqrt(2 * m.kT / m.h));
         if (m.driftFactorScalesAll()) m.recordFactor(scale);

@@ -26,9 +26,7 @@ public:
     void run(int, OverdampedMove& m) override {
         m.atStart();
         sumUpWrenches(m);
-        m.addFlow(thermalSlips);
-        m.solve(total, thermalSlips, U);
-        m.recordSolve(1);
+        m.solve(m.velocity(1, total, thermalSlips), U);
         m.goFromStart(m.h, U);
     }
 
@@ -59,10 +57,8 @@ protected:
     bool findVelocity(OverdampedMove& m) {
         m.atStart();
         sumUpWrenches(m);
-        m.addFlow(thermalSlips);
         if (m.kT > 0 && !m.driftIsKnown()) return false;
-        m.solve(total, thermalSlips, U);
-        m.recordSolve(1);
+        m.solve(m.velocity(1, total, thermalSlips), U);
         if (m.kT > 0) m.addKnownDrift(m.kT, U);
         return true;
     }

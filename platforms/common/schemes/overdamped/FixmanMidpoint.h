@@ -43,22 +43,17 @@ private:
             m.thermalWrench(OverdampedMove::Second, noise2);
             noise += noise2;
         }
-        slip.resize(0, 0);
-        m.addFlow(slip);
-        m.solve(total, slip, U);
+        m.solve(m.velocity(0, total), U);
         m.goFromStart(m.h / 2, U);
     }
     void correct(OverdampedMove& m) {
         m.atPresent();
         total = m.force;
         if (m.kT > 0) total += std::sqrt(m.kT / m.h) * noise;
-        slip.resize(0, 0);
-        m.addFlow(slip);
-        m.solve(total, slip, U);
-        m.recordSolve(1);
+        m.solve(m.velocity(1, total), U);
         m.goFromStart(m.h, U);
     }
-    Vectors total, noise, noise2, slip, U;
+    Vectors total, noise, noise2, U;
 };
 
 }  // namespace RigidHIPlugin

@@ -25,18 +25,12 @@ public:
     void run(int, OverdampedMove& m) override {
         if (!findVelocity(m)) {
             m.drawDirections();
-            both.resize(m.getNumRows(), 2);
-            both << total, m.directions;
-            slips_both.setZero(thermalSlips.rows(), thermalSlips.size() > 0 ? 2 : 0);
-            if (thermalSlips.size() > 0) slips_both.col(0) = thermalSlips;
-            m.solve(both, slips_both, U_both);
-            m.recordSolve(1);
             double delta = m.differenceStep();
             m.displace(delta, displaced);
-            m.recordSolve(-m.kT / delta, 1, false);
+            m.solve(m.velocity(1, total, thermalSlips), m.direction(-m.kT / delta, m.directions),
+                    U_both);
             m.at(displaced);
-            m.solve(m.directions, difference);
-            m.recordSolve(m.kT / delta, 0, false);
+            m.solve(m.direction(m.kT / delta, m.directions), difference);
             difference -= U_both.col(1);
             U = U_both.col(0) + (m.kT / delta) * difference;
         }
@@ -44,7 +38,7 @@ public:
     }
 
 private:
-    Vectors both, slips_both, U_both;  // two columns
+    Vectors U_both;  // two columns
     Vectors difference;
     std::vector<Pose> displaced;
 };

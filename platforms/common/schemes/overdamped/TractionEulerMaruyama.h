@@ -32,15 +32,13 @@ public:
     void run(int, OverdampedMove& m) override {
         if (!findVelocity(m)) {
             m.drawDirections();
-            m.solve(m.directions, U_random);
+            m.solve(m.direction(0, m.directions), U_random);
             m.drawTractions(forceDifference, slip);
             m.rigidSlipDifference(U_random, difference);
             slip -= difference;
             total += m.kT * forceDifference;
             slip *= m.kT;
-            if (thermalSlips.size() > 0) slip += thermalSlips;
-            m.solve(total, slip, U);
-            m.recordSolve(1);
+            m.solve(m.velocity(1, total, thermalSlips, slip), U);
             m.recordTractions(m.kT);
         }
         m.goFromStart(m.h, U);

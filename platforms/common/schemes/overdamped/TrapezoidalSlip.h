@@ -39,36 +39,24 @@ private:
         m.atStart();
         if (m.kT == 0) {
             slip.resize(0, 0);
-            withFlow = slip;
-            m.addFlow(withFlow);
-            m.solve(m.force, withFlow, U_start);
+            m.solve(m.velocity(0.5, m.force), U_start);
             m.keepForces();
-            m.recordSolve(0.5);
         } else {
             m.drawForSlips(OverdampedMove::First);
             m.thermalSlip(slip);
             slip *= std::sqrt(2 * m.kT / m.h);
             m.recordThermalSlip(std::sqrt(2 * m.kT / m.h));
             if (m.driftIsKnown()) {
-                withFlow = slip;
-                m.addFlow(withFlow);
-                m.solve(m.force, withFlow, U_start);
+                m.solve(m.velocity(0.5, m.force, slip), U_start);
                 m.keepForces();
-                m.recordSolve(0.5);
                 drift.setZero(m.getNumRows(), 1);
                 m.addKnownDrift(m.kT, drift);
             } else {
                 // One solve with two columns: F + s and the random wrench.
                 m.drawDirections();
-                both.resize(m.getNumRows(), 2);
-                both << m.directions, m.force;
-                slips_both.setZero(slip.rows(), 2);
-                slips_both.col(1) = slip;
-                m.addFlow(slips_both, 1, 2);
-                m.solve(both, slips_both, U_both);
+                m.solve(m.direction(0, m.directions), m.velocity(0.5, m.force, slip), U_both);
                 m.keepForces(1);
                 U_start = U_both.col(1);
-                m.recordSolve(0.5, 1);
                 m.drawTractions(forceDifference, difference);
                 m.recordTractions(m.kT);
                 slip += 2 * m.kT * difference;
@@ -78,23 +66,16 @@ private:
     }
     void correct(OverdampedMove& m) {
         m.atPresent();
-        withFlow = slip;
-        m.addFlow(withFlow);
-        if (m.kT == 0) {
-            m.solveFromKept(m.force, withFlow, U);
-        } else if (m.driftIsKnown()) {
-            m.solveFromKept(m.force, withFlow, U);
-            U += 2 * drift;
-        } else {
-            total = m.force + 2 * m.kT * forceDifference;
-            m.solveFromKept(total, withFlow, U);
-        }
-        m.recordSolve(0.5);
+        total = m.force;
+        const bool hasDrift = m.kT > 0, isDifferenced = hasDrift && !m.driftIsKnown();
+        if (isDifferenced) total += 2 * m.kT * forceDifference;
+        m.solveFromKept(m.velocity(0.5, total, slip), U);
+        if (hasDrift && !isDifferenced) U += 2 * drift;
         U = 0.5 * (U + U_start);
         m.goFromStart(m.h, U);
     }
-    Vectors total, U, U_start, slip, withFlow, difference, forceDifference, drift;
-    Vectors both, U_both, slips_both;  // two columns
+    Vectors total, U, U_start, slip, difference, forceDifference, drift;
+    Vectors U_both;  // two columns
 };
 
 }  // namespace RigidHIPlugin

@@ -6,7 +6,7 @@
 #include <complex>
 
 #include "linearalgebra/SymmetricProduct.h"
-#include "mobility/models/stokesian/StressletBasis.h"
+#include "mobility/StressletBasis.h"
 
 namespace RigidHIPlugin {
 

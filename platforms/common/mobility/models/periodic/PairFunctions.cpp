@@ -3,7 +3,7 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
-#include "mobility/models/stokesian/StressletBasis.h"
+#include "mobility/StressletBasis.h"
 
 namespace RigidHIPlugin {
 

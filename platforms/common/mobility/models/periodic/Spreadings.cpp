@@ -2,9 +2,9 @@
 
 #include <cmath>
 
+#include "mobility/StressletBasis.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa-inl.h"
-#include "mobility/models/stokesian/StressletBasis.h"
 
 namespace RigidHIPlugin {
 

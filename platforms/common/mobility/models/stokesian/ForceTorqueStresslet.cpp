@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "mobility/models/stokesian/StressletBasis.h"
+#include "mobility/StressletBasis.h"
 
 namespace RigidHIPlugin {
 

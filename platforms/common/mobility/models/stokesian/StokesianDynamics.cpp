@@ -7,9 +7,9 @@
 #include <cmath>
 #include <map>
 
+#include "mobility/StressletBasis.h"
 #include "mobility/models/rotneprager/FreeFlow.h"
 #include "mobility/models/stokesian/ForceTorqueStresslet.h"
-#include "mobility/models/stokesian/StressletBasis.h"
 #include "openmmrigidhi/internal/Messages.h"
 #include "rigidbody/EigenVec3.h"
 
