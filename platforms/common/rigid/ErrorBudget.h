@@ -73,8 +73,8 @@ public:
     };
 
     /** @param tolerance  of the step, relative, as the user has set it */
-    explicit ErrorBudget(double tolerance, const Needs& needed = Needs())
-        : tolerance(tolerance), needed(needed) {}
+    explicit ErrorBudget(double tolerance) : tolerance(tolerance) {}
+    ErrorBudget(double tolerance, const Needs& needed) : tolerance(tolerance), needed(needed) {}
     /** Of a step without momenta, whose differences have this step. */
     static ErrorBudget ofDifferencing(double tolerance, const Differencing& differencing,
                                       double step);

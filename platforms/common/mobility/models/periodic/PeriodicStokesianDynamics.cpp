@@ -181,7 +181,7 @@ void Place::dense(MatrixXd& mobility) {
 FlowSources Place::sources(const MatrixXd& forces, const DrivenFlow* flow) {
     makeResponse();
     FlowSources result;
-    apply(forces, result.forces);
+    multiply(forces, result.forces, Accuracy());
     Eigen::LLT<MatrixXd>(farField).solveInPlace(result.forces);
     result.stresslets = model.stressletsOf(response, result.forces, flow, positions);
     return result;

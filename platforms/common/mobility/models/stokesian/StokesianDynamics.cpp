@@ -217,7 +217,7 @@ public:
 
     FlowSources sources(const MatrixXd& forces, const DrivenFlow* flow) override {
         FlowSources result;
-        apply(forces, result.forces);
+        multiply(forces, result.forces, Accuracy());
         makeFarField();
         Eigen::LLT<MatrixXd>(farField).solveInPlace(result.forces);
         result.stresslets = model.stressletsOf(response, result.forces, flow, positions);
