@@ -88,10 +88,10 @@ VectorXd FluidAnswers::apply(const VectorXd& wrenches, const BodySet& bodies,
             }
         // Products are exact where the model has no fast ones: rounding to floats gains little in
         // one product.
-        const bool fast = group->bodies.hasModel() && group->bodies.getModel().hasFastProducts(
-                                                          fluid.force.getSolverTolerance());
-        const double error = fast ? fluid.force.getSolverTolerance() : 0;
-        mobility.multiply(f, u, {error, Accuracy::Value});
+        const double tolerance = fluid.force.getSolverTolerance();
+        const bool fast =
+            group->bodies.hasModel() && group->bodies.getModel().hasFastProducts(tolerance);
+        mobility.multiply(f, u, {fast ? tolerance : 0});
         for (size_t e = 0; e < elements.size(); e++)
             if (!elements[e].isFree())
                 result.segment<6>(6 * elements[e].body) =
