@@ -51,7 +51,7 @@ vector<Vec3> BodyAccess::getAngularVelocities() {
 }
 
 void BodyAccess::posesWereSet() {
-    if (scene.fluid) scene.fluid->forgetMemory();
+    if (scene.fluid) scene.fluid->getMemory().forget();
     mirror.writePoses();
     scene.noteChange();
     scene.watch.restart();
@@ -178,13 +178,15 @@ Fluid& BodyAccess::prepareFluid(const char* method) {
 }
 
 vector<double> BodyAccess::getMobility() {
-    return rowAfterRow(
-        prepareFluid("getMobilityInContext()").mobility(scene.bodies, scene.arrays->positions()));
+    return rowAfterRow(prepareFluid("getMobilityInContext()")
+                           .getAnswers()
+                           .mobility(scene.bodies, scene.arrays->positions()));
 }
 
 vector<double> BodyAccess::getFriction() {
-    return rowAfterRow(
-        prepareFluid("getFrictionInContext()").friction(scene.bodies, scene.arrays->positions()));
+    return rowAfterRow(prepareFluid("getFrictionInContext()")
+                           .getAnswers()
+                           .friction(scene.bodies, scene.arrays->positions()));
 }
 
 vector<double> BodyAccess::applyMobility(const vector<double>& wrenches) {
@@ -193,7 +195,8 @@ vector<double> BodyAccess::applyMobility(const vector<double>& wrenches) {
         fail("applyMobilityInContext() was given " + to_string(wrenches.size()) +
              " numbers, but there are " + to_string(scene.bodies.getNumBodies()) +
              " bodies; give 6 numbers for each");
-    return asNumbers(fluid.apply(asVector(wrenches), scene.bodies, scene.arrays->positions()));
+    return asNumbers(
+        fluid.getAnswers().apply(asVector(wrenches), scene.bodies, scene.arrays->positions()));
 }
 
 bool BodyAccess::flowNeedsForces(const char* method) {
@@ -235,7 +238,8 @@ vector<double> BodyAccess::applyBlobMobility(const vector<double>& forces) {
         fail("applyBlobMobilityInContext() was given " + to_string(forces.size()) +
              " numbers, but the System has " + to_string(particles) +
              " particles; give 3 numbers for each of them, whether the fluid sees it or not");
-    return asNumbers(fluid.applyToBlobs(asVector(forces), scene.bodies, scene.arrays->positions()));
+    return asNumbers(
+        fluid.getAnswers().applyToBlobs(asVector(forces), scene.bodies, scene.arrays->positions()));
 }
 
 }  // namespace RigidHIPlugin

@@ -38,12 +38,12 @@ unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries,
 }
 
 void ContextFluid::takeBox() {
-    if (!fluid || !fluid->isPeriodic()) return;
+    if (!fluid || !fluid->getContents().isPeriodic()) return;
     const BoxVectors box = scene.getBox();
-    if (fluid->getBox() == box) return;
+    if (fluid->getContents().box == box) return;
     fluid->setBox(box);
     // Data that a scheme keeps for its next step belong to the old box.
-    fluid->forgetMemory();
+    fluid->getMemory().forget();
 }
 
 void ContextFluid::adoptBox() {
@@ -62,7 +62,7 @@ void ContextFluid::rebuild() {
     try {
         fluid = make(scene.definitions.geometries(), scene.bodies);
         if (traitsOf(scene.integrator.getScheme()).kind == SchemeKind::FluidThermostat)
-            fluid->checkInertia(scene.bodies);
+            fluid->getMomenta().checkInertia(scene.bodies);
     } catch (...) {
         fluid = move(before);
         throw;

@@ -310,7 +310,7 @@ void ContextMirror::takeInPositions() {
     }
     for (auto& bodyAndState : changed)
         scene.bodies.setState(bodyAndState.first, bodyAndState.second);
-    if (scene.fluid) scene.fluid->forgetMemory();
+    if (scene.fluid) scene.fluid->getMemory().forget();
     lastPositions.remember(scene.arrays->positions());
     scene.noteChange();
     // The twist comes from the particles' velocities at the new pose.

@@ -31,17 +31,17 @@ void CurrentSettings::update(Scene& scene) {
     scene.fluid.adoptSettings();
     // Data that a scheme keeps for its next step are of no use after another scheme has moved the
     // bodies.
-    if (scheme != integrator.getScheme() && scene.fluid) scene.fluid->forgetMemory();
+    if (scheme != integrator.getScheme() && scene.fluid) scene.fluid->getMemory().forget();
     scheme = integrator.getScheme();
     scene.adoptInertiaScale();
     h = integrator.getStepSize();
     noise.law = static_cast<NoiseStream::Law>(integrator.getNoiseLaw());
     const bool hydrodynamic = traits().kind == SchemeKind::FluidThermostat;
-    if (hydrodynamic) scene.fluid->checkInertia(scene.bodies);
+    if (hydrodynamic) scene.fluid->getMomenta().checkInertia(scene.bodies);
     kT = BOLTZ * integrator.getTemperature();
     difference = integrator.getFiniteDifferenceStep();
     driftCorrectorScaling = integrator.getDriftCorrectorScaling();
-    fluidCouplesBodies = hydrodynamic && scene.fluid->couplesBodies();
+    fluidCouplesBodies = hydrodynamic && scene.fluid->getMomenta().couplesBodies();
     takenOver = wanted;
     printWarnings(scene);
     if (!traits().isOverdamped()) setThermostats(scene);
@@ -59,9 +59,9 @@ void CurrentSettings::setThermostats(Scene& scene) {
     for (auto& block : bodies.blocks) block.hasNoise = false;
     for (int b = 0; b < bodies.getNumBodies(); b++) {
         integrator.getBodyFriction(b, bath.gamma, bath.Gamma);
-        bodies.setThermostat(b, hydrodynamic
-                                    ? scene.fluid->bodyThermostat(b, bodies.inertia(b), kT, h)
-                                    : schemeCoefficients(scheme, bodies.inertia(b), bath, h));
+        bodies.setThermostat(
+            b, hydrodynamic ? scene.fluid->getMomenta().bodyThermostat(b, bodies.inertia(b), kT, h)
+                            : schemeCoefficients(scheme, bodies.inertia(b), bath, h));
     }
     bath.gamma = integrator.getFriction();
     vector<Thermostat> free;
@@ -69,7 +69,8 @@ void CurrentSettings::setThermostats(Scene& scene) {
         BodyInertia point;
         point.mass = scene.freeParticles->mass(i);
         free.push_back(schemeCoefficients(scheme, point, bath, h));
-        if (hydrodynamic) scene.fluid->freeThermostat(i, point.mass, kT, h, free.back());
+        if (hydrodynamic)
+            scene.fluid->getMomenta().freeThermostat(i, point.mass, kT, h, free.back());
     }
     scene.freeParticles->setThermostats(free);
 }

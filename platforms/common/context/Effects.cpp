@@ -87,39 +87,40 @@ private:
         const BoundaryTraits* boundary =
             hasForce ? &traitsOf(fluid.getParameters()->getBoundary()) : nullptr;
         set("hydrodynamics", hasForce,
-            (fluid ? FluidReport(*fluid.get()).describe(scheme) : missing) +
+            (fluid ? FluidReport(fluid->getContents()).describe(scheme) : missing) +
                 (!withoutImages ? ""
                  : boundary->hasWalls()
                      ? string("; without images along ") + boundary->namesAlongWalls() +
                            ", though forces are periodic"
                      : "; unbounded, though forces are periodic"));
         set("mobilities asked for", hasForce,
-            fluid ? FluidReport(*fluid.get()).describeAnswers() : missing);
-        const string flow = fluid ? FluidReport(*fluid.get()).describeFlow() : "";
+            fluid ? FluidReport(fluid->getContents()).describeAnswers() : missing);
+        const string flow = fluid ? FluidReport(fluid->getContents()).describeFlow() : "";
         set("driven flow", !flow.empty(),
             !fluid ? missing
             : flow.empty()
                 ? string(
                       "neither setBackgroundFlow() nor setSinusoidalForceDensity() drives a flow")
                 : flow);
-        const int interacting = fluid ? fluid->numInteracting() : 0;
+        const int interacting = fluid ? FluidReport(fluid->getContents()).numInteracting() : 0;
         set("hydrodynamic interactions", interacting > 0,
             !fluid            ? missing
             : interacting > 0 ? counted(interacting, "body or free particle interacts",
                                         "bodies and free particles interact") +
                                     " through the fluid"
-            : !fluid->isUniform() ? string("no bodies or free particles interact through the "
-                                           "fluid, but each of them interacts with ") +
-                                        (fluid->isPeriodic() ? "its own images" : "the wall")
-                                  : string("no bodies or free particles interact through the "
-                                           "fluid: every tensor is constant and computed once"));
+            : !fluid->getContents().isUniform()
+                ? string("no bodies or free particles interact through the "
+                         "fluid, but each of them interacts with ") +
+                      (fluid->getContents().isPeriodic() ? "its own images" : "the wall")
+                : string("no bodies or free particles interact through the "
+                         "fluid: every tensor is constant and computed once"));
     }
 
     /** The drift of schemes without momenta, and how it is computed. */
     void findDrift() {
         if (scheme.isOverdamped() && fluid) {
             for (const auto& effect :
-                 FluidReport(*fluid.get())
+                 FluidReport(fluid->getContents())
                      .describeDrift(scheme, BOLTZ * temperature,
                                     scene.integrator.getFiniteDifferenceStep()))
                 effects.insert(effect);
@@ -144,7 +145,7 @@ private:
             return;
         }
         const StepResolution step =
-            resolveOverdamped(*fluid.get(), scene.integrator.getScheme(),
+            resolveOverdamped(fluid->getContents(), scene.integrator.getScheme(),
                               scene.integrator.getStepSize(), BOLTZ * temperature);
         set(name, step.numSlowed > 0,
             temperature == 0 ? string("the temperature is 0")
@@ -180,7 +181,8 @@ private:
                     ", each rotated in the lab frame by its angular velocity times the "
                     "step" +
                     (fluid ? "; " +
-                                 counted(fluid->numCollinear(), "has its blobs on a line and does",
+                                 counted(FluidReport(fluid->getContents()).numCollinear(),
+                                         "has its blobs on a line and does",
                                          "have their blobs on a line and do") +
                                  " not rotate about this line"
                            : string("; positions are not set yet")));
@@ -286,20 +288,20 @@ map<string, int> countDegreesOfFreedom(const Scene& scene) {
 
 map<string, double> nameCounters(const Scene& scene) {
     const ContextFluid& fluid = scene.fluid;
-    const GridSeconds grid = fluid ? fluid->getGridSeconds() : GridSeconds();
+    const GridSeconds grid = fluid ? fluid->getCosts().getGridSeconds() : GridSeconds();
     return {{"steps", scene.counters.steps},
             {"forceEvaluations", scene.counters.forceEvaluations},
-            {"mobilityProducts", fluid ? fluid->numProducts() + fluid->numMatrices() : 0},
-            {"solverIterations", fluid ? fluid->numIterations : 0},
+            {"mobilityProducts", fluid ? fluid->getCosts().getNumProducts() : 0},
+            {"solverIterations", scene.counters.iterations},
             {"randomNumbers", scene.counters.randomNumbers},
-            {"squareRoots", fluid ? fluid->numSquareRoots : 0},
+            {"squareRoots", scene.counters.squareRoots},
             {"seconds_forces", scene.counters.seconds_forces},
             {"seconds_mobility", scene.counters.seconds_mobility},
             {"seconds_scheme", scene.counters.seconds_scheme},
             {"seconds_spreading", grid.spreading},
             {"seconds_fft", grid.transforms},
             {"seconds_averaging", grid.averaging},
-            {"seconds_solver", fluid ? fluid->getSecondsOfSolver() : 0}};
+            {"seconds_solver", fluid ? fluid->getCosts().getSecondsOfSolver() : 0}};
 }
 
 }  // namespace RigidHIPlugin

@@ -10,6 +10,7 @@
 
 #include "context/Messages.h"
 #include "context/Scene.h"
+#include "fluid/FluidReport.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 using namespace OpenMM;
@@ -34,7 +35,7 @@ string unboundedFluidWithPeriodicForces(const Scene& scene) {
         !scene.system.usesPeriodicBoundaryConditions())
         return {};
     // Bodies that do not feel each other need no images of each other.
-    if (!scene.fluid || scene.fluid->numInteracting() == 0) return {};
+    if (!scene.fluid || FluidReport(scene.fluid->getContents()).numInteracting() == 0) return {};
     return "the fluid is unbounded, though forces are periodic: bodies feel images of each other "
            "by forces, but not through the fluid; use setBoundary(Periodic), or forces without "
            "periodic boundary conditions";

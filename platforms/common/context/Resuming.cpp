@@ -84,8 +84,8 @@ void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
         checkPosesAgainstPositions(scene, saved);
     }
     if (scene.fluid) {
-        scene.fluid->checkMemory(saved.memory, scene.integrator.getScheme());
-        scene.fluid->checkLastStep(saved.lastStep);
+        scene.fluid->getMemory().checkOfScheme(saved.memory, scene.integrator.getScheme());
+        scene.fluid->getMemory().checkLastStep(saved.lastStep);
     }
     scene.build(now);
     BodySet& bodies = scene.bodies;
@@ -104,8 +104,8 @@ void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
     }
     scene.adoptInertiaScale();
     if (scene.fluid) {
-        scene.fluid->setMemory(saved.memory, scene.integrator.getScheme());
-        scene.fluid->setLastStep(saved.lastStep);
+        scene.fluid->getMemory().setOfScheme(saved.memory, scene.integrator.getScheme());
+        scene.fluid->getMemory().setLastStep(saved.lastStep);
     }
     mirror.stateWasLoaded(saved, others);
     scene.noteChange();
@@ -135,9 +135,9 @@ SavedState collectState(Scene& scene, ContextMirror& mirror) {
         saved.bodies.push_back(body);
     }
     if (scene.fluid) {
-        saved.memory = scene.fluid->getMemory();
+        saved.memory = scene.fluid->getMemory().getOfScheme();
         if (scene.fluid->getFlowReader().lastStepIsPresent(scene.bodies, scene.arrays->positions()))
-            saved.lastStep = scene.fluid->getLastStep();
+            saved.lastStep = scene.fluid->getMemory().getLastStep();
     }
     saved.rounding = scene.arrays->rounding();
     if (!saved.rounding.isExact())

@@ -65,7 +65,7 @@ void TemperatureWatch::adopt(const Scene& scene) {
     const bool inFluid = settings.traits().needsFluid();
     if (!settings.hasMomenta() || settings.kT == 0 || bodies.getNumBodies() == 0 ||
         scene.bodyForces.usesTime() || scene.bodyForces.usesVelocities() ||
-        (inFluid && scene.fluid->getFlow()))
+        (inFluid && scene.fluid->getContents().getFlow()))
         return;
     translation = rotation = Expectation();
     totalMass = 0;
@@ -81,7 +81,8 @@ void TemperatureWatch::adopt(const Scene& scene) {
         const BodyInertia& inertia = bodies.inertia(b);
         const int s = bodies.slot(b);
         BodyRates fluid;
-        if (inFluid && bodies.decay_p[s] == 1) fluid = findRates(*scene.fluid.get(), b, inertia);
+        if (inFluid && bodies.decay_p[s] == 1)
+            fluid = findRates(scene.fluid->getContents(), b, inertia);
         totalMass += inertia.mass;
         expect(translation, 3, inertia.mass, bodies.decay_p[s], bodies.noise_p[s],
                together * fluid.translation);

@@ -68,7 +68,7 @@ string longTurn(double h, const string& body, double turn) {
 /** What a step without momenta does to each body, beside what it should see. */
 void warnOfLeaps(const Scene& scene, double h, double kT, map<WarningCause, string>& result) {
     const StepResolution step =
-        resolveOverdamped(*scene.fluid.get(), scene.integrator.getScheme(), h, kT);
+        resolveOverdamped(scene.fluid->getContents(), scene.integrator.getScheme(), h, kT);
     if (step.displacement > largestDisplacement * step.smallestRadius)
         result[WarningCause::LongDisplacement] =
             "in a step of " + number(h) + " ps " + step.mover + " moves at random by " +
@@ -140,7 +140,7 @@ void warnOfSpinUnderLangevinA(const Scene& scene, double h, double kT,
  */
 void warnOfRelaxation(const Scene& scene, double h, map<WarningCause, string>& result) {
     const StepResolution step =
-        resolveRelaxation(*scene.fluid.get(), h, scene.bodies, *scene.freeParticles);
+        resolveRelaxation(scene.fluid->getContents(), h, scene.bodies, *scene.freeParticles);
     const double x = step.relaxation;
     if (!(x > largestRelaxation)) return;
     result[WarningCause::FastRelaxation] =
@@ -158,7 +158,7 @@ void warnOfRelaxation(const Scene& scene, double h, map<WarningCause, string>& r
 double partRedoneSoFar(const Scene& scene) {
     if (scene.counters.rejectedSteps == 0 || !scene.fluid) return 0;
     return scene.settings.traits().isOverdamped()
-               ? partRedone(*scene.fluid.get(), largestPartRedone)
+               ? partRedone(scene.fluid->getContents(), largestPartRedone)
                : partRedone(scene.counters.rejectedSteps, scene.counters.steps, largestPartRedone);
 }
 
@@ -166,7 +166,7 @@ void warnOfRejections(const Scene& scene, map<WarningCause, string>& result) {
     const double part = partRedoneSoFar(scene);
     if (part == 0) return;
     const bool separately =
-        scene.settings.traits().isOverdamped() && scene.fluid->getGroups().size() > 1;
+        scene.settings.traits().isOverdamped() && scene.fluid->getContents().groups.size() > 1;
     result[WarningCause::ManyRejections] =
         percent(part) + " of steps" + (separately ? " of a group" : "") + " are redone (" +
         to_string(scene.counters.rejectedSteps) + " so far" + (separately ? " in all" : "") +
@@ -183,9 +183,9 @@ bool stepsHaveWarnings(const Scene& scene, const set<WarningCause>& printed) {
     const ContextFluid& fluid = scene.fluid;
     if (!fluid) return false;
     return (isNew(WarningCause::DriftFactorSpread) &&
-            driftFactorSpread(*fluid.get()) > driftFactorLimit) ||
+            driftFactorSpread(fluid->getContents()) > driftFactorLimit) ||
            (isNew(WarningCause::ManyRejections) && partRedoneSoFar(scene) > 0) ||
-           (isNew(WarningCause::DrivenSpin) && drivesSlowedSpins(*fluid.get()));
+           (isNew(WarningCause::DrivenSpin) && drivesSlowedSpins(fluid->getContents()));
 }
 
 map<WarningCause, string> findWarnings(const Scene& scene) {
@@ -210,7 +210,7 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
         worst = max(worst, turn);
     }
     if (traits.omitsDrift() && kT > 0 && scene.fluid &&
-        FluidReport(*scene.fluid.get()).hasStochasticDrift())
+        FluidReport(scene.fluid->getContents()).hasStochasticDrift())
         result[WarningCause::OmittedDrift] =
             string(traits.name) +
             " omits the stochastic drift kT div N, which is not 0 here, and samples a wrong "
@@ -240,7 +240,7 @@ map<WarningCause, string> findWarnings(const Scene& scene) {
     if (scene.fluid && traits.kind == SchemeKind::FluidThermostat && kT > 0)
         warnOfRelaxation(scene, h, result);
     if (scene.fluid) warnOfRejections(scene, result);
-    const double spread = scene.fluid ? driftFactorSpread(*scene.fluid.get()) : 0;
+    const double spread = scene.fluid ? driftFactorSpread(scene.fluid->getContents()) : 0;
     if (traits.isOverdamped() && spread > driftFactorLimit)
         result[WarningCause::DriftFactorSpread] =
             "the drift factor nu of " + string(traits.name) + " fluctuates by " + number(spread) +

@@ -83,7 +83,7 @@ public:
     std::vector<Eigen::MatrixXd*> getMemory() const;
     void restoreMemory();
     void forgetMemory();
-    bool hasScheme() const { return scheme != nullptr; }
+    Scheme getScheme() const { return kind; }
 
     // ---- The last step, and what to do it again
     const LastStep& getLastStep() const { return last; }

@@ -51,11 +51,11 @@ bool FlowReader::lastStepIsPresent(const BodySet& bodies,
 }
 
 FluidGroup& FlowReader::onlyGroup(const char* method) const {
-    if (force.getModel() == MobilityForce::FreeDraining)
+    if (fluid.isFreeDraining())
         fail(method,
              "model FreeDraining has a separate fluid for each body, and no flow between bodies; "
              "use RotnePragerYamakawa");
-    if (!fluid.hasOneFlow)
+    if (!fluid.hasOneFlow())
         fail(method,
              "there are " + to_string(fluid.groups.size()) +
                  " groups of bodies, each in a fluid of its own; ask in a Context with one group");
@@ -70,7 +70,7 @@ void FlowReader::replay(FluidGroup& group, Answer& result) const {
     result.move.reset(
         new OverdampedMove(brownian.mobilityFor(2 * last.step.kT * last.step.h, last.scheme)));
     OverdampedStep step = last.step;
-    step.flow = fluid.flow;
+    step.flow = fluid.getFlow();
     brownian.setTolerance(traitsOf(last.scheme), step);
     OverdampedMove& move = *result.move;
     move.start = last.start;
@@ -95,7 +95,7 @@ void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
     result.move.reset(new OverdampedMove(brownian.mobilityFor(0, question.scheme)));
     OverdampedMove& move = *result.move;
     OverdampedStep step;
-    step.flow = fluid.flow;
+    step.flow = fluid.getFlow();
     brownian.getMobility().setTolerance(force.getSolverTolerance());
     group.members.readPoses(question.bodies, question.positions, move.start);
     move.begin(step);
@@ -128,13 +128,13 @@ void FlowReader::flowOfVelocities(FluidGroup& group, const FlowQuestion& questio
     mobility.setTolerance(force.getSolverTolerance());
     const vector<Pose>& poses = group.readPoses(bodies, question.positions);
     mobility.setPoses(poses);
-    mobility.forcesOfTwists(twists, fluid.flow, forces);
-    result.made.shares.push_back({1, poses, forces, fluid.flow != nullptr});
+    mobility.forcesOfTwists(twists, fluid.getFlow(), forces);
+    result.made.shares.push_back({1, poses, forces, fluid.getFlow() != nullptr});
 }
 
 bool FlowReader::findLastStep(const BodySet& bodies, const vector<OpenMM::Vec3>& positions,
                               CustomRigidHIIntegrator::Scheme scheme) {
-    if (!fluid.hasOneFlow || !lastStepIsPresent(bodies, positions)) return false;
+    if (!fluid.hasOneFlow() || !lastStepIsPresent(bodies, positions)) return false;
     FluidGroup& group = *fluid.groups[0];
     const LastStep& last = group.brownian->getLastStep();
     if (last.scheme != scheme) return false;
@@ -176,7 +176,7 @@ void FlowReader::forSources(FluidGroup& group, Answer& of, const Add& add) const
         // Displaced poses may reach a little beyond what the model accepts.
         mobility.setPoses(share.poses, !mobility.objection(share.poses).empty());
         const FlowSources sources =
-            mobility.flowSources(share.forces, share.inFlow ? fluid.flow : nullptr);
+            mobility.flowSources(share.forces, share.inFlow ? fluid.getFlow() : nullptr);
         add(mobility, sources, share.weight);
     }
 }
@@ -198,10 +198,9 @@ Velocities FlowReader::flowAt(const vector<OpenMM::Vec3>& points, const FlowQues
     }
     Answer& made = find(group, question);
     Velocities velocities = Velocities::Zero(3, points.size());
-    if (fluid.flow)
+    if (const DrivenFlow* flow = fluid.getFlow())
         for (size_t p = 0; p < points.size(); p++)
-            velocities.col(p) =
-                made.made.flowWeight * fluid.flow->velocityAt(toEigen(points[p]), {});
+            velocities.col(p) = made.made.flowWeight * flow->velocityAt(toEigen(points[p]), {});
     forSources(group, made, [&](BodyMobility& at, const FlowSources& sources, double weight) {
         at.addFlowAt(sources, points, weight, velocities);
     });
@@ -253,7 +252,7 @@ array<double, 2> FlowReader::flowMode(int forceAxis, int waveAxis, int waveVecto
         if (made.made.fieldWeight != 0 && made.move->getField())
             amplitudes[part] += made.made.fieldWeight * made.move->getField()->amplitudeOf(wave);
     }
-    const DrivenFlow* flow = fluid.flow;
+    const DrivenFlow* flow = fluid.getFlow();
     if (flow && flow->waveVelocity != 0 && flow->forceAxis == forceAxis &&
         flow->waveAxis == waveAxis && flow->k == wave.k)
         amplitudes[0] += made.made.flowWeight * flow->waveVelocity;

@@ -5,8 +5,7 @@
 #include <memory>
 #include <vector>
 
-#include "fluid/FluidGroup.h"
-#include "openmmrigidhi/MobilityForce.h"
+#include "fluid/FluidContents.h"
 
 namespace RigidHIPlugin {
 
@@ -31,16 +30,7 @@ struct FlowQuestion {
  */
 class FlowReader {
 public:
-    /** What the fluid of a Context consists of. */
-    struct Parts {
-        const MobilityForce& force;
-        const std::vector<std::unique_ptr<FluidGroup>>& groups;
-        const DrivenFlow* const& flow;  // null: none
-        const BoxVectors& box;
-        /** Whether there is one flow that can be asked for. Otherwise no data of steps are kept. */
-        bool hasOneFlow;
-    };
-    explicit FlowReader(const Parts& fluid) : fluid(fluid), force(fluid.force) {}
+    explicit FlowReader(const FluidContents& fluid) : fluid(fluid), force(fluid.force) {}
     /** Poses, box or settings have changed. */
     void forget() { answer.reset(); }
     /**
@@ -89,7 +79,7 @@ private:
                               DrivenFlow& wave) const;
     Answer& find(FluidGroup& group, const FlowQuestion& question);
 
-    const Parts fluid;
+    const FluidContents& fluid;
     const MobilityForce& force;
     std::unique_ptr<Answer> answer;
 };

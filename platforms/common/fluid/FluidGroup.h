@@ -46,6 +46,16 @@ struct FluidGroup {
         members.readPoses(set, positions, poses);
         return poses;
     }
+    /** Why the model has no mobility at the present poses; empty where it has one. */
+    std::string objectionTo(const BodySet& set, const std::vector<OpenMM::Vec3>& positions);
+    /**
+     * Check that a wrench does not turn a body about the line of its collinear blobs, where neither
+     * fluid nor inertia resists.
+     * @param siteForces  the sum of the sizes of the forces that make the wrench
+     * @throws OpenMMException naming the body, for a torque beyond rounding
+     */
+    void checkTorque(int element, const Eigen::Matrix<double, 6, 1>& wrench_body,
+                     double siteForces) const;
 };
 
 }  // namespace RigidHIPlugin

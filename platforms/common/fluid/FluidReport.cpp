@@ -1,5 +1,6 @@
 #include "fluid/FluidReport.h"
 
+#include <algorithm>
 #include <sstream>
 
 #include "mobility/Models.h"
@@ -29,24 +30,26 @@ string describeProducts(BodyMobility& mobility, bool differenced, const SchemeTr
     return text.empty() ? text : ", products in iterations " + text;
 }
 
-}  // namespace
+/** The number of bodies or free particles that the fluid sees, from the groups that they are in. */
+int numSeen(const vector<int>& groupOf) {
+    return count_if(groupOf.begin(), groupOf.end(), [](int g) { return g >= 0; });
+}
 
-FluidReport::FluidReport(const Fluid& fluid)
-    : fluid(fluid), force(fluid.getForce()), groups(fluid.getGroups()) {}
+}  // namespace
 
 const FluidGroup* FluidReport::findLargest() const {
     const FluidGroup* largest = nullptr;
-    for (const auto& group : groups)
+    for (const auto& group : fluid.groups)
         if (!largest || group->bodies.getNumParticleRows() > largest->bodies.getNumParticleRows())
             largest = group.get();
     return largest;
 }
 
 string FluidReport::describeWalls() const {
-    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
+    const BoundaryTraits& boundary = traitsOf(fluid.force.getBoundary());
     if (!boundary.hasWalls()) return {};
     double low, high;
-    findWalls(force, low, high);
+    findWalls(fluid.force, low, high);
     const bool one = boundary.numWalls == 1;
     ostringstream text;
     text << (one ? " above a " : " between ") << boundary.walls << (one ? " wall" : " walls")
@@ -54,7 +57,7 @@ string FluidReport::describeWalls() const {
          << "xyz"[boundary.wallAxis] << " = " << low;
     if (!one) text << " and " << high;
     text << " nm (a step is redone if after it a particle "
-         << (fluid.getSettings().wallRejection == CustomRigidHIIntegrator::Crossing
+         << (fluid.settings.wallRejection == CustomRigidHIIntegrator::Crossing
                  ? "has its centre behind "
                  : "overlaps ")
          << (one ? "the wall)" : "a wall)");
@@ -67,30 +70,30 @@ string FluidReport::describe(const SchemeTraits& scheme) const {
         return overdamped ? group.brownian->getMobility() : group.relaxation->getMobility();
     };
     int thermostats = 0, ways[3] = {0, 0, 0};
-    for (const auto& group : groups)
+    for (const auto& group : fluid.groups)
         if (!overdamped && !group->relaxation)
             thermostats++;
         else
             ways[mobilityOf(*group).getWay()]++;
-    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
+    const BoundaryTraits& boundary = traitsOf(fluid.force.getBoundary());
     ostringstream text;
-    text << modelName(force.getModel()) << describeWalls();
+    text << modelName(fluid.force.getModel()) << describeWalls();
     if (fluid.isPeriodic())
         text << " with all images "
              << (boundary.hasWalls() ? string("along ") + boundary.namesAlongWalls() + " " : "")
-             << "in " << textOf(fluid.getBox());
+             << "in " << textOf(fluid.box);
     if (fluid.isFreeDraining() && boundary.isPeriodic)
         text << " in a periodic box, where bodies feel neither others nor images, as if unbounded";
     const FluidGroup* largest = findLargest();
     if (largest && largest->bodies.hasModel()) {
-        const string grid = largest->bodies.getModel().describe(fluid.getBox());
+        const string grid = largest->bodies.getModel().describe(fluid.box);
         if (!grid.empty()) text << " on " << grid;
         if (!largest->gridChoice.empty())
             text << (grid.empty() ? " by matrices of lattice sums (" : " (") << largest->gridChoice
                  << ")";
     }
-    text << ", " << counted(fluid.getNumBodies(), "body", "bodies") << " and "
-         << counted(fluid.getNumFree(), "free particle", "free particles") << "; ";
+    text << ", " << counted(numSeen(fluid.groupOfBody), "body", "bodies") << " and "
+         << counted(numSeen(fluid.groupOfFree), "free particle", "free particles") << "; ";
     if (!overdamped) text << thermostats << " alone with constant isotropic drag (no matrices), ";
     text << ways[BodyMobility::Constant] << " alone with a constant tensor (computed once), "
          << counted(ways[BodyMobility::Dense], "group", "groups") << " with dense matrices, "
@@ -121,7 +124,7 @@ string FluidReport::describeFlow() const {
              << row(2) << "/ps";
     if (!flow.hasGradient()) return text.str();
     bool stresslets = true, own = false;
-    for (const auto& group : groups) {
+    for (const auto& group : fluid.groups) {
         stresslets = stresslets && group->bodies.hasModel() &&
                      group->bodies.getModel().getTraits().hasStresslets;
         for (const FluidElement& element : group->bodies.getElements())
@@ -138,9 +141,9 @@ string FluidReport::describeFlow() const {
 string FluidReport::describeAnswers() const {
     int constant = 0, dense = 0, products = 0, iterations = 0, columns = 0;
     string fast;
-    for (const auto& group : groups) {
+    for (const auto& group : fluid.groups) {
         if (group->bodies.hasModel() && fast.empty())
-            fast = group->bodies.getModel().describeFastProducts(force.getSolverTolerance());
+            fast = group->bodies.getModel().describeFastProducts(fluid.force.getSolverTolerance());
         const bool krylov = group->answering->getWay() == BodyMobility::Krylov;
         columns += krylov && group->bodies.isWorthIterations();
         (group->answering->getWay() == BodyMobility::Constant ? constant
@@ -157,7 +160,7 @@ string FluidReport::describeAnswers() const {
         return all.empty() ? string("no groups") : all;
     };
     ostringstream tolerance;
-    tolerance << "by iterations to " << force.getSolverTolerance();
+    tolerance << "by iterations to " << fluid.force.getSolverTolerance();
     const string known = "by a constant tensor", matrices = "by dense matrices";
     return "applyMobilityInContext() does " +
            list(
@@ -168,14 +171,14 @@ string FluidReport::describeAnswers() const {
            "; getMobilityInContext() " +
            list({{constant, known},
                  {columns, tolerance.str() + ", column by column"},
-                 {int(groups.size()) - constant - columns, matrices}}) +
+                 {int(fluid.groups.size()) - constant - columns, matrices}}) +
            "; getFrictionInContext() " +
-           list({{constant, known}, {int(groups.size()) - constant, matrices}});
+           list({{constant, known}, {int(fluid.groups.size()) - constant, matrices}});
 }
 
 FluidReport::Drifts FluidReport::findDrifts() const {
     Drifts drifts;
-    for (const auto& group : groups) switch (group->brownian->getDrift()) {
+    for (const auto& group : fluid.groups) switch (group->brownian->getDrift()) {
             case BrownianGroup::Drift::Differenced:
                 drifts.differenced.push_back(group->brownian.get());
                 break;
@@ -187,6 +190,20 @@ FluidReport::Drifts FluidReport::findDrifts() const {
 }
 
 bool FluidReport::hasStochasticDrift() const { return findDrifts().numNotZero() > 0; }
+
+int FluidReport::numInteracting() const {
+    int sum = 0;
+    for (const auto& group : fluid.groups)
+        if (group->poses.size() > 1) sum += group->poses.size();
+    return sum;
+}
+
+int FluidReport::numCollinear() const {
+    int sum = 0;
+    for (const auto& group : fluid.groups)
+        for (size_t e = 0; e < group->poses.size(); e++) sum += group->bodies.hasNullVector(e);
+    return sum;
+}
 
 map<string, string> FluidReport::describeDrift(const SchemeTraits& scheme, double kT,
                                                double difference) const {

@@ -4,14 +4,14 @@
 #include <map>
 #include <string>
 
-#include "fluid/Fluid.h"
+#include "fluid/FluidContents.h"
 
 namespace RigidHIPlugin {
 
 /** What the fluid of a Context is and does, in words for describeEffects(). */
 class FluidReport {
 public:
-    explicit FluidReport(const Fluid& fluid);
+    explicit FluidReport(const FluidContents& fluid) : fluid(fluid) {}
     /** What the fluid is, and how many groups are solved in which way. */
     std::string describe(const SchemeTraits& scheme) const;
     /** The flow that users drive; empty: there is none. */
@@ -26,6 +26,13 @@ public:
     /** Whether div N is not 0 somewhere, so that a scheme without momenta that omits it is wrong.
      */
     bool hasStochasticDrift() const;
+    /** The number of bodies and free particles that are not alone in their group. */
+    int numInteracting() const;
+    /**
+     * The number of bodies whose hydrodynamic particles are on a line, about which the fluid does
+     * not turn them.
+     */
+    int numCollinear() const;
 
 private:
     std::string describeWalls() const;
@@ -39,9 +46,7 @@ private:
     Drifts findDrifts() const;
     const FluidGroup* findLargest() const;
 
-    const Fluid& fluid;
-    const MobilityForce& force;
-    const std::vector<std::unique_ptr<FluidGroup>>& groups;
+    const FluidContents& fluid;
 };
 
 }  // namespace RigidHIPlugin

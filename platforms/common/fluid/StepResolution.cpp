@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "fluid/Fluid.h"
+#include "fluid/FluidContents.h"
 
 using namespace Eigen;
 using namespace std;
@@ -20,21 +20,21 @@ double partRedone(long long redone, long long steps, double bound) {
                                                                                     : 0;
 }
 
-double partRedone(const Fluid& fluid, double bound) {
+double partRedone(const FluidContents& fluid, double bound) {
     double largest = 0;
-    for (const auto& group : fluid.getGroups())
+    for (const auto& group : fluid.groups)
         largest = max(largest, partRedone(group->brownian->getNumRejections(),
                                           group->brownian->getNumSteps(), bound));
     return largest;
 }
 
-StepResolution resolveOverdamped(const Fluid& fluid, CustomRigidHIIntegrator::Scheme scheme,
+StepResolution resolveOverdamped(const FluidContents& fluid, CustomRigidHIIntegrator::Scheme scheme,
                                  double h, double kT) {
     const SpinBounds& bounds = overdampedScheme(scheme).spins;
     StepResolution result;
     result.smallestRadius = INFINITY;
     if (kT == 0) return result;
-    for (const auto& group : fluid.getGroups()) {
+    for (const auto& group : fluid.groups) {
         const vector<BodyRotation>& rotations = group->brownian->findRotations(2 * kT * h, scheme);
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++) {
@@ -78,10 +78,10 @@ StepResolution resolveOverdamped(const Fluid& fluid, CustomRigidHIIntegrator::Sc
     return result;
 }
 
-BodyRates findRates(const Fluid& fluid, int body, const BodyInertia& inertia) {
-    FluidGroup& group = *fluid.getGroups()[fluid.getGroupOfBody(body)];
+BodyRates findRates(const FluidContents& fluid, int body, const BodyInertia& inertia) {
+    FluidGroup& group = *fluid.groups[fluid.groupOfBody[body]];
     BodyRates rates;
-    const MatrixXd& friction = group.alone.of(fluid.getElementOfBody(body)).friction;
+    const MatrixXd& friction = group.alone.of(fluid.elementOfBody[body]).friction;
     const SelfAdjointEigenSolver<Matrix3d> drag(Matrix3d(friction.topLeftCorner<3, 3>()),
                                                 EigenvaluesOnly);
     rates.translation = drag.eigenvalues()[0] / inertia.mass;
@@ -98,7 +98,7 @@ BodyRates findRates(const Fluid& fluid, int body, const BodyInertia& inertia) {
     return rates;
 }
 
-StepResolution resolveRelaxation(const Fluid& fluid, double h, const BodySet& bodies,
+StepResolution resolveRelaxation(const FluidContents& fluid, double h, const BodySet& bodies,
                                  const FreeParticles& freeParticles) {
     StepResolution result;
     const auto note = [&](double rate, bool rotation, const FluidElement& element) {
@@ -107,7 +107,7 @@ StepResolution resolveRelaxation(const Fluid& fluid, double h, const BodySet& bo
         result.relaxationIsOfRotation = rotation;
         result.fastestToRelax = nameOf(element);
     };
-    for (const auto& group : fluid.getGroups()) {
+    for (const auto& group : fluid.groups) {
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++) {
             const MatrixXd& friction = group->alone.of(e).friction;
@@ -133,15 +133,15 @@ StepResolution resolveRelaxation(const Fluid& fluid, double h, const BodySet& bo
     return result;
 }
 
-bool drivesSlowedSpins(const Fluid& fluid) {
-    for (const auto& group : fluid.getGroups())
+bool drivesSlowedSpins(const FluidContents& fluid) {
+    for (const auto& group : fluid.groups)
         if (group->brownian->drivesSlowedSpins()) return true;
     return false;
 }
 
-double driftFactorSpread(const Fluid& fluid) {
+double driftFactorSpread(const FluidContents& fluid) {
     double spread = 0;
-    for (const auto& group : fluid.getGroups())
+    for (const auto& group : fluid.groups)
         spread = max(spread, group->brownian->getDriftFactorSpread());
     return spread;
 }

@@ -8,9 +8,9 @@
 namespace RigidHIPlugin {
 
 class BodySet;
-class Fluid;
 class FreeParticles;
 struct BodyInertia;
+struct FluidContents;
 
 /**
  * What one step does to bodies and free particles, each by itself in unbounded fluid. The names are
@@ -46,23 +46,23 @@ struct BodyRates {
  * What a step of a scheme without momenta does to each body by itself (at kT = 0 nothing), and
  * whether forces turn bodies whose spin is slowed.
  */
-StepResolution resolveOverdamped(const Fluid& fluid, CustomRigidHIIntegrator::Scheme scheme,
+StepResolution resolveOverdamped(const FluidContents& fluid, CustomRigidHIIntegrator::Scheme scheme,
                                  double h, double kT);
 /** The part of steps that were redone, where it is surely more than `bound`; else 0. */
 double partRedone(long long redone, long long steps, double bound);
 /** The largest such part of a group, without momenta: each group redoes its own steps. */
-double partRedone(const Fluid& fluid, double bound);
+double partRedone(const FluidContents& fluid, double bound);
 /** Whether the steps so far show such forces. */
-bool drivesSlowedSpins(const Fluid& fluid);
+bool drivesSlowedSpins(const FluidContents& fluid);
 /**
  * The root mean square of nu - 1 of drift-correctors over steps so far, for the group where it is
  * largest; 0 before there are enough steps to tell.
  */
-double driftFactorSpread(const Fluid& fluid);
+double driftFactorSpread(const FluidContents& fluid);
 /** The rates at which the fluid damps the momenta of a body by itself, at least. */
-BodyRates findRates(const Fluid& fluid, int body, const BodyInertia& inertia);
+BodyRates findRates(const FluidContents& fluid, int body, const BodyInertia& inertia);
 /** How far momenta relax in a step of LangevinHI. */
-StepResolution resolveRelaxation(const Fluid& fluid, double h, const BodySet& bodies,
+StepResolution resolveRelaxation(const FluidContents& fluid, double h, const BodySet& bodies,
                                  const FreeParticles& freeParticles);
 
 }  // namespace RigidHIPlugin

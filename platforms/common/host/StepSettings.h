@@ -34,13 +34,16 @@ struct ParticleArrays {
     double *lastPositions, *lastVelocities;
 };
 
-/** The result of a loop over bodies. */
+/** The result of a loop over bodies, or over groups of bodies in a fluid. */
 struct LoopResult {
     bool finite = true;
     long long randomNumbers = 0;
+    long long squareRoots = 0, iterations = 0;  // of the fluid's mobilities
     void add(const LoopResult& other) {
         finite = finite && other.finite;
         randomNumbers += other.randomNumbers;
+        squareRoots += other.squareRoots;
+        iterations += other.iterations;
     }
 };
 

@@ -7,23 +7,24 @@ namespace RigidHIPlugin {
 
 void BrownianStep::take() {
     Scene& scene = parts.scene;
-    Fluid& fluid = *scene.fluid.get();
+    BrownianGroups& groups = scene.fluid->getBrownianGroups();
+    const FluidChecks& checks = scene.fluid->getChecks();
     const OverdampedEntry& scheme = overdampedScheme(scene.settings.scheme);
-    fluid.beginOverdamped(
-        scene.settings.scheme);  // first: whatever fails from here on restores what this keeps
-    if (scheme.needsForces(0)) fluid.checkTorques(scene.bodies, scene.arrays->forces());
-    for (int stage = 0; stage < scheme.numStages(); stage = fluid.nextStage()) {
+    // First: whatever fails from here on restores what this keeps.
+    groups.begin(scene.settings.scheme);
+    if (scheme.needsForces(0)) checks.checkTorques(scene.bodies, scene.arrays->forces());
+    for (int stage = 0; stage < scheme.numStages(); stage = groups.nextStage()) {
         if (stage > 0) {
-            fluid.showStage(stage, scene.bodies, scene.arrays->positions());
+            groups.showStage(stage, scene.bodies, scene.arrays->positions());
             writePositions();
             parts.forces.evaluate(scene.arrays->getTime() +
                                   scheme.forcesAt[stage] * scene.settings.h);
-            fluid.checkTorques(scene.bodies, scene.arrays->forces());
+            checks.checkTorques(scene.bodies, scene.arrays->forces());
         }
         runStage(stage);
     }
     writePositions();
-    fluid.endOverdamped();
+    groups.end();
 }
 
 /**
@@ -32,16 +33,17 @@ void BrownianStep::take() {
  */
 void BrownianStep::runStage(int stage) {
     Scene& scene = parts.scene;
+    BrownianGroups& groups = scene.fluid->getBrownianGroups();
     const double start = StepCounters::now();
-    const LoopResult result = scene.fluid->runStage(
-        stage, scene.settings, scene.bodies, *scene.freeParticles, scene.arrays->positions());
+    const LoopResult result = groups.runStage(stage, scene.settings, scene.bodies,
+                                              *scene.freeParticles, scene.arrays->positions());
     scene.counters.seconds_mobility += StepCounters::now() - start;
-    scene.counters.randomNumbers += result.randomNumbers;
+    scene.counters.add(result);
     parts.forces.drop();  // poses have changed
     if (!result.finite) reportNonFinite(scene, "position");
-    const Fluid::Rejections rejected = scene.fluid->takeBackRejected(
-        parts.start.bodies(), parts.start.freeParticles(), scene.bodies, *scene.freeParticles,
-        scene.arrays->positions());
+    const BrownianGroups::Rejections rejected =
+        groups.takeBackRejected(parts.start.bodies(), parts.start.freeParticles(), scene.bodies,
+                                *scene.freeParticles, scene.arrays->positions());
     if (rejected.number > 0)
         parts.rejections.count(rejected.number, rejected.attempts, rejected.objection);
 }

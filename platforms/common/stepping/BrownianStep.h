@@ -8,8 +8,8 @@ namespace RigidHIPlugin {
 /**
  * A step without momenta (Brownian dynamics): the stages of the scheme, each with its forces. A
  * group of bodies that is led to where the model has no mobility is redone by itself with new
- * noise. The cost of a step therefore does not grow faster than the number of groups. The Fluid
- * counts the attempts of each group.
+ * noise. The cost of a step therefore does not grow faster than the number of groups. The
+ * fluid counts the attempts of each group.
  *
  * Groups that are redone need the forces of later stages again, and OpenMM evaluates the forces of
  * all groups. The other groups are then placed where their forces of that stage were evaluated, and

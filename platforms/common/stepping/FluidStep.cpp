@@ -23,17 +23,17 @@ string FluidStep::attempt() {
     string found = objection();
     if (!found.empty()) return found;
     finish();
-    scene.fluid->checkTorques(scene.bodies, scene.arrays->forces());
+    scene.fluid->getChecks().checkTorques(scene.bodies, scene.arrays->forces());
     // The next step takes the friction half a step ahead, and no noise of that step can change the
     // poses there.
-    return scene.fluid->mayObject() ? objectionHalfAStepAhead() : string();
+    return scene.fluid->getChecks().mayObject() ? objectionHalfAStepAhead() : string();
 }
 
 string FluidStep::objection() const {
     const Scene& scene = parts.scene;
-    return scene.fluid->mayObject()
-               ? scene.fluid->objection(scene.bodies, scene.arrays->positions())
-               : string();
+    const FluidChecks& checks = scene.fluid->getChecks();
+    return checks.mayObject() ? checks.objection(scene.bodies, scene.arrays->positions())
+                              : string();
 }
 
 string FluidStep::objectionHalfAStepAhead() {
@@ -69,9 +69,9 @@ void FluidStep::moveThroughFluid() {
                               : atStart));
     }
     const double start = StepCounters::now();
-    result.add(scene.fluid->relax(settings.h, settings.kT, settings.noise, scene.bodies,
-                                  *scene.freeParticles, scene.arrays->positions(),
-                                  scene.arrays->velocities()));
+    result.add(scene.fluid->getMomenta().relax(
+        settings.h, settings.kT, settings.noise, scene.bodies, *scene.freeParticles,
+        scene.arrays->positions(), scene.arrays->velocities()));
     scene.counters.seconds_mobility += StepCounters::now() - start;
     result.add(parts.mirror.run(BodyLoop::AfterFriction));
     result.add(moveFree(&FreeParticles::afterFriction));

@@ -24,7 +24,7 @@ void PlainStep::finish() {
 
 void PlainStep::count(const LoopResult& result, const char* judged) {
     if (!result.finite) reportNonFinite(parts.scene, judged);
-    parts.scene.counters.randomNumbers += result.randomNumbers;
+    parts.scene.counters.add(result);
 }
 
 }  // namespace RigidHIPlugin

@@ -14,7 +14,8 @@ void Rejections::count(int number, int attempts, const string& objection) {
     const string step = "step " + to_string(scene.arrays->getStepCount() + 1) + ": ",
                  where = step + objection;
     // Schemes that need no mobility at the start have not refused it.
-    const string atStart = scene.fluid->objection(scene.bodies, scene.arrays->positions());
+    const string atStart =
+        scene.fluid->getChecks().objection(scene.bodies, scene.arrays->positions());
     if (!atStart.empty())
         fail(step + "the step starts at positions where the model has no mobility: " + atStart);
     if (scene.settings.kT == 0)

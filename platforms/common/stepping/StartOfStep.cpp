@@ -14,7 +14,7 @@ void StartOfStep::show() {
 }
 
 void StartOfStep::putBack() {
-    if (scene.fluid) scene.fluid->restoreMemory();
+    if (scene.fluid) scene.fluid->getMemory().restore();
     show();
     mirror.writePoses();
 }

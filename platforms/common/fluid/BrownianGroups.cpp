@@ -1,0 +1,86 @@
+#include "fluid/BrownianGroups.h"
+
+#include <algorithm>
+#include <functional>
+
+#include "fluid/FlowReader.h"
+#include "linearalgebra/OneBlasThread.h"
+
+using namespace std;
+
+namespace RigidHIPlugin {
+
+void BrownianGroups::begin(CustomRigidHIIntegrator::Scheme wanted) {
+    scheme = wanted;
+    for (const auto& group : fluid.groups) group->brownian->begin(scheme);
+}
+
+void BrownianGroups::end() {
+    for (const auto& group : fluid.groups) group->brownian->end();
+}
+
+int BrownianGroups::nextStage() const {
+    int next = overdampedScheme(scheme).numStages();
+    for (const auto& group : fluid.groups) next = min(next, group->brownian->getStage());
+    return next;
+}
+
+LoopResult BrownianGroups::runStage(int stage, const StepSettings& settings, BodySet& bodies,
+                                    const FreeParticles& freeParticles,
+                                    vector<OpenMM::Vec3>& positions) {
+    const OneBlasThread single;
+    flowReader.forget();
+    double operations = 0;
+    for (const auto& group : fluid.groups) {
+        group->brownian->prepare(settings);
+        group->objection.clear();
+        if (group->brownian->getStage() == stage) operations += group->brownian->getOperations();
+    }
+    const BrownianGroup::Surroundings around = {fluid.getFlow(), fluid.box, fluid.hasOneFlow()};
+    const auto task = [&](int i) {
+        FluidGroup& group = *fluid.groups[i];
+        const bool isRun =
+            group.brownian->runStage(stage, settings, around, bodies, freeParticles, positions);
+        if (isRun && group.brownian->getOutcome().isFinite)
+            group.objection = group.objectionTo(bodies, positions);
+    };
+    fluid.forGroups(fluid.groups.size(), operations, cref(task));
+    LoopResult result;
+    for (const auto& group : fluid.groups) {
+        const BrownianGroup::Outcome& outcome = group->brownian->getOutcome();
+        result.randomNumbers += outcome.randomNumbers;
+        result.squareRoots += outcome.squareRoots;
+        result.iterations += outcome.iterations;
+        result.finite = result.finite && outcome.isFinite;
+    }
+    return result;
+}
+
+BrownianGroups::Rejections BrownianGroups::takeBackRejected(
+    const BodySet::Snapshot& bodiesAtStart, const FreeParticles::Snapshot& freeAtStart,
+    BodySet& bodies, FreeParticles& freeParticles, vector<OpenMM::Vec3>& positions) {
+    Rejections result;
+    for (const auto& group : fluid.groups) {
+        if (group->objection.empty()) continue;
+        const auto& elements = group->bodies.getElements();
+        for (size_t e = 0; e < elements.size(); e++)
+            if (elements[e].isFree())
+                freeParticles.restore(freeAtStart, group->members.freeIndex[e], positions);
+            else
+                bodies.restore(bodiesAtStart, elements[e].body);
+        group->brownian->reject();
+        result.number++;
+        if ((int)group->brownian->getAttempt() > result.attempts) {
+            result.attempts = group->brownian->getAttempt();
+            result.objection = group->objection;
+        }
+        group->objection.clear();
+    }
+    return result;
+}
+
+void BrownianGroups::showStage(int stage, BodySet& bodies, vector<OpenMM::Vec3>& positions) const {
+    for (const auto& group : fluid.groups) group->brownian->showStage(stage, bodies, positions);
+}
+
+}  // namespace RigidHIPlugin

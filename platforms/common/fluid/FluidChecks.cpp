@@ -1,0 +1,48 @@
+#include "fluid/FluidChecks.h"
+
+#include <cmath>
+
+#include "rigidbody/BodyPoses.h"
+
+using namespace Eigen;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+string FluidChecks::objection(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) const {
+    for (const auto& group : fluid.groups) {
+        const string text = group->objectionTo(bodies, positions);
+        if (!text.empty()) return text;
+    }
+    return {};
+}
+
+bool FluidChecks::mayObject() const {
+    for (const auto& group : fluid.groups)
+        if (group->answering->mayObject()) return true;
+    return false;
+}
+
+void FluidChecks::checkTorques(const BodySet& bodies, const vector<OpenMM::Vec3>& forces) const {
+    Matrix<double, 6, 1> wrench;
+    for (const auto& group : fluid.groups) {
+        if (!group->hasNullVectors) continue;
+        const auto& elements = group->bodies.getElements();
+        for (size_t e = 0; e < elements.size(); e++) {
+            if (!group->bodies.hasNullVector(e)) continue;
+            const int s = bodies.slot(elements[e].body);
+            const Matrix3d A = poseOf(bodies, elements[e].body).rotation();
+            wrench.head<3>() =
+                A.transpose() *
+                Vector3d(bodies.force_lab[0][s], bodies.force_lab[1][s], bodies.force_lab[2][s]);
+            wrench.tail<3>() = Vector3d(bodies.torque_body[0][s], bodies.torque_body[1][s],
+                                        bodies.torque_body[2][s]);
+            double siteForces = 0;
+            for (int p : fluid.particlesOfBodies[elements[e].body])
+                siteForces += sqrt(forces[p].dot(forces[p]));
+            group->checkTorque(e, wrench, siteForces);
+        }
+    }
+}
+
+}  // namespace RigidHIPlugin

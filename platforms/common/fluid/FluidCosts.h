@@ -1,0 +1,32 @@
+#ifndef RIGIDHI_FLUID_COSTS_H_
+#define RIGIDHI_FLUID_COSTS_H_
+
+#include "fluid/FluidContents.h"
+
+namespace RigidHIPlugin {
+
+/** What the mobilities of a Context have cost so far, earlier fluids of the Context included. */
+class FluidCosts {
+public:
+    explicit FluidCosts(const FluidContents& fluid) : fluid(fluid) {}
+    /** Products with mobilities, and matrices that were made. */
+    long long getNumProducts() const;
+    /** Times of the grid. */
+    GridSeconds getGridSeconds() const;
+    /** The time of Krylov methods without their products. */
+    double getSecondsOfSolver() const;
+    /** Go on from the costs of another fluid of this Context. */
+    void continueFrom(const FluidCosts& before);
+
+private:
+    MobilityCosts ownCosts() const;
+    const FluidContents& fluid;
+    // Of the fluids before this one:
+    long long productsBefore = 0;
+    GridSeconds gridSecondsBefore;
+    double secondsOfSolverBefore = 0;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
