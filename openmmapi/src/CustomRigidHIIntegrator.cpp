@@ -193,7 +193,7 @@ int CustomRigidHIIntegrator::addRigidBody(const vector<int>& particles, double m
 int CustomRigidHIIntegrator::getNumRigidBodies() const { return bodies.size(); }
 
 int CustomRigidHIIntegrator::getNumRigidBodiesOfContext() const {
-    return boundKernel("getNumRigidBodiesOfContext()").getNumBodies();
+    return boundKernel("getNumRigidBodiesOfContext()").getBodies().getNumBodies();
 }
 
 void CustomRigidHIIntegrator::getRigidBodyParameters(int index, vector<int>& particles,
@@ -201,7 +201,7 @@ void CustomRigidHIIntegrator::getRigidBodyParameters(int index, vector<int>& par
                                                      vector<Vec3>& sitePositions) const {
     checkBodyIndex(index, "getRigidBodyParameters()");
     if (!bodies[index].geometryIsKnown) {
-        if (hasKernel) boundKernel("getRigidBodyParameters()").requireGeometry(*context);
+        if (hasKernel) boundKernel("getRigidBodyParameters()").getBodies().requireGeometry();
         // A body that was added after the Context was created is not known to the kernel.
         if (!bodies[index].geometryIsKnown)
             fail(bodyName(index), "its mass, moments and sites are not known",
@@ -253,7 +253,7 @@ void CustomRigidHIIntegrator::resetBodyGeometry() {
             body.sitePositions.clear();
         }
     settingsVersion++;
-    if (hasKernel) boundKernel("resetBodyGeometry()").resetBodyGeometry(*context);
+    if (hasKernel) boundKernel("resetBodyGeometry()").resetBodyGeometry();
 }
 
 void CustomRigidHIIntegrator::recordBodyGeometry(int index, double mass,
@@ -464,7 +464,7 @@ void CustomRigidHIIntegrator::setMaximumRejections(int number) {
 }
 
 int CustomRigidHIIntegrator::getNumRejectedSteps() const {
-    return boundKernel("getNumRejectedSteps()").getNumRejectedSteps(*context);
+    return boundKernel("getNumRejectedSteps()").getBodies().getNumRejectedSteps();
 }
 
 void CustomRigidHIIntegrator::setStepSize(double size) {
@@ -502,31 +502,31 @@ IntegrateRigidBodiesKernel& CustomRigidHIIntegrator::getKernelForForces(const ch
 }
 
 vector<Vec3> CustomRigidHIIntegrator::getBodyPositions() const {
-    return boundKernel("getBodyPositions()").getBodyPositions(*context);
+    return boundKernel("getBodyPositions()").getBodies().getBodyPositions();
 }
 
 vector<QuaternionArray> CustomRigidHIIntegrator::getBodyOrientations() const {
-    return boundKernel("getBodyOrientations()").getBodyOrientations(*context);
+    return boundKernel("getBodyOrientations()").getBodies().getBodyOrientations();
 }
 
 vector<Vec3> CustomRigidHIIntegrator::getBodyVelocities() const {
-    return boundKernel("getBodyVelocities()").getBodyVelocities(*context);
+    return boundKernel("getBodyVelocities()").getBodies().getBodyVelocities();
 }
 
 vector<Vec3> CustomRigidHIIntegrator::getBodyAngularVelocities() const {
-    return boundKernel("getBodyAngularVelocities()").getBodyAngularVelocities(*context);
+    return boundKernel("getBodyAngularVelocities()").getBodies().getBodyAngularVelocities();
 }
 
 void CustomRigidHIIntegrator::setBodyPositions(const vector<Vec3>& positions) {
-    IntegrateRigidBodiesKernel& bound = boundKernel("setBodyPositions()");
+    BodiesInContext& bound = boundKernel("setBodyPositions()").getBodies();
     checkVectors(positions, bound.getNumBodies(), getNumRigidBodies(), "setBodyPositions()",
                  "position");
-    bound.setBodyPositions(*context, positions);
+    bound.setBodyPositions(positions);
 }
 
 void CustomRigidHIIntegrator::setBodyOrientations(const vector<QuaternionArray>& orientations) {
     constexpr double lengthTolerance = 1e-3;
-    IntegrateRigidBodiesKernel& bound = boundKernel("setBodyOrientations()");
+    BodiesInContext& bound = boundKernel("setBodyOrientations()").getBodies();
     checkRows(orientations.size(), bound.getNumBodies(), getNumRigidBodies(),
               "setBodyOrientations()");
     vector<QuaternionArray> unit(orientations);
@@ -540,54 +540,57 @@ void CustomRigidHIIntegrator::setBodyOrientations(const vector<QuaternionArray>&
                  "normalise it, in the order (w, x, y, z)");
         for (double& component : q) component /= length;
     }
-    bound.setBodyOrientations(*context, unit);
+    bound.setBodyOrientations(unit);
 }
 
 void CustomRigidHIIntegrator::setBodyVelocities(const vector<Vec3>& velocities) {
-    IntegrateRigidBodiesKernel& bound = boundKernel("setBodyVelocities()");
+    BodiesInContext& bound = boundKernel("setBodyVelocities()").getBodies();
     checkVectors(velocities, bound.getNumBodies(), getNumRigidBodies(), "setBodyVelocities()",
                  "velocity");
-    bound.setBodyVelocities(*context, velocities);
+    bound.setBodyVelocities(velocities);
 }
 
 void CustomRigidHIIntegrator::setBodyAngularVelocities(const vector<Vec3>& angularVelocities) {
-    IntegrateRigidBodiesKernel& bound = boundKernel("setBodyAngularVelocities()");
+    BodiesInContext& bound = boundKernel("setBodyAngularVelocities()").getBodies();
     checkVectors(angularVelocities, bound.getNumBodies(), getNumRigidBodies(),
                  "setBodyAngularVelocities()", "angular velocity");
-    bound.setBodyAngularVelocities(*context, angularVelocities);
+    bound.setBodyAngularVelocities(angularVelocities);
 }
 
 vector<Vec3> CustomRigidHIIntegrator::getBodyForces() const {
-    return boundKernel("getBodyForces()").getBodyForces(*context);
+    return boundKernel("getBodyForces()").getBodies().getBodyForces();
 }
 
 vector<Vec3> CustomRigidHIIntegrator::getBodyTorques() const {
-    return boundKernel("getBodyTorques()").getBodyTorques(*context);
+    return boundKernel("getBodyTorques()").getBodies().getBodyTorques();
 }
 
 double CustomRigidHIIntegrator::getPoseResidual() const {
-    return boundKernel("getPoseResidual()").getPoseResidual(*context);
+    return boundKernel("getPoseResidual()").getBodies().getPoseResidual();
 }
 
 // ---- Energies and temperature ----
 
 double CustomRigidHIIntegrator::computeTranslationalKineticEnergy() const {
     return boundKernel("computeTranslationalKineticEnergy()")
-        .computeTranslationalKineticEnergy(*context);
+        .getBodies()
+        .computeTranslationalKineticEnergy();
 }
 
 Vec3 CustomRigidHIIntegrator::computeRotationalKineticEnergies() const {
     return boundKernel("computeRotationalKineticEnergies()")
-        .computeRotationalKineticEnergies(*context);
+        .getBodies()
+        .computeRotationalKineticEnergies();
 }
 
 double CustomRigidHIIntegrator::computeFreeParticleKineticEnergy() const {
     return boundKernel("computeFreeParticleKineticEnergy()")
-        .computeFreeParticleKineticEnergy(*context);
+        .getBodies()
+        .computeFreeParticleKineticEnergy();
 }
 
 map<string, int> CustomRigidHIIntegrator::getDegreesOfFreedom() const {
-    return boundKernel("getDegreesOfFreedom()").getDegreesOfFreedom(*context);
+    return boundKernel("getDegreesOfFreedom()").getBodies().getDegreesOfFreedom();
 }
 
 double CustomRigidHIIntegrator::computeKineticEnergy() {
@@ -616,27 +619,33 @@ double CustomRigidHIIntegrator::computeSystemTemperature() {
 double CustomRigidHIIntegrator::computeMidStepTemperature() const {
     requireDegreesOfFreedom("computeMidStepTemperature()");
     return boundKernel("computeMidStepTemperature()")
-        .computeMidStepTemperatures(*context)
+        .getBodies()
+        .computeMidStepTemperatures()
         .at("total");
 }
 
 map<string, double> CustomRigidHIIntegrator::computeMidStepTemperatures() const {
     requireDegreesOfFreedom("computeMidStepTemperatures()");
-    return boundKernel("computeMidStepTemperatures()").computeMidStepTemperatures(*context);
+    return boundKernel("computeMidStepTemperatures()").getBodies().computeMidStepTemperatures();
 }
 
 // ---- What the scene costs ----
 
 string CustomRigidHIIntegrator::describeEffects() const {
-    return boundKernel("describeEffects()").describeEffects(*context);
+    string text;
+    for (const auto& effect : boundKernel("describeEffects()").getBodies().getEffects()) {
+        string value = effect.second;  // "on: why" or "off: why"
+        text += effect.first + ": " + value.replace(value.find(':'), 1, ",") + "\n";
+    }
+    return text;
 }
 
 map<string, string> CustomRigidHIIntegrator::getEffects() const {
-    return boundKernel("getEffects()").getEffects(*context);
+    return boundKernel("getEffects()").getBodies().getEffects();
 }
 
 map<string, double> CustomRigidHIIntegrator::getStepStatistics() const {
-    return boundKernel("getStepStatistics()").getStepStatistics(*context);
+    return boundKernel("getStepStatistics()").getBodies().getStepStatistics();
 }
 
 // ---- What OpenMM calls ----
@@ -694,7 +703,7 @@ vector<string> CustomRigidHIIntegrator::getKernelNames() {
 }
 
 void CustomRigidHIIntegrator::stateChanged(State::DataType changed) {
-    if (hasKernel) boundKernel("stateChanged()").stateChanged(*context, changed);
+    if (hasKernel) boundKernel("stateChanged()").stateChanged(changed);
 }
 
 vector<Vec3> CustomRigidHIIntegrator::getVelocitiesForTemperature(const System& system,
@@ -702,23 +711,23 @@ vector<Vec3> CustomRigidHIIntegrator::getVelocitiesForTemperature(const System& 
                                                                   int randomSeed) const {
     IntegrateRigidBodiesKernel& bound = boundKernel("setVelocitiesToTemperature()");
     checkNonNegative(temperature, "setVelocitiesToTemperature()", "temperature", "K");
-    return bound.drawVelocities(*context, temperature, randomSeed);
+    return bound.drawVelocities(temperature, randomSeed);
 }
 
 void CustomRigidHIIntegrator::createCheckpoint(ostream& stream) const {
-    boundKernel("createCheckpoint()").createCheckpoint(*context, stream);
+    boundKernel("createCheckpoint()").createCheckpoint(stream);
 }
 
 void CustomRigidHIIntegrator::loadCheckpoint(istream& stream) {
-    boundKernel("loadCheckpoint()").loadCheckpoint(*context, stream);
+    boundKernel("loadCheckpoint()").loadCheckpoint(stream);
 }
 
 void CustomRigidHIIntegrator::serializeParameters(SerializationNode& node) const {
-    boundKernel("getState()").serialize(*context, node);
+    boundKernel("getState()").serialize(node);
 }
 
 void CustomRigidHIIntegrator::deserializeParameters(const SerializationNode& node) {
-    boundKernel("setState()").deserialize(*context, node);
+    boundKernel("setState()").deserialize(node);
 }
 
 void CustomRigidHIIntegrator::step(int steps) {
@@ -726,7 +735,7 @@ void CustomRigidHIIntegrator::step(int steps) {
     if (steps < 0)
         fail("step()", "the number of steps is " + text(steps), "it must not be negative",
              "give a value from 0 up");
-    bound.step(*context, steps);
+    bound.step(steps);
 }
 
 }  // namespace RigidHIPlugin

@@ -331,65 +331,59 @@ IntegrateRigidBodiesKernel& MobilityForce::kernelIn(Context& context, const char
 }
 
 void MobilityForce::updateParametersInContext(Context& context) {
-    kernelIn(context, "updateParametersInContext()").updateFluid(getContextImpl(context), *this);
+    kernelIn(context, "updateParametersInContext()").getFluid().updateParameters(*this);
 }
 
 vector<double> MobilityForce::getMobilityInContext(Context& context) const {
-    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getMobilityInContext()");
-    return kernel.getMobility(const_cast<MobilityForce*>(this)->getContextImpl(context));
+    return kernelIn(context, "getMobilityInContext()").getFluid().getMobility();
 }
 
 vector<double> MobilityForce::getFrictionInContext(Context& context) const {
-    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getFrictionInContext()");
-    return kernel.getFriction(const_cast<MobilityForce*>(this)->getContextImpl(context));
+    return kernelIn(context, "getFrictionInContext()").getFluid().getFriction();
 }
 
 vector<double> MobilityForce::applyMobilityInContext(Context& context,
                                                      const vector<double>& wrenches) const {
-    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "applyMobilityInContext()");
+    FluidInContext& fluid = kernelIn(context, "applyMobilityInContext()").getFluid();
     for (size_t i = 0; i < wrenches.size(); i++)
         if (!isfinite(wrenches[i]))
             fail("applyMobilityInContext()", "the wrench of body " + text(i / 6) + " is not finite",
                  "forces and torques must be finite", "give finite numbers");
-    return kernel.applyMobility(const_cast<MobilityForce*>(this)->getContextImpl(context),
-                                wrenches);
+    return fluid.applyMobility(wrenches);
 }
 
 vector<double> MobilityForce::applyBlobMobilityInContext(Context& context,
                                                          const vector<double>& forces) const {
-    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "applyBlobMobilityInContext()");
+    FluidInContext& fluid = kernelIn(context, "applyBlobMobilityInContext()").getFluid();
     for (size_t i = 0; i < forces.size(); i++)
         if (!isfinite(forces[i]))
             fail("applyBlobMobilityInContext()",
                  "the force on particle " + text(i / 3) + " is not finite",
                  "forces on blobs must be finite", "give finite numbers");
-    return kernel.applyBlobMobility(const_cast<MobilityForce*>(this)->getContextImpl(context),
-                                    forces);
+    return fluid.applyBlobMobility(forces);
 }
 
 vector<Vec3> MobilityForce::getFlowInContext(Context& context, const vector<Vec3>& points) const {
-    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getFlowInContext()");
+    FluidInContext& fluid = kernelIn(context, "getFlowInContext()").getFluid();
     for (size_t i = 0; i < points.size(); i++)
         if (!isFinite(points[i]))
             fail("getFlowInContext()", "point " + text(i) + " is at " + text(points[i]) + " nm",
                  "it must be finite", "give a position in the fluid");
-    return kernel.getFlow(const_cast<MobilityForce*>(this)->getContextImpl(context), points);
+    return fluid.getFlow(points);
 }
 
 vector<double> MobilityForce::getFlowModeInContext(Context& context, int alongForce, int alongWave,
                                                    int index) const {
-    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getFlowModeInContext()");
+    FluidInContext& fluid = kernelIn(context, "getFlowModeInContext()").getFluid();
     checkWave("getFlowModeInContext()", alongForce, alongWave, index);
-    return kernel.getFlowMode(const_cast<MobilityForce*>(this)->getContextImpl(context), alongForce,
-                              alongWave, index, false);
+    return fluid.getFlowMode(alongForce, alongWave, index);
 }
 
 vector<double> MobilityForce::getRandomFlowModeInContext(Context& context, int alongForce,
                                                          int alongWave, int index) const {
-    IntegrateRigidBodiesKernel& kernel = kernelIn(context, "getRandomFlowModeInContext()");
+    FluidInContext& fluid = kernelIn(context, "getRandomFlowModeInContext()").getFluid();
     checkWave("getRandomFlowModeInContext()", alongForce, alongWave, index);
-    return kernel.getFlowMode(const_cast<MobilityForce*>(this)->getContextImpl(context), alongForce,
-                              alongWave, index, true);
+    return fluid.getRandomFlowMode(alongForce, alongWave, index);
 }
 
 ForceImpl* MobilityForce::createImpl() const { return new MobilityForceImpl(*this); }

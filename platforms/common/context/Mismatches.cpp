@@ -72,7 +72,7 @@ string barostatAtAnotherTemperature(const Scene& scene) {
            scene.stock.barostatTemperature;
 }
 
-void addMismatches(const Scene& scene, map<WarningCause, string>& warnings) {
+void addMismatches(const Scene& scene, Warnings& warnings) {
     const pair<WarningCause, string> found[] = {
         {WarningCause::BodiesWithoutContext, bodiesWithoutContext(scene)},
         {WarningCause::UnboundedFluid, unboundedFluidWithPeriodicForces(scene)},

@@ -1,7 +1,6 @@
 #ifndef RIGIDHI_MISMATCHES_H_
 #define RIGIDHI_MISMATCHES_H_
 
-#include <map>
 #include <string>
 
 #include "context/Warnings.h"
@@ -18,7 +17,7 @@ std::string watersWithoutBodies(const Scene& scene);
 /** The temperature of a barostat is a parameter of the Context, which is set apart. */
 std::string barostatAtAnotherTemperature(const Scene& scene);
 
-void addMismatches(const Scene& scene, std::map<WarningCause, std::string>& warnings);
+void addMismatches(const Scene& scene, Warnings& warnings);
 /** The barostat with its temperature and pressure, for describeEffects(). */
 std::string describeBarostat(const Scene& scene);
 

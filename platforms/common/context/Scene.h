@@ -10,13 +10,14 @@
 #include <string>
 #include <vector>
 
+#include "context/AdoptedSettings.h"
 #include "context/BodyDefinitions.h"
 #include "context/ContextArrays.h"
 #include "context/ContextFluid.h"
-#include "context/CurrentSettings.h"
 #include "context/StepCounters.h"
 #include "context/SystemCheck.h"
 #include "context/TemperatureWatch.h"
+#include "context/WarningPrinter.h"
 #include "forces/BodyForces.h"
 #include "host/FreeParticles.h"
 #include "host/PlatformLoops.h"
@@ -56,8 +57,8 @@ public:
     void resetGeometry();
     /** Whether build() was done, and resetGeometry() was not called since. */
     bool isBuilt() const { return built; }
-    /** Recompute values that depend on settings, if any setting was changed. */
-    void updateSettings() { settings.update(*this); }
+    /** Recompute values that depend on settings, and print warnings, if any setting was changed. */
+    void updateSettings() { warnings.print(settings.adopt(*this)); }
     /**
      * Take over the integrator's inertia scale, if the scheme has momenta. To be called before
      * anything that reads momenta.
@@ -87,7 +88,8 @@ public:
     std::unique_ptr<FreeParticles> freeParticles;
     ContextFluid fluid;
     /** The noise has the seed, and the number of the step that is next or in progress. */
-    CurrentSettings settings;
+    AdoptedSettings settings;
+    WarningPrinter warnings;
     TemperatureWatch watch;
     StepCounters counters;
 

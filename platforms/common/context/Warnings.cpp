@@ -66,7 +66,7 @@ string longTurn(double h, const string& body, double turn) {
 }
 
 /** What a step without momenta does to each body, beside what it should see. */
-void warnOfLeaps(const Scene& scene, double h, double kT, map<WarningCause, string>& result) {
+void warnOfLeaps(const Scene& scene, double h, double kT, Warnings& result) {
     const StepResolution step =
         resolveOverdamped(scene.fluid->getContents(), scene.integrator.getScheme(), h, kT);
     if (step.displacement > largestDisplacement * step.smallestRadius)
@@ -91,7 +91,7 @@ void warnOfLeaps(const Scene& scene, double h, double kT, map<WarningCause, stri
 }
 
 /** Turns of the gradient thermostat: q <- q exp(b eta), with b^2 = 2 h Upsilon kT/M, is by 2 b. */
-void warnOfTurns(const Scene& scene, double h, double kT, map<WarningCause, string>& result) {
+void warnOfTurns(const Scene& scene, double h, double kT, Warnings& result) {
     double smallest = INFINITY;
     int first = -1;
     for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
@@ -111,8 +111,7 @@ void warnOfTurns(const Scene& scene, double h, double kT, map<WarningCause, stri
  * the body has spun by random angles of variance s^2 between, the noise on the other axes has (1 +
  * exp(-s^2/2))/2 of its variance, and they are too cold.
  */
-void warnOfSpinUnderLangevinA(const Scene& scene, double h, double kT,
-                              map<WarningCause, string>& result) {
+void warnOfSpinUnderLangevinA(const Scene& scene, double h, double kT, Warnings& result) {
     double largest = 0, noise = 0;
     int spinner = -1;
     for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
@@ -138,7 +137,7 @@ void warnOfSpinUnderLangevinA(const Scene& scene, double h, double kT,
 
 /** Momenta that relax within a step of LangevinHI: temperatures are right, displacements are not.
  */
-void warnOfRelaxation(const Scene& scene, double h, map<WarningCause, string>& result) {
+void warnOfRelaxation(const Scene& scene, double h, Warnings& result) {
     const StepResolution step =
         resolveRelaxation(scene.fluid->getContents(), h, scene.bodies, *scene.freeParticles);
     const double x = step.relaxation;
@@ -162,7 +161,7 @@ double partRedoneSoFar(const Scene& scene) {
                : partRedone(scene.counters.rejectedSteps, scene.counters.steps, largestPartRedone);
 }
 
-void warnOfRejections(const Scene& scene, map<WarningCause, string>& result) {
+void warnOfRejections(const Scene& scene, Warnings& result) {
     const double part = partRedoneSoFar(scene);
     if (part == 0) return;
     const bool separately =
@@ -188,10 +187,10 @@ bool stepsHaveWarnings(const Scene& scene, const set<WarningCause>& printed) {
            (isNew(WarningCause::DrivenSpin) && drivesSlowedSpins(fluid->getContents()));
 }
 
-map<WarningCause, string> findWarnings(const Scene& scene) {
+Warnings findWarnings(const Scene& scene) {
     const CustomRigidHIIntegrator& integrator = scene.integrator;
     const BodySet& bodies = scene.bodies;
-    map<WarningCause, string> result;
+    Warnings result;
     const double kT = BOLTZ * integrator.getTemperature(), h = integrator.getStepSize();
     const SchemeTraits& traits = traitsOf(integrator.getScheme());
     const bool langevinA = traits.scheme == CustomRigidHIIntegrator::LangevinA;

@@ -30,9 +30,10 @@ enum class WarningCause {
     BarostatTemperature,
     WrongTemperature
 };
+using Warnings = std::map<WarningCause, std::string>;
 /** The spread of drift factors above which they are not a small correction any more. */
 constexpr double driftFactorLimit = 0.3;
-std::map<WarningCause, std::string> findWarnings(const Scene& scene);
+Warnings findWarnings(const Scene& scene);
 /**
  * Whether the steps so far give a reason for a warning that is not among the printed ones. This is
  * cheap, since steps ask for it.

@@ -79,7 +79,7 @@ void Stepper::takeStep() {
     // Before Forces that change the state (barostats) see it:
     mirror.takeInBox();
     if (mirror.awaitsTakingIn()) takeInChanges();
-    scene.settings.warnOfBarostat(scene);
+    scene.warnings.printOfBarostat(scene);
     const bool removal = momentum.isToBeUndone(), removesMomentum = removal && momentum.isDue();
     if (removal) {
         mirror.takeInChanges(true);
@@ -99,7 +99,7 @@ void Stepper::takeStep() {
     advance();
     counters.steps++;
     const int stepsBetweenLooks = 10;
-    if (counters.steps % stepsBetweenLooks == 0) scene.settings.warnOfSteps(scene);
+    if (counters.steps % stepsBetweenLooks == 0) scene.warnings.printOfSteps(scene);
     counters.seconds_scheme += StepCounters::now() - begin -
                                (counters.seconds_forces + counters.seconds_mobility - elsewhere);
 }

@@ -1,10 +1,7 @@
-#include "context/CurrentSettings.h"
+#include "context/AdoptedSettings.h"
 
 #include <openmm/reference/SimTKOpenMMRealType.h>
 
-#include <iostream>
-
-#include "context/Mismatches.h"
 #include "context/Scene.h"
 #include "schemes/Thermostats-inl.h"
 
@@ -23,10 +20,10 @@ Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const Body
 
 }  // namespace
 
-void CurrentSettings::update(Scene& scene) {
+Warnings AdoptedSettings::adopt(Scene& scene) {
     const CustomRigidHIIntegrator& integrator = scene.integrator;
     const pair<int, double> wanted(integrator.getSettingsVersion(), integrator.getStepSize());
-    if (takenOver == wanted) return;
+    if (adopted == wanted) return {};
     checkScheme(scene.system, scene.definitions.underPresentScheme(), scene.stock);
     scene.fluid.adoptSettings();
     // Data that a scheme keeps for its next step are of no use after another scheme has moved the
@@ -42,13 +39,15 @@ void CurrentSettings::update(Scene& scene) {
     difference = integrator.getFiniteDifferenceStep();
     driftCorrectorScaling = integrator.getDriftCorrectorScaling();
     fluidCouplesBodies = hydrodynamic && scene.fluid->getMomenta().couplesBodies();
-    takenOver = wanted;
-    printWarnings(scene);
+    adopted = wanted;
+    // The watch forgets what it found when it adopts the settings.
+    Warnings warnings = findWarnings(scene);
     if (!traits().isOverdamped()) setThermostats(scene);
     scene.watch.adopt(scene);
+    return warnings;
 }
 
-void CurrentSettings::setThermostats(Scene& scene) {
+void AdoptedSettings::setThermostats(Scene& scene) {
     const CustomRigidHIIntegrator& integrator = scene.integrator;
     const bool hydrodynamic = traits().kind == SchemeKind::FluidThermostat;
     HeatBath bath;
@@ -73,27 +72,6 @@ void CurrentSettings::setThermostats(Scene& scene) {
             scene.fluid->getMomenta().freeThermostat(i, point.mass, kT, h, free.back());
     }
     scene.freeParticles->setThermostats(free);
-}
-
-void CurrentSettings::warnOfSteps(const Scene& scene) {
-    if (stepsHaveWarnings(scene, printed)) printWarnings(scene);
-}
-
-void CurrentSettings::warnOfBarostat(const Scene& scene) {
-    if (scene.stock.barostat.empty() || printed.count(WarningCause::BarostatTemperature) > 0)
-        return;
-    const string text = barostatAtAnotherTemperature(scene);
-    if (!text.empty()) printOnce(WarningCause::BarostatTemperature, text);
-}
-
-void CurrentSettings::printWarnings(const Scene& scene) {
-    for (const auto& warning : findWarnings(scene))
-        if (warning.first != WarningCause::BarostatTemperature)
-            printOnce(warning.first, warning.second);
-}
-
-void CurrentSettings::printOnce(WarningCause cause, const string& text) {
-    if (printed.insert(cause).second) cerr << "Warning: CustomRigidHIIntegrator: " << text << endl;
 }
 
 }  // namespace RigidHIPlugin

@@ -1,0 +1,39 @@
+#ifndef RIGIDHI_ADOPTED_SETTINGS_H_
+#define RIGIDHI_ADOPTED_SETTINGS_H_
+
+#include <optional>
+#include <utility>
+
+#include "context/Warnings.h"
+#include "host/StepSettings.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Adopts the integrator's settings for steps: checks and copies them when users have changed any,
+ * and makes the thermostats that depend on them.
+ */
+class AdoptedSettings : public StepSettings {
+public:
+    /**
+     * Check and adopt the settings, if any was changed since the last time.
+     *
+     * @return warnings about the settings; none if nothing was changed
+     * @throws OpenMMException
+     */
+    Warnings adopt(Scene& scene);
+    /**
+     * Bodies or fluid, which the settings depend on, have changed. The next adopt() adopts the
+     * settings in any case.
+     */
+    void forget() { adopted.reset(); }
+
+private:
+    void setThermostats(Scene& scene);
+    std::optional<std::pair<int, double> >
+        adopted;  // the integrator's version of its settings, and its step size
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,203 @@
+#include "kernel/BodyAccess.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <vector>
+
+#include "context/ContextMirror.h"
+#include "context/Effects.h"
+#include "context/MidStepTemperatures.h"
+#include "stepping/Stepper.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+class BodyAccess : public BodiesInContext {
+public:
+    BodyAccess(Scene& scene, ContextMirror& mirror, Stepper& stepper, const string& platform)
+        : scene(scene), mirror(mirror), stepper(stepper), platform(platform) {}
+
+    int getNumBodies() const override { return scene.definitions.getNumBodies(); }
+
+    void requireGeometry() override {
+        if (!scene.isBuilt())
+            prepare("the geometry of bodies that were added by their particles alone");
+    }
+
+    // ---- Poses and twists -----------------------------------------------------------------------
+
+    vector<Vec3> getBodyPositions() override {
+        prepare("getBodyPositions()");
+        return ofBodies([&](int b) { return scene.bodies.getState(b).R; });
+    }
+
+    vector<QuaternionArray> getBodyOrientations() override {
+        prepare("getBodyOrientations()");
+        return ofBodies([&](int b) { return scene.bodies.getState(b).q; });
+    }
+
+    vector<Vec3> getBodyVelocities() override {
+        prepare("getBodyVelocities()");
+        return ofBodies([&](int b) {
+            return scene.bodies.getState(b).p / max(scene.bodies.inertia(b).mass, 1e-300);
+        });
+    }
+
+    vector<Vec3> getBodyAngularVelocities() override {
+        prepare("getBodyAngularVelocities()");
+        return ofBodies([&](int b) { return scene.bodies.getAngularVelocity_lab(b); });
+    }
+
+    void setBodyPositions(const vector<Vec3>& rows) override {
+        prepare("setBodyPositions()");
+        for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
+            BodyState state = scene.bodies.getState(b);
+            state.R = rows[b];
+            scene.bodies.setState(b, state);
+        }
+        posesWereSet();
+    }
+
+    void setBodyOrientations(const vector<QuaternionArray>& rows) override {
+        prepare("setBodyOrientations()");
+        BodySet& bodies = scene.bodies;
+        for (int b = 0; b < bodies.getNumBodies(); b++) {
+            const Vec3 omega_lab = bodies.getAngularVelocity_lab(b);  // the motion in the lab stays
+            BodyState state = bodies.getState(b);
+            const auto& q = rows[b];
+            const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+            const bool same = state.q == q;
+            for (int k = 0; k < 4; k++) state.q[k] = q[k] / length;
+            if (same) continue;
+            bodies.setState(b, state);
+            bodies.setAngularVelocity_lab(b, omega_lab);
+        }
+        posesWereSet();
+    }
+
+    void setBodyVelocities(const vector<Vec3>& rows) override {
+        prepare("setBodyVelocities()");
+        for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
+            BodyState state = scene.bodies.getState(b);
+            state.p = rows[b] * scene.bodies.inertia(b).mass;
+            scene.bodies.setState(b, state);
+        }
+        twistsWereSet();
+    }
+
+    void setBodyAngularVelocities(const vector<Vec3>& rows) override {
+        prepare("setBodyAngularVelocities()");
+        for (int b = 0; b < scene.bodies.getNumBodies(); b++)
+            scene.bodies.setAngularVelocity_lab(b, rows[b]);
+        twistsWereSet();
+    }
+
+    double getPoseResidual() override {
+        prepare("getPoseResidual()");
+        return mirror.getPoseResidual();
+    }
+
+    // ---- Forces, energies and temperatures ------------------------------------------------------
+
+    vector<Vec3> getBodyForces() override {
+        requireGeometry();
+        return ofBodies([&](int b) { return scene.bodies.getForce_lab(b); });
+    }
+
+    vector<Vec3> getBodyTorques() override {
+        requireGeometry();
+        return ofBodies([&](int b) { return scene.bodies.getTorque_lab(b); });
+    }
+
+    double computeTranslationalKineticEnergy() override {
+        if (!hasMomenta() || !mirror.hasPositions()) return 0;
+        mirror.takeInVelocitiesIfChanged();
+        return scene.bodies.translationalKineticEnergy();
+    }
+
+    Vec3 computeRotationalKineticEnergies() override {
+        if (!hasMomenta() || !mirror.hasPositions()) return Vec3();
+        mirror.takeInVelocitiesIfChanged();
+        return scene.bodies.rotationalKineticEnergies();
+    }
+
+    double computeFreeParticleKineticEnergy() override {
+        if (!hasMomenta()) return 0;
+        scene.arrays->pullVelocities();
+        return scene.freeParticles->kineticEnergy(scene.arrays->velocities());
+    }
+
+    map<string, int> getDegreesOfFreedom() override {
+        if (hasMomenta()) requireGeometry();
+        return countDegreesOfFreedom(scene);
+    }
+
+    map<string, double> computeMidStepTemperatures() override {
+        return midStepTemperatures(scene, stepper.findMidStepEnergies());
+    }
+
+    // ---- Effects and counters -------------------------------------------------------------------
+
+    map<string, string> getEffects() override {
+        if (!scene.isBuilt() && mirror.hasPositions()) mirror.takeInChanges();
+        scene.adoptInertiaScale();
+        scene.fluid.takeBox();
+        return findEffects(scene, platform);
+    }
+
+    map<string, double> getStepStatistics() override { return nameCounters(scene); }
+
+    int getNumRejectedSteps() override {
+        // The public type is int, the counter is not. In a long run the result stays at the largest
+        // int instead of becoming negative.
+        return static_cast<int>(
+            min<long long>(scene.counters.rejectedSteps, numeric_limits<int>::max()));
+    }
+
+private:
+    void prepare(const char* method) {
+        mirror.requirePositions(method);
+        mirror.takeInChanges();
+    }
+
+    template <class Of>
+    auto ofBodies(Of of) const -> vector<decltype(of(0))> {
+        vector<decltype(of(0))> result;
+        for (int b = 0; b < scene.bodies.getNumBodies(); b++) result.push_back(of(b));
+        return result;
+    }
+
+    bool hasMomenta() const { return traitsOf(scene.integrator.getScheme()).hasMomenta; }
+
+    void posesWereSet() {
+        if (scene.fluid) scene.fluid->getMemory().forget();
+        mirror.writePoses();
+        scene.noteChange();
+        scene.watch.restart();
+    }
+
+    void twistsWereSet() {
+        mirror.writeTwists();
+        scene.watch.restart();
+    }
+
+    Scene& scene;
+    ContextMirror& mirror;
+    Stepper& stepper;
+    const string platform;
+};
+
+}  // namespace
+
+unique_ptr<BodiesInContext> accessToBodies(Scene& scene, ContextMirror& mirror, Stepper& stepper,
+                                           const string& platform) {
+    return unique_ptr<BodiesInContext>(new BodyAccess(scene, mirror, stepper, platform));
+}
+
+}  // namespace RigidHIPlugin
