@@ -56,6 +56,10 @@ void BrownianGroup::begin(Scheme wanted) {
 void BrownianGroup::end() {
     numSteps++;
     if (presentIsRemembered) swap(last, present);
+    if (bodies.getFreeMotion().any()) {
+        swap(lastHolds, presentHolds);
+        holdsAreKnown = true;
+    }
 }
 
 void BrownianGroup::prepare(const StepSettings& settings) {
@@ -85,6 +89,10 @@ void BrownianGroup::startStep(const StepSettings& settings, const Surroundings& 
     setTolerance(settings.traits(), own);
     members.readPoses(set, positions, move->start);
     move->begin(own);
+    if (bodies.getFreeMotion().any()) {
+        presentHolds.setZero(bodies.getNumRows(), 1);
+        move->recordHolds(&presentHolds);
+    }
     presentIsRemembered = around.stepIsRemembered;
     if (!presentIsRemembered) return;
     present.isKnown = false;
@@ -180,7 +188,7 @@ BrownianGroup::Drift BrownianGroup::getDrift() {
     const OverdampedMove& here = theMove();
     if (!here.driftIsKnown()) return Drift::Differenced;
     if (here.driftIsZero()) return Drift::ZeroOfSpheres;
-    const bool isKnown = bodies.isConstantInBodyFrame() &&
+    const bool isKnown = bodies.isConstantInBodyFrame() && !mobility->isImmobile() &&
                          mobility->uniformDivergence().norm() >
                              zeroDrift * mobility->mobility()(0, 0) / bodies.length(0);
     return isKnown ? Drift::Known : Drift::Zero;
@@ -203,7 +211,7 @@ const vector<BodyRotation>& BrownianGroup::findRotations(double doubleEnergy, Sc
     const auto& elements = bodies.getElements();
     rotations.assign(elements.size(), BodyRotation());
     for (size_t e = 0; e < elements.size(); e++)
-        if (!elements[e].isFree() &&
+        if (!elements[e].isFree() && elements[e].isWhollyFree() &&
             !(elements[e].isSphere() && elements[e].ownMobility.size() == 0))
             rotations[e] = findRotation(alone.of(e).mobility, doubleEnergy, bounds);
     drivenSpins.assign(elements.size(), DrivenSpin());

@@ -98,6 +98,15 @@ public:
     /** The forces last gathered, at the present poses of the members. */
     const Eigen::MatrixXd& readForces(const BodySet& bodies, const FreeParticles& freeParticles);
 
+    // ---- What holds fixed components
+    /** The wrenches that held the elements in the last step; null: there was none. */
+    const Eigen::MatrixXd* getHolds() const { return holdsAreKnown ? &lastHolds : nullptr; }
+    void setHolds(const Eigen::MatrixXd& holds) {
+        lastHolds = holds;
+        holdsAreKnown = true;
+    }
+    void forgetHolds() { holdsAreKnown = false; }
+
     // ---- Drift and differences
     enum class Drift { Differenced, Known, Zero, ZeroOfSpheres };
     Drift getDrift();
@@ -156,6 +165,8 @@ private:
     std::vector<Eigen::MatrixXd> memoryAtStart;
     LastStep present, last;  // what is recorded of the present step; the last whole step
     bool presentIsRemembered = false;
+    Eigen::MatrixXd presentHolds, lastHolds;  // where some component is fixed
+    bool holdsAreKnown = false;
     int stage = 0;
     uint32_t attempt = 0;
     long long numSteps = 0, numRejections = 0;  // so far

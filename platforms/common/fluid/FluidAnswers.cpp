@@ -44,7 +44,8 @@ MatrixXd FluidAnswers::friction(const BodySet& bodies, const vector<OpenMM::Vec3
         const MatrixXd& friction = answering(*group, bodies, positions).friction();
         const auto& elements = group->bodies.getElements();
         bool hasFree = false;
-        for (const FluidElement& element : elements) hasFree = hasFree || element.isFree();
+        for (const FluidElement& element : elements)
+            hasFree = hasFree || (element.isFree() && !element.isHeld);
         if (!hasFree) {
             scatterBlocks(friction, group->bodies, result);
             continue;
@@ -54,8 +55,9 @@ MatrixXd FluidAnswers::friction(const BodySet& bodies, const vector<OpenMM::Vec3
         vector<int> bodyRows, freeRows;
         for (size_t e = 0; e < elements.size(); e++)
             for (int i = 0; i < elements[e].numRows(); i++)
-                (elements[e].isFree() ? freeRows : bodyRows)
-                    .push_back(group->bodies.firstRow(e) + i);
+                if (!elements[e].isHeld || !elements[e].isFree())  // held particles are at rest
+                    (elements[e].isFree() ? freeRows : bodyRows)
+                        .push_back(group->bodies.firstRow(e) + i);
         if (bodyRows.empty()) continue;
         MatrixXd xi = friction;
         const MatrixXd coupling = xi(freeRows, bodyRows);
@@ -82,7 +84,7 @@ VectorXd FluidAnswers::apply(const VectorXd& wrenches, const BodySet& bodies,
             if (!elements[e].isFree()) {
                 const Matrix<double, 6, 1> wrench = wrenches.segment<6>(6 * elements[e].body);
                 f.middleRows<6>(group->bodies.firstRow(e)) = wrench;
-                if (group->hasNullVectors)
+                if (group->hasNullVectors && elements[e].isWhollyFree())
                     group->checkTorque(e, twoRotations(mobility.getTurn(e)).transpose() * wrench,
                                        0);
             }
@@ -107,6 +109,65 @@ VectorXd FluidAnswers::applyToBlobs(const VectorXd& forces, const BodySet& bodie
     for (const auto& group : fluid.groups)
         answering(*group, bodies, positions).applyToParticles(forces, result);
     return result;
+}
+
+/** Scatter the fixed components of a group's wrenches to bodies and to particles of the System. */
+void FluidAnswers::scatterHolds(const FluidGroup& group, const MatrixXd& from, Holds& to) const {
+    const auto& elements = group.bodies.getElements();
+    for (size_t e = 0; e < elements.size(); e++)
+        for (int k = 0; k < elements[e].numRows(); k++) {
+            const int row = group.bodies.firstRow(e) + k;
+            const bool isFree =
+                elements[e].isWhollyFree() || group.bodies.getFreeMotion().isFree(row);
+            if (isFree && !elements[e].fixedInBody) continue;
+            if (elements[e].isWhollyFree()) continue;
+            if (elements[e].isFree())
+                to.ofParticles[3 * elements[e].particles[0] + k] = from(row, 0);
+            else
+                to.ofBodies[6 * elements[e].body + k] = from(row, 0);
+        }
+}
+
+FluidAnswers::Holds FluidAnswers::noHolds(int numParticles) const {
+    return {VectorXd::Zero(6 * fluid.groupOfBody.size()), VectorXd::Zero(3 * numParticles)};
+}
+
+bool FluidAnswers::knowsHoldsOfLastStep() const {
+    for (const auto& group : fluid.groups)
+        if (group->bodies.getFreeMotion().any() && !group->brownian->getHolds()) return false;
+    return true;
+}
+
+FluidAnswers::Holds FluidAnswers::holdsOfLastStep(int numParticles) const {
+    Holds holds = noHolds(numParticles);
+    for (const auto& group : fluid.groups)
+        if (group->brownian->getHolds()) scatterHolds(*group, *group->brownian->getHolds(), holds);
+    return holds;
+}
+
+FluidAnswers::Holds FluidAnswers::holdsOfForces(const BodySet& bodies,
+                                                const FreeParticles& freeParticles,
+                                                const vector<OpenMM::Vec3>& positions,
+                                                CustomRigidHIIntegrator::Scheme scheme) const {
+    const OneBlasThread single;
+    Holds holds = noHolds(positions.size());
+    for (const auto& group : fluid.groups) {
+        if (!group->bodies.getFreeMotion().any()) continue;
+        BrownianGroup& brownian = *group->brownian;
+        OverdampedMove move(brownian.mobilityFor(0, scheme));
+        OverdampedStep step;
+        step.flow = fluid.getFlow();
+        brownian.getMobility().setTolerance(fluid.force.getSolverTolerance());
+        group->members.readPoses(bodies, positions, move.start);
+        move.begin(step);
+        move.force = brownian.readForces(bodies, freeParticles);
+        MatrixXd own = MatrixXd::Zero(group->bodies.getNumRows(), 1), twists;
+        move.recordHolds(&own);
+        move.atStart();
+        move.solve(move.velocity(1, move.force), twists);
+        scatterHolds(*group, own, holds);
+    }
+    return holds;
 }
 
 }  // namespace RigidHIPlugin

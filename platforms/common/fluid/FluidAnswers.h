@@ -24,7 +24,23 @@ public:
     Eigen::VectorXd applyToBlobs(const Eigen::VectorXd& forces, const BodySet& bodies,
                                  const std::vector<OpenMM::Vec3>& positions);
 
+    // ---- What holds bodies and particles
+    struct Holds {
+        Eigen::VectorXd ofBodies;     // wrenches about the origin, six a body, lab frame
+        Eigen::VectorXd ofParticles;  // forces, three a particle of the System
+    };
+    /** Whether the steps so far have left holds in every group that has fixed components. */
+    bool knowsHoldsOfLastStep() const;
+    /** With the shares of all solves of the step. */
+    Holds holdsOfLastStep(int numParticles) const;
+    /** Without noise, under the forces last gathered at the present poses. */
+    Holds holdsOfForces(const BodySet& bodies, const FreeParticles& freeParticles,
+                        const std::vector<OpenMM::Vec3>& positions,
+                        CustomRigidHIIntegrator::Scheme scheme) const;
+
 private:
+    Holds noHolds(int numParticles) const;
+    void scatterHolds(const FluidGroup& group, const Eigen::MatrixXd& from, Holds& to) const;
     BodyMobility& answering(FluidGroup& group, const BodySet& bodies,
                             const std::vector<OpenMM::Vec3>& positions) const;
     const FluidContents& fluid;

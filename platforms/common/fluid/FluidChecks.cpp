@@ -29,7 +29,7 @@ void FluidChecks::checkTorques(const BodySet& bodies, const vector<OpenMM::Vec3>
         if (!group->hasNullVectors) continue;
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++) {
-            if (!group->bodies.hasNullVector(e)) continue;
+            if (!group->bodies.hasNullVector(e) || !elements[e].isWhollyFree()) continue;
             const int s = bodies.slot(elements[e].body);
             const Matrix3d A = poseOf(bodies, elements[e].body).rotation();
             wrench.head<3>() =

@@ -75,6 +75,8 @@ void FluidMemory::setOfScheme(const SchemeMemory& saved, CustomRigidHIIntegrator
 
 void FluidMemory::continueFrom(const FluidMemory& before) {
     if (fluid.groups.empty() || fluid.groups.size() != before.fluid.groups.size()) return;
+    // Elements have another order where other bodies are held.
+    if (!fluid.settings.holdsAs(before.fluid.settings)) return;
     setOfScheme(before.getOfScheme(), before.fluid.groups[0]->brownian->getScheme());
 }
 

@@ -19,7 +19,7 @@ constexpr ErrorsOf fail{"MobilityForce"};
 
 FluidMomenta::FluidMomenta(const FluidContents& fluid) : fluid(fluid) {
     for (const auto& group : fluid.groups) {
-        if (group->isThermostat) continue;
+        if (!group->relaxation) continue;
         coupledGroups.push_back(group.get());
         const double rows = group->relaxation->getNumRows(),
                      particleRows = group->bodies.getNumParticleRows();
@@ -40,7 +40,7 @@ void FluidMomenta::checkInertia(const BodySet& bodies) const {
                 "are not on a line); use setSolver(Dense)");
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++) {
-            if (!group->bodies.hasNullVector(e)) continue;
+            if (!group->bodies.hasNullVector(e) || !elements[e].isWhollyFree()) continue;
             // The null twist (the rotation about the line of a linear body's blobs) must have no
             // momentum: it is a rotation about dead axes only.
             const VectorXd& twist = group->bodies.getNullVector_body(e);

@@ -72,7 +72,7 @@ string FluidReport::describe(const SchemeTraits& scheme) const {
     int thermostats = 0, ways[3] = {0, 0, 0};
     for (const auto& group : fluid.groups)
         if (!overdamped && !group->relaxation)
-            thermostats++;
+            thermostats += group->isThermostat;
         else
             ways[mobilityOf(*group).getWay()]++;
     const BoundaryTraits& boundary = traitsOf(fluid.force.getBoundary());

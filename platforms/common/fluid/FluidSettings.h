@@ -1,6 +1,8 @@
 #ifndef RIGIDHI_FLUID_SETTINGS_H_
 #define RIGIDHI_FLUID_SETTINGS_H_
 
+#include <set>
+
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 
 namespace RigidHIPlugin {
@@ -9,9 +11,18 @@ namespace RigidHIPlugin {
 struct FluidSettings {
     CustomRigidHIIntegrator::WallRejection wallRejection;
     CustomRigidHIIntegrator::Scheme scheme;
+    std::set<int> heldBodies, heldParticles;  // setBodyHeld(), setParticleHeld()
 
     explicit FluidSettings(const CustomRigidHIIntegrator& integrator)
-        : wallRejection(integrator.getWallRejection()), scheme(integrator.getScheme()) {}
+        : wallRejection(integrator.getWallRejection()), scheme(integrator.getScheme()) {
+        for (int b = 0; b < integrator.getNumRigidBodies(); b++)
+            if (integrator.getBodyHeld(b)) heldBodies.insert(b);
+        for (int p : integrator.getHeldParticles()) heldParticles.insert(p);
+    }
+    /** Whether the same bodies and particles are held. */
+    bool holdsAs(const FluidSettings& other) const {
+        return heldBodies == other.heldBodies && heldParticles == other.heldParticles;
+    }
 };
 
 }  // namespace RigidHIPlugin

@@ -1,5 +1,6 @@
 #include "fluid/GroupBuilder.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "linearalgebra/OneBlasThread.h"
@@ -103,6 +104,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
             fail("body " + to_string(b) +
                  " has no particle with a hydrodynamic radius, so the fluid would not see it; give "
                  "at least one of its particles a radius above 0");
+        if (settings.heldBodies.count(b)) element.hold();
         elementsOfGroups[freeDraining     ? nextGroup++
                          : labels.empty() ? 0
                                           : labels[b]]
@@ -115,6 +117,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
         FluidElement element;
         element.particles = {p};
         element.radii = {force.getParticleRadius(p)};
+        if (settings.heldParticles.count(p)) element.hold();
         elementsOfGroups[freeDraining ? nextGroup++ : 0].push_back(element);
     }
     for (const vector<int>& particles : particlesOfBodies)
@@ -127,6 +130,10 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
                  "of a body, or give it radius 0");
     for (int i = 0; i < freeParticles.getNumParticles(); i++)
         indexOfFree[freeParticles.getParticles()[i]] = i;
+    // Held elements come first, so that their part of the matrices stays together.
+    for (auto& entry : elementsOfGroups)
+        stable_partition(entry.second.begin(), entry.second.end(),
+                         [](const FluidElement& element) { return element.isHeld; });
 }
 
 /** Add the sites of particles, and the body's own tensor in the inner frame. */
@@ -215,12 +222,14 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
                                     : krylov                        ? BodyMobility::Krylov
                                                                     : BodyMobility::Dense);
     };
+    const FreeMotion& freeMotion = coupled.getFreeMotion();
+    const bool isFixed = freeMotion.any();
     // One element alone has a constant tensor, which may be simple enough for a thermostat.
     if (coupled.isAloneInUniformFluid()) {
         BodyMobility& mobility = strategy(false);
         mobility.setPoses({Pose()});
         const MatrixXd& friction = mobility.friction();
-        group.isThermostat = isThermostatTensor(friction) && !flow.isAny();
+        group.isThermostat = isThermostatTensor(friction) && !flow.isAny() && !isFixed;
         group.drag_t = friction(0, 0);
         for (int k = 0; k < 3 && friction.rows() == 6; k++)
             group.drag_r[k] = friction(3 + k, 3 + k);
@@ -228,9 +237,16 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     const bool solved = !group.isThermostat && !coupled.isConstantInBodyFrame();
     const bool wanted = force.getSolver() == MobilityForce::MatrixFree;
     if (solved && wanted && !coupled.hasProducts()) refuseMatrixFree(force);
+    // The slips of bodies with tensors of their own are not known to the iterations that hold
+    // bodies.
+    const bool mayIterate = !isFixed || !coupled.getOwnTensors().any();
+    if (solved && wanted && !mayIterate)
+        fail(
+            "solver MatrixFree cannot be used where bodies are held or driven and others in their "
+            "group have tensors of their own; use setSolver(Dense), or clearBodyMobility()");
     const bool productsOnly = coupled.hasModel() && coupled.getModel().getTraits().isMatrixFree;
     const auto takesKrylov = [&](bool large) {
-        return solved && coupled.hasProducts() &&
+        return solved && coupled.hasProducts() && mayIterate &&
                (wanted || productsOnly || (force.getSolver() == MobilityForce::Auto && large));
     };
     const int particleRows = coupled.getNumParticleRows();
@@ -244,7 +260,8 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     group.answering =
         &strategy(coupled.multipliesWithoutIterations() ||
                   takesKrylov(rows > largestDenseRows || particleRows > largestDenseParticleRows));
-    if (group.isThermostat) return;
+    // Nothing moves where no component is free.
+    if (group.isThermostat || freeMotion.getNumFree() == 0) return;
     const MomentumScaling scaling(coupled, group.members.freeIndex, bodies);
     const bool large =
         scaling.getNumRows() > largestDenseRows || particleRows > largestDenseParticleRows;

@@ -54,4 +54,10 @@ void CholeskyFactor::solveU(Eigen::MatrixXd& x) const {
         dtrsm_("L", "L", "T", "N", &rows, &columns, &one, factor.data(), &rows, x.data(), &rows);
 }
 
+void CholeskyFactor::solveLeading(Eigen::Ref<Eigen::MatrixXd> x) const {
+    const auto leading = factor.topLeftCorner(x.rows(), x.rows());
+    leading.triangularView<Eigen::Lower>().solveInPlace(x);
+    leading.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
+}
+
 }  // namespace RigidHIPlugin

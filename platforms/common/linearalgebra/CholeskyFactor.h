@@ -29,6 +29,12 @@ public:
         solveU(x);
     }
 
+    /**
+     * x <- B^-1 x, where B is the leading block of A that has as many rows as x, whose factor is
+     * the leading block of L.
+     */
+    void solveLeading(Eigen::Ref<Eigen::MatrixXd> x) const;
+
 private:
     Eigen::MatrixXd factor;  // in the lower triangle
 };

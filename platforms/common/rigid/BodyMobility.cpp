@@ -72,7 +72,7 @@ void BodyMobility::keepSpinOf(const DrivenFlow& flow, MatrixXd& slips) {
 }
 
 void BodyMobility::flowTwists(const DrivenFlow& flow, MatrixXd& twists) {
-    if (slipSpace.areOfBodies() || slipSpace.isIdentity()) {
+    if (slipSpace.slipsAreTwists()) {
         flowSlips(flow, twists);
         return;
     }
@@ -129,7 +129,8 @@ double BodyMobility::divergenceOf(RandomField& field) {
     bool known = field.hasGradients();
     // Angular velocities of spheres are not known. For a sphere about its centre they play no part.
     for (const FluidElement& element : bodies.getElements())
-        known = known && !(element.isSphere() && element.sites[0] != Vector3d::Zero());
+        known = known && !(element.isSphere() && element.sites[0] != Vector3d::Zero()) &&
+                (element.isWhollyFree() || element.isWhollyFixed());
     return known ? divergenceByGradients(field) : divergenceByDifferences(field);
 }
 
@@ -145,7 +146,7 @@ double BodyMobility::divergenceByGradients(RandomField& field) {
     for (size_t e = 0; e < bodies.getElements().size(); e++) {
         const FluidElement& element = bodies.getElements()[e];
         // A flow without sources moves spheres and free particles without divergence.
-        if (element.isFree() || element.isSphere()) continue;
+        if (element.isFree() || element.isSphere() || element.isWhollyFixed()) continue;
         const MatrixXd& nearest = slipSpace.nearestOfElement_body(e);
         const Matrix3d& A = here.getTurns()[e];
         const int firstRow = bodies.getMotion().firstParticleRow(e);
@@ -193,7 +194,8 @@ double BodyMobility::divergenceByDifferences(RandomField& field) {
             field.slipsAt(asked, true, fieldSlips);
             slipSpace.nearestTwists(askedTurns, fieldSlips, askedTwists);
             for (size_t e = 0; e < elements.size(); e++)
-                if (axis < elements[e].numRows())
+                if (axis < elements[e].numRows() &&
+                    bodies.getFreeMotion().isFree(bodies.firstRow(e) + axis))
                     sum += side * askedTwists(bodies.firstRow(e) + axis, 0) /
                            (2 * delta * (axis < 3 ? bodies.length(e) : 1));
         }

@@ -25,6 +25,10 @@ namespace RigidHIPlugin {
  * Equation:  M lambda + s = K U, K^T lambda = F, so U = N (F + K^T M^-1 s), N = (K^T M^-1 K)^-1. U
  *            are the twists of bodies under wrenches F whose particles have the slips (random
  *            velocities) s (Westwood 2022, eqs. 33 to 36).
+ * Fixed:     where components of twists are fixed (FreeMotion), lambda also holds them at rest, and
+ *            N is N_c, the mobility of the free components; the twists of fixed ones are 0. Random
+ *            slips and wrenches are those of all bodies, held ones too. friction() is that of all
+ *            bodies.
  * Noise:     slips have the covariance M, thermalWrench() that of the friction N^-1. Both N
  *            thermalWrench() and N K^T M^-1 times slips therefore have the covariance N. The
  *            model's own random field is used where there is one (slipsOf()). thermalSlip() and
@@ -118,6 +122,7 @@ public:
     }
     void nearestTwists(const MatrixXd& slips, MatrixXd& twists) const {
         slipSpace.nearestTwists(getTurns(), slips, twists);
+        bodies.getFreeMotion().removeFixed(getTurns(), twists);
     }
 
     // ---- A driven flow
@@ -171,7 +176,8 @@ public:
     }
     /** Whether divergenceOf() gives the divergence of such slips: the field is one flow. */
     bool divergenceIsOfField() const {
-        return slipsAreOfField() && bodies.getModel().getTraits().fieldIsLocal;
+        return slipsAreOfField() && bodies.getModel().getTraits().fieldIsLocal &&
+               !bodies.getFreeMotion().turnsWithBodies();
     }
     /** Slips of a field of the model's at the poses set last: one column of covariance M. */
     virtual void slipsOf(RandomField& field, MatrixXd& slips);
@@ -179,7 +185,7 @@ public:
      * The divergence by the bodies' coordinates of nearestTwists() of the field's slips, at the
      * poses set last. It comes from the field's gradients where these are known. Otherwise it comes
      * from differences of six displacements of all bodies at once, since a body's twists depend on
-     * its own pose only.
+     * its own pose only. Fixed components take no part.
      */
     double divergenceOf(RandomField& field);
     /**
@@ -196,7 +202,11 @@ public:
 
     // ---- Divergence of the mobility
     /** Whether N is the same at all poses, except for the rotation of one body. */
-    bool isUniform() const { return bodies.isAloneInUniformFluid(); }
+    bool isUniform() const {
+        return bodies.isAloneInUniformFluid() && !bodies.getFreeMotion().any();
+    }
+    /** Whether no component is free, so that N = 0. */
+    bool isImmobile() const { return bodies.getFreeMotion().getNumFree() == 0; }
     /**
      * Whether div N = 0 at all poses. If so, K = 1, and slips are twists wherever the bodies are.
      */

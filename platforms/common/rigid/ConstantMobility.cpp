@@ -3,6 +3,8 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
+#include "linearalgebra/Symmetrise.h"
+
 using namespace Eigen;
 using namespace std;
 
@@ -18,7 +20,8 @@ OwnTensors::Matrix6d turned(const OwnTensors::Matrix6d& tensor_body, const Matri
 }  // namespace
 
 ConstantMobility::ConstantMobility(const CoupledBodies& bodies)
-    : BodyMobility(bodies), particles(bodies, costs) {
+    : BodyMobility(bodies), isFixed(bodies.getFreeMotion().any()), factor(bodies),
+      particles(bodies, costs) {
     const MatrixXd& own = bodies.getElements()[0].ownMobility;
     if (own.size() > 0) {
         const SlowedSpin& spin = bodies.getElements()[0].spin;
@@ -39,6 +42,17 @@ ConstantMobility::ConstantMobility(const CoupledBodies& bodies)
 void ConstantMobility::setPoses(const vector<Pose>& newPoses, bool) {
     poses = newPoses;
     setTurns(poses, turns);
+    isFactorised = false;
+}
+
+/** The factor of the friction at the poses set last. */
+FrictionFactor& ConstantMobility::factorHere() {
+    if (!isFactorised) {
+        MatrixXd ofAll = friction();
+        if (!factor.compute(turns, ofAll)) refuseIndefiniteFriction(1);
+        isFactorised = true;
+    }
+    return factor;
 }
 
 BodiesAt& ConstantMobility::particlesHere() {
@@ -47,7 +61,13 @@ BodiesAt& ConstantMobility::particlesHere() {
 }
 
 const MatrixXd& ConstantMobility::mobility() {
-    N = turned(mobility_body, turns[0]);
+    if (isFixed) {
+        N.setIdentity(bodies.getNumRows(), bodies.getNumRows());
+        factorHere().solve(turns, N);
+        symmetrise(N);
+    } else {
+        N = turned(mobility_body, turns[0]);
+    }
     return N;
 }
 
@@ -61,6 +81,15 @@ void ConstantMobility::multiply(const MatrixXd& wrenches, MatrixXd& twists, cons
 }
 
 void ConstantMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
+    if (isFixed) {
+        twists = wrenches;
+        if (slips.size() > 0) twists.noalias() += friction() * slips;
+        factorHere().solve(turns, twists);
+        thermal = twists;
+        if (slips.size() > 0) thermal -= slips;
+        wrenchesOfSolve.noalias() = friction() * thermal;
+        return;
+    }
     multiply(wrenches, twists);
     wrenchesOfSolve = wrenches;
     if (slips.size() > 0) twists += slips;
@@ -114,7 +143,10 @@ void ConstantMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
 
 void ConstantMobility::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
     thermalWrench(W, wrenchesOfSolve);
-    multiply(wrenchesOfSolve, slips);
+    if (isFixed)
+        slips.noalias() = turned(mobility_body, turns[0]) * wrenchesOfSolve;
+    else
+        multiply(wrenchesOfSolve, slips);
 }
 
 Vector3d ConstantMobility::uniformDivergence() const {

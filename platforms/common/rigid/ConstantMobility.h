@@ -3,12 +3,14 @@
 
 #include "linearalgebra/CholeskyFactor.h"
 #include "rigid/BodyMobility.h"
+#include "rigid/FrictionFactor.h"
 
 namespace RigidHIPlugin {
 
 /**
  * The mobility of a body alone in a uniform fluid. The tensor, the body's own or the model's, is
- * known once in the body's frame, and turns with the body.
+ * known once in the body's frame, and turns with the body. Where some components are fixed, N_c is
+ * made from it at each pose.
  */
 class ConstantMobility : public BodyMobility {
 public:
@@ -44,8 +46,12 @@ protected:
 
 private:
     const NullTwists& nullTwistsOfBlobs();
+    FrictionFactor& factorHere();
     OwnTensors::Matrix6d mobility_body, friction_body;
     CholeskyFactor factor_body;  // of the friction, lifted
+    const bool isFixed;          // some component is
+    FrictionFactor factor;       // at the poses, where some component is fixed
+    bool isFactorised = false;
     std::vector<Pose> poses;
     std::vector<Eigen::Matrix3d> turns;
     BodiesAt particles;  // needed by applyToParticles() only

@@ -31,13 +31,15 @@ vector<FluidElement> withSpins(vector<FluidElement> elements, const vector<Slowe
 
 CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFactory& makeModel,
                              bool mayBeConstant)
-    : motion(elements), nullTwists(firstRows(motion)), ownTensors(firstRows(motion)) {
+    : motion(elements), freeMotion(elements, firstRows(motion)), nullTwists(firstRows(motion)),
+      ownTensors(firstRows(motion)) {
     if (getParticles().size() > 0) model = makeModel(getParticles());
     findProperties(mayBeConstant);
 }
 
 CoupledBodies::CoupledBodies(const CoupledBodies& bodies, const vector<SlowedSpin>& spins)
-    : motion(withSpins(bodies.getElements(), spins)), nullTwists(firstRows(motion)),
+    : motion(withSpins(bodies.getElements(), spins)),
+      freeMotion(bodies.getElements(), firstRows(motion)), nullTwists(firstRows(motion)),
       ownTensors(firstRows(motion)), model(bodies.model), box(bodies.box) {
     findProperties(bodies.aloneInUniformFluid);
 }
@@ -55,6 +57,7 @@ void CoupledBodies::findProperties(bool mayBeConstant) {
         if (element.particles.size() > 1 && !(constant && hasOwnTensor)) {
             checkSites(e);
             nullTwists.find(e, element.sites);
+            nullTwists.fix(e, element);
         }
         if (hasOwnTensor && hasNullVector(e))
             throw OpenMM::OpenMMException(

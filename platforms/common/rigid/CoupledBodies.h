@@ -8,6 +8,7 @@
 
 #include "mobility/MobilityModel.h"
 #include "rigid/FluidElement.h"
+#include "rigid/FreeMotion.h"
 #include "rigid/NullTwists.h"
 #include "rigid/OwnTensors.h"
 #include "rigid/RigidMotion.h"
@@ -49,6 +50,8 @@ public:
     const RigidMotion& getMotion() const { return motion; }
     const NullTwists& getNullTwists() const { return nullTwists; }
     const OwnTensors& getOwnTensors() const { return ownTensors; }
+    /** Which components of twists are free. Where some are fixed, N stands for N_c. */
+    const FreeMotion& getFreeMotion() const { return freeMotion; }
     /** The model of all particles. */
     const MobilityModel& getModel() const { return *model; }
     /** Whether there are particles. If not, a body has its own tensor only. */
@@ -90,10 +93,11 @@ public:
     bool isConstantInBodyFrame() const { return aloneInUniformFluid && !getElements()[0].isFree(); }
     /**
      * Whether div N = 0 at all poses. Spheres about their centres do not depend on orientations, so
-     * that the divergence is that of the particles' mobility.
+     * that the divergence is that of the particles' mobility. Beside something that is held they
+     * have a divergence.
      */
     bool isDivergenceFree() const {
-        return motion.isIdentity() && !ownTensors.any() && model &&
+        return motion.isIdentity() && !freeMotion.any() && !ownTensors.any() && model &&
                model->getTraits().isDivergenceFree;
     }
     /**
@@ -106,18 +110,21 @@ public:
     }
     /** Whether the friction is the matrix that costs less. */
     bool prefersFriction() const {
-        return !motion.isIdentity() || (model && model->getTraits().isMadeFromFriction);
+        return !motion.isIdentity() || freeMotion.any() ||
+               (model && model->getTraits().isMadeFromFriction);
     }
     /** Whether the model has products, so that N can be multiplied by without a matrix. */
     bool hasProducts() const { return model && model->getTraits().hasProducts; }
     /** Whether products with N need no iterations, and so have no error of iterations: spheres. */
-    bool multipliesWithoutIterations() const { return motion.isIdentity() && hasProducts(); }
+    bool multipliesWithoutIterations() const {
+        return motion.isIdentity() && !freeMotion.any() && hasProducts();
+    }
     /**
      * Whether N takes less time by iterations, column by column, than by factors. The answer
      * depends on numbers of rows only, so that it is the same on any machine.
      */
     bool isWorthIterations() const {
-        return hasProducts() && !motion.isIdentity() &&
+        return hasProducts() && !multipliesWithoutIterations() &&
                getNumParticleRows() > model->getTraits().rowsWorthIterations * getNumRows();
     }
 
@@ -127,6 +134,7 @@ private:
     void checkSites(int element) const;
 
     const RigidMotion motion;
+    const FreeMotion freeMotion;
     NullTwists nullTwists;
     OwnTensors ownTensors;
     std::shared_ptr<const MobilityModel> model;

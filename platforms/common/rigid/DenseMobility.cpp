@@ -1,17 +1,20 @@
 #include "rigid/DenseMobility.h"
 
+#include "linearalgebra/Symmetrise.h"
+
 using namespace Eigen;
 using namespace std;
 
 namespace RigidHIPlugin {
 
 DenseMobility::DenseMobility(const CoupledBodies& bodies)
-    : BodyMobility(bodies), slipsAreTwists(getSlipSpace().isIdentity()), here(bodies, costs),
-      elsewhere(bodies, costs) {}
+    : BodyMobility(bodies), slipsAreTwists(getSlipSpace().slipsAreTwists()),
+      isFixed(bodies.getFreeMotion().any()), here(bodies, costs), elsewhere(bodies, costs),
+      xi(bodies) {}
 
 void DenseMobility::setPoses(const vector<Pose>& poses, bool nearby) {
     here.setPoses(poses, nearby);
-    isFactorised = false;
+    isFactorised = mobilityIsKnown = false;
 }
 
 /**
@@ -19,8 +22,7 @@ void DenseMobility::setPoses(const vector<Pose>& poses, bool nearby) {
  * along null twists.
  */
 void DenseMobility::factoriseFriction() {
-    bodies.getNullTwists().lift(here.getTurns(), lifted);
-    if (!xi.compute(lifted)) refuseIndefiniteFriction(bodies.getElements().size());
+    if (!xi.compute(here.getTurns(), lifted)) refuseIndefiniteFriction(bodies.getElements().size());
     isFactorised = true;
 }
 
@@ -45,6 +47,17 @@ void DenseMobility::factorise() {
     factoriseFriction();
 }
 
+const MatrixXd& DenseMobility::mobility() {
+    if (!isFixed) return here.mobility();
+    if (mobilityIsKnown) return N;
+    factorise();
+    N.setIdentity(bodies.getNumRows(), bodies.getNumRows());
+    xi.solve(here.getTurns(), N);
+    symmetrise(N);
+    mobilityIsKnown = true;
+    return N;
+}
+
 void DenseMobility::multiply(const MatrixXd& wrenches, MatrixXd& twists, const Accuracy&) {
     twists.noalias() = mobility() * wrenches;
 }
@@ -56,6 +69,15 @@ void DenseMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matri
     MatrixXd &halfSlips = columns[numColumns].halfSlips,
              &halfForces = columns[numColumns].halfForces;
     factorise();
+    if (isFixed && getSlipSpace().areOfBodies()) {
+        twists = wrenches;
+        if (withSlips) twists.noalias() += here.friction() * slips;
+        xi.solve(here.getTurns(), twists);
+        halfSlips = twists;
+        if (withSlips) halfSlips -= slips;
+        columns[numColumns].wrenches.noalias() = here.friction() * halfSlips;
+        return;
+    }
     if (!slipsAreTwists) {
         twists = wrenches;
         if (withSlips) {
@@ -63,16 +85,14 @@ void DenseMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matri
             M.solveL(halfSlips);
             twists.noalias() += LK.transpose() * halfSlips;
         }
-        bodies.getNullTwists().removeTorques(here.getTurns(), twists);
-        xi.solve(twists);
-        bodies.getNullTwists().removeTurns(here.getTurns(), twists);
+        xi.solve(here.getTurns(), twists);
         halfForces.noalias() = LK * twists;  // L^T lambda
         if (withSlips) halfForces -= halfSlips;
         return;
     }
     if (getSlipSpace().areOfBodies()) {
         twists = wrenches;
-        xi.solve(twists);
+        xi.solve(here.getTurns(), twists);
     } else {
         halfForces.noalias() = M.U() * wrenches;
         twists.noalias() = M.L() * halfForces;
@@ -82,7 +102,7 @@ void DenseMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matri
 }
 
 void DenseMobility::getBlobForces(MatrixXd& lambda) {
-    if (slipsAreTwists) {
+    if (slipsAreTwists || getSlipSpace().areOfBodies()) {
         lambda = columns[numColumns].wrenches;
         return;
     }
@@ -98,14 +118,14 @@ void DenseMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
         M.solveU(wrench);
         return;
     }
-    wrench.noalias() = xi.L() * W;
-    bodies.getNullTwists().removeLift(here.getTurns(), wrench);
+    xi.thermalWrench(here.getTurns(), W, wrench);
 }
 
 void DenseMobility::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
     if (getSlipSpace().areOfBodies()) {
         thermalWrench(W, thermal);
-        solve(thermal, slips);
+        slips = thermal;
+        xi.solveOfAll(here.getTurns(), slips);
         return;
     }
     costs.roots++;

@@ -3,13 +3,16 @@
 
 #include "linearalgebra/CholeskyFactor.h"
 #include "rigid/BodyMobility.h"
+#include "rigid/FrictionFactor.h"
 
 namespace RigidHIPlugin {
 
 /**
  * The mobility by matrices: Cholesky's factors of M and of the friction K^T M^-1 K. Where slips
- * belong to bodies only the friction is factorised, and where K = 1 only M. Factors are computed
- * once a configuration, when first needed.
+ * belong to bodies only the friction is factorised, and where K = 1 only M, unless some component
+ * is fixed. Factors are computed once a configuration, when first needed.
+ *
+ * Where slips belong to bodies, K = 1 and N of all bodies stands for M.
  */
 class DenseMobility : public BodyMobility {
 public:
@@ -25,7 +28,7 @@ public:
     void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
     void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) override;
     void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override;
-    const MatrixXd& mobility() override { return here.mobility(); }
+    const MatrixXd& mobility() override;
     const MatrixXd& friction() override { return here.friction(); }
     void multiply(const MatrixXd& wrenches, MatrixXd& twists,
                   const Accuracy& accuracy = Accuracy()) override;
@@ -39,12 +42,15 @@ private:
     void factorise();
     void factoriseFriction();
 
-    const bool slipsAreTwists;  // K = 1, or there is no M
+    const bool slipsAreTwists;  // K = 1, or there is no M; and nothing is fixed
+    const bool isFixed;         // some component is
     BodiesAt here, elsewhere;
-    bool isFactorised = false;
-    CholeskyFactor M, xi;
+    bool isFactorised = false, mobilityIsKnown = false;
+    CholeskyFactor M;
+    FrictionFactor xi;
     MatrixXd LK;                           // L^-1 K
     MatrixXd mobilityOfParticles, lifted;  // before factorisation
+    MatrixXd N;                            // where some component is fixed
     /** Arrays of a solve(), kept for each number of columns. */
     struct Columns {
         MatrixXd halfSlips, halfForces, wrenches;  // L^-1 s, L^T lambda

@@ -18,7 +18,22 @@ struct FluidElement {
     std::vector<double> radii;    // nm
     Eigen::MatrixXd ownMobility;  // 6 x 6, body frame, or empty: setBodyMobility()
     SlowedSpin spin;              // slowed in the step at hand
+    /**
+     * The components of the twist that are fixed, at rest or prescribed: a bit for each of Vx, Vy,
+     * Vz, Wx, Wy, Wz, in the lab frame, or along `axes` if `fixedInBody`.
+     */
+    unsigned fixed = 0;
+    bool fixedInBody = false;
+    Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();  // columns, in the body frame
+    bool isHeld = false;  // it never moves: all components are fixed, at rest
 
+    void hold() {
+        isHeld = true;
+        fixed = (1u << numRows()) - 1;
+    }
+    bool isFixed(int component) const { return fixed >> component & 1; }
+    bool isWhollyFixed() const { return fixed == (1u << numRows()) - 1; }
+    bool isWhollyFree() const { return fixed == 0; }
     bool isFree() const { return body < 0; }
     /** One hydrodynamic particle takes force and torque. Those of a multiblob take forces only. */
     bool isSphere() const { return !isFree() && particles.size() == 1; }

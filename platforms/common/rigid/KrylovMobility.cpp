@@ -9,8 +9,10 @@ using namespace std;
 namespace RigidHIPlugin {
 
 KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
-    : BodyMobility(bodies), spheres(bodies.getMotion().isIdentity()), wantedTolerance(tolerance),
-      budget(ErrorBudget::beforeSteps(tolerance)), here(bodies, costs), elsewhere(bodies, costs) {
+    : BodyMobility(bodies),
+      spheres(bodies.getMotion().isIdentity() && !bodies.getFreeMotion().any()),
+      wantedTolerance(tolerance), budget(ErrorBudget::beforeSteps(tolerance)), here(bodies, costs),
+      elsewhere(bodies, costs) {
     if (!spheres) return;
     const HydrodynamicParticles& particles = bodies.getParticles();
     ownScale.resize(particles.numRows);
@@ -113,7 +115,7 @@ void KrylovMobility::iterate(const MatrixXd& wrenches, const MatrixXd& slips, Ma
 
 void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
     const Solving timed(*this);
-    if (!getSlipSpace().isIdentity()) {
+    if (!getSlipSpace().slipsAreTwists()) {
         iterate(wrenches, slips, twists);
         return;
     }
@@ -127,13 +129,13 @@ void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matr
 }
 
 void KrylovMobility::keepForces(int column) {
-    if (!getSlipSpace().isIdentity()) solver->keepGuess(column);
+    if (!getSlipSpace().slipsAreTwists()) solver->keepGuess(column);
 }
 
 void KrylovMobility::solveFromKept(const MatrixXd& wrenches, const MatrixXd& slips,
                                    MatrixXd& twists) {
     const Solving timed(*this);
-    if (getSlipSpace().isIdentity())
+    if (getSlipSpace().slipsAreTwists())
         solve(wrenches, slips, twists);
     else
         iterate(wrenches, slips, twists, true);
@@ -146,7 +148,7 @@ void KrylovMobility::forceFreeTwists(const DrivenFlow&, const MatrixXd& slips, M
 }
 
 void KrylovMobility::getBlobForces(MatrixXd& lambda) {
-    if (getSlipSpace().isIdentity())
+    if (getSlipSpace().slipsAreTwists())
         lambda = wrenchesOfSolve;
     else
         solver->getBlobForces(lambda);

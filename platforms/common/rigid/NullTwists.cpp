@@ -63,12 +63,46 @@ void NullTwists::find(int e, const vector<Vector3d>& sites) {
     hasAny = hasAny || has(e);
 }
 
+void NullTwists::fix(int e, const FluidElement& components) {
+    if (!has(e) || components.isWhollyFree() || components.isWhollyFixed()) return;
+    partlyFixed[e] = {true, components.fixedInBody, components.fixed, components.axes};
+}
+
+/** The part of a twist in fixed components. */
+static Vector6d fixedPart(const Vector6d& twist, unsigned fixed, const Matrix3d& toLab) {
+    Vector6d ofAxes = twoRotations(toLab.transpose()) * twist;
+    for (int k = 0; k < 6; k++)
+        if (!(fixed >> k & 1)) ofAxes[k] = 0;
+    return twoRotations(toLab) * ofAxes;
+}
+
 /** Call action(n, row) with the null twists in the lab frame. */
 template <class Action>
 void NullTwists::forEach(const vector<Matrix3d>& turns, const Action& action) const {
     if (!hasAny) return;
-    for (size_t e = 0; e < rows.size(); e++)
-        if (has(e)) action(Vector6d(twoRotations(turns[e]) * twists_body[e]), rows[e]);
+    const double noPart = 1e-9;  // the twist is free
+    for (size_t e = 0; e < rows.size(); e++) {
+        if (!has(e)) continue;
+        const Vector6d n = twoRotations(turns[e]) * twists_body[e];
+        const PartlyFixed& own = partlyFixed[e];
+        const Matrix3d toLab = own.inBody ? Matrix3d(turns[e] * own.axes) : Matrix3d::Identity();
+        if (!own.is || fixedPart(n, own.fixed, toLab).norm() <= noPart) action(n, rows[e]);
+    }
+}
+
+/** Call action(n, fixed part of n, row) for null twists that some fixed component prevents. */
+template <class Action>
+void NullTwists::forPartlyFixed(const vector<Matrix3d>& turns, const Action& action) const {
+    if (!hasAny) return;
+    const double noPart = 1e-9;
+    for (size_t e = 0; e < rows.size(); e++) {
+        const PartlyFixed& own = partlyFixed[e];
+        if (!own.is) continue;
+        const Vector6d n = twoRotations(turns[e]) * twists_body[e];
+        const Matrix3d toLab = own.inBody ? Matrix3d(turns[e] * own.axes) : Matrix3d::Identity();
+        const Vector6d fixed = fixedPart(n, own.fixed, toLab);
+        if (fixed.norm() > noPart) action(n, fixed, rows[e]);
+    }
 }
 
 void NullTwists::lift(const vector<Matrix3d>& turns, MatrixXd& friction) const {
@@ -76,6 +110,9 @@ void NullTwists::lift(const vector<Matrix3d>& turns, MatrixXd& friction) const {
     const double size = friction.trace() / friction.rows();
     forEach(turns, [&](const Vector6d& n, int row) {
         friction.block<6, 6>(row, row) += size * n * n.transpose();
+    });
+    forPartlyFixed(turns, [&](const Vector6d&, const Vector6d& fixed, int row) {
+        friction.block<6, 6>(row, row) += size * fixed * fixed.transpose();
     });
 }
 
@@ -103,6 +140,12 @@ void NullTwists::removeLift(const vector<Matrix3d>& turns, MatrixXd& wrenches) c
     forEach(turns, [&](const Vector6d& n, int row) {
         auto own = wrenches.middleRows<6>(row);
         for (int c = 0; c < own.cols(); c++) own.col(c) -= n * n.dot(own.col(c));
+    });
+    // The lift is n_o n_o^T, and n^T of a wrench with the covariance of the friction is 0.
+    forPartlyFixed(turns, [&](const Vector6d& n, const Vector6d& fixed, int row) {
+        auto own = wrenches.middleRows<6>(row);
+        for (int c = 0; c < own.cols(); c++)
+            own.col(c) -= fixed * n.dot(own.col(c)) / fixed.squaredNorm();
     });
 }
 

@@ -4,6 +4,8 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "rigid/FluidElement.h"
+
 namespace RigidHIPlugin {
 
 /**
@@ -22,9 +24,16 @@ namespace RigidHIPlugin {
 class NullTwists {
 public:
     /** @param rows  first row of each element in twists and wrenches */
-    explicit NullTwists(const std::vector<int>& rows) : rows(rows), twists_body(rows.size()) {}
+    explicit NullTwists(const std::vector<int>& rows)
+        : rows(rows), twists_body(rows.size()), partlyFixed(rows.size()) {}
     /** Look for the null twist of an element from its sites, and keep it. */
     void find(int element, const std::vector<Eigen::Vector3d>& sites);
+    /**
+     * Note which components of the element are fixed. Where a fixed component takes part in the
+     * null twist, the friction of what is free has no null twist, and holds the body against
+     * torques about its line. Then only the fixed components are lifted.
+     */
+    void fix(int element, const FluidElement& components);
     bool has(int element) const { return twists_body[element].size() > 0; }
     bool any() const { return hasAny; }
     /** In the body frame, of unit length; empty if there is none. */
@@ -48,11 +57,20 @@ public:
     void removeLift(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& wrenches) const;
 
 private:
+    /** Those of elements that are not partly fixed; and the others, with their fixed part. */
     template <class Action>
     void forEach(const std::vector<Eigen::Matrix3d>& turns, const Action& action) const;
+    template <class Action>
+    void forPartlyFixed(const std::vector<Eigen::Matrix3d>& turns, const Action& action) const;
 
     const std::vector<int> rows;
     std::vector<Eigen::VectorXd> twists_body;
+    struct PartlyFixed {
+        bool is = false, inBody = false;
+        unsigned fixed = 0;
+        Eigen::Matrix3d axes;
+    };
+    std::vector<PartlyFixed> partlyFixed;
     bool hasAny = false;
 };
 

@@ -18,7 +18,10 @@ public:
     explicit SlipSpace(const CoupledBodies& bodies);
     int getNumRows() const { return ofBodies ? bodies.getNumRows() : bodies.getNumParticleRows(); }
     bool areOfBodies() const { return ofBodies; }
+    /** Whether K = 1. */
     bool isIdentity() const { return identity; }
+    /** Whether slips move bodies as they are, U = N F + s: K = 1 and nothing is fixed. */
+    bool slipsAreTwists() const { return identity && !bodies.getFreeMotion().any(); }
 
     /** slips = K U, wrenches = K^T lambda at any poses. */
     void rigidSlips(const std::vector<Pose>& poses, const Eigen::MatrixXd& twists,

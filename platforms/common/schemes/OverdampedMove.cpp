@@ -57,10 +57,20 @@ void OverdampedMove::begin(const OverdampedStep& step) {
     present = start;
 }
 
-void OverdampedMove::goFromStart(double t, const Vectors& twists) {
+void OverdampedMove::goFromStart(double t, const Vectors& twistsOfAll, double nu) {
+    const bool scalesFree = prescribed && nu != 1;
+    if (scalesFree)
+        scaledTwists = nu * twistsOfAll + (1 - nu) * findPrescribed(mobility.posesHere());
+    else
+        t *= nu;
+    const Vectors& twists = scalesFree ? scaledTwists : twistsOfAll;
     const auto& elements = mobility.getBodies().getElements();
     for (size_t e = 0; e < start.size(); e++) {
         const int row = mobility.getBodies().firstRow(e);
+        if (elements[e].isHeld) {
+            present[e] = start[e];
+            continue;
+        }
         present[e].R = start[e].R + t * twists.col(0).segment<3>(row);
         if (elements[e].isFree()) continue;
         present[e].q = rotated(start[e].q, t * twists.col(0).segment<3>(row + 3));
@@ -77,10 +87,16 @@ void OverdampedMove::drawNumbers(uint32_t purpose, uint32_t index, int count, do
     randomNumbers += count;
 }
 
-void OverdampedMove::drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& numbers) {
+/** @param onlyFree  leave out elements that are wholly fixed; their numbers are 0 */
+void OverdampedMove::drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& numbers,
+                                   bool onlyFree) {
     const auto& elements = mobility.getBodies().getElements();
     numbers.resize(getNumRows(), 1);
     for (size_t e = 0; e < elements.size(); e++) {
+        if (onlyFree && elements[e].isWhollyFixed()) {
+            numbers.middleRows(mobility.getBodies().firstRow(e), elements[e].numRows()).setZero();
+            continue;
+        }
         double* to = &numbers(mobility.getBodies().firstRow(e), 0);
         if (elements[e].isFree())
             drawNumbers(freePurpose, elements[e].particles[0], 3, to);
@@ -133,7 +149,7 @@ void OverdampedMove::thermalSlip(Vectors& slips) {
 
 const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
     if (!column.givesVelocity) return noSlips;
-    if (!flow && column.moreSlips.size() == 0) return column.slips;
+    if (!flow && !prescribed && column.moreSlips.size() == 0) return column.slips;
     slipsOfColumn = column.slips;
     const auto add = [this](const Vectors& more) {
         if (more.size() == 0) return;
@@ -147,17 +163,50 @@ const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
         add(slipsOfFlow);
     }
     add(column.moreSlips);
+    if (prescribed) {
+        mobility.rigidSlips(mobility.posesHere(), -findPrescribed(mobility.posesHere()),
+                            slipsOfFixed);
+        add(slipsOfFixed);
+    }
     return slipsOfColumn;
+}
+
+void OverdampedMove::finishSolve(const Column& solved, Vectors& twists, int column) {
+    if (prescribed && solved.givesVelocity) twists.col(column) += twistsOfFixed.col(0);
+    recordSolve(solved, column);
+    recordHold(solved, column);
+}
+
+/**
+ * The fluid and the wrench of the solve act on the fixed components; what holds them is the rest.
+ * Differences of K in the wrench of a solve are forces like others.
+ */
+void OverdampedMove::recordHold(const Column& solved, int column) {
+    if (!holds || solved.weight == 0) return;
+    mobility.getBlobForces(forcesOfSolve);
+    forcesOfSolve = forcesOfSolve.col(column).eval();
+    mobility.totalWrenches(mobility.posesHere(), forcesOfSolve, wrenchesOfSolve);
+    *holds += solved.weight * (wrenchesOfSolve - solved.wrench.col(0));
+}
+
+const OverdampedMove::Vectors& OverdampedMove::findPrescribed(const vector<Pose>& at) {
+    setTurns(at, turnsOfFixed);
+    mobility.getBodies().getFreeMotion().motionOfFixed(turnsOfFixed, *prescribed, twistsOfFixed);
+    return twistsOfFixed;
+}
+
+void OverdampedMove::addPrescribed(Vectors& twists) {
+    if (prescribed) twists += findPrescribed(start);
 }
 
 void OverdampedMove::solve(const Column& column, Vectors& twists) {
     mobility.solve(column.wrench, slipsOf(column), twists);
-    recordSolve(column);
+    finishSolve(column, twists);
 }
 
 void OverdampedMove::solveFromKept(const Column& column, Vectors& twists) {
     mobility.solveFromKept(column.wrench, slipsOf(column), twists);
-    recordSolve(column);
+    finishSolve(column, twists);
 }
 
 void OverdampedMove::solve(const Column& first, const Column& second, Vectors& twists) {
@@ -172,7 +221,7 @@ void OverdampedMove::solve(const Column& first, const Column& second, Vectors& t
         slips.col(k) = ofColumn.col(0);
     }
     mobility.solve(wrenches, slips, twists);
-    for (int k = 0; k < 2; k++) recordSolve(*columns[k], k);
+    for (int k = 0; k < 2; k++) finishSolve(*columns[k], twists, k);
 }
 
 // ---- The flow of the step
@@ -222,6 +271,7 @@ void OverdampedMove::recordTractions(double kT) {
 }
 
 void OverdampedMove::recordFactor(double nu) {
+    if (holds) *holds *= nu;
     if (!recorded) return;
     for (FlowOfStep::Share& share : recorded->shares) share.weight *= nu;
     recorded->fieldWeight *= nu;
@@ -265,8 +315,10 @@ void OverdampedMove::recordKnownDrift(double factor) {
 }
 
 void OverdampedMove::drawDirections() {
-    drawForBodies(NoiseStream::FiniteDifference, NoiseStream::FreeFiniteDifference, directions);
-    for (int i = 0; i < directions.rows(); i++) directions(i, 0) /= lengths[i];
+    drawForBodies(NoiseStream::FiniteDifference, NoiseStream::FreeFiniteDifference, directions,
+                  true);
+    for (int i = 0; i < directions.rows(); i++)
+        directions(i, 0) = isFree(i) ? directions(i, 0) / lengths[i] : 0;
 }
 
 void OverdampedMove::displaceBy(double step, int onlyRow, vector<Pose>& to) const {

@@ -68,6 +68,16 @@ public:
     void begin(const OverdampedStep& step);
     /** Record the flow of the step that begins in flowOfStep; null: do not record. */
     void record(FlowOfStep* flowOfStep) { recorded = flowOfStep; }
+    /**
+     * Prescribe the velocities of fixed components from now on, at the present stage's time:
+     * FreeMotion::motionOfFixed(). null: they are at rest.
+     */
+    void prescribe(const Vectors* velocitiesOfFixed) { prescribed = velocitiesOfFixed; }
+    /**
+     * Add up in `holds` the wrenches that hold fixed components in the step, of whose mean each
+     * solve has its weight; null: do not. Rows of free components are 0 up to the tolerance.
+     */
+    void recordHolds(Vectors* holdsOfStep) { holds = holdsOfStep; }
     /** The model's random field, where the step has drawn one. */
     RandomField* getField() const { return slipsAreOfField ? field.get() : nullptr; }
     BodyMobility& getMobility() { return mobility; }
@@ -92,9 +102,9 @@ public:
               moreSlips(moreSlips) {}
     };
     /**
-     * A column that gives velocities of bodies, N (F + K^T M^-1 s) at the present poses. The slips
-     * s are the sum of `slips`, of those of the flow that users drive, and of `moreSlips`. A vector
-     * without rows stands for zeros.
+     * A column that gives velocities of bodies, N (F + K^T M^-1 s) at the present poses, with the
+     * prescribed velocities of fixed components. The slips s are the sum of `slips`, of those of
+     * the flow that users drive, and of `moreSlips`. A vector without rows stands for zeros.
      *
      * @param weight  of these velocities in those of the step; the weights of a step sum up to 1. 0
      *     for a predictor
@@ -152,7 +162,9 @@ public:
     void thermalSlip(Vectors& slips);
 
     /** Whether div N is 0 or known without differences. If so, addKnownDrift() adds it. */
-    bool driftIsKnown() const { return mobility.isUniform() || mobility.isDivergenceFree(); }
+    bool driftIsKnown() const {
+        return mobility.isUniform() || mobility.isDivergenceFree() || mobility.isImmobile();
+    }
     /**
      * Whether div N is 0 while N changes with poses, as for spheres. A scheme then leaves out noise
      * at other poses that would make a drift.
@@ -164,7 +176,8 @@ public:
      */
     void addKnownDrift(double factor, Vectors& twists);
     /**
-     * Draw random directions W~ of unit covariance for finite differences. Displacements delta W~
+     * Draw random directions W~ of unit covariance for finite differences. Fixed components in the
+     * lab frame have none, because N has no columns for them. Displacements delta W~
      * are turned into lengths by each body's length L. As wrenches the directions are divided by
      * it: `directions` = (W~_t / L, W~_r).
      */
@@ -193,6 +206,8 @@ public:
     /** Each row's length: L for translations, 1 for rotations. */
     double lengthOfRow(int row) const { return lengths[row]; }
     int getNumRows() const { return mobility.getBodies().getNumRows(); }
+    /** Whether N may have a column for this row: FreeMotion::isFree(). */
+    bool isFree(int row) const { return mobility.getBodies().getFreeMotion().isFree(row); }
     /**
      * From now on everything is computed at the start, at the present poses, or at displaced ones.
      * Differences are taken before atPresent(): after it, iterations go to the tolerance itself,
@@ -205,8 +220,13 @@ public:
         differencesHaveEnded = true;
     }
     void at(const std::vector<Pose>& poses) { mobility.setPoses(poses, true); }
-    /** Move to Q^n + t U: Rotate(q, t W). */
-    void goFromStart(double t, const Vectors& twists);
+    /**
+     * Move to Q^n + t nu U: Rotate(q, t nu W). The factor nu does not multiply prescribed
+     * velocities.
+     */
+    void goFromStart(double t, const Vectors& twists, double nu = 1);
+    /** Add the prescribed velocities of fixed components at the start. */
+    void addPrescribed(Vectors& twists);
     /**
      * Whether divergenceOfField() is known, so that no differences are needed. It is where slips
      * are of the model's random field, which is one flow.
@@ -240,14 +260,17 @@ private:
     void displaceBy(double step, int onlyRow, std::vector<Pose>& poses) const;
     /** The slips of a column; empty: none. */
     const Vectors& slipsOf(const Column& column);
-    void recordSolve(const Column& solved, int column = 0);
+    /** What follows a solve of a column: prescribed velocities, the flow, and holds. */
+    void finishSolve(const Column& solved, Vectors& twists, int column = 0);
+    void recordSolve(const Column& solved, int column);
+    void recordHold(const Column& solved, int column);
     /** The flow has `weight` times the flow of the forces of a column of the last solve. */
     void recordShare(double weight, int column, bool inFlow);
     void recordKnownDrift(double factor);
     bool isAccepted(const std::vector<Pose>& poses);
     void requireDifferences(const char* method) const;
     [[noreturn]] void failToDisplace(const std::vector<Pose>& poses);
-    void drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& W);
+    void drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& W, bool onlyFree = false);
     void drawForParticles(uint32_t purpose, Vectors& W);
     void drawNumbers(uint32_t purpose, uint32_t index, int count, double* numbers);
 
@@ -266,6 +289,12 @@ private:
     bool driftFactorScalesAll_ = false;
     const DrivenFlow* flow = nullptr;
     FlowOfStep* recorded = nullptr;
+    /** The prescribed velocities at these poses, as twists. */
+    const Vectors& findPrescribed(const std::vector<Pose>& at);
+    const Vectors* prescribed = nullptr;
+    std::vector<Eigen::Matrix3d> turnsOfFixed;
+    Vectors* holds = nullptr;
+    Vectors twistsOfFixed, scaledTwists, slipsOfFixed, forcesOfSolve, wrenchesOfSolve;
     Vectors slipsOfFlow, slipsOfColumn, recordedSlips;
     Vectors wrenches, slips;  // of two columns
     const Vectors noSlips;

@@ -61,6 +61,7 @@ private:
                 m.noteDriftFactor(scale);
             }
         }
+        m.addPrescribed(U);
         m.goFromStart(m.h / 2, U);
     }
     void correct(OverdampedMove& m) {
@@ -77,8 +78,9 @@ private:
         m.solve(m.velocity(1, m.force, slip), U);
         if (m.kT > 0)
             m.recordThermalSlip((m.driftFactorScalesAll() ? 1 : scale) * std::sqrt(2 * m.kT / m.h));
-        if (m.driftFactorScalesAll()) m.recordFactor(scale);
-        m.goFromStart(m.driftFactorScalesAll() ? scale * m.h : m.h, U);
+        const double nu = m.driftFactorScalesAll() ? scale : 1;
+        if (m.driftFactorScalesAll()) m.recordFactor(nu);
+        m.goFromStart(m.h, U, nu);
     }
 
     /** V~ at the poses where m is. */
@@ -100,6 +102,7 @@ private:
         }
         double sum = 0;
         for (int i = 0; i < m.getNumRows(); i++) {
+            if (!m.isFree(i)) continue;
             double step = delta;
             m.displaceAlong(i, step, displaced);
             m.at(displaced);

@@ -1,0 +1,42 @@
+#ifndef RIGIDHI_FRICTION_FACTOR_H_
+#define RIGIDHI_FRICTION_FACTOR_H_
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "linearalgebra/CholeskyFactor.h"
+#include "rigid/CoupledBodies.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * The Cholesky factor of the friction xi of all bodies, Z^T xi Z = L L^T, with free components
+ * first (FreeMotion). The leading block of L is the factor of the friction of what is free, which
+ * gives the mobility N_c. All of L gives random wrenches of covariance xi: their free components
+ * are the noise of what moves, and their fixed ones the noise of the wrenches that hold bodies.
+ * Null twists of collinear bodies are lifted, and removed from results (NullTwists).
+ */
+class FrictionFactor {
+public:
+    explicit FrictionFactor(const CoupledBodies& bodies) : bodies(bodies) {}
+    /**
+     * @param friction  its lower triangle is read; its contents are undefined afterwards
+     * @return whether the friction is positive definite
+     */
+    bool compute(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& friction);
+    /** wrenches -> N_c wrenches, at the turns of the friction. */
+    void solve(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& x);
+    /** wrenches -> N wrenches, as if nothing were fixed. */
+    void solveOfAll(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& x);
+    /** Of covariance xi. @param W  rows of bodies */
+    void thermalWrench(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& W,
+                       Eigen::MatrixXd& wrench);
+
+private:
+    const CoupledBodies& bodies;
+    CholeskyFactor factor;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
