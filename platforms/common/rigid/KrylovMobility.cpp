@@ -1,6 +1,7 @@
 #include "rigid/KrylovMobility.h"
 
 #include "linearalgebra/Symmetrise.h"
+#include "rigid/FrictionFactor.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;
@@ -59,7 +60,7 @@ MultiblobSolver& KrylovMobility::theSolver() {
 
 MultiblobSolver& KrylovMobility::solverAt(const BodiesAt& at) {
     theSolver().wantedTolerance = wantedTolerance;
-    solver->setTurns(at.getTurns());
+    solver->setPoses(at.getPoses(), at.getTurns());
     return *solver;
 }
 
@@ -175,13 +176,17 @@ void KrylovMobility::findCollectiveModes() {
     modesAreKnown = true;
     modes.clear();
     const auto& elements = bodies.getElements();
-    const int count = CollectiveModes::numGroups(elements.size(), bodies.getParticles().size());
+    // Held elements come first, and have no part in modes of motion.
+    size_t firstMoving = 0;
+    while (firstMoving < elements.size() && elements[firstMoving].isHeld) firstMoving++;
+    const int count =
+        CollectiveModes::numGroups(elements.size() - firstMoving, bodies.getParticles().size());
     if (count == 0) return;
     const Placement& placement = here.getPlacement();
     const RigidMotion& motion = bodies.getMotion();
-    vector<CollectiveModes::Member> members(elements.size());
-    for (size_t e = 0; e < elements.size(); e++) {
-        CollectiveModes::Member& member = members[e];
+    vector<CollectiveModes::Member> members(elements.size() - firstMoving);
+    for (size_t e = firstMoving; e < elements.size(); e++) {
+        CollectiveModes::Member& member = members[e - firstMoving];
         member.firstRow = motion.firstParticleRow(e);
         if (spheres)
             member.translations =
@@ -378,7 +383,17 @@ void KrylovMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& sl
 }
 
 const MatrixXd& KrylovMobility::mobility() {
-    if (!bodies.isWorthIterations()) return here.mobility();
+    if (!bodies.isWorthIterations()) {
+        if (!bodies.getFreeMotion().any()) return here.mobility();
+        MatrixXd ofAll = here.friction();
+        FrictionFactor factor(bodies);
+        if (!factor.compute(here.getTurns(), ofAll))
+            refuseIndefiniteFriction(bodies.getElements().size());
+        N.setIdentity(bodies.getNumRows(), bodies.getNumRows());
+        factor.solve(here.getTurns(), N);
+        symmetrise(N);
+        return N;
+    }
     // So many columns share what products compute for each pair. More columns only need more
     // memory.
     const int batch = 24;

@@ -4,10 +4,12 @@
 
 #include <Eigen/QR>
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 
 #include "linearalgebra/ToleranceText.h"
+#include "rigid/FreeMotion.h"
 #include "rigid/NullTwists.h"
 #include "rigid/RigidMotion.h"
 #include "rigid/StoppingRule.h"
@@ -31,7 +33,19 @@ double amplificationOf(const MatrixXd& M) {
     const VectorXd scale = M.diagonal().cwiseSqrt().cwiseInverse();
     const MatrixXd scaled = scale.asDiagonal() * M * scale.asDiagonal();
     const int n = M.rows();
-    return scaled.norm() / sqrt(n) * scaled.llt().solve(MatrixXd::Identity(n, n)).trace() / n;
+    const int largest = 500;
+    if (n <= largest)
+        return scaled.norm() / sqrt(n) * scaled.llt().solve(MatrixXd::Identity(n, n)).trace() / n;
+    // The trace by vectors of signs, whose order is that of a linear congruence.
+    const int numProbes = 10;
+    MatrixXd probes(n, numProbes);
+    uint32_t number = 1;
+    for (double& sign : probes.reshaped()) {
+        number = 1664525 * number + 1013904223;
+        sign = number >> 31 ? 1 : -1;
+    }
+    scaled.llt().matrixL().solveInPlace(probes);
+    return scaled.norm() / sqrt(n) * probes.squaredNorm() / numProbes / n;
 }
 
 /** An orthonormal basis of the columns of A, with as many columns: zeros if there are fewer. */
@@ -52,60 +66,165 @@ const int maxInexactIterations = 100;
 
 MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists,
                                  const MobilityModel& model)
-    : hasSinglePrecision(model.getTraits().hasSinglePrecision), numRows(motion.getNumRows()),
-      numBlobRowsTotal(motion.getParticles().numRows),
-      turns(motion.getElements().size(), Matrix3d::Identity()) {
+    : motion(motion), nullTwists(nullTwists), model(model),
+      hasSinglePrecision(model.getTraits().hasSinglePrecision), numRows(motion.getNumRows()),
+      numBlobRowsTotal(motion.getParticles().numRows) {
+    const auto& elements = motion.getElements();
+    int heldBlobs = 0;
+    for (const FluidElement& element : elements)
+        if (element.isHeld) heldBlobs += element.particles.size();
+    const bool oneBlock = heldBlobs > 0 && heldBlobs <= mostHeldBlobs;
     vector<shared_ptr<const Shape> > known;
-    for (size_t e = 0; e < turns.size(); e++) {
-        const FluidElement& element = motion.getElements()[e];
-        rows.push_back(motion.firstRow(e));
-        blobRow.push_back(motion.firstParticleRow(e));
-        numBlobRows.push_back(element.numParticleRows());
+    for (size_t e = 0; e < elements.size(); e++) {
+        const FluidElement& element = elements[e];
+        for (int k = 0; k < element.numRows(); k++) numFreeRows += !element.isFixed(k);
+        if (element.isHeld && oneBlock) {
+            // Held elements come first. Their block is made where they are: setPoses().
+            if (heldElements.empty())
+                addUnit(motion.firstRow(e), motion.firstParticleRow(e), 0, 0, {});
+            heldElements.push_back(e);
+            unitOfElement.push_back(0);
+            numBlobRows[0] += element.numParticleRows();
+            numBodyRows[0] += element.numRows();
+            continue;
+        }
+        const bool isRestricted = !element.isWhollyFree() && !element.isWhollyFixed();
         shared_ptr<const Shape> found;
         for (const auto& shape : known)
-            if (shape->isFree == element.isFree() && shape->isSphere == element.isSphere() &&
-                shape->radii == element.radii && shape->sites == element.sites &&
-                shape->spin == element.spin)
+            if (!isRestricted && shape->isFree == element.isFree() &&
+                shape->isSphere == element.isSphere() && shape->radii == element.radii &&
+                shape->sites == element.sites && shape->spin == element.spin &&
+                shape->fixed == element.fixed)
                 found = shape;
         if (!found) {
-            const shared_ptr<Shape> shape(new Shape());
-            shape->sites = element.sites;
-            shape->radii = element.radii;
-            shape->spin = element.spin;
-            shape->isFree = element.isFree();
-            shape->isSphere = element.isSphere();
             MatrixXd M;
             model.ownMobility(particlesOf({element}), sitesOf(element), M);
-            shape->M.compute(M);
-            // Two blobs at one place leave a pivot of rounding, of either sign.
-            const double smallestCondition = 1e-14;
-            if (shape->M.info() != Success || !(shape->M.rcond() > smallestCondition))
-                throw OpenMM::OpenMMException(
-                    "MobilityForce: the mobility matrix of the " + to_string(element.sites.size()) +
-                    " blobs of body " + to_string(element.body) +
-                    " is not positive definite; look for blobs at the same place");
-            // In the energy norm, errors of products grow by the root of the condition number.
-            growth = max(growth, 1 / sqrt(shape->M.rcond()));
-            amplification = max(amplification, amplificationOf(M));
-            shape->K = motion.ofElement_body(e);
-            shape->MinvK = shape->M.solve(shape->K);
-            shape->translations = shape->M.matrixL().solve(shape->K.leftCols(3));
-            shape->friction = shape->K.transpose() * shape->MinvK;
-            shape->N = generalisedInverse(shape->friction, nullTwists.inBody(e));
-            shape->rigid = basisOf(shape->M.matrixL().solve(shape->K));
-            known.push_back(shape);
+            const auto shape =
+                makeShape(element, M, motion.ofElement_body(e), nullTwists.inBody(e));
+            if (isRestricted)
+                restricted.push_back({(int)e, shape});
+            else
+                known.push_back(shape);
             families.push_back({shape, {}});
             found = shape;
         }
-        shapes.push_back(found);
-        for (Family& family : families)
-            if (family.shape == found) family.elements.push_back(e);
+        unitOfElement.push_back(shapes.size());
+        addUnit(motion.firstRow(e), motion.firstParticleRow(e), element.numParticleRows(),
+                element.numRows(), found);
     }
 }
 
-void MultiblobSolver::setTurns(const vector<Matrix3d>& ofBodies) {
-    for (size_t e = 0; e < turns.size(); e++)
-        if (!shapes[e]->isFree) turns[e] = ofBodies[e];
+void MultiblobSolver::addUnit(int row, int firstBlobRow, int blobRows, int bodyRows,
+                              const shared_ptr<const Shape>& shape) {
+    rows.push_back(row);
+    blobRow.push_back(firstBlobRow);
+    numBlobRows.push_back(blobRows);
+    numBodyRows.push_back(bodyRows);
+    shapes.push_back(shape);
+    turns.push_back(Matrix3d::Identity());
+    for (Family& family : families)
+        if (family.shape == shape) family.elements.push_back(shapes.size() - 1);
+}
+
+/** @param element  the first one of those that have this shape, or of a block */
+shared_ptr<MultiblobSolver::Shape> MultiblobSolver::makeShape(const FluidElement& element,
+                                                              const MatrixXd& M, const MatrixXd& K,
+                                                              const VectorXd& nullTwist) {
+    const shared_ptr<Shape> shape(new Shape());
+    shape->sites = element.sites;
+    shape->radii = element.radii;
+    shape->spin = element.spin;
+    shape->isFree = element.isFree();
+    shape->isSphere = element.isSphere();
+    shape->fixed = element.fixed;
+    shape->isHeld = element.isWhollyFixed();
+    shape->M.compute(M);
+    // Two blobs at one place leave a pivot of rounding, of either sign.
+    const double smallestCondition = 1e-14;
+    if (shape->M.info() != Success || !(shape->M.rcond() > smallestCondition))
+        throw OpenMM::OpenMMException(
+            "MobilityForce: the mobility matrix of the " +
+            (element.isHeld
+                 ? to_string(M.rows() / 3) + " blobs of all held bodies"
+                 : to_string(element.sites.size()) + " blobs of body " + to_string(element.body)) +
+            " is not positive definite; look for blobs at the same place");
+    // In the energy norm, errors of products grow by the root of the condition number.
+    growth = max(growth, 1 / sqrt(shape->M.rcond()));
+    amplification = max(amplification, amplificationOf(M));
+    shape->K = K;
+    shape->numBlobRows = M.rows();
+    shape->numBodyRows = element.isHeld && K.size() == 0 ? numBodyRows[0] : K.cols();
+    if (shape->isHeld) return shape;  // nothing moves it
+    shape->MinvK = shape->M.solve(shape->K);
+    shape->friction = shape->K.transpose() * shape->MinvK;
+    shape->translations = shape->M.matrixL().solve(shape->K.leftCols(3));
+    shape->N = generalisedInverse(shape->friction, nullTwist);
+    shape->rigid = basisOf(shape->M.matrixL().solve(shape->K));
+    return shape;
+}
+
+/** All held elements as one unit in the lab frame, where they are. */
+void MultiblobSolver::makeHeldBlock(const vector<Pose>& poses, const vector<Matrix3d>& ofBodies) {
+    const auto same = [&](size_t i) {
+        const Pose &a = heldPoses[i], &b = poses[heldElements[i]];
+        return a.R == b.R && a.q.w == b.q.w && a.q.x == b.q.x && a.q.y == b.q.y && a.q.z == b.q.z;
+    };
+    bool known = heldPoses.size() == heldElements.size();
+    for (size_t i = 0; known && i < heldElements.size(); i++) known = same(i);
+    if (known) return;
+    vector<FluidElement> elements;
+    vector<OpenMM::Vec3> positions;
+    heldPoses.clear();
+    for (int e : heldElements) {
+        const FluidElement& element = motion.getElements()[e];
+        elements.push_back(element);
+        heldPoses.push_back(poses[e]);
+        const Matrix3d A = element.isFree() ? Matrix3d::Identity() : ofBodies[e];
+        for (const Vector3d& site : element.sites) {
+            const Vector3d x = poses[e].R + A * site;
+            positions.push_back(OpenMM::Vec3(x[0], x[1], x[2]));
+        }
+    }
+    MatrixXd M;
+    model.ownMobility(particlesOf(elements), positions, M);
+    const auto shape = makeShape(elements[0], M, MatrixXd(), VectorXd());
+    shapes[0] = shape;
+    families.erase(
+        remove_if(families.begin(), families.end(),
+                  [](const Family& family) { return family.elements == vector<int>{0}; }),
+        families.end());
+    families.insert(families.begin(), {shape, {0}});
+}
+
+/** N of elements of which some components are fixed, in their frames. */
+void MultiblobSolver::restrict(const vector<Matrix3d>& ofBodies) {
+    for (const auto& [e, shape] : restricted) {
+        const FreeMotion free({motion.getElements()[e]}, {0});
+        const vector<Matrix3d> turn = {ofBodies[e]};
+        const MatrixXd toLab =
+            twoRotations(ofBodies[e]).topLeftCorner(free.getNumRows(), free.getNumRows());
+        MatrixXd friction = toLab * shape->friction * toLab.transpose();
+        free.order(turn, friction);
+        const int count = free.getNumFree();
+        MatrixXd N = MatrixXd::Zero(free.getNumRows(), free.getNumRows());
+        N.topLeftCorner(count, count) =
+            friction.topLeftCorner(count, count).completeOrthogonalDecomposition().pseudoInverse();
+        free.fromOrdered(turn, N);
+        N.transposeInPlace();
+        free.fromOrdered(turn, N);
+        shape->N = toLab.transpose() * N * toLab;
+    }
+}
+
+void MultiblobSolver::setPoses(const vector<Pose>& poses, const vector<Matrix3d>& ofBodies) {
+    if (!heldElements.empty()) makeHeldBlock(poses, ofBodies);
+    restrict(ofBodies);
+    if (!heldElements.empty()) turnsOfElements = ofBodies;
+    for (size_t e = 0; e < unitOfElement.size(); e++) {
+        const int unit = unitOfElement[e];
+        if (unit > 0 || heldElements.empty())
+            if (!shapes[unit]->isFree) turns[unit] = ofBodies[e];
+    }
 }
 
 /** Turn vectors of blobs (or bodies) between the lab frame and the frames of their bodies. */
@@ -113,7 +232,7 @@ void MultiblobSolver::turn(Rows kind, bool toBody, const MatrixXd& from, MatrixX
     to.resize(from.rows(), from.cols());
     for (size_t e = 0; e < shapes.size(); e++) {
         const int first = kind == OfBlobs ? blobRow[e] : rows[e];
-        const int count = kind == OfBlobs ? numBlobRows[e] : shapes[e]->isFree ? 3 : 6;
+        const int count = kind == OfBlobs ? numBlobRows[e] : numBodyRows[e];
         for (int r = first; r < first + count; r += 3)
             if (toBody)
                 to.middleRows<3>(r).noalias() = turns[e].transpose() * from.middleRows<3>(r);
@@ -129,7 +248,7 @@ int MultiblobSolver::firstRow(Rows kind, int element) const {
 void MultiblobSolver::gather(Rows kind, const Family& family, const MatrixXd& from,
                              MatrixXd& to) const {
     const int columns = from.cols(), count = family.elements.size();
-    const int own = kind == OfBlobs ? family.shape->K.rows() : family.shape->K.cols();
+    const int own = kind == OfBlobs ? family.shape->numBlobRows : family.shape->numBodyRows;
     to.resize(own, count * columns);
     for (int i = 0; i < count; i++)
         to.middleCols(i * columns, columns) =
@@ -165,9 +284,13 @@ void MultiblobSolver::project() {
     for (const Family& family : families) {
         const Shape& shape = *family.shape;
         gather(OfBlobs, family, residual, gathered);
-        gatheredTwists.noalias() = shape.N * (shape.MinvK.transpose() * gathered);
-        gathered.noalias() -= shape.K * gatheredTwists;
-        scatter(OfBlobs, family, gathered, residual);
+        if (shape.isHeld) {
+            gatheredTwists.setZero(shape.numBodyRows, gathered.cols());
+        } else {
+            gatheredTwists.noalias() = shape.N * (shape.MinvK.transpose() * gathered);
+            gathered.noalias() -= shape.K * gatheredTwists;
+            scatter(OfBlobs, family, gathered, residual);
+        }
         scatter(OfBodies, family, gatheredTwists, ofBodies);
         shape.M.solveInPlace(gathered);
         scatter(OfBlobs, family, gathered, preconditioned);
@@ -274,7 +397,7 @@ void MultiblobSolver::Attempt::measure() {
         scale[c] = lambda.col(c).dot(residual.col(c)) + wrenches.col(c).dot(twists.col(c));
         if (!withSlips) continue;
         const double ofAll = scale[c] + slipEnergy[c] - lambda.col(c).dot(slips.col(c));
-        scale[c] = scaleWithSlips(ofAll, twistEnergy[c], slipEnergy[c], solver.numRows,
+        scale[c] = scaleWithSlips(ofAll, twistEnergy[c], slipEnergy[c], solver.numFreeRows,
                                   solver.numBlobRowsTotal);
     }
 }
@@ -376,9 +499,12 @@ void MultiblobSolver::begin(const MatrixXd& wrenches, const MatrixXd& slips, Mat
         gather(OfBodies, family, wrenches, gatheredTwists);
         if (slips.size() > 0) {
             gather(OfBlobs, family, slips, gathered);
-            gatheredTwists.noalias() += shape.MinvK.transpose() * gathered;
+            if (!shape.isHeld) gatheredTwists.noalias() += shape.MinvK.transpose() * gathered;
         }
-        gatheredForces.noalias() = shape.MinvK * (shape.N * gatheredTwists);
+        if (shape.isHeld)
+            gatheredForces.setZero(shape.numBlobRows, gatheredTwists.cols());
+        else
+            gatheredForces.noalias() = shape.MinvK * (shape.N * gatheredTwists);
         if (slips.size() > 0) {
             shape.M.solveInPlace(gathered);
             gatheredForces -= gathered;
@@ -423,6 +549,7 @@ void MultiblobSolver::findEnergyOfTwists(VectorXd& energy) {
     const int columns = twists_body.cols();
     energy.setZero(columns);
     for (const Family& family : families) {
+        if (family.shape->isHeld) continue;
         gather(OfBodies, family, twists_body, gatheredTwists);
         gatheredForces.noalias() = family.shape->friction * gatheredTwists;
         const int count = family.elements.size();
@@ -477,13 +604,22 @@ void MultiblobSolver::forcesFromScaled(const MatrixXd& x, MatrixXd& forces_lab) 
 void MultiblobSolver::rigidParts(const MatrixXd& x, MatrixXd& parts) {
     parts.resize(numRows, x.cols());
     for (const Family& family : families) {
+        const Shape& shape = *family.shape;
         gather(OfBlobs, family, x, gathered);
-        gatheredTwists.noalias() = family.shape->rigid.transpose() * gathered;
+        if (shape.isHeld)
+            gatheredTwists.setZero(shape.numBodyRows, gathered.cols());
+        else
+            gatheredTwists.noalias() = shape.rigid.transpose() * gathered;
         scatter(OfBodies, family, gatheredTwists, parts);
     }
 }
 
 void MultiblobSolver::wrenchesFromScaled(const MatrixXd& x, MatrixXd& wrenches_lab) {
+    if (!heldElements.empty()) {
+        forcesFromScaled(x, lab);
+        motion.wrenches(turnsOfElements, lab, wrenches_lab);
+        return;
+    }
     scaledToForces(x, scaled);
     ofBodies.resize(numRows, x.cols());
     for (const Family& family : families) {

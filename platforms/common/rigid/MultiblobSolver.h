@@ -7,7 +7,9 @@
 #include <vector>
 
 #include "mobility/MobilityModel.h"
+#include "rigid/FluidElement.h"
 #include "rigid/SlowedSpin.h"
+#include "rigidbody/Pose.h"
 
 namespace RigidHIPlugin {
 
@@ -42,6 +44,10 @@ class RigidMotion;
  *            835 (2000)). With Accuracy::errorOfSinglePrecision one product is exact at a tolerance
  * of 1e-6, and none at 5e-5 and more. If inexact products do not converge, the solve is repeated
  *            with finer ones, and in the end with exact ones.
+ * Fixed:     where components of twists are fixed (FreeMotion), U has only free ones, and so K^T
+ *            lambda = F holds in their rows only. The blobs of bodies that are held resist like a
+ *            porous medium, which needs many iterations. All held bodies are therefore one block
+ *            of the preconditioner, which is factorised once, unless they have very many blobs.
  * Cost:      an iteration has one product with M and one solve with each body's own matrix.
  */
 class MultiblobSolver {
@@ -49,8 +55,13 @@ public:
     /** @param model  gives the mobility of a body by itself, which makes the preconditioner */
     MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists,
                     const MobilityModel& model);
-    /** Rotations of the bodies; a free particle's is not used. */
-    void setTurns(const std::vector<Eigen::Matrix3d>& turns);
+    /**
+     * Set where the bodies are, with their rotations; a free particle's is not used. Free bodies
+     * matter by their rotations only.
+     */
+    void setPoses(const std::vector<Pose>& poses, const std::vector<Eigen::Matrix3d>& turns);
+    /** Up to so many held blobs are one block of the preconditioner. */
+    static constexpr int mostHeldBlobs = 1500;
     /**
      * The tolerance that the user has set, for messages, where solves go to a part of it. 0: not
      * known.
@@ -103,7 +114,8 @@ public:
     void forcesFromScaled(const Eigen::MatrixXd& x, Eigen::MatrixXd& forces_lab);
     /** L^-1 T^T of the element's slips for translations along the axes of the lab frame. */
     Eigen::MatrixXd scaledTranslations(int element) const {
-        return shapes[element]->translations * turns[element].transpose();
+        const int unit = unitOfElement[element];
+        return shapes[unit]->translations * turns[unit].transpose();
     }
     /**
      * The parts of x that move bodies: x in an orthonormal basis of the columns of L^-1 K of each
@@ -116,12 +128,18 @@ public:
 
 private:
     class Attempt;
-    /** What bodies of one shape share, in the body frame. */
+    /**
+     * What units of one shape share, in the body frame. A unit is an element, or all held elements
+     * together, whose frame is that of the lab.
+     */
     struct Shape {
         std::vector<Eigen::Vector3d> sites;
         std::vector<double> radii;
         SlowedSpin spin;
         bool isFree, isSphere;
+        unsigned fixed = 0;   // FluidElement::fixed
+        bool isHeld = false;  // wholly fixed: nothing moves it
+        int numBlobRows = 0, numBodyRows = 0;
         Eigen::LLT<Eigen::MatrixXd> M;
         Eigen::MatrixXd K, MinvK, friction, N;
         Eigen::MatrixXd rigid;  // an orthonormal basis of the columns of L^-1 K; zeros fill it up
@@ -157,8 +175,27 @@ private:
     double reductionOf(double error) const;
     void findEnergyOfTwists(Eigen::VectorXd& energy);
 
+    std::shared_ptr<Shape> makeShape(const FluidElement& element, const Eigen::MatrixXd& M,
+                                     const Eigen::MatrixXd& K, const Eigen::VectorXd& nullTwist);
+    void addUnit(int row, int firstBlobRow, int blobRows, int bodyRows,
+                 const std::shared_ptr<const Shape>& shape);
+    void makeHeldBlock(const std::vector<Pose>& poses,
+                       const std::vector<Eigen::Matrix3d>& ofBodies);
+    void restrict(const std::vector<Eigen::Matrix3d>& ofBodies);
+
+    const RigidMotion& motion;
+    const NullTwists& nullTwists;
+    const MobilityModel& model;
     const bool hasSinglePrecision;
-    std::vector<int> rows, blobRow, numBlobRows;  // of elements
+    std::vector<int> unitOfElement;
+    std::vector<int> rows, blobRow, numBlobRows, numBodyRows;  // of units
+    /** The held elements that are one unit, the first one, and where they were for its block. */
+    std::vector<int> heldElements;
+    std::vector<Pose> heldPoses;
+    std::vector<Eigen::Matrix3d> turnsOfElements;  // where elements are held
+    /** Elements of which some components are fixed: each has a shape of its own. */
+    std::vector<std::pair<int, std::shared_ptr<Shape> > > restricted;
+    int numFreeRows = 0;
     int numRows = 0, numBlobRowsTotal = 0;
     std::vector<std::shared_ptr<const Shape> > shapes;
     std::vector<Family> families;
