@@ -37,6 +37,7 @@ public:
     map<string, string> find() {
         findScheme();
         findFluid();
+        findHeld();
         findDrift();
         findSlowedSpins();
         findInertia();
@@ -114,6 +115,20 @@ private:
                       (fluid->getContents().isPeriodic() ? "its own images" : "the wall")
                 : string("no bodies or free particles interact through the "
                          "fluid: every tensor is constant and computed once"));
+    }
+
+    /** Bodies and particles that never move. */
+    void findHeld() {
+        int bodies = 0;
+        const int count = scene.definitions.getNumBodies(),
+                  particles = scene.integrator.getHeldParticles().size();
+        for (int b = 0; b < count; b++) bodies += scene.integrator.getBodyHeld(b);
+        string held = counted(bodies, "body", "bodies");
+        if (particles > 0) held += " and " + counted(particles, "particle", "particles");
+        set("held bodies", bodies + particles > 0,
+            bodies + particles == 0 ? "nothing is held"
+            : scheme.needsFluid()   ? held + ": the fluid is at rest on them"
+                                    : held + ": they have no momenta and no degrees of freedom");
     }
 
     /** The drift of schemes without momenta, and how it is computed. */

@@ -86,6 +86,7 @@ void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
     if (scene.fluid) {
         scene.fluid->getMemory().checkOfScheme(saved.memory, scene.integrator.getScheme());
         scene.fluid->getMemory().checkLastStep(saved.lastStep);
+        scene.fluid->getMemory().checkHolds(saved.holds);
     }
     scene.build(now);
     BodySet& bodies = scene.bodies;
@@ -106,6 +107,7 @@ void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
     if (scene.fluid) {
         scene.fluid->getMemory().setOfScheme(saved.memory, scene.integrator.getScheme());
         scene.fluid->getMemory().setLastStep(saved.lastStep);
+        scene.fluid->getMemory().setHolds(saved.holds);
     }
     mirror.stateWasLoaded(saved, others);
     scene.noteChange();
@@ -136,6 +138,7 @@ SavedState collectState(Scene& scene, ContextMirror& mirror) {
     }
     if (scene.fluid) {
         saved.memory = scene.fluid->getMemory().getOfScheme();
+        saved.holds = scene.fluid->getMemory().getHolds();
         if (scene.fluid->getFlowReader().lastStepIsPresent(scene.bodies, scene.arrays->positions()))
             saved.lastStep = scene.fluid->getMemory().getLastStep();
     }

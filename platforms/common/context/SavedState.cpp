@@ -18,8 +18,10 @@ namespace RigidHIPlugin {
 
 namespace {
 
-const int version = 3, firstVersionWithUserFrame = 2, firstVersionWithInertiaScale = 3,
-          firstVersionWithLastStep = 3;
+const int version = 4, firstVersionWithUserFrame = 2, firstVersionWithInertiaScale = 3,
+          firstVersionWithLastStep = 3, firstVersionWithHolds = 4;
+/** The version of states without anything that is held, which older libraries can read. */
+const int versionWithoutHolds = 3;
 const char checkpointMark[7] = {'R', 'I', 'G', 'I', 'D', 'H', 'I'};  // and the version's digit
 const char* const quaternionNames[4] = {"qw", "qx", "qy", "qz"};
 const char* const momentumNames[6] = {"px", "py", "pz", "lx", "ly", "lz"};
@@ -294,6 +296,8 @@ SavedState readNode(const StrictNode& root, int fileVersion) {
             saved.memory = readMemory(StrictNode(child, "State"));
         else if (child.getName() == "LastStep")
             saved.lastStep = readMemory(StrictNode(child, "State"));
+        else if (child.getName() == "Holds")
+            saved.holds = readMemory(StrictNode(child, "State"));
         else if (child.getName() == "RoundedPlatform")
             readRounded(StrictNode(child, "State"), saved);
     return saved;
@@ -330,6 +334,7 @@ void SavedState::write(ostream& checkpoint) const {
     }
     putMemory(bytes, memory);
     putMemory(bytes, lastStep);
+    if (!holds.groups.empty()) putMemory(bytes, holds);
     if (!rounding.isExact()) {
         put(bytes, rounding);
         put(bytes, (int32_t)particles.size());
@@ -340,7 +345,7 @@ void SavedState::write(ostream& checkpoint) const {
         }
     }
     checkpoint.write(checkpointMark, sizeof checkpointMark);
-    checkpoint.put(static_cast<char>('0' + version));
+    checkpoint.put(static_cast<char>('0' + (holds.groups.empty() ? versionWithoutHolds : version)));
     const uint64_t length = bytes.size(), hash = hashOf(bytes);
     checkpoint.write(reinterpret_cast<const char*>(&length), sizeof length);
     checkpoint.write(reinterpret_cast<const char*>(&hash), sizeof hash);
@@ -405,6 +410,7 @@ SavedState SavedState::read(istream& checkpoint) {
     }
     saved.memory = readMemory(reader);
     if (fileVersion >= firstVersionWithLastStep) saved.lastStep = readMemory(reader);
+    if (fileVersion >= firstVersionWithHolds) saved.holds = readMemory(reader);
     if (!reader.isAtEnd()) {
         saved.rounding = reader.get<Rounding>();
         saved.particles.resize(reader.count());
@@ -422,7 +428,7 @@ SavedState SavedState::read(istream& checkpoint) {
 
 void SavedState::write(SerializationNode& node) const {
     SerializationNode& root = node.createChildNode("RigidBodyState");
-    root.setIntProperty("version", version);
+    root.setIntProperty("version", holds.groups.empty() ? versionWithoutHolds : version);
     root.setLongProperty("seed", seed);
     root.setLongProperty("stepNumber", stepNumber);
     if (!hasBodies) return;
@@ -449,6 +455,7 @@ void SavedState::write(SerializationNode& node) const {
     }
     writeMemory(root, "SchemeMemory", memory);
     writeMemory(root, "LastStep", lastStep);
+    writeMemory(root, "Holds", holds);
     if (rounding.isExact()) return;
     SerializationNode& rest = root.createChildNode("RoundedPlatform");
     rest.setDoubleProperty("positions", rounding.positions)

@@ -56,6 +56,8 @@ struct SavedState {
      * flow, in the form of a memory.
      */
     SchemeMemory lastStep;
+    /** What held bodies and particles in the last step, in the form of a memory. */
+    SchemeMemory holds;
     /**
      * The rounding of the platform that the state was saved on, whose arrays hold particles no
      * better than this. Where the platform rounds, particles in no body are saved here too. Bodies
@@ -65,14 +67,15 @@ struct SavedState {
     std::vector<SavedParticle> particles;
 
     /**
-     * Write version 3. Readers accept a number only if all of its text is one, and throw an
-     * OpenMMException for values that cannot be the state of bodies.
+     * Write version 4 where something is held, else version 3. Readers accept a number only if all
+     * of its text is one, and throw an OpenMMException for values that cannot be the state of
+     * bodies.
      */
     void write(std::ostream& checkpoint) const;
     void write(OpenMM::SerializationNode& node) const;
-    /** Read version 3, or version 2, which has no inertia scale: 1. */
+    /** Read versions 2 to 4. Version 2 has no inertia scale: 1. */
     static SavedState read(std::istream& checkpoint);
-    /** Read version 3, or versions 1 and 2. Version 1 has no user's values. */
+    /** Read versions 1 to 4. Version 1 has no user's values. */
     static SavedState read(const OpenMM::SerializationNode& node);
 };
 

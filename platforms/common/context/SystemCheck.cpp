@@ -290,6 +290,7 @@ static void checkHeld(const System& system, const CustomRigidHIIntegrator& integ
 }
 
 void refuseHeldUntilSupported(const CustomRigidHIIntegrator& integrator) {
+    if (traitsOf(integrator.getScheme()).isOverdamped()) return;
     for (int b = 0; b < integrator.getNumRigidBodies(); b++)
         if (integrator.getBodyHeld(b))
             fail(bodyText(b) + " is held, which this build does not support; let it go");

@@ -112,18 +112,8 @@ void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
 void FlowReader::flowOfVelocities(FluidGroup& group, const FlowQuestion& question,
                                   Answer& result) const {
     const BodySet& bodies = question.bodies;
-    const auto& elements = group.bodies.getElements();
-    MatrixXd twists(group.bodies.getNumRows(), 1), forces;
-    for (size_t e = 0; e < elements.size(); e++) {
-        const int row = group.bodies.firstRow(e);
-        if (elements[e].isFree()) {
-            twists.block<3, 1>(row, 0) = toEigen(question.velocities[elements[e].particles[0]]);
-            continue;
-        }
-        const int body = elements[e].body;
-        twists.block<3, 1>(row, 0) = toEigen(bodies.getState(body).p) / bodies.inertia(body).mass;
-        twists.block<3, 1>(row + 3, 0) = toEigen(bodies.getAngularVelocity_lab(body));
-    }
+    MatrixXd twists, forces;
+    group.members.readTwists(bodies, question.velocities, twists);
     BodyMobility& mobility = group.brownian->mobilityFor(0, question.scheme);
     mobility.setTolerance(force.getSolverTolerance());
     const vector<Pose>& poses = group.readPoses(bodies, question.positions);

@@ -117,10 +117,9 @@ void FluidAnswers::scatterHolds(const FluidGroup& group, const MatrixXd& from, H
     for (size_t e = 0; e < elements.size(); e++)
         for (int k = 0; k < elements[e].numRows(); k++) {
             const int row = group.bodies.firstRow(e) + k;
-            const bool isFree =
-                elements[e].isWhollyFree() || group.bodies.getFreeMotion().isFree(row);
-            if (isFree && !elements[e].fixedInBody) continue;
-            if (elements[e].isWhollyFree()) continue;
+            if (elements[e].isWhollyFree() ||
+                (!elements[e].fixedInBody && group.bodies.getFreeMotion().isFree(row)))
+                continue;
             if (elements[e].isFree())
                 to.ofParticles[3 * elements[e].particles[0] + k] = from(row, 0);
             else
@@ -145,26 +144,31 @@ FluidAnswers::Holds FluidAnswers::holdsOfLastStep(int numParticles) const {
     return holds;
 }
 
-FluidAnswers::Holds FluidAnswers::holdsOfForces(const BodySet& bodies,
-                                                const FreeParticles& freeParticles,
-                                                const vector<OpenMM::Vec3>& positions,
-                                                CustomRigidHIIntegrator::Scheme scheme) const {
+FluidAnswers::Holds FluidAnswers::holdsNow(const FlowQuestion& question) const {
     const OneBlasThread single;
-    Holds holds = noHolds(positions.size());
+    Holds holds = noHolds(question.positions.size());
     for (const auto& group : fluid.groups) {
         if (!group->bodies.getFreeMotion().any()) continue;
         BrownianGroup& brownian = *group->brownian;
-        OverdampedMove move(brownian.mobilityFor(0, scheme));
+        BodyMobility& mobility = brownian.mobilityFor(0, question.scheme);
+        mobility.setTolerance(fluid.force.getSolverTolerance());
+        OverdampedMove move(mobility);
         OverdampedStep step;
         step.flow = fluid.getFlow();
-        brownian.getMobility().setTolerance(fluid.force.getSolverTolerance());
-        group->members.readPoses(bodies, positions, move.start);
+        group->members.readPoses(question.bodies, question.positions, move.start);
         move.begin(step);
-        move.force = brownian.readForces(bodies, freeParticles);
-        MatrixXd own = MatrixXd::Zero(group->bodies.getNumRows(), 1), twists;
-        move.recordHolds(&own);
+        move.force = brownian.readForces(question.bodies, question.freeParticles);
         move.atStart();
-        move.solve(move.velocity(1, move.force), twists);
+        MatrixXd own = MatrixXd::Zero(group->bodies.getNumRows(), 1), twists, forces;
+        if (question.hasMomenta()) {
+            group->members.readTwists(question.bodies, question.velocities, twists);
+            mobility.forcesOfTwists(twists, fluid.getFlow(), forces);
+            mobility.totalWrenches(move.start, forces, own);
+            own -= move.force;
+        } else {
+            move.recordHolds(&own);
+            move.solve(move.velocity(1, move.force), twists);
+        }
         scatterHolds(*group, own, holds);
     }
     return holds;

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "fluid/FlowReader.h"
 #include "fluid/FluidContents.h"
 
 namespace RigidHIPlugin {
@@ -33,10 +34,11 @@ public:
     bool knowsHoldsOfLastStep() const;
     /** With the shares of all solves of the step. */
     Holds holdsOfLastStep(int numParticles) const;
-    /** Without noise, under the forces last gathered at the present poses. */
-    Holds holdsOfForces(const BodySet& bodies, const FreeParticles& freeParticles,
-                        const std::vector<OpenMM::Vec3>& positions,
-                        CustomRigidHIIntegrator::Scheme scheme) const;
+    /**
+     * Without noise, under the forces last gathered, at the present poses and (LangevinHI) the
+     * present velocities.
+     */
+    Holds holdsNow(const FlowQuestion& question) const;
 
 private:
     Holds noHolds(int numParticles) const;

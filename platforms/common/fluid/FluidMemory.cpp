@@ -117,4 +117,61 @@ void FluidMemory::setLastStep(const SchemeMemory& saved) {
         fluid.groups[g]->brownian->setLastStep(stepOf(saved.groups[g], scheme->scheme));
 }
 
+/** Call action(rows in the group, rows in the vector of all bodies and then all free particles). */
+template <class Action>
+static void forElements(const FluidContents& fluid, const FluidGroup& group, const Action& action) {
+    const auto& elements = group.bodies.getElements();
+    const int numBodyRows = 6 * fluid.groupOfBody.size();
+    for (size_t e = 0; e < elements.size(); e++)
+        action(group.bodies.firstRow(e),
+               elements[e].isFree() ? numBodyRows + 3 * group.members.freeIndex[e]
+                                    : 6 * elements[e].body,
+               elements[e].numRows());
+}
+
+static int numRowsOfAll(const FluidContents& fluid) {
+    return 6 * fluid.groupOfBody.size() + 3 * fluid.groupOfFree.size();
+}
+
+/** In the order of bodies and free particles, which does not depend on what is held. */
+SchemeMemory FluidMemory::getHolds() const {
+    MatrixXd all = MatrixXd::Zero(numRowsOfAll(fluid), 1);
+    bool any = false;
+    for (const auto& group : fluid.groups) {
+        const MatrixXd* const holds = group->brownian->getHolds();
+        if (!holds) continue;
+        any = true;
+        forElements(fluid, *group, [&](int row, int rowOfAll, int count) {
+            all.middleRows(rowOfAll, count) = holds->middleRows(row, count);
+        });
+    }
+    if (!any) return {};
+    return {traitsOf(fluid.groups[0]->brownian->getScheme()).name, {{all}}};
+}
+
+void FluidMemory::checkHolds(const SchemeMemory& saved) const {
+    if (saved.groups.empty()) return;
+    const bool fits = saved.groups.size() == 1 && saved.groups[0].size() == 1 &&
+                      saved.groups[0][0].rows() == numRowsOfAll(fluid) &&
+                      saved.groups[0][0].cols() == 1 && saved.groups[0][0].allFinite();
+    if (!fits)
+        throw OpenMM::OpenMMException(
+            "CustomRigidHIIntegrator: what held bodies in the saved state's last step is damaged, "
+            "or belongs to other bodies; load the state into an integrator with the same bodies, "
+            "or use another state");
+}
+
+void FluidMemory::setHolds(const SchemeMemory& saved) {
+    checkHolds(saved);
+    for (const auto& group : fluid.groups) {
+        group->brownian->forgetHolds();
+        if (saved.groups.empty() || !group->bodies.getFreeMotion().any()) continue;
+        MatrixXd holds(group->bodies.getNumRows(), 1);
+        forElements(fluid, *group, [&](int row, int rowOfAll, int count) {
+            holds.middleRows(row, count) = saved.groups[0][0].middleRows(rowOfAll, count);
+        });
+        group->brownian->setHolds(holds);
+    }
+}
+
 }  // namespace RigidHIPlugin

@@ -43,6 +43,12 @@ public:
     void checkLastStep(const SchemeMemory& saved) const;
     /** Set the data. Errors as in checkLastStep(), after which nothing is changed. */
     void setLastStep(const SchemeMemory& saved);
+    /** What held bodies and particles in the last step; empty where nothing did. */
+    SchemeMemory getHolds() const;
+    /** @throws OpenMMException if the data are not of these bodies and particles, or damaged */
+    void checkHolds(const SchemeMemory& saved) const;
+    /** Set the data. Errors as in checkHolds(), after which nothing is changed. */
+    void setHolds(const SchemeMemory& saved);
 
 private:
     const FluidContents& fluid;

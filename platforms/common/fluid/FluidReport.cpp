@@ -201,7 +201,8 @@ int FluidReport::numInteracting() const {
 int FluidReport::numCollinear() const {
     int sum = 0;
     for (const auto& group : fluid.groups)
-        for (size_t e = 0; e < group->poses.size(); e++) sum += group->bodies.hasNullVector(e);
+        for (size_t e = 0; e < group->poses.size(); e++)
+            sum += group->bodies.hasNullVector(e) && group->bodies.getElements()[e].isWhollyFree();
     return sum;
 }
 
@@ -244,6 +245,11 @@ map<string, string> FluidReport::describeDrift(const SchemeTraits& scheme, doubl
             drift << (asWritten > 0 ? ", " : "") << "without differences for " << count(known)
                   << " alone in a uniform fluid";
     }
+    bool isHeld = false;
+    for (const auto& group : fluid.groups)
+        isHeld = isHeld || (group->bodies.getFreeMotion().any() &&
+                            group->brownian->getDrift() == BrownianGroup::Drift::Differenced);
+    if (kT > 0 && isHeld) drift << " (also of spheres, beside what is held)";
     if (kT > 0 && known + others > 0 && zero > 0) drift << "; the drift is 0 for " << count(zero);
     if (scheme.differenced == Differenced::Nothing)
         differences << "off: the scheme has none";

@@ -69,4 +69,20 @@ bool GroupMembers::writePoses(const vector<Pose>& poses, BodySet& set,
     return isfinite(sum);
 }
 
+void GroupMembers::readTwists(const BodySet& set, const vector<OpenMM::Vec3>& velocities,
+                              MatrixXd& twists) const {
+    const auto& elements = bodies.getElements();
+    twists.setZero(bodies.getNumRows(), 1);
+    for (size_t e = 0; e < elements.size(); e++) {
+        const int row = bodies.firstRow(e), body = elements[e].body;
+        if (elements[e].isHeld) continue;
+        if (elements[e].isFree()) {
+            twists.block<3, 1>(row, 0) = toEigen(velocities[elements[e].particles[0]]);
+            continue;
+        }
+        twists.block<3, 1>(row, 0) = toEigen(set.getState(body).p) / set.inertia(body).mass;
+        twists.block<3, 1>(row + 3, 0) = toEigen(set.getAngularVelocity_lab(body));
+    }
+}
+
 }  // namespace RigidHIPlugin

@@ -30,6 +30,9 @@ public:
     /** The forces and torques last gathered, lab frame, at the present poses of the bodies. */
     void readForces(const BodySet& set, const FreeParticles& freeParticles,
                     Eigen::MatrixXd& forces) const;
+    /** Velocities and angular velocities, lab frame. What is held has none. */
+    void readTwists(const BodySet& set, const std::vector<OpenMM::Vec3>& velocities,
+                    Eigen::MatrixXd& twists) const;
     /**
      * Write poses to bodies and free particles. Forces stay those of the poses where they were
      * evaluated, in the lab frame. @return whether the poses are finite

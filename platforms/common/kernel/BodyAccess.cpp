@@ -116,27 +116,19 @@ public:
     }
 
     vector<double> computeHoldingWrenches() override {
-        prepare("computeHoldingWrenches()");
-        refuseHolds();
-        return vector<double>(6 * scene.bodies.getNumBodies());
+        return rowsOf(findHolds("computeHoldingWrenches()").ofBodies);
     }
 
     vector<double> getHoldingWrenches() override {
-        prepare("getHoldingWrenches()");
-        refuseHolds();
-        return vector<double>(6 * scene.bodies.getNumBodies());
+        return rowsOf(lastHolds("getHoldingWrenches()").ofBodies);
     }
 
     vector<Vec3> computeParticleHoldingForces() override {
-        prepare("computeParticleHoldingForces()");
-        refuseHolds();
-        return vector<Vec3>(scene.system.getNumParticles());
+        return vectorsOf(findHolds("computeParticleHoldingForces()").ofParticles);
     }
 
     vector<Vec3> getParticleHoldingForces() override {
-        prepare("getParticleHoldingForces()");
-        refuseHolds();
-        return vector<Vec3>(scene.system.getNumParticles());
+        return vectorsOf(lastHolds("getParticleHoldingForces()").ofParticles);
     }
 
     double computeTranslationalKineticEnergy() override {
@@ -197,8 +189,68 @@ private:
         return result;
     }
 
-    /** UNTIL HELD BODIES ARE SUPPORTED: nothing that is held has a holding wrench yet. */
-    void refuseHolds() { refuseHeldUntilSupported(scene.definitions.underPresentScheme()); }
+    // ---- What holds bodies
+
+    static vector<double> rowsOf(const Eigen::VectorXd& numbers) {
+        return vector<double>(numbers.data(), numbers.data() + numbers.size());
+    }
+    static vector<Vec3> vectorsOf(const Eigen::VectorXd& numbers) {
+        vector<Vec3> result;
+        for (int i = 0; i < numbers.size(); i += 3)
+            result.push_back(Vec3(numbers[i], numbers[i + 1], numbers[i + 2]));
+        return result;
+    }
+    void prepareFluid(const char* method) {
+        prepare(method);
+        if (!scene.fluid) return;
+        scene.fluid.adoptSettings();
+        scene.fluid.adoptBox();
+    }
+
+    /** At the present poses, without noise. */
+    FluidAnswers::Holds findHolds(const char* method) {
+        prepareFluid(method);
+        stepper.evaluateForces();
+        prepareFluid(method);
+        scene.arrays->pullVelocities();
+        if (scene.fluid)
+            return scene.fluid->getAnswers().holdsNow(
+                {scene.bodies, *scene.freeParticles, scene.arrays->positions(),
+                 scene.arrays->velocities(), scene.integrator.getScheme()});
+        // Without a fluid forces alone act on what is held.
+        FluidAnswers::Holds holds = {Eigen::VectorXd::Zero(6 * scene.bodies.getNumBodies()),
+                                     Eigen::VectorXd::Zero(3 * scene.system.getNumParticles())};
+        for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
+            if (!scene.integrator.getBodyHeld(b)) continue;
+            const Vec3 force = scene.bodies.getForce_lab(b), torque = scene.bodies.getTorque_lab(b);
+            for (int k = 0; k < 3; k++) {
+                holds.ofBodies[6 * b + k] = -force[k];
+                holds.ofBodies[6 * b + 3 + k] = -torque[k];
+            }
+        }
+        for (int p : scene.integrator.getHeldParticles())
+            for (int k = 0; k < 3; k++)
+                holds.ofParticles[3 * p + k] = -scene.arrays->forces()[p][k];
+        return holds;
+    }
+
+    FluidAnswers::Holds lastHolds(const char* method) {
+        prepareFluid(method);
+        const SchemeTraits& traits = traitsOf(scene.integrator.getScheme());
+        if (!traits.isOverdamped())
+            throw OpenMMException(string("CustomRigidHIIntegrator: ") + method +
+                                  " is for schemes without momenta in a fluid, not for " +
+                                  traits.name +
+                                  ", whose steps do not record what holds bodies; use the method "
+                                  "that computes it at the present poses");
+        const FluidAnswers& answers = scene.fluid->getAnswers();
+        if (!answers.knowsHoldsOfLastStep())
+            throw OpenMMException(
+                string("CustomRigidHIIntegrator: ") + method +
+                " needs a step since bodies were held or let go; take a step "
+                "before, or use the method that computes it at the present poses");
+        return answers.holdsOfLastStep(scene.system.getNumParticles());
+    }
 
     bool hasMomenta() const { return traitsOf(scene.integrator.getScheme()).hasMomenta; }
 
