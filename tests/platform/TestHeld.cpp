@@ -55,7 +55,8 @@ MatrixXd mobilityBesideHeld(const MatrixXd& friction, const vector<bool>& held) 
         for (int k = 0; k < 6 && !held[b]; k++) freeRows.push_back(6 * b + k);
     const MatrixXd own = friction(freeRows, freeRows);
     MatrixXd N = MatrixXd::Zero(friction.rows(), friction.cols());
-    N(freeRows, freeRows) = own.completeOrthogonalDecomposition().pseudoInverse();
+    const MatrixXd inverse = own.inverse();
+    N(freeRows, freeRows) = inverse;
     return N;
 }
 
