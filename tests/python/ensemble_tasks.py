@@ -1,4 +1,4 @@
-"""The tasks that the workers of test_ensemble.py compute. Workers import this module by name."""
+"""The tasks that workers of the tests of ensembles compute. Workers import this module by name."""
 import multiprocessing
 import os
 import signal

@@ -1,9 +1,11 @@
 """Small Systems for the Python tests."""
 import numpy as np
 import openmm
+import pytest
 from openmm import app, unit
 
 import openmmrigidhi
+from openmmrigidhi import CustomRigidHIIntegrator
 
 
 class WaterBox:
@@ -70,3 +72,31 @@ def dumbbells(count, spacing=1.0):
         positions += [(spacing*k, 0, 0), (spacing*k, 0, 0.2)]
         definitions.append((particles, 4.0, (0.04, 0.04, 0.0), [(0, 0, -0.1), (0, 0, 0.1)]))
     return system, np.array(positions), definitions
+
+
+def positionsOf(context, **options):
+    return context.getState(getPositions=True, **options).getPositions(asNumpy=True)._value
+
+
+def energyOf(context):
+    return context.getState(getEnergy=True).getPotentialEnergy()._value
+
+
+def mixedBox(platform, numBodies=14):
+    """Waters, some as bodies, the others as free particles that are held by constraints."""
+    box = WaterBox(3)
+    integrator = CustomRigidHIIntegrator(300, 0.002)
+    for residue in list(box.topology.residues())[:numBodies]:
+        integrator.addRigidBody([atom.index for atom in residue.atoms()])
+    return box, box.simulation(platform, integrator)
+
+
+def checkShapes(box, context, tolerance):
+    positions = positionsOf(context)
+    for i in range(box.system.getNumConstraints()):
+        first, second, distance = box.system.getConstraintParameters(i)
+        assert np.linalg.norm(positions[first] - positions[second]) == pytest.approx(
+            distance._value, rel=tolerance)
+    before = positions.copy()
+    context.computeVirtualSites()
+    assert np.allclose(positionsOf(context), before, rtol=0, atol=1e-7)

@@ -5,7 +5,7 @@ from html import unescape
 
 import numpy as np
 import pytest
-from test_accuracy_price import OBSERVABLE, REFERENCE, knownResult
+from price_records import OBSERVABLE, REFERENCE, knownResult
 
 from openmmrigidhi.accuracy import GridResult, LadderResult
 from openmmrigidhi.accuracy.gridreport import GridReport
