@@ -1,8 +1,9 @@
 #ifndef RIGIDHI_FLOW_READING_SUPPORT_H_
 #define RIGIDHI_FLOW_READING_SUPPORT_H_
 
-// A scene of bodies that are pushed, whose flow is read.
+// A scene of bodies that are pushed, whose flow is read, and averages of the flow over particles.
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <vector>
@@ -71,6 +72,72 @@ inline BodyKind apartKind() {
             Vec3(1.3, 0.7, 1.1),
             {Vec3(0, 0, 0), Vec3(1.3, 0.2, 0), Vec3(0.1, 1.2, -0.3), Vec3(-0.4, 0.2, 1.1)},
             {0.5, 0.4, 0.45, 0.3}};
+}
+
+/** Nodes and weights of Gauss-Legendre quadrature on -1..1, or of Gauss-Hermite quadrature for a
+ * normal distribution. */
+inline void gauss(int n, bool normal, VectorXd& nodes, VectorXd& weights) {
+    MatrixXd J = MatrixXd::Zero(n, n);  // Golub and Welsch
+    for (int i = 1; i < n; i++)
+        J(i, i - 1) = J(i - 1, i) = normal ? sqrt(i) : i / sqrt(4.0 * i * i - 1);
+    Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(J);
+    nodes = eigen.eigenvalues();
+    weights = eigen.eigenvectors().row(0).cwiseAbs2();
+}
+
+/** Points and weights for the average over a particle's envelope, which is its surface or a
+ * Gaussian of width a/sqrt(pi). */
+struct Envelope {
+    std::vector<Vec3> points;
+    std::vector<double> weights;
+    Envelope(MobilityForce::Model model, const Vector3d& centre, double a, int n) {
+        VectorXd x, w;
+        if (model == MobilityForce::ForceCoupling) {
+            gauss(n, true, x, w);
+            for (int i = 0; i < n; i++)
+                for (int j = 0; j < n; j++)
+                    for (int k = 0; k < n; k++)
+                        add(centre + a / sqrt(M_PI) * Vector3d(x[i], x[j], x[k]),
+                            w[i] * w[j] * w[k]);
+            return;
+        }
+        gauss(n, false, x, w);
+        for (int i = 0; i < n; i++)
+            for (int j = 0; j < 2 * n; j++) {
+                const double phi = M_PI * (j + 0.5) / n, s = sqrt(1 - x[i] * x[i]);
+                add(centre + a * Vector3d(s * cos(phi), s * sin(phi), x[i]), w[i] / (2 * n));
+            }
+    }
+    Vector3d average(Pushed& scene) const {
+        const MatrixXd flow = scene.flow(points);
+        return flow * Eigen::Map<const VectorXd>(weights.data(), weights.size());
+    }
+
+private:
+    void add(const Vector3d& x, double weight) {
+        points.push_back(toVec3(x));
+        weights.push_back(weight);
+    }
+};
+
+/** The largest difference between the average flow over a particle's envelope and the velocity of a
+ * rigid motion there. */
+inline double slipOfParticles(Pushed& scene, const std::vector<LabBody>& bodies,
+                              const VectorXd& twists, int n) {
+    double largest = 0;
+    int row = 0;
+    for (const LabBody& body : bodies) {
+        for (size_t i = 0; i < body.radii.size(); i++) {
+            Vector3d velocity = twists.segment<3>(row);
+            if (!body.isFree)
+                velocity += Vector3d(twists.segment<3>(row + 3)).cross(body.offsets[i]);
+            const Envelope envelope(scene.fluid->getModel(), body.R + body.offsets[i],
+                                    body.radii[i], n);
+            largest = std::max(largest, (envelope.average(scene) - velocity).cwiseAbs().maxCoeff());
+        }
+        row += body.rows();
+    }
+    return largest;
 }
 
 inline const ModelCase rotnePrager = periodicModels[0], forceCoupling = periodicModels[1],

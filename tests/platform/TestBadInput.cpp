@@ -35,11 +35,17 @@ TEST_F(BadInput, Particles) {
         [&] {
             integrator.addRigidBody({3, 2});
         },
-        {"body 1", "particle 2 is already in body 0", "remove it"});
-    expectError([&] { integrator.addRigidBody({4, 4}); }, {"body 1", "particle 4 is named twice"});
+        {"body 1", "particle 2 is already in body 0", "a particle may be in one body only",
+         "remove it"});
+    expectError(
+        [&] {
+            integrator.addRigidBody({4, 4});
+        },
+        {"body 1", "particle 4 is named twice", "remove the repetition"});
     expectError([&] { integrator.addRigidBody({-1}); },
-                {"body 1", "particle index -1 is negative"});
-    expectError([&] { integrator.addRigidBody({}); }, {"body 1", "it has no particles"});
+                {"body 1", "particle index -1 is negative", "indices count from 0"});
+    expectError([&] { integrator.addRigidBody({}); },
+                {"body 1", "it has no particles", "a body needs at least one"});
     expectError([&] { integrator.getRigidBodyParticles(1); },
                 {"body index 1 is out of range", "there are 1 bodies"});
     expectError([&] { integrator.clearBodyFriction(-1); },
@@ -54,23 +60,24 @@ TEST_F(BadInput, MassMomentsAndSites) {
             [&] {
                 integrator.addRigidBody({3, 4}, bad, round, twoSites);
             },
-            {"body 1", "mass is"});
+            {"body 1", "mass is", "it must be finite and not negative", "give a value from 0 up"});
         expectError(
             [&] {
                 integrator.addRigidBody({3, 4}, 1, Vec3(1, bad, 1), twoSites);
             },
-            {"moment about y"});
+            {"moment about y", "amu nm^2", "it must be finite and not negative"});
     }
     expectError(
         [&] {
             integrator.addRigidBody({3, 4}, 1, Vec3(1, 2, 3.1), twoSites);
         },
-        {"body 1", "(1, 2, 3.1)", "triangle inequality", "here 3"});
+        {"body 1", "moments (1, 2, 3.1) amu nm^2 violate the triangle inequality",
+         "no moment may exceed the sum of the other two, here 3"});
     expectError(
         [&] {
             integrator.addRigidBody({3, 4, 5}, 1, round, twoSites);
         },
-        {"3 particles but 2 site positions"});
+        {"3 particles but 2 site positions", "give as many sites as particles"});
     expectError(
         [&] {
             integrator.addRigidBody({3, 4}, 1, round, {Vec3(), Vec3(0, nan_, 0)});
@@ -135,9 +142,13 @@ TEST_F(BadInput, Systems) {
         for (int i = 0; i < 4; i++)
             system->addParticle(system == &massless || (system == &site && i == 2) ? 0 : 1);
     tied.addConstraint(2, 3, 0.1);
-    expectError([&] { create(tied); }, {"constraint 0 ties particle 2 of body 0 to particle 3"});
+    expectError([&] { create(tied); },
+                {"constraint 0 ties particle 2 of body 0 to particle 3 outside it",
+                 "add both particles to one body"});
     site.setVirtualSite(2, new TwoParticleAverageSite(0, 3, 0.5, 0.5));
-    expectError([&] { create(site); }, {"virtual site particle 2 of body 0 depends on particle 3"});
+    expectError([&] { create(site); },
+                {"virtual site particle 2 of body 0 depends on particle 3 outside the body",
+                 "add them to it"});
     for (int parent : {0, 3}) {  // in the body or not
         site.setVirtualSite(2, new MirroredSite(parent));
         expectError([&] { create(site); },
@@ -152,7 +163,9 @@ TEST_F(BadInput, Systems) {
                 {"virtual site particle 3 is a MirroredSite defined by particle 1 of body 0",
                  "need not turn"});
     andersen.addForce(new AndersenThermostat(300, 1));
-    expectError([&] { create(andersen); }, {"force 0", "AndersenThermostat", "remove it"});
+    expectError(
+        [&] { create(andersen); },
+        {"force 0, an AndersenThermostat, changes velocities of single particles", "remove it"});
     expectError([&] { create(massless); }, {"body 0 has mass 0", "explicit mass"});
 }
 

@@ -522,19 +522,21 @@ TEST(DrivenFlow, SettersRefuseWhatIsNoFlow) {
         [&] {
             fluid.setBackgroundFlow(Vec3(), {0, nan, 0, 0, 0, 0, 0, 0, 0});
         },
-        {"setBackgroundFlow(): the gradient has an entry nan", "all entries must be finite"});
+        {"setBackgroundFlow(): the gradient has an entry nan",
+         "all entries must be finite: give finite numbers"});
     expectError(
         [&] {
             fluid.setBackgroundFlow(Vec3(), {1, 0, 0, 0, 1, 0, 0, 0, 1});
         },
-        {"setBackgroundFlow(): the trace of the gradient is 3/ps", "incompressible",
+        {"setBackgroundFlow(): the trace of the gradient is 3/ps; it must be 0 within 1e-12 of the "
+         "largest entry of the gradient, since the fluid is incompressible",
          "correct the diagonal"});
     expectError([&] { fluid.setSinusoidalForceDensity(nan, 0, 1, 1); },
                 {"setSinusoidalForceDensity(): f0 is nan kJ/(mol nm^4)",
                  "give a finite force density, or 0 for none"});
-    expectError(
-        [&] { fluid.setSinusoidalForceDensity(1, 3, 1, 1); },
-        {"setSinusoidalForceDensity(): an axis is 3", "it must be 0, 1 or 2, for x, y or z"});
+    expectError([&] { fluid.setSinusoidalForceDensity(1, 3, 1, 1); },
+                {"setSinusoidalForceDensity(): an axis is 3; it must be 0, 1 or 2, for x, y or z: "
+                 "correct the axis"});
     expectError([&] { fluid.setSinusoidalForceDensity(1, 1, 1, 1); },
                 {"setSinusoidalForceDensity(): both axes are 1", "makes pressure and no flow"});
     expectError([&] { fluid.setSinusoidalForceDensity(1, 0, 1, 0); },
@@ -590,7 +592,8 @@ TEST(DrivenFlow, BoundariesWithoutItAreRefused) {
         refusal(FCM, MobilityForce::SlipChannel, wave(force, axis, 1),
                 {"the sinusoidal force density is along axis " + to_string(force) +
                      " with its wave along axis " + to_string(axis),
-                 "a SlipChannel has its walls across axis 1", "give axes 0 and 2"});
+                 "a SlipChannel has its walls across axis 1; both must be along the walls: give "
+                 "axes 0 and 2"});
     for (auto boundary : {MobilityForce::Periodic, MobilityForce::SlipChannel})
         for (const LinearFlow& flow : {generalFlow(), uniform(Vector3d(0, 0, 1e-9)), shear(1e-9)})
             refusal(FCM, boundary, linear(flow),

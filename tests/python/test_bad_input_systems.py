@@ -40,11 +40,6 @@ def integrator_of(*bodies, scheme=None):
 # ---- Particles and bodies ------------------------------------------------------------------------
 
 
-def test_an_index_beyond_the_system(platform):
-    with refused('body 0: particle index 3 is out of range', 'the System has 3 particles, 0 to 2'):
-        openmm.Context(system_of(1, 1, 1), integrator_of([1, 2, 3]), platform)
-
-
 @pytest.mark.parametrize(
     'scheme',
     [scheme for scheme in openmmrigidhi.integrator.Scheme if not scheme.traits.needsFluid])
@@ -57,23 +52,6 @@ def test_a_massless_body(platform, scheme):
     integrator.setScheme(scheme)
     integrator.addRigidBody([0, 1], 2.0, (0, 1, 1), [(-0.1, 0, 0), (0.1, 0, 0)])
     openmm.Context(system_of(0, 0), integrator, platform)
-
-
-def test_a_constraint_out_of_a_body(platform):
-    system = system_of(1, 1, 1, 1)
-    system.addConstraint(0, 1, 0.1)
-    system.addConstraint(3, 2, 0.1)
-    with refused('constraint 1 ties particle 2 of body 0 to particle 3 outside it',
-                 'add both particles to one body'):
-        openmm.Context(system, integrator_of([0, 1, 2]), platform)
-
-
-def test_a_virtual_site_that_depends_on_particles_outside(platform):
-    system = system_of(1, 1, 0)
-    system.setVirtualSite(2, openmm.TwoParticleAverageSite(0, 1, 0.5, 0.5))
-    with refused('virtual site particle 2 of body 0 depends on particle 1 outside the body',
-                 'add them to it'):
-        openmm.Context(system, integrator_of([0, 2]), platform)
 
 
 def test_a_virtual_site_outside_that_depends_on_a_body(platform):
@@ -98,17 +76,6 @@ def symmetrySite(parent):
         pytest.skip('this OpenMM has no SymmetrySite')
     return openmm.SymmetrySite(parent, openmm.Vec3(-1, 0, 0), openmm.Vec3(0, -1, 0),
                                openmm.Vec3(0, 0, 1), openmm.Vec3(0, 0, 0.5), False)
-
-
-def test_a_symmetry_site_of_a_body(platform):
-    system = system_of(1, 1, 0)
-    system.setVirtualSite(2, symmetrySite(0))
-    for members in ([0, 1], [0, 1, 2]):
-        with refused(
-                'virtual site particle 2',
-                ' is a SymmetrySite defined by particle 0 of body 0, a kind that need not turn '
-                'with a body', 'use a TwoParticleAverageSite'):
-            openmm.Context(system, integrator_of(members), platform)
 
 
 def test_a_symmetry_site_among_free_particles_is_none(platform):
@@ -183,14 +150,6 @@ def test_a_body_of_several_molecules_in_a_periodic_system(platform):
 
 
 # ---- Forces --------------------------------------------------------------------------------------
-
-
-def test_an_andersen_thermostat(platform):
-    system = system_of(1, 1, 1)
-    system.addForce(openmm.AndersenThermostat(300, 1))
-    with refused('force 0, an AndersenThermostat, changes velocities of single particles',
-                 'remove it'):
-        openmm.Context(system, integrator_of([0, 1, 2]), platform)
 
 
 def test_a_flexible_barostat(platform):

@@ -117,10 +117,9 @@ def test_extension_equals_one_long_run(undisturbed, tmp_path):
 
 def test_a_study_goes_on_where_the_whole_program_was_killed(undisturbed, tmp_path):
     directory = tmp_path/'study'
-    script = (
-        f'import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\nfrom ensemble_support import '
-        f'small\n'
-        f"small(['ensemble_tasks:energyOfMortals']).run({str(directory)!r}, quiet=True)")
+    script = (f'import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\n'
+              'from ensemble_support import small\n'
+              f"small(['ensemble_tasks:energyOfMortals']).run({str(directory)!r}, quiet=True)")
     finished = subprocess.run([sys.executable, '-c', script],
                               env=dict(os.environ,
                                        PYTHONPATH=os.pathsep.join(sys.path)), timeout=120)

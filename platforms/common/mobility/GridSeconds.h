@@ -29,13 +29,13 @@ struct GridSeconds {
 };
 
 /** Adds the seconds from its construction to its destruction. */
-class TimeOfLife {
+class ScopedTimer {
 public:
-    explicit TimeOfLife(double& seconds) : seconds(seconds) {}
-    ~TimeOfLife() {
+    explicit ScopedTimer(double& seconds) : seconds(seconds) {}
+    ~ScopedTimer() {
         seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     }
-    TimeOfLife(const TimeOfLife&) = delete;
+    ScopedTimer(const ScopedTimer&) = delete;
 
 private:
     double& seconds;

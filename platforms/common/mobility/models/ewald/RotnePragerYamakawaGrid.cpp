@@ -19,12 +19,13 @@ namespace RigidHIPlugin {
 
 namespace {
 
-class Place : public MobilityAt {
+class RotnePragerYamakawaGridAt : public MobilityAt {
 public:
-    explicit Place(const RotnePragerYamakawaGrid& model) : MobilityAt(model), model(model) {}
+    explicit RotnePragerYamakawaGridAt(const RotnePragerYamakawaGrid& model)
+        : MobilityAt(model), model(model) {}
     void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy& accuracy) override {
         prepare();
-        const TimeOfLife timer(secondsOfGrid);
+        const ScopedTimer timer(secondsOfGrid);
         parts->multiply(forces, accuracy.allowsSinglePrecision(), velocities);
     }
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
@@ -383,7 +384,7 @@ void RotnePragerYamakawaGrid::drawField(const NoiseStream& noise, uint32_t purpo
 }
 
 std::unique_ptr<MobilityAt> RotnePragerYamakawaGrid::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new Place(*this));
+    return std::unique_ptr<MobilityAt>(new RotnePragerYamakawaGridAt(*this));
 }
 
 }  // namespace RigidHIPlugin

@@ -15,13 +15,13 @@ namespace RigidHIPlugin {
 
 namespace {
 
-class Place : public MobilityAt {
+class ForceCouplingGridAt : public MobilityAt {
 public:
-    explicit Place(const ForceCouplingGrid& model)
+    explicit ForceCouplingGridAt(const ForceCouplingGrid& model)
         : MobilityAt(model), model(model), stencils(model.getParticles(), model.getResolution()) {}
     void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy& accuracy) override {
         prepare();
-        const TimeOfLife timer(secondsOfGrid);
+        const ScopedTimer timer(secondsOfGrid);
         if (accuracy.allowsSinglePrecision())
             model.getFluid().multiplyInSingle(stencils, viscosity, forces, velocities);
         else
@@ -208,7 +208,7 @@ void ForceCouplingGrid::ownMobility(const HydrodynamicParticles& body,
 }
 
 std::unique_ptr<MobilityAt> ForceCouplingGrid::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new Place(*this));
+    return std::unique_ptr<MobilityAt>(new ForceCouplingGridAt(*this));
 }
 
 }  // namespace RigidHIPlugin

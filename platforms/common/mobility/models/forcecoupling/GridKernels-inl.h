@@ -74,13 +74,13 @@ void rowsThere(const GridWork<T>& work, int y, const GridSlab<T>& slab, GridScra
         for (int k = n; k < layout.rowLength; k++)
             for (int i = 0; i < slabWidth; i++)
                 row[(size_t)(k % n) * slabWidth + i] += row[(size_t)k * slabWidth + i];
-        const TimeOfLife timer(scratch.seconds.transforms);
+        const ScopedTimer timer(scratch.seconds.transforms);
         rowThere(work, row, scratch);
     }
 }
 template <typename T>
 void rowsBack(const GridWork<T>& work, int y, const GridSlab<T>& slab, GridScratch<T>& scratch) {
-    const TimeOfLife timer(scratch.seconds.transforms);
+    const ScopedTimer timer(scratch.seconds.transforms);
     for (int c = 0; c < 3; c++) rowBack(work, slab.row(work.layout, c, y), scratch);
 }
 
@@ -178,7 +178,7 @@ void fillOuterRows(const GridLayout& layout, const GridSlab<T>& slab) {
 template <typename T>
 void transformSlab(const GridWork<T>& work, T* const* modes, int slabNumber,
                    const GridSlab<T>& slab, GridScratch<T>& scratch) {
-    const TimeOfLife timer(scratch.seconds.transforms);
+    const ScopedTimer timer(scratch.seconds.transforms);
     const GridLayout& layout = work.layout;
     const int size = layout.numRows;
     const bool mirrored = layout.shape.mirrored;
@@ -216,7 +216,7 @@ void transformSlab(const GridWork<T>& work, T* const* modes, int slabNumber,
 template <typename T>
 void transformSlabBack(const GridWork<T>& work, T* const* modes, int slabNumber,
                        const GridSlab<T>& slab, GridScratch<T>& scratch) {
-    const TimeOfLife timer(scratch.seconds.transforms);
+    const ScopedTimer timer(scratch.seconds.transforms);
     const GridLayout& layout = work.layout;
     const int size = layout.numRows, ahead = 4, line = 64;
     const bool mirrored = layout.shape.mirrored;
@@ -347,7 +347,7 @@ template <typename T>
 void averageFilledSlab(const GridWork<T>& work, const GridStencils& stencils, int slabNumber,
                        const GridSlab<T>& slab, bool gradients, double* averages,
                        GridScratch<T>& scratch) {
-    const TimeOfLife timer(scratch.seconds.averaging);
+    const ScopedTimer timer(scratch.seconds.averaging);
     averageSlices(work.layout, stencils, slabNumber, slab, gradients, averages, [](int) {});
 }
 
@@ -532,7 +532,7 @@ void withEnvelopes(const GridWork<T>& work, const ChannelWork<T>* channels, int 
 template <typename T>
 void solveRow(const GridWork<T>& work, const ChannelWork<T>* channels, int count, int y,
               double viscosity, GridScratch<T>& scratch) {
-    const TimeOfLife timer(scratch.seconds.transforms);
+    const ScopedTimer timer(scratch.seconds.transforms);
     // Modes of rows are twice as large; transforms there and back multiply by the number of nodes.
     const double scale = 0.5 / (viscosity * work.layout.shape.numNodes());
     withEnvelopes(work, channels, count, scratch, [&](const auto& columns) {
@@ -560,7 +560,7 @@ inline void drawRow(const GridWork<double>& work, const ChannelWork<double>* cha
                     std::memcpy(columns.flow[c], numbers + c * size,
                                 size * sizeof(std::complex<double>));
             }
-            const TimeOfLife timer(scratch.seconds.transforms);
+            const ScopedTimer timer(scratch.seconds.transforms);
             project<true>(columns, y, z, scale);
             columns.scatter(y, z);
         }

@@ -116,7 +116,7 @@ private:
     const GridSeconds& all;
     double& seconds;
     const double before;
-    const TimeOfLife whole;
+    const ScopedTimer whole;
 };
 
 /** The transforms there and back. */

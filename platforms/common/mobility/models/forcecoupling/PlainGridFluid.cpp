@@ -126,7 +126,7 @@ void PlainGridFluid::prepare(const GridShape& shape) {
 
 /** f(x) = sum over particles of F Delta(x - Y) + curl(T Theta(x - Y))/2 */
 void PlainGridFluid::spread(const GridStencils& stencils, const double* forces) {
-    const TimeOfLife timer(seconds.spreading);
+    const ScopedTimer timer(seconds.spreading);
     const HydrodynamicParticles& particles = stencils.getParticles();
     for (AlignedArray& component : work.values)
         std::fill(component.data(), component.data() + component.size(), 0.0);
@@ -177,7 +177,7 @@ void PlainGridFluid::store(size_t at, const complex<double>* u) {
 }
 
 void PlainGridFluid::backward(GridField& field) {
-    const TimeOfLife timer(seconds.transforms);
+    const ScopedTimer timer(seconds.transforms);
     for (int c = 0; c < 3; c++)
         fftw_execute_dft_c2r((fftw_plan)backwardPlan, (fftw_complex*)modes[c].data(),
                              field.values[c].data());
@@ -202,7 +202,7 @@ void PlainGridFluid::forward() {
 
 /** Compute the modes of the flow from the forces on nodes. */
 void PlainGridFluid::respond(double viscosity) {
-    const TimeOfLife timer(seconds.transforms);
+    const ScopedTimer timer(seconds.transforms);
     forward();
     // u(k) = (1 - k k/k^2) f(k)/(eta k^2); transforms there and back multiply by the number of
     // nodes.
@@ -275,7 +275,7 @@ void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, 
     for (size_t g = 0; g < channels.size(); g++) {
         spread(*channels[g].stencils, forces);
         forces += channels[g].stencils->getParticles().numRows;
-        const TimeOfLife timer(seconds.transforms);
+        const ScopedTimer timer(seconds.transforms);
         forward();
         for (int c = 0; c < 3; c++) {
             modesOfChannels[3 * g + c].resize(modes[c].size());
@@ -390,7 +390,7 @@ double amplitudeOfMode(const GridShape& shape, double viscosity, const ModeNoise
 
 void PlainGridFluid::averageColumn(const GridField& field, const GridStencils& stencils,
                                    double* velocities) {
-    const TimeOfLife timer(seconds.averaging);
+    const ScopedTimer timer(seconds.averaging);
     const HydrodynamicParticles& particles = stencils.getParticles();
     for (int p = 0; p < particles.size(); p++) {
         double* V = velocities + particles.firstRow[p];
@@ -418,7 +418,7 @@ void PlainGridFluid::averageColumn(const GridField& field, const GridStencils& s
 
 void PlainGridFluid::averageGradientColumn(const GridField& field, const GridStencils& stencils,
                                            double* gradients) {
-    const TimeOfLife timer(seconds.averaging);
+    const ScopedTimer timer(seconds.averaging);
     const HydrodynamicParticles& particles = stencils.getParticles();
     std::fill(gradients, gradients + 9 * (size_t)particles.size(), 0.0);
     for (int p = 0; p < particles.size(); p++) {

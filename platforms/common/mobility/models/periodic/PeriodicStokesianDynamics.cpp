@@ -45,9 +45,9 @@ bool isFirstOfTwo(const Vector3d& R) {
     return R[0] > 0 || (R[0] == 0 && (R[1] > 0 || (R[1] == 0 && R[2] > 0)));
 }
 
-class Place : public MobilityAt {
+class PeriodicStokesianDynamicsAt : public MobilityAt {
 public:
-    explicit Place(const PeriodicStokesianDynamics& model)
+    explicit PeriodicStokesianDynamicsAt(const PeriodicStokesianDynamics& model)
         : MobilityAt(model), model(model), sum(particles, overSurfaces(), true),
           largestRadius(particles.radii.empty()
                             ? 0
@@ -99,7 +99,7 @@ private:
     bool farFieldIsKnown = false, frictionIsKnown = false, mobilityIsKnown = false;
 };
 
-void Place::moveTo(const Placement& placement, bool) {
+void PeriodicStokesianDynamicsAt::moveTo(const Placement& placement, bool) {
     sum.setBox(placement.box);
     images = sum.getLattice().within(nothingFrom * largestRadius + sum.getLattice().getReach());
     positions = placement.positions;
@@ -111,7 +111,7 @@ void Place::moveTo(const Placement& placement, bool) {
  * Compute the mobility from forces and torques, where the stresslets S = -M_ES^-1 M_EF F keep every
  * sphere rigid.
  */
-void Place::makeFarField() {
+void PeriodicStokesianDynamicsAt::makeFarField() {
     if (farFieldIsKnown) return;
     const int rows = particles.numRows, stresslets = sum.getNumRows() - rows;
     sum.compute(positions, true, all);
@@ -131,7 +131,7 @@ void Place::makeFarField() {
     farFieldIsKnown = true;
 }
 
-void Place::invert(const MatrixXd& matrix, MatrixXd& inverse) {
+void PeriodicStokesianDynamicsAt::invert(const MatrixXd& matrix, MatrixXd& inverse) {
     const int n = matrix.rows();
     strains = matrix;
     if (!factor.compute(strains)) refuseIndefiniteSpheres(particles.size());
@@ -142,7 +142,7 @@ void Place::invert(const MatrixXd& matrix, MatrixXd& inverse) {
     mirrorLower(inverse);
 }
 
-void Place::makeFriction() {
+void PeriodicStokesianDynamicsAt::makeFriction() {
     if (frictionIsKnown) return;
     makeFarField();
     invert(farField, frictionMatrix);
@@ -159,12 +159,12 @@ void Place::makeFriction() {
     frictionIsKnown = true;
 }
 
-void Place::friction(MatrixXd& friction) {
+void PeriodicStokesianDynamicsAt::friction(MatrixXd& friction) {
     makeFriction();
     friction = frictionMatrix;
 }
 
-void Place::dense(MatrixXd& mobility) {
+void PeriodicStokesianDynamicsAt::dense(MatrixXd& mobility) {
     if (!model.hasLubrication()) {
         makeFarField();
         mobility = farField;
@@ -178,7 +178,7 @@ void Place::dense(MatrixXd& mobility) {
     mobility = mobilityMatrix;
 }
 
-FlowSources Place::sources(const MatrixXd& forces, const DrivenFlow* flow) {
+FlowSources PeriodicStokesianDynamicsAt::sources(const MatrixXd& forces, const DrivenFlow* flow) {
     makeResponse();
     FlowSources result;
     multiply(forces, result.forces, Accuracy());
@@ -187,7 +187,8 @@ FlowSources Place::sources(const MatrixXd& forces, const DrivenFlow* flow) {
     return result;
 }
 
-void Place::multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) {
+void PeriodicStokesianDynamicsAt::multiply(const MatrixXd& forces, MatrixXd& velocities,
+                                           const Accuracy&) {
     dense(scratch);
     velocities.noalias() = scratch * forces;
 }
@@ -241,7 +242,7 @@ std::string PeriodicStokesianDynamics::objection(const Placement& placement) con
 }
 
 std::unique_ptr<MobilityAt> PeriodicStokesianDynamics::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new Place(*this));
+    return std::unique_ptr<MobilityAt>(new PeriodicStokesianDynamicsAt(*this));
 }
 
 }  // namespace RigidHIPlugin

@@ -48,7 +48,7 @@ void placeCross(Eigen::MatrixXd& m, int row, int column, double factor, const Ve
         for (int j = 0; j < 3; j++) m(row + i, column + j) = m(column + j, row + i) = block[i][j];
 }
 
-class Place : public MobilityAt {
+class RotnePragerYamakawaAt : public MobilityAt {
 public:
     using MobilityAt::MobilityAt;
     void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
@@ -67,7 +67,8 @@ private:
     std::vector<Vec3> positions;
 };
 
-void Place::multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities, const Accuracy&) {
+void RotnePragerYamakawaAt::multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
+                                     const Accuracy&) {
     velocities.resize(particles.numRows, forces.cols());
     velocities.setZero();
     for (int i = 0; i < particles.size(); i++) {
@@ -90,7 +91,7 @@ void Place::multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
     velocities *= 1 / (8 * M_PI * viscosity);
 }
 
-void Place::dense(Eigen::MatrixXd& mobility) {
+void RotnePragerYamakawaAt::dense(Eigen::MatrixXd& mobility) {
     mobility.resize(particles.numRows, particles.numRows);
     const double scale = 1 / (8 * M_PI * viscosity);
     for (int i = 0; i < particles.size(); i++) {
@@ -120,7 +121,7 @@ RotnePragerYamakawa::RotnePragerYamakawa(const HydrodynamicParticles& particles,
     : MobilityModel(particles, viscosity, traitsInFreeFluid()) {}
 
 std::unique_ptr<MobilityAt> RotnePragerYamakawa::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new Place(*this));
+    return std::unique_ptr<MobilityAt>(new RotnePragerYamakawaAt(*this));
 }
 
 std::unique_ptr<MobilityModel> RotnePragerYamakawa::forCollectiveModes(

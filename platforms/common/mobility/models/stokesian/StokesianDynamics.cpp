@@ -203,9 +203,10 @@ void StokesianDynamics::strainRates(const DrivenFlow& flow, const std::vector<Ve
 
 namespace {
 
-class Place : public MobilityAt {
+class StokesianDynamicsAt : public MobilityAt {
 public:
-    explicit Place(const StokesianDynamics& model) : MobilityAt(model), model(model) {}
+    explicit StokesianDynamicsAt(const StokesianDynamics& model)
+        : MobilityAt(model), model(model) {}
     void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override;
     void dense(MatrixXd& mobility) override;
     void friction(MatrixXd& friction) override;
@@ -246,18 +247,18 @@ private:
     bool farFieldIsKnown = false, frictionIsKnown = false, factorIsKnown = false;
 };
 
-void Place::moveTo(const Placement& placement, bool) {
+void StokesianDynamicsAt::moveTo(const Placement& placement, bool) {
     positions = placement.positions;
     farFieldIsKnown = frictionIsKnown = factorIsKnown = false;
 }
 
-void Place::makeFarField() {
+void StokesianDynamicsAt::makeFarField() {
     if (farFieldIsKnown) return;
     computeForceTorqueStressletMobility(particles.radii, positions, viscosity, response, farField);
     farFieldIsKnown = true;
 }
 
-void Place::makeFriction() {
+void StokesianDynamicsAt::makeFriction() {
     if (frictionIsKnown) return;
     makeFarField();
     factor = farField;
@@ -274,7 +275,7 @@ void Place::makeFriction() {
 }
 
 /** Make the Cholesky factor of the friction. */
-void Place::makeFactor() {
+void StokesianDynamicsAt::makeFactor() {
     if (factorIsKnown) return;
     makeFriction();
     factor = frictionMatrix;
@@ -282,12 +283,12 @@ void Place::makeFactor() {
     factorIsKnown = true;
 }
 
-void Place::friction(MatrixXd& friction) {
+void StokesianDynamicsAt::friction(MatrixXd& friction) {
     makeFriction();
     friction = frictionMatrix;
 }
 
-void Place::multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) {
+void StokesianDynamicsAt::multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) {
     if (!model.hasLubrication()) {
         makeFarField();
         velocities.noalias() = farField * forces;
@@ -299,7 +300,7 @@ void Place::multiply(const MatrixXd& forces, MatrixXd& velocities, const Accurac
     factor.triangularView<Eigen::Lower>().transpose().solveInPlace(velocities);
 }
 
-void Place::dense(MatrixXd& mobility) {
+void StokesianDynamicsAt::dense(MatrixXd& mobility) {
     if (!model.hasLubrication()) {
         makeFarField();
         mobility = farField;
@@ -312,7 +313,7 @@ void Place::dense(MatrixXd& mobility) {
 }  // namespace
 
 std::unique_ptr<MobilityAt> StokesianDynamics::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new Place(*this));
+    return std::unique_ptr<MobilityAt>(new StokesianDynamicsAt(*this));
 }
 
 }  // namespace RigidHIPlugin

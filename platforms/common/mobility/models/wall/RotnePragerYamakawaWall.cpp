@@ -62,9 +62,9 @@ private:
     }
 };
 
-class Place : public MobilityAt {
+class RotnePragerYamakawaWallAt : public MobilityAt {
 public:
-    Place(const MobilityModel& model, const NoSlipPlane& wall)
+    RotnePragerYamakawaWallAt(const MobilityModel& model, const NoSlipPlane& wall)
         : MobilityAt(model), wall(wall), positions(particles.size()), weights(particles.size()) {}
     void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
                   const Accuracy&) override;
@@ -84,7 +84,7 @@ private:
     std::vector<double> weights;  // B
 };
 
-void Place::moveTo(const Placement& placement, bool nearby) {
+void RotnePragerYamakawaWallAt::moveTo(const Placement& placement, bool nearby) {
     for (int i = 0; i < particles.size(); i++) {
         const Vec3& r = placement.positions[i];
         const double radius = particles.radii[i];
@@ -94,7 +94,8 @@ void Place::moveTo(const Placement& placement, bool nearby) {
     }
 }
 
-void Place::multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities, const Accuracy&) {
+void RotnePragerYamakawaWallAt::multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
+                                         const Accuracy&) {
     velocities.resize(particles.numRows, forces.cols());
     velocities.setZero();
     const double scale = 1 / (8 * M_PI * viscosity);
@@ -136,7 +137,7 @@ void placePair(Eigen::MatrixXd& m, int row, int column, const Pair& pair, double
     if (torque_i && torque_j) place(m, row + 3, column + 3, blocks.rr);
 }
 
-void Place::dense(Eigen::MatrixXd& mobility) {
+void RotnePragerYamakawaWallAt::dense(Eigen::MatrixXd& mobility) {
     mobility.resize(particles.numRows, particles.numRows);
     const double scale = 1 / (8 * M_PI * viscosity);
     for (int j = 0; j < particles.size(); j++) {
@@ -201,7 +202,7 @@ std::unique_ptr<MobilityModel> RotnePragerYamakawaWall::forCollectiveModes(
 }
 
 std::unique_ptr<MobilityAt> RotnePragerYamakawaWall::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new Place(*this, wall));
+    return std::unique_ptr<MobilityAt>(new RotnePragerYamakawaWallAt(*this, wall));
 }
 
 }  // namespace RigidHIPlugin

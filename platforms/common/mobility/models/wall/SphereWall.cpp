@@ -142,10 +142,10 @@ Factor factorAt(double gap, bool withTorque) {
     return B;
 }
 
-class Place : public MobilityAt {
+class SphereWallCongruenceAt : public MobilityAt {
 public:
-    Place(const SphereWallCongruence& congruence, const NoSlipPlane& wall,
-          const MobilityModel& model)
+    SphereWallCongruenceAt(const SphereWallCongruence& congruence, const NoSlipPlane& wall,
+                           const MobilityModel& model)
         : MobilityAt(congruence), wall(wall), model(model), factors(particles.size()) {}
     /** B is a smooth function of the positions, and so the errors of the model stay alike. */
     void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
@@ -176,7 +176,7 @@ private:
     Eigen::MatrixXd scaled;
 };
 
-void Place::moveTo(const Placement& placement, bool nearby) {
+void SphereWallCongruenceAt::moveTo(const Placement& placement, bool nearby) {
     if (nearby)
         model.placeNear(inner, placement);
     else
@@ -190,7 +190,7 @@ void Place::moveTo(const Placement& placement, bool nearby) {
 }
 
 template <class Rows>
-void Place::multiplyByFactors(Rows&& rows, bool transposed) const {
+void SphereWallCongruenceAt::multiplyByFactors(Rows&& rows, bool transposed) const {
     for (int i = 0; i < particles.size(); i++) {
         if (!isSingleSphere(particles, i)) continue;
         const Factor& B = factors[i];
@@ -220,15 +220,15 @@ void Place::multiplyByFactors(Rows&& rows, bool transposed) const {
     }
 }
 
-void Place::multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
-                     const Accuracy& accuracy) {
+void SphereWallCongruenceAt::multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
+                                      const Accuracy& accuracy) {
     scaled = forces;
     multiplyByFactors(scaled, true);
     inner->multiply(scaled, velocities, accuracy);
     multiplyByFactors(velocities, false);
 }
 
-void Place::addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) {
+void SphereWallCongruenceAt::addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) {
     scaled.setZero(slips.rows(), slips.cols());
     inner->addStressletsOf(flow, scaled);
     multiplyByFactors(scaled, false);
@@ -236,7 +236,7 @@ void Place::addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) {
 }
 
 /** The forces stay those on particles, because addFlowAt() scales them. */
-FlowSources Place::sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) {
+FlowSources SphereWallCongruenceAt::sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) {
     scaled = forces;
     multiplyByFactors(scaled, true);
     FlowSources result = inner->sources(scaled, flow);
@@ -244,7 +244,7 @@ FlowSources Place::sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow
     return result;
 }
 
-void Place::dense(Eigen::MatrixXd& mobility) {
+void SphereWallCongruenceAt::dense(Eigen::MatrixXd& mobility) {
     inner->dense(mobility);
     multiplyByFactors(mobility, false);
     auto columns = mobility.transpose();
@@ -290,7 +290,7 @@ string SphereWallCongruence::objection(const Placement& placement) const {
 }
 
 unique_ptr<MobilityAt> SphereWallCongruence::makePlace() const {
-    return unique_ptr<MobilityAt>(new Place(*this, wall, *model));
+    return unique_ptr<MobilityAt>(new SphereWallCongruenceAt(*this, wall, *model));
 }
 
 }  // namespace RigidHIPlugin
