@@ -350,6 +350,11 @@ public:
     void getBodyFriction(int index, double& gamma, double& Gamma) const;
     bool getBodyHasOwnFriction(int index) const;
     void clearBodyFriction(int index);
+    void setBodyHeld(int index, bool held);
+    bool getBodyHeld(int index) const;
+    void setParticleHeld(int particle, bool held);
+    bool getParticleHeld(int particle) const;
+    std::vector<int> getHeldParticles() const;
     double getGradientRelaxationTime() const;
     void setGradientRelaxationTime(double upsilon);
     double getGradientRotationalRelaxationTime() const;
@@ -383,6 +388,10 @@ public:
     void setBodyAngularVelocities(const std::vector<OpenMM::Vec3>& angularVelocities);
     std::vector<OpenMM::Vec3> getBodyForces() const;
     std::vector<OpenMM::Vec3> getBodyTorques() const;
+    std::vector<double> computeHoldingWrenches() const;
+    std::vector<double> getHoldingWrenches() const;
+    std::vector<OpenMM::Vec3> computeParticleHoldingForces() const;
+    std::vector<OpenMM::Vec3> getParticleHoldingForces() const;
     double getPoseResidual() const;
 
     double computeTranslationalKineticEnergy() const;

@@ -18,7 +18,9 @@ namespace RigidHIPlugin {
 namespace {
 
 typedef CustomRigidHIIntegrator Integrator;
-constexpr int formatVersion = 1;
+/** The latest version, which is written only for what earlier versions of the library would ignore:
+ * bodies and particles that are held. */
+constexpr int formatVersion = 2;
 
 EnumNames<Integrator::Scheme> namesOfSchemes() {
     EnumNames<Integrator::Scheme> names;
@@ -67,8 +69,29 @@ Vec3 readVector(const StrictNode& node) {
     return Vec3(node.number("x"), node.number("y"), node.number("z"));
 }
 
+bool holdsAnything(const Integrator& integrator) {
+    bool held = !integrator.getHeldParticles().empty();
+    for (int i = 0; i < integrator.getNumRigidBodies(); i++)
+        held = held || integrator.getBodyHeld(i);
+    return held;
+}
+
+void writeHeldParticles(SerializationNode& node, const Integrator& integrator) {
+    const vector<int> particles = integrator.getHeldParticles();
+    node.setIntProperty("count", particles.size());
+    for (int particle : particles)
+        node.createChildNode("Particle").setIntProperty("index", particle);
+}
+
+void readHeldParticles(const StrictNode& node, Integrator& integrator) {
+    node.checkChildren("count");
+    for (const SerializationNode& child : node.children())
+        integrator.setParticleHeld(StrictNode(child, "CustomRigidHIIntegrator").integer("index"),
+                                   true);
+}
+
 /** Write a body: its particles, each with its site if the geometry is known. */
-void writeBody(SerializationNode& node, const Integrator& integrator, int index) {
+void writeBody(SerializationNode& node, const Integrator& integrator, int index, int version) {
     const bool known = integrator.getRigidBodyGeometryIsKnown(index);
     node.setBoolProperty("explicit", integrator.getRigidBodyIsExplicit(index));
     node.setBoolProperty("geometryIsKnown", known);
@@ -77,6 +100,7 @@ void writeBody(SerializationNode& node, const Integrator& integrator, int index)
         integrator.getBodyFriction(index, gamma, Gamma);
         node.setDoubleProperty("friction", gamma).setDoubleProperty("rotationalFriction", Gamma);
     }
+    if (version >= 2) node.setBoolProperty("held", integrator.getBodyHeld(index));
     vector<int> particles = integrator.getRigidBodyParticles(index);
     vector<Vec3> sites;
     if (known) {
@@ -95,7 +119,7 @@ void writeBody(SerializationNode& node, const Integrator& integrator, int index)
     }
 }
 
-void readBody(const StrictNode& node, Integrator& integrator) {
+void readBody(const StrictNode& node, Integrator& integrator, int version) {
     const bool isExplicit = node.boolean("explicit");
     const bool known = node.boolean("geometryIsKnown");
     if (isExplicit && !known) node.wrongValue("geometryIsKnown", "1 for an explicit body");
@@ -120,6 +144,7 @@ void readBody(const StrictNode& node, Integrator& integrator) {
     if (node.has("friction") || node.has("rotationalFriction"))
         integrator.setBodyFriction(index, node.number("friction"),
                                    node.number("rotationalFriction"));
+    if (version >= 2) integrator.setBodyHeld(index, node.boolean("held"));
 }
 
 }  // namespace
@@ -129,7 +154,8 @@ CustomRigidHIIntegratorProxy::CustomRigidHIIntegratorProxy()
 
 void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNode& node) const {
     const Integrator& integrator = *static_cast<const Integrator*>(object);
-    node.setIntProperty("version", formatVersion);
+    const int version = holdsAnything(integrator) ? formatVersion : 1;
+    node.setIntProperty("version", version);
     node.setDoubleProperty("stepSize", integrator.getStepSize());
     for (const auto& number : numbers)
         node.setDoubleProperty(number.name, (integrator.*number.get)());
@@ -146,13 +172,15 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
     SerializationNode& bodies = node.createChildNode("RigidBodies");
     bodies.setIntProperty("count", integrator.getNumRigidBodies());
     for (int i = 0; i < integrator.getNumRigidBodies(); i++)
-        writeBody(bodies.createChildNode("RigidBody"), integrator, i);
+        writeBody(bodies.createChildNode("RigidBody"), integrator, i, version);
+    if (version >= 2) writeHeldParticles(node.createChildNode("HeldParticles"), integrator);
 }
 
 void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) const {
     const StrictNode node(root, "CustomRigidHIIntegrator");
-    if (node.integer("version") != formatVersion)
-        node.wrongValue("version", to_string(formatVersion));
+    const int version = node.integer("version");
+    if (version < 1 || version > formatVersion)
+        node.wrongValue("version", "1 or " + to_string(formatVersion));
     unique_ptr<Integrator> integrator(
         new Integrator(node.number("temperature"), node.number("stepSize")));
     for (const auto& number : numbers)
@@ -174,7 +202,8 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
     const StrictNode bodies = node.child("RigidBodies");
     bodies.checkChildren("count");
     for (const SerializationNode& body : bodies.children())
-        readBody(StrictNode(body, "CustomRigidHIIntegrator"), *integrator);
+        readBody(StrictNode(body, "CustomRigidHIIntegrator"), *integrator, version);
+    if (version >= 2) readHeldParticles(node.child("HeldParticles"), *integrator);
     return integrator.release();
 }
 

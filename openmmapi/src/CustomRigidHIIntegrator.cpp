@@ -46,6 +46,12 @@ void checkPositive(double value, const string& object, const string& quantity, c
              "give a value above 0");
 }
 
+void checkParticleIndex(int particle, const char* method) {
+    if (particle < 0)
+        fail(method, "the particle's index is " + text(particle), "it must not be negative",
+             "give the index of a particle of the System");
+}
+
 void checkFinite(const Vec3& value, const string& object, const string& quantity) {
     if (!isfinite(value[0]) || !isfinite(value[1]) || !isfinite(value[2]))
         fail(object,
@@ -238,6 +244,7 @@ void CustomRigidHIIntegrator::setRigidBodyParameters(int index, const vector<int
     body.hasOwnFriction = bodies[index].hasOwnFriction;
     body.gamma = bodies[index].gamma;
     body.Gamma = bodies[index].Gamma;
+    body.held = bodies[index].held;
     for (int particle : bodies[index].particles) bodyOfParticle.erase(particle);
     for (int particle : particles) bodyOfParticle[particle] = index;
     bodies[index] = body;
@@ -354,6 +361,35 @@ void CustomRigidHIIntegrator::clearBodyFriction(int index) {
     checkBodyIndex(index, "clearBodyFriction()");
     bodies[index].hasOwnFriction = false;
     settingsVersion++;
+}
+
+void CustomRigidHIIntegrator::setBodyHeld(int index, bool held) {
+    checkBodyIndex(index, "setBodyHeld()");
+    bodies[index].held = held;
+    settingsVersion++;
+}
+
+bool CustomRigidHIIntegrator::getBodyHeld(int index) const {
+    checkBodyIndex(index, "getBodyHeld()");
+    return bodies[index].held;
+}
+
+void CustomRigidHIIntegrator::setParticleHeld(int particle, bool held) {
+    checkParticleIndex(particle, "setParticleHeld()");
+    if (held)
+        heldParticles.insert(particle);
+    else
+        heldParticles.erase(particle);
+    settingsVersion++;
+}
+
+bool CustomRigidHIIntegrator::getParticleHeld(int particle) const {
+    checkParticleIndex(particle, "getParticleHeld()");
+    return heldParticles.count(particle) != 0;
+}
+
+vector<int> CustomRigidHIIntegrator::getHeldParticles() const {
+    return vector<int>(heldParticles.begin(), heldParticles.end());
 }
 
 double CustomRigidHIIntegrator::getGradientRelaxationTime() const { return gradientTime; }
@@ -563,6 +599,22 @@ vector<Vec3> CustomRigidHIIntegrator::getBodyForces() const {
 
 vector<Vec3> CustomRigidHIIntegrator::getBodyTorques() const {
     return boundKernel("getBodyTorques()").getBodies().getBodyTorques();
+}
+
+vector<double> CustomRigidHIIntegrator::computeHoldingWrenches() const {
+    return boundKernel("computeHoldingWrenches()").getBodies().computeHoldingWrenches();
+}
+
+vector<double> CustomRigidHIIntegrator::getHoldingWrenches() const {
+    return boundKernel("getHoldingWrenches()").getBodies().getHoldingWrenches();
+}
+
+vector<Vec3> CustomRigidHIIntegrator::computeParticleHoldingForces() const {
+    return boundKernel("computeParticleHoldingForces()").getBodies().computeParticleHoldingForces();
+}
+
+vector<Vec3> CustomRigidHIIntegrator::getParticleHoldingForces() const {
+    return boundKernel("getParticleHoldingForces()").getBodies().getParticleHoldingForces();
 }
 
 double CustomRigidHIIntegrator::getPoseResidual() const {

@@ -482,6 +482,67 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Let a body use the frictions of the integrator again."""
         super().clearBodyFriction(self._index(index, 'clearBodyFriction'))
 
+    def setBodyHeld(self, index: int, held: bool) -> None:
+        """Hold a body at its place and orientation, or let it go.
+
+        A held body is an obstacle. It never moves, has no momentum and needs no mass, and a fluid
+        is at rest on it. Forces on it change nothing but the wrench that holds it
+        (:meth:`computeHoldingWrenches`).
+
+        The flag may be changed between steps. XML has the flag, but checkpoints and States do not.
+
+        Parameters
+        ----------
+        index : int
+            index of the body
+        held : bool
+            whether the body is held
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if the index is out of range; at Context creation and at the next step: if nothing is
+            left that could move, or if the System has a barostat or a CMMotionRemover
+        """
+        super().setBodyHeld(self._index(index, 'setBodyHeld'),
+                            _units.boolean(held, _where('setBodyHeld'), 'held'))
+
+    def getBodyHeld(self, index: int) -> bool:
+        """Get whether a body is held."""
+        return super().getBodyHeld(self._index(index, 'getBodyHeld'))
+
+    def setParticleHeld(self, particle: int, held: bool) -> None:
+        """Hold a free particle where it is, or let it go.
+
+        It is an obstacle as a held body is (:meth:`setBodyHeld`).
+
+        Parameters
+        ----------
+        particle : int
+            index of a particle that is in no body and is no virtual site
+        held : bool
+            whether the particle is held
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if the index is negative; at Context creation and at the next step: as for
+            :meth:`setBodyHeld`, if there is no such particle, if it is in a body or is a virtual
+            site, or if a constraint ties it to another particle
+        """
+        where = _where('setParticleHeld')
+        super().setParticleHeld(_units.integer(particle, where, 'particle'),
+                                _units.boolean(held, where, 'held'))
+
+    def getParticleHeld(self, particle: int) -> bool:
+        """Get whether a particle was held by :meth:`setParticleHeld`."""
+        return super().getParticleHeld(
+            _units.integer(particle, _where('getParticleHeld'), 'particle'))
+
+    def getHeldParticles(self) -> list[int]:
+        """Get the indices of all particles that were held by :meth:`setParticleHeld`, ascending."""
+        return np.frombuffer(super().getHeldParticles(), dtype=np.intc).tolist()
+
     def getGradientRelaxationTime(self) -> unit.Quantity:
         """Get upsilon of GradientThermostat, a Quantity in ps."""
         return _units.TIME.attach(super().getGradientRelaxationTime())
@@ -815,6 +876,57 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             kJ/mol, lab frame
         """
         return _units.ENERGY.attach(_units.array(super().getBodyTorques(), 3))
+
+    def computeHoldingWrenches(self) -> Array:
+        """Get the wrenches that hold the bodies at the present poses, without noise.
+
+        The fluid and all forces on a held body together exert the opposite of its wrench.
+
+        Returns
+        -------
+        array of shape (n, 6)
+            the force, kJ/(mol nm), and the torque about the body's origin, kJ/mol, both in the lab
+            frame, as plain numbers; rows of bodies that are not held are 0
+        """
+        return _units.array(super().computeHoldingWrenches(), 6)
+
+    def getHoldingWrenches(self) -> Array:
+        """Get the wrenches that held the bodies during the last step, with the share of the noise.
+
+        Only schemes without momenta in a fluid have them. Their variance is inversely proportional
+        to the step size.
+
+        Returns
+        -------
+        array of shape (n, 6)
+            as from :meth:`computeHoldingWrenches`
+        """
+        return _units.array(super().getHoldingWrenches(), 6)
+
+    def computeParticleHoldingForces(self) -> unit.Quantity:
+        """Get the forces that hold particles at the present positions, without noise.
+
+        The particles are those of :meth:`setParticleHeld`.
+
+        Returns
+        -------
+        Quantity of shape (m, 3)
+            kJ/(mol nm), lab frame; a row for each particle of the System, which is 0 unless the
+            particle is held
+        """
+        return _units.FORCE.attach(_units.array(super().computeParticleHoldingForces(), 3))
+
+    def getParticleHoldingForces(self) -> unit.Quantity:
+        """Get the forces that held particles during the last step, with the share of the noise.
+
+        The share of the noise is as in :meth:`getHoldingWrenches`.
+
+        Returns
+        -------
+        Quantity of shape (m, 3)
+            as from :meth:`computeParticleHoldingForces`
+        """
+        return _units.FORCE.attach(_units.array(super().getParticleHoldingForces(), 3))
 
     def getPoseResidual(self) -> unit.Quantity:
         """Get the largest distance of a particle from its place in its body, a Quantity in nm.

@@ -92,6 +92,11 @@ WITHOUT_UNIT = {
         'getScheme': 'a constant',
         'getNoiseLaw': 'a constant',
         'getBodyHasOwnFriction': 'a truth value',
+        'getBodyHeld': 'a truth value',
+        'getParticleHeld': 'a truth value',
+        'getHeldParticles': 'indices',
+        'computeHoldingWrenches': 'rows of mixed dimension',
+        'getHoldingWrenches': 'rows of mixed dimension',
         'getRandomNumberSeed': 'an integer',
         'getRandomNumberSeedAsSet': 'an integer',
         'getBodyOrientations': 'unit quaternions',
@@ -156,6 +161,8 @@ UNITS = {
         'getBodyAngularVelocities': unit.radian/unit.picosecond,
         'getBodyForces': unit.kilojoule_per_mole/unit.nanometer,
         'getBodyTorques': unit.kilojoule_per_mole,
+        'computeParticleHoldingForces': unit.kilojoule_per_mole/unit.nanometer,
+        'getParticleHoldingForces': unit.kilojoule_per_mole/unit.nanometer,
         'getRigidBodyParameters': (None, unit.dalton, unit.dalton*unit.nanometer**2,
                                    unit.nanometer),
         'computeTranslationalKineticEnergy': unit.kilojoule_per_mole,
@@ -185,7 +192,9 @@ COLUMNS = {
     'getBodyVelocities': 3,
     'getBodyAngularVelocities': 3,
     'getBodyForces': 3,
-    'getBodyTorques': 3
+    'getBodyTorques': 3,
+    'computeHoldingWrenches': 6,
+    'getHoldingWrenches': 6
 }
 #: The arguments of getters of a Context, besides the Context.
 QUESTIONS = {
@@ -197,9 +206,10 @@ QUESTIONS = {
 SQUARES = {'getBodyMobility': 6, 'getMobilityInContext': 12, 'getFrictionInContext': 12}
 NEEDS_INDEX = {
     'getRigidBodyParameters', 'getRigidBodyParticles', 'getRigidBodyIsExplicit',
-    'getRigidBodyGeometryIsKnown', 'getBodyFriction', 'getBodyHasOwnFriction', 'getParticleRadius',
-    'getBodyHasOwnTensor', 'getBodyTensorIsFriction', 'getBodyMobility', 'getPerBodyParameterName',
-    'getGlobalParameterName', 'getGlobalParameterDefaultValue', 'getBodyParameters'
+    'getRigidBodyGeometryIsKnown', 'getBodyFriction', 'getBodyHasOwnFriction', 'getBodyHeld',
+    'getParticleHeld', 'getParticleRadius', 'getBodyHasOwnTensor', 'getBodyTensorIsFriction',
+    'getBodyMobility', 'getPerBodyParameterName', 'getGlobalParameterName',
+    'getGlobalParameterDefaultValue', 'getBodyParameters'
 }
 
 #: All getters of all classes: (class, method).

@@ -45,6 +45,8 @@ VALUES = {
         'setDriftCorrectorScaling': (Integrator.Whole,),
         'setFiniteDifferenceStep': (1e-4/3,),
         'setBodyFriction': (1, 0.1, 1/3),
+        'setBodyHeld': (1, True),
+        'setParticleHeld': (8, True),
         'setRigidBodyParameters': (0, [4, 1, 3], 7/3, (0.1, 0.2, 0.25), [(0.1, 0, 1/3),
                                                                          (0, -0.2, 0), (0, 0, 0)]),
     },
@@ -94,9 +96,9 @@ ELSEWHERE = {
 }
 #: Setters whose getter takes the setter's first argument.
 INDEXED = {
-    'setBodyFriction', 'setRigidBodyParameters', 'setParticleRadius', 'setBodyMobility',
-    'setExpression', 'setPerBodyParameterName', 'setGlobalParameterName',
-    'setGlobalParameterDefaultValue', 'setBodyParameters'
+    'setBodyFriction', 'setBodyHeld', 'setParticleHeld', 'setRigidBodyParameters',
+    'setParticleRadius', 'setBodyMobility', 'setExpression', 'setPerBodyParameterName',
+    'setGlobalParameterName', 'setGlobalParameterDefaultValue', 'setBodyParameters'
 }
 SETTERS = sorted(
     (cls, name) for cls in CLASSES for name in dir(CLASSES[cls]) if name.startswith('set'))

@@ -115,7 +115,7 @@ def test_every_setter_is_in_the_list_of_properties():
     """
     others = {
         'setBodyPositions', 'setBodyOrientations', 'setBodyVelocities', 'setBodyAngularVelocities',
-        'setRigidBodyParameters', 'setBodyFriction'
+        'setRigidBodyParameters', 'setBodyFriction', 'setBodyHeld', 'setParticleHeld'
     }
     setters = {name for name in dir(CustomRigidHIIntegrator) if name.startswith('set')}
     assert setters - others == {setter for setter, _, _ in PROPERTIES}
@@ -250,8 +250,8 @@ def test_copies_leak_nothing():
 # ---- Damaged and foreign files -------------------------------------------------------------------
 
 
-def xml():
-    return openmm.XmlSerializer.serialize(make())
+def xml(integrator=None):
+    return openmm.XmlSerializer.serialize(integrator or make())
 
 
 def test_a_file_cut_short_is_refused_or_whole():
@@ -299,7 +299,7 @@ def test_a_property_that_is_no_number_or_name_is_refused(attribute, garbage):
 
 @pytest.mark.parametrize(
     'before, after, message',
-    [('version="1"', 'version="2"', "property 'version' is '2'; it must be 1"),
+    [('version="1"', 'version="3"', "property 'version' is '3'; it must be 1 or 2"),
      ('temperature="300"', 'temperature="-300"', 'temperature is -300'),
      ('temperature="300"', 'temperature="nan"', 'temperature is nan'),
      ('stepSize=".002"', 'stepSize="0"', 'step size is 0'),
@@ -324,6 +324,60 @@ def test_a_wrong_value_is_refused_with_the_reason(before, after, message):
     with pytest.raises(openmm.OpenMMException,
                        match=re.escape(message) if "'" in message else message):
         openmm.XmlSerializer.deserialize(xml().replace(before, after))
+
+
+# ---- What is held --------------------------------------------------------------------------------
+
+
+def holding():
+    integrator = make()
+    integrator.setBodyHeld(1, True)
+    integrator.setBodyHeld(2, True)
+    integrator.setBodyHeld(2, False)
+    for particle in (20, 3, 17):
+        integrator.setParticleHeld(particle, True)
+    integrator.setParticleHeld(3, False)
+    return integrator
+
+
+def test_what_is_held_survives(duplicate):
+    result = duplicate(holding())
+    assert [result.getBodyHeld(i) for i in range(4)] == [False, True, False, False]
+    assert result.getHeldParticles() == [17, 20]
+    assert result.getParticleHeld(20) and not result.getParticleHeld(3)
+    assert xml(result) == xml(holding())
+
+
+@pytest.mark.parametrize('hold', [
+    lambda integrator: integrator.setBodyHeld(3, True),
+    lambda integrator: integrator.setParticleHeld(0, True)
+])
+def test_only_files_with_something_held_have_the_newer_version(hold):
+    """Earlier versions of the library can read all other files."""
+    integrator = make()
+    before = xml(integrator)
+    assert ' version="1"' in before and 'eld' not in before
+    hold(integrator)
+    assert ' version="2"' in xml(integrator)
+    integrator.setBodyHeld(3, False)
+    integrator.setParticleHeld(0, False)
+    assert xml(integrator) == before
+
+
+@pytest.mark.parametrize(
+    'before, after, message',
+    [(' held="1"', '', "property 'held' is missing"),
+     (' held="1"', ' held="2"', "property 'held' is '2'; it must be 0 or 1"),
+     ('HeldParticles', 'Particles', "the element 'HeldParticles' is missing"),
+     ('<HeldParticles count="2">', '<HeldParticles count="3">', 'it has 2 elements; there must be'),
+     ('index="20"', 'index="-20"', "the particle's index is -20; it must not be negative")])
+def test_damaged_files_with_something_held_are_refused(before, after, message):
+    assert before in xml(holding())
+    with pytest.raises(openmm.OpenMMException, match=re.escape(message)):
+        openmm.XmlSerializer.deserialize(xml(holding()).replace(before, after))
+
+
+# ---- Foreign files -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('foreign', [

@@ -7,6 +7,7 @@
 
 #include <array>
 #include <map>
+#include <set>
 #include <string>
 #include <unordered_map>
 #include <vector>
@@ -286,6 +287,37 @@ public:
     bool getBodyHasOwnFriction(int index) const;
     /** Let a body use the frictions of the integrator again. */
     void clearBodyFriction(int index);
+    /**
+     * Hold a body at its place and orientation, or let it go. A held body is an obstacle: it never
+     * moves, has no momentum and needs no mass, and a fluid is at rest on it. Forces on it change
+     * nothing but the wrench that holds it (computeHoldingWrenches()).
+     *
+     * The flag may be changed between steps. XML has the flag, but checkpoints and States do not.
+     *
+     * @param index  index of the body
+     * @param held   whether the body is held
+     * @throws OpenMMException if the index is out of range. At Context creation and at the next
+     *     step: if nothing is left that could move, or if the System has a barostat or a
+     *     CMMotionRemover
+     */
+    void setBodyHeld(int index, bool held);
+    /** Get whether a body is held. */
+    bool getBodyHeld(int index) const;
+    /**
+     * Hold a free particle where it is, or let it go. It is an obstacle as a held body is
+     * (setBodyHeld()).
+     *
+     * @param particle  index of a particle that is in no body and is no virtual site
+     * @param held      whether the particle is held
+     * @throws OpenMMException if the index is negative. At Context creation and at the next step:
+     *     as for setBodyHeld(), if there is no such particle, if it is in a body or is a virtual
+     *     site, or if a constraint ties it to another particle
+     */
+    void setParticleHeld(int particle, bool held);
+    /** Get whether a particle was held by setParticleHeld(). */
+    bool getParticleHeld(int particle) const;
+    /** Get the indices of all particles that were held by setParticleHeld(), in ascending order. */
+    std::vector<int> getHeldParticles() const;
     /** Get upsilon of GradientThermostat, ps. */
     double getGradientRelaxationTime() const;
     /** Set upsilon (Davidchack 2015, eq. 15), ps. Default 0.004. @throws OpenMMException if not
@@ -434,6 +466,30 @@ public:
      * step, kJ/mol, lab frame.
      */
     std::vector<OpenMM::Vec3> getBodyTorques() const;
+    /**
+     * Get the wrenches that hold the bodies at the present poses, without noise: 6 numbers for each
+     * body, the force (kJ/(mol nm)) and the torque about the body's origin (kJ/mol), lab frame. The
+     * fluid and all forces on a held body together exert the opposite of its wrench. Bodies that
+     * are not held have 0. Needs a Context with positions.
+     */
+    std::vector<double> computeHoldingWrenches() const;
+    /**
+     * Get the wrenches that held the bodies during the last step, with the share of the noise, in
+     * the form of computeHoldingWrenches(). Their variance is inversely proportional to the step
+     * size. Only schemes without momenta in a fluid have them.
+     */
+    std::vector<double> getHoldingWrenches() const;
+    /**
+     * Get the forces that hold particles (setParticleHeld()) at the present positions, without
+     * noise, kJ/(mol nm), lab frame: a row for each particle of the System, which is 0 unless the
+     * particle is held. Needs a Context with positions.
+     */
+    std::vector<OpenMM::Vec3> computeParticleHoldingForces() const;
+    /**
+     * Get the forces that held particles during the last step, in the form of
+     * computeParticleHoldingForces(). The share of the noise is as in getHoldingWrenches().
+     */
+    std::vector<OpenMM::Vec3> getParticleHoldingForces() const;
     /** Get the largest distance of a particle from its place at the last fit of poses to positions,
      * nm. */
     double getPoseResidual() const;
@@ -554,7 +610,7 @@ protected:
 private:
     struct Body {
         std::vector<int> particles;
-        bool isExplicit = false, geometryIsKnown = false, hasOwnFriction = false;
+        bool isExplicit = false, geometryIsKnown = false, hasOwnFriction = false, held = false;
         double mass = 0, gamma = 0, Gamma = 0;
         OpenMM::Vec3 principalMoments;
         std::vector<OpenMM::Vec3> sitePositions;
@@ -583,6 +639,7 @@ private:
     mutable std::vector<Body> bodies;
     /** The body that each particle is in, so that adding n bodies costs O(n). */
     std::unordered_map<int, int> bodyOfParticle;
+    std::set<int> heldParticles;
     /**
      * Whether the kernel exists: it does not before a Context is created, after the Context is
      * gone, and after a failed creation.

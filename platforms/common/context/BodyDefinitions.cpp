@@ -14,6 +14,13 @@ namespace RigidHIPlugin {
 
 namespace {
 
+/** Hold those bodies and particles that another integrator holds, which may have more bodies. */
+void copyHeld(const CustomRigidHIIntegrator& from, CustomRigidHIIntegrator& to) {
+    for (int b = 0; b < to.getNumRigidBodies(); b++) to.setBodyHeld(b, from.getBodyHeld(b));
+    for (int p : to.getHeldParticles()) to.setParticleHeld(p, false);
+    for (int p : from.getHeldParticles()) to.setParticleHeld(p, true);
+}
+
 /** An integrator that is bound to no Context, with the scheme and the bodies of another. */
 unique_ptr<CustomRigidHIIntegrator> copyDefinitions(const CustomRigidHIIntegrator& from) {
     unique_ptr<CustomRigidHIIntegrator> to(
@@ -33,6 +40,7 @@ unique_ptr<CustomRigidHIIntegrator> copyDefinitions(const CustomRigidHIIntegrato
         to->addRigidBody(particles);
         if (known) to->recordBodyGeometry(b, mass, moments, sites);
     }
+    copyHeld(from, *to);
     return to;
 }
 
@@ -43,6 +51,7 @@ BodyDefinitions::BodyDefinitions(const CustomRigidHIIntegrator& integrator, cons
 
 const CustomRigidHIIntegrator& BodyDefinitions::underPresentScheme() {
     definitions->setScheme(integrator.getScheme());
+    copyHeld(integrator, *definitions);
     return *definitions;
 }
 

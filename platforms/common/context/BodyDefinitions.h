@@ -24,8 +24,8 @@ class BodyDefinitions {
 public:
     BodyDefinitions(const CustomRigidHIIntegrator& integrator, const OpenMM::System& system);
     /**
-     * The bodies under the integrator's present scheme, for checks: an integrator that is bound to
-     * no Context.
+     * The bodies under the integrator's present scheme, with the bodies and particles that it holds
+     * at present, for checks: an integrator that is bound to no Context.
      */
     const CustomRigidHIIntegrator& underPresentScheme();
 

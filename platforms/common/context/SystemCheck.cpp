@@ -233,6 +233,70 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
             "setWallRejection(Overlap) or setSphereWallMobility(FromModel)");
 }
 
+/** Check that each particle that is held can be held. */
+static void checkHeldParticles(const System& system, const CustomRigidHIIntegrator& integrator,
+                               const SystemInventory& stock) {
+    for (int p : integrator.getHeldParticles()) {
+        const string held = particleText(p) + " is held, but ";
+        if (p >= system.getNumParticles())
+            fail(held + "the System has " + to_string(system.getNumParticles()) +
+                 " particles, numbered from 0; let it go by setParticleHeld(" + to_string(p) +
+                 ", false)");
+        if (stock.bodyOfParticle[p] >= 0)
+            fail(held + "is in " + bodyText(stock.bodyOfParticle[p]) +
+                 "; hold the body by setBodyHeld()");
+        if (system.isVirtualSite(p))
+            fail(held +
+                 "is a virtual site, which follows the particles that define it; hold those "
+                 "particles");
+    }
+    for (int i = 0; i < system.getNumConstraints(); i++) {
+        int a, b;
+        double distance;
+        system.getConstraintParameters(i, a, b, distance);
+        for (int p : {a, b})
+            if (integrator.getParticleHeld(p))
+                fail("constraint " + to_string(i) + " ties " + particleText(p) +
+                     ", which is held, to " + particleText(p == a ? b : a) +
+                     "; make the molecule a body and hold the body, or let the particle go");
+    }
+}
+
+/** Check what is held, by the scheme and by what else the System has. */
+static void checkHeld(const System& system, const CustomRigidHIIntegrator& integrator,
+                      const SystemInventory& stock) {
+    checkHeldParticles(system, integrator, stock);
+    const int numBodies = integrator.getNumRigidBodies(), numParticles = stock.freeParticles.size();
+    int heldBodies = 0, heldParticles = 0;
+    string held;  // the first object that is held
+    for (int b = 0; b < numBodies; b++)
+        if (integrator.getBodyHeld(b) && heldBodies++ == 0) held = bodyText(b);
+    for (int p : stock.freeParticles) heldParticles += integrator.getParticleHeld(p);
+    if (held.empty() && !integrator.getHeldParticles().empty())
+        held = particleText(integrator.getHeldParticles()[0]);
+    if (held.empty()) return;
+    if (heldBodies == numBodies && heldParticles == numParticles)
+        fail("everything is held (" + counted(numBodies, "body", "bodies") + " and " +
+             counted(numParticles, "free particle", "free particles") +
+             "), so that nothing would move; let something go by setBodyHeld(index, false) or "
+             "setParticleHeld(particle, false)");
+    if (!stock.barostat.empty())
+        fail(held + " is held, but the System has a " + stock.barostat +
+             ", which would move it; remove the barostat, or let " + held + " go");
+    if (stock.hasCMMotionRemover)
+        fail(held +
+             " is held, so that momentum is not conserved, but the System has a CMMotionRemover; "
+             "create the System with removeCMMotion=False, or remove the force");
+}
+
+void refuseHeldUntilSupported(const CustomRigidHIIntegrator& integrator) {
+    for (int b = 0; b < integrator.getNumRigidBodies(); b++)
+        if (integrator.getBodyHeld(b))
+            fail(bodyText(b) + " is held, which this build does not support; let it go");
+    for (int p : integrator.getHeldParticles())
+        fail(particleText(p) + " is held, which this build does not support; let it go");
+}
+
 /**
  * Checks that depend on inertia: schemes with momenta need inertia everywhere, and
  * GradientThermostat needs it in its rates.
@@ -240,6 +304,7 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
 static void checkMasses(const System& system, const CustomRigidHIIntegrator& integrator,
                         const SystemInventory& stock, const string& name) {
     for (int b = 0; b < integrator.getNumRigidBodies(); b++) {
+        if (integrator.getBodyHeld(b)) continue;
         double mass = 0;
         if (integrator.getRigidBodyIsExplicit(b)) {
             vector<int> particles;
@@ -256,21 +321,22 @@ static void checkMasses(const System& system, const CustomRigidHIIntegrator& int
                  "Carlo too)");
     }
     for (int p : stock.freeParticles)
-        if (system.getParticleMass(p) == 0)
+        if (system.getParticleMass(p) == 0 && !integrator.getParticleHeld(p))
             fail(particleText(p) + " has hydrodynamic radius " +
                  to_string(stock.mobilityForce->getParticleRadius(p)) +
                  " nm but is in no body and has no mass, which scheme " + name +
                  " needs; give it a mass, make it part of a body, or give it radius 0");
 }
 
-/** Check that all particles that move are held by the fluid alone. */
-static void checkOverdamped(const SystemInventory& stock, const string& name) {
+/** Check that the fluid resists the motion of all particles that move. */
+static void checkOverdamped(const CustomRigidHIIntegrator& integrator, const SystemInventory& stock,
+                            const string& name) {
     for (int p : stock.freeParticles)
-        if (!seenByFluid(stock, p))
+        if (!seenByFluid(stock, p) && !integrator.getParticleHeld(p))
             fail(particleText(p) + " is in no body and has hydrodynamic radius 0, so scheme " +
                  name +
                  " has no mobility for it; give it a radius with MobilityForce.addParticle(), "
-                 "make it part of a body, or give it mass 0 to hold it where it is");
+                 "make it part of a body, or hold it where it is by setParticleHeld()");
 }
 
 /** Refuse what a scheme without velocities cannot do. */
@@ -309,10 +375,12 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
              " would ignore; use LangevinHI or a scheme without momenta, or remove the "
              "MobilityForce");
     if (traits.isOverdamped())
-        checkOverdamped(stock, name);
+        checkOverdamped(integrator, stock, name);
     else
         checkMasses(system, integrator, stock, name);
     if (!traits.hasMomenta) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
+    checkHeld(system, integrator, stock);
+    refuseHeldUntilSupported(integrator);
     if (traits.kind == SchemeKind::FluidThermostat) {
         if (stock.hasCMMotionRemover)
             fail("the System has a CMMotionRemover, but with scheme " + name +

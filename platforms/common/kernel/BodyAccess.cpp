@@ -115,6 +115,30 @@ public:
         return ofBodies([&](int b) { return scene.bodies.getTorque_lab(b); });
     }
 
+    vector<double> computeHoldingWrenches() override {
+        prepare("computeHoldingWrenches()");
+        refuseHolds();
+        return vector<double>(6 * scene.bodies.getNumBodies());
+    }
+
+    vector<double> getHoldingWrenches() override {
+        prepare("getHoldingWrenches()");
+        refuseHolds();
+        return vector<double>(6 * scene.bodies.getNumBodies());
+    }
+
+    vector<Vec3> computeParticleHoldingForces() override {
+        prepare("computeParticleHoldingForces()");
+        refuseHolds();
+        return vector<Vec3>(scene.system.getNumParticles());
+    }
+
+    vector<Vec3> getParticleHoldingForces() override {
+        prepare("getParticleHoldingForces()");
+        refuseHolds();
+        return vector<Vec3>(scene.system.getNumParticles());
+    }
+
     double computeTranslationalKineticEnergy() override {
         if (!hasMomenta() || !mirror.hasPositions()) return 0;
         mirror.takeInVelocitiesIfChanged();
@@ -172,6 +196,9 @@ private:
         for (int b = 0; b < scene.bodies.getNumBodies(); b++) result.push_back(of(b));
         return result;
     }
+
+    /** UNTIL HELD BODIES ARE SUPPORTED: nothing that is held has a holding wrench yet. */
+    void refuseHolds() { refuseHeldUntilSupported(scene.definitions.underPresentScheme()); }
 
     bool hasMomenta() const { return traitsOf(scene.integrator.getScheme()).hasMomenta; }
 

@@ -39,6 +39,10 @@ public:
     virtual void setBodyAngularVelocities(const std::vector<OpenMM::Vec3>& angularVelocities) = 0;
     virtual std::vector<OpenMM::Vec3> getBodyForces() = 0;
     virtual std::vector<OpenMM::Vec3> getBodyTorques() = 0;
+    virtual std::vector<double> computeHoldingWrenches() = 0;
+    virtual std::vector<double> getHoldingWrenches() = 0;
+    virtual std::vector<OpenMM::Vec3> computeParticleHoldingForces() = 0;
+    virtual std::vector<OpenMM::Vec3> getParticleHoldingForces() = 0;
     virtual double getPoseResidual() = 0;
 
     virtual double computeTranslationalKineticEnergy() = 0;
