@@ -15,6 +15,7 @@
 #include <exception>
 
 #include "openmmrigidhi/CustomBodyForce.h"
+#include "openmmrigidhi/CustomBodyMotion.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "openmmrigidhi/ModelTraits.h"
@@ -22,6 +23,7 @@
 #include "openmmrigidhi/Version.h"
 
 using RigidHIPlugin::CustomBodyForce;
+using RigidHIPlugin::CustomBodyMotion;
 using RigidHIPlugin::CustomRigidHIIntegrator;
 using RigidHIPlugin::MobilityForce;
 using RigidHIPlugin::QuaternionArray;
@@ -537,6 +539,48 @@ public:
         /** The same object as this class, or None if it is of another class. Ownership stays. */
         static RigidHIPlugin::CustomBodyForce* _fromGeneric(OpenMM::Force* force) {
             return dynamic_cast<CustomBodyForce*>(force);
+        }
+    }
+};
+
+class CustomBodyMotion : public OpenMM::Force {
+public:
+    enum Frame : int { Lab = 0, Body = 1 };
+
+    CustomBodyMotion(const std::string& vx, const std::string& vy, const std::string& vz,
+                     const std::string& wx, const std::string& wy, const std::string& wz);
+    ~CustomBodyMotion();
+
+    const std::string& getExpression(const std::string& component) const;
+    void setExpression(const std::string& component, const std::string& expression);
+
+    Frame getFrame() const;
+    void setFrame(Frame frame);
+
+    int getNumPerBodyParameters() const;
+    int addPerBodyParameter(const std::string& name);
+    const std::string& getPerBodyParameterName(int index) const;
+    void setPerBodyParameterName(int index, const std::string& name);
+
+    int getNumGlobalParameters() const;
+    int addGlobalParameter(const std::string& name, double defaultValue);
+    const std::string& getGlobalParameterName(int index) const;
+    void setGlobalParameterName(int index, const std::string& name);
+    double getGlobalParameterDefaultValue(int index) const;
+    void setGlobalParameterDefaultValue(int index, double defaultValue);
+
+    int getNumBodies() const;
+    int addBody(int bodyIndex, const std::vector<double>& parameters);
+    void getBodyParameters(int index, int& bodyIndex, std::vector<double>& parameters) const;
+    void setBodyParameters(int index, int bodyIndex, const std::vector<double>& parameters);
+
+    void updateParametersInContext(OpenMM::Context& context);
+    bool usesPeriodicBoundaryConditions() const;
+
+    %extend {
+        /** The same object as this class, or None if it is of another class. Ownership stays. */
+        static RigidHIPlugin::CustomBodyMotion* _fromGeneric(OpenMM::Force* force) {
+            return dynamic_cast<CustomBodyMotion*>(force);
         }
     }
 };

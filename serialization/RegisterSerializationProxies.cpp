@@ -3,9 +3,11 @@
 #include <typeinfo>
 
 #include "CustomBodyForceProxy.h"
+#include "CustomBodyMotionProxy.h"
 #include "CustomRigidHIIntegratorProxy.h"
 #include "MobilityForceProxy.h"
 #include "openmmrigidhi/CustomBodyForce.h"
+#include "openmmrigidhi/CustomBodyMotion.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "openmmrigidhi/MobilityForce.h"
 #include "openmmrigidhi/internal/windowsExport.h"
@@ -24,4 +26,6 @@ registerRigidHISerializationProxies() {
     OpenMM::SerializationProxy::registerProxy(typeid(MobilityForce), &mobilityProxy);
     static const CustomBodyForceProxy bodyForceProxy;
     OpenMM::SerializationProxy::registerProxy(typeid(CustomBodyForce), &bodyForceProxy);
+    static const CustomBodyMotionProxy bodyMotionProxy;
+    OpenMM::SerializationProxy::registerProxy(typeid(CustomBodyMotion), &bodyMotionProxy);
 }

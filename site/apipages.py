@@ -16,8 +16,8 @@ import xml.etree.ElementTree
 import openmmrigidhi
 
 PACKAGES = ['app', 'analysis', 'accuracy', 'ensemble']
-#: Enumerations of the three classes whose enumerators are attributes of them.
-CLASSES = ['CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce']
+#: Enumerations of the classes whose enumerators are attributes of them.
+CLASSES = ['CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce', 'CustomBodyMotion']
 
 
 def write(source, xml_folder):

@@ -22,13 +22,14 @@ _loading.load()
 from .integrator import CustomRigidHIIntegrator  # noqa: E402  (needs the libraries)
 from .mobility import MobilityForce  # noqa: E402
 from .bodyforce import CustomBodyForce  # noqa: E402
+from .bodymotion import CustomBodyMotion  # noqa: E402
 from ._loading import checkPlatform  # noqa: E402
 from ._description import describe  # noqa: E402
 
 __version__ = _loading.version
 __all__ = [
-    'CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce', 'checkPlatform', 'describe',
-    'app', 'analysis', 'accuracy', 'ensemble'
+    'CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce', 'CustomBodyMotion',
+    'checkPlatform', 'describe', 'app', 'analysis', 'accuracy', 'ensemble'
 ]
 
 _SUBMODULES = ('app', 'analysis', 'accuracy', 'ensemble')

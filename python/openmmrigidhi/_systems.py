@@ -7,6 +7,7 @@ import numpy as np
 
 from . import _units
 from ._types import Array, Numbers
+from .bodymotion import CustomBodyMotion
 from .mobility import MobilityForce
 
 if TYPE_CHECKING:
@@ -50,10 +51,14 @@ def walls_of(fluid: MobilityForce) -> list[tuple[int, float, int]]:
 
 
 def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> None:
-    """Refuse a System whose fluid is driven, where equilibrium is assumed.
+    """Refuse a System that a flow or moving bodies drive, where equilibrium is assumed.
 
     The text consequence says what is wrong then, and what to do instead.
     """
+    if any(motion.getNumBodies() for motion in forces_of(system, CustomBodyMotion)):
+        raise ValueError(
+            f'{where}: a CustomBodyMotion prescribes how bodies move; there is no equilibrium '
+            f'beside bodies that are moved, {consequence}, or remove the CustomBodyMotion')
     for fluid in forces_of(system, MobilityForce):
         velocity, gradient = (quantity._value for quantity in fluid.getBackgroundFlow())
         f0 = fluid.getSinusoidalForceDensity()[0]._value

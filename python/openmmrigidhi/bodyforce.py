@@ -1,46 +1,11 @@
 """CustomBodyForce: the Python side of the C++ class, with checked types and documentation."""
 from __future__ import annotations
 
-import numpy as np
 import openmm
-from openmm import unit
 
-from . import _bindings, _copies, _units
-from ._types import Number, Numbers
+from . import _bindings, _bodyexpressions, _copies
 
 _Base = _bindings.CustomBodyForce
-
-
-def _where(method):
-    return 'CustomBodyForce.' + method
-
-
-def _text(value, method, name):
-    if not isinstance(value, str):
-        raise TypeError(f'{_where(method)}: {name}: got {value!r}; it must be a string: give text')
-    return value
-
-
-def _plain(quantity):
-    """The value of a quantity of any dimension in OpenMM's units.
-
-    Quantities per particle (1 N, 1 g) become quantities per mole.
-    """
-    powers = {dimension.name: power for dimension, power in quantity.unit.iter_base_dimensions()}
-    if powers.get('mass'):
-        # OpenMM's unit of mass is g/mol, so a mass without a mole becomes larger by Avogadro's
-        # number.
-        quantity = quantity*unit.AVOGADRO_CONSTANT_NA**(powers['mass'] + powers.get('amount', 0))
-    return quantity.value_in_unit_system(unit.md_unit_system)
-
-
-def _value(value, method, name):
-    """A parameter as a float in OpenMM's units.
-
-    Expressions give the parameter its meaning, so it may have any dimension.
-    """
-    return _units.number(
-        _plain(value) if unit.is_quantity(value) else value, _units.NONE, _where(method), name)
 
 
 class CustomBodyForce(_copies.Copies, _Base):
@@ -99,7 +64,10 @@ class CustomBodyForce(_copies.Copies, _Base):
 
     def __init__(self, fx: str, fy: str, fz: str, tx: str, ty: str, tz: str) -> None:
         given = {'fx': fx, 'fy': fy, 'fz': fz, 'tx': tx, 'ty': ty, 'tz': tz}
-        super().__init__(*[_text(value, '__init__', name) for name, value in given.items()])
+        super().__init__(*[
+            _bodyexpressions.text(value, 'CustomBodyForce.__init__', name)
+            for name, value in given.items()
+        ])
 
     def __repr__(self):
         expressions = ', '.join(f'{c}={self.getExpression(c)!r}'
@@ -132,190 +100,29 @@ class CustomBodyForce(_copies.Copies, _Base):
 
     # ---- Expressions -----------------------------------------------------------------------------
 
-    def getExpression(self, component: str) -> str:
-        """Get one of the six expressions, a str.
-
-        Parameters
-        ----------
-        component : str
-            'fx', 'fy', 'fz', 'tx', 'ty' or 'tz'
-        """
-        return super().getExpression(_text(component, 'getExpression', 'component'))
-
-    def setExpression(self, component: str, expression: str) -> None:
-        """Set one of the six expressions.
-
-        The expression takes effect at the next Context creation or reinitialize().
-
-        Parameters
-        ----------
-        component : str
-            'fx', 'fy', 'fz', 'tx', 'ty' or 'tz'
-        expression : str
-            the expression
-        """
-        super().setExpression(_text(component, 'setExpression', 'component'),
-                              _text(expression, 'setExpression', 'expression'))
+    getExpression = _bodyexpressions.getExpression
+    setExpression = _bodyexpressions.setExpression
 
     # ---- Parameters ------------------------------------------------------------------------------
 
-    def getNumPerBodyParameters(self) -> int:
-        """Get the number of per-body parameters."""
-        return super().getNumPerBodyParameters()
-
-    def addPerBodyParameter(self, name: str) -> int:
-        """Add a per-body parameter, and get its index.
-
-        Parameters
-        ----------
-        name : str
-            its name, without spaces or operators and without a digit first; it must differ from the
-            names of variables and other parameters
-        """
-        return super().addPerBodyParameter(_text(name, 'addPerBodyParameter', 'name'))
-
-    def getPerBodyParameterName(self, index: int) -> str:
-        """Get the name of a per-body parameter by its index."""
-        return super().getPerBodyParameterName(self._index(index, 'getPerBodyParameterName'))
-
-    def setPerBodyParameterName(self, index: int, name: str) -> None:
-        """Set the name of a per-body parameter by its index.
-
-        Parameters and errors as in :meth:`addPerBodyParameter`.
-        """
-        super().setPerBodyParameterName(self._index(index, 'setPerBodyParameterName'),
-                                        _text(name, 'setPerBodyParameterName', 'name'))
-
-    def getNumGlobalParameters(self) -> int:
-        """Get the number of global parameters."""
-        return super().getNumGlobalParameters()
-
-    def addGlobalParameter(self, name: str, defaultValue: Number) -> int:
-        """Add a global parameter, which is a parameter of the Context, and get its index.
-
-        Parameters
-        ----------
-        name : str
-            its name, without spaces or operators and without a digit first; it must differ from the
-            names of variables and other parameters
-        defaultValue : float or Quantity
-            its value in a new Context, in OpenMM's units; finite
-        """
-        return super().addGlobalParameter(
-            _text(name, 'addGlobalParameter', 'name'),
-            _value(defaultValue, 'addGlobalParameter', 'defaultValue'))
-
-    def getGlobalParameterName(self, index: int) -> str:
-        """Get the name of a global parameter by its index."""
-        return super().getGlobalParameterName(self._index(index, 'getGlobalParameterName'))
-
-    def setGlobalParameterName(self, index: int, name: str) -> None:
-        """Set the name of a global parameter by its index.
-
-        Parameters and errors as in :meth:`addGlobalParameter`.
-        """
-        super().setGlobalParameterName(self._index(index, 'setGlobalParameterName'),
-                                       _text(name, 'setGlobalParameterName', 'name'))
-
-    def getGlobalParameterDefaultValue(self, index: int) -> float:
-        """Get the value of a global parameter in a new Context by its index, in OpenMM's units."""
-        return super().getGlobalParameterDefaultValue(
-            self._index(index, 'getGlobalParameterDefaultValue'))
-
-    def setGlobalParameterDefaultValue(self, index: int, defaultValue: Number) -> None:
-        """Set the value of a global parameter in a new Context.
-
-        Parameters
-        ----------
-        index : int
-            index of the parameter
-        defaultValue : float or Quantity
-            the value, in OpenMM's units; finite
-        """
-        method = 'setGlobalParameterDefaultValue'
-        super().setGlobalParameterDefaultValue(self._index(index, method),
-                                               _value(defaultValue, method, 'defaultValue'))
+    getNumPerBodyParameters = _bodyexpressions.getNumPerBodyParameters
+    addPerBodyParameter = _bodyexpressions.addPerBodyParameter
+    getPerBodyParameterName = _bodyexpressions.getPerBodyParameterName
+    setPerBodyParameterName = _bodyexpressions.setPerBodyParameterName
+    getNumGlobalParameters = _bodyexpressions.getNumGlobalParameters
+    addGlobalParameter = _bodyexpressions.addGlobalParameter
+    getGlobalParameterName = _bodyexpressions.getGlobalParameterName
+    setGlobalParameterName = _bodyexpressions.setGlobalParameterName
+    getGlobalParameterDefaultValue = _bodyexpressions.getGlobalParameterDefaultValue
+    setGlobalParameterDefaultValue = _bodyexpressions.setGlobalParameterDefaultValue
 
     # ---- Bodies ----------------------------------------------------------------------------------
 
-    def getNumBodies(self) -> int:
-        """Get the number of entries; an entry lets this force act on a body."""
-        return super().getNumBodies()
-
-    def addBody(self, bodyIndex: int, parameters: Numbers = ()) -> int:
-        """Let the force act on a body; it acts twice on a body that is added twice.
-
-        Parameters
-        ----------
-        bodyIndex : int
-            index of the body in the integrator
-        parameters : sequence of float or Quantity
-            values of the per-body parameters, in OpenMM's units; finite
-
-        Returns
-        -------
-        int
-            index of the entry
-        """
-        return super().addBody(_units.integer(bodyIndex, _where('addBody'), 'bodyIndex'),
-                               self._parameters(parameters, 'addBody'))
-
-    def getBodyParameters(self, index: int) -> tuple[int, tuple[float, ...]]:
-        """Get the body and the parameters of an entry.
-
-        Parameters
-        ----------
-        index : int
-            index of the entry
-
-        Returns
-        -------
-        bodyIndex : int
-            index of the body in the integrator
-        parameters : tuple of float
-            values of the per-body parameters, in OpenMM's units
-        """
-        body, buffer = super().getBodyParameters(self._index(index, 'getBodyParameters'))
-        return body, tuple(np.frombuffer(buffer, dtype=np.double).tolist())
-
-    def setBodyParameters(self, index: int, bodyIndex: int, parameters: Numbers = ()) -> None:
-        """Set the body and the parameters of an entry.
-
-        The change takes effect at the next Context creation, or with
-        :meth:`updateParametersInContext`.
-
-        Parameters
-        ----------
-        index : int
-            index of the entry
-        bodyIndex : int
-            index of the body in the integrator
-        parameters : sequence of float or Quantity
-            values of the per-body parameters, in OpenMM's units; finite
-        """
-        super().setBodyParameters(
-            self._index(index, 'setBodyParameters'),
-            _units.integer(bodyIndex, _where('setBodyParameters'), 'bodyIndex'),
-            self._parameters(parameters, 'setBodyParameters'))
-
-    def updateParametersInContext(self, context: openmm.Context) -> None:
-        """Copy the per-body parameters of all entries to a Context.
-
-        Expressions, names and the set of bodies stay as they were when the Context was created.
-
-        Parameters
-        ----------
-        context : openmm.Context
-            the Context
-
-        Raises
-        ------
-        openmm.OpenMMException
-            if this force is not in the Context, or acts on other bodies than when the Context was
-            created
-        """
-        super().updateParametersInContext(
-            _units.context(context, _where('updateParametersInContext')))
+    getNumBodies = _bodyexpressions.getNumBodies
+    addBody = _bodyexpressions.addBody
+    getBodyParameters = _bodyexpressions.getBodyParameters
+    setBodyParameters = _bodyexpressions.setBodyParameters
+    updateParametersInContext = _bodyexpressions.updateParametersInContext
 
     def usesPeriodicBoundaryConditions(self) -> bool:
         """Get whether this force uses periodic boundary conditions.
@@ -323,20 +130,3 @@ class CustomBodyForce(_copies.Copies, _Base):
         It does not: positions are unwrapped.
         """
         return super().usesPeriodicBoundaryConditions()
-
-    @staticmethod
-    def _index(index, method):
-        return _units.integer(index, _where(method), 'index')
-
-    @staticmethod
-    def _parameters(values, method):
-        if unit.is_quantity(values):
-            values = _plain(values)
-        try:
-            values = list(values)
-        except TypeError:
-            raise TypeError(
-                f'{_where(method)}: parameters: got {values!r}; it must be a sequence of numbers: '
-                'give one for each per-body parameter') from None
-        return np.array([_value(value, method, f'parameter {i}') for i, value in enumerate(values)],
-                        dtype=np.double)

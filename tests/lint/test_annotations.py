@@ -139,7 +139,8 @@ def members(path):
 def test_stubs_say_what_swig_made(package_directory):
     stubs, made = members(package_directory/'_bindings.pyi'), members(
         package_directory/'_bindings.py')
-    assert {'CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce'} <= set(stubs)
+    assert {'CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce', 'CustomBodyMotion'
+            } <= set(stubs)
     for cls in stubs:
         mine, swigs = stubs[cls], made[cls]
         hidden = '__repr__' if cls else '_swig'

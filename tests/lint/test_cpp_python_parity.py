@@ -10,7 +10,7 @@ from conftest import read
 
 INTERFACE = 'python/openmmrigidhi.i'
 #: Every public class, whose header has its name.
-CLASSES = ['CustomBodyForce', 'CustomRigidHIIntegrator', 'MobilityForce']
+CLASSES = ['CustomBodyForce', 'CustomBodyMotion', 'CustomRigidHIIntegrator', 'MobilityForce']
 
 #: C++ parameters by reference and their names as results in Python.
 RESULTS = {

@@ -142,6 +142,17 @@ WITHOUT_UNIT = {
         'getGlobalParameterDefaultValue': 'what the expressions make of it',
         'getNumBodies': 'a number of bodies',
         'getBodyParameters': 'an index, and what the expressions make of the parameters',
+    },
+    'CustomBodyMotion': {
+        'getFrame': 'a constant',
+        'getExpression': 'text',
+        'getNumPerBodyParameters': 'a number of parameters',
+        'getPerBodyParameterName': 'text',
+        'getNumGlobalParameters': 'a number of parameters',
+        'getGlobalParameterName': 'text',
+        'getGlobalParameterDefaultValue': 'what the expressions make of it',
+        'getNumBodies': 'a number of bodies',
+        'getBodyParameters': 'an index, and what the expressions make of the parameters',
     }
 }
 #: The unit of every other getter.
@@ -183,7 +194,8 @@ UNITS = {
         'getFlowModeInContext': unit.nanometer/unit.picosecond,
         'getRandomFlowModeInContext': unit.nanometer/unit.picosecond,
     },
-    'CustomBodyForce': {}
+    'CustomBodyForce': {},
+    'CustomBodyMotion': {}
 }
 #: Results that are arrays over bodies, and their number of columns.
 COLUMNS = {
@@ -248,17 +260,23 @@ def scene():
     context.setPositions(np.random.default_rng(1).random((6, 3)))
     context.setVelocitiesToTemperature(300, 1)
     integrator.step(2)
+    motion = openmmrigidhi.CustomBodyMotion('k*t', 'g')
+    motion.addGlobalParameter('k', 1)
+    motion.addPerBodyParameter('g')
+    motion.addBody(0, [1])
     yield {
         'CustomRigidHIIntegrator': integrator,
         'MobilityForce': fluid,
         'CustomBodyForce': force,
+        'CustomBodyMotion': motion,
         'context': context
     }
 
 
 def result(scene, cls, name):
     arguments = [scene['context'], *QUESTIONS.get(name, [])] if name.endswith('InContext') \
-        else ['fx'] if name == 'getExpression' else \
+        else [{'CustomBodyForce': 'fx', 'CustomBodyMotion': 'vx'}[cls]] \
+        if name == 'getExpression' else \
         [0] if name in NEEDS_INDEX else []
     return getattr(scene[cls], name)(*arguments)
 

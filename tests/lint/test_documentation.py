@@ -67,6 +67,7 @@ def test_every_public_method_is_in_a_guide_or_documented_reference():
     known = set(dir(openmmrigidhi.CustomRigidHIIntegrator)) | set(dir(openmmrigidhi)) | set(
         dir(openmmrigidhi.app))
     known |= set(dir(openmmrigidhi.CustomBodyForce)) | set(dir(openmmrigidhi.MobilityForce))
+    known |= set(dir(openmmrigidhi.CustomBodyMotion))
     for page in ('README.md', 'docs/USER_GUIDE.md', 'docs/CONVENTIONS.md', 'docs/THEORY.md',
                  *git_files('docs/schemes/*.md', 'docs/models/*.md')):
         for name in re.findall(r'`(?:openmmrigidhi\.app\.)?((?:get|set|compute|addRigid)\w+)\(?',

@@ -94,8 +94,9 @@ def cpp_sites():
             if before.endswith(('void', 'inline')):
                 continue  # the definition of such a function
             call = text[match.end() - 1:balanced(text, match.end() - 1)]
-            message = re.sub(r'^(?:CustomRigidHIIntegrator|MobilityForce|CustomBodyForce): ', '',
-                             literals(call))
+            message = re.sub(
+                r'^(?:CustomRigidHIIntegrator|MobilityForce|CustomBodyForce|CustomBodyMotion): ',
+                '', literals(call))
             if len(re.sub(r'[^A-Za-z]', '', message)) < MINIMUM:
                 continue  # forwards a message that is written elsewhere
             yield f'{name}:{text.count(chr(10), 0, match.start()) + 1}', message

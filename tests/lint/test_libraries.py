@@ -7,7 +7,8 @@ import pytest
 #: Exported by the API library, after demangling: the public classes, and the functions that OpenMM
 #: runs when it loads the library.
 API_CLASSES = ('RigidHIPlugin::CustomRigidHIIntegrator', 'RigidHIPlugin::MobilityForce',
-               'RigidHIPlugin::CustomBodyForce', 'registerRigidHISerializationProxies')
+               'RigidHIPlugin::CustomBodyForce', 'RigidHIPlugin::CustomBodyMotion',
+               'RigidHIPlugin::BodyExpressions', 'registerRigidHISerializationProxies')
 #: Exported for the platforms' libraries: state of which a process has one instance.
 SHARED_STATE = ('RigidHIPlugin::blasThreads()', 'RigidHIPlugin::fourierPlanner()')
 #: Functions of openmmrigidhi/Version.h.

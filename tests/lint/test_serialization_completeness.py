@@ -12,10 +12,12 @@ from openmm import unit
 Integrator = openmmrigidhi.CustomRigidHIIntegrator
 MobilityForce = openmmrigidhi.MobilityForce
 CustomBodyForce = openmmrigidhi.CustomBodyForce
+CustomBodyMotion = openmmrigidhi.CustomBodyMotion
 CLASSES = {
     'CustomRigidHIIntegrator': Integrator,
     'MobilityForce': MobilityForce,
-    'CustomBodyForce': CustomBodyForce
+    'CustomBodyForce': CustomBodyForce,
+    'CustomBodyMotion': CustomBodyMotion
 }
 
 #: A symmetric positive definite tensor without zeros.
@@ -80,6 +82,16 @@ VALUES = {
         'setGlobalParameterName': (0, 'stiffness'),
         'setGlobalParameterDefaultValue': (0, 1/3),
         'setBodyParameters': (0, 3, [1/3]),
+    },
+    'CustomBodyMotion': {
+        'setForceGroup': (7,),
+        'setName': ('rollers <1> & "2"',),
+        'setExpression': ('wy', 'k*step(t)/3'),
+        'setFrame': (CustomBodyMotion.Body,),
+        'setPerBodyParameterName': (0, 'h'),
+        'setGlobalParameterName': (0, 'stiffness'),
+        'setGlobalParameterDefaultValue': (0, 1/3),
+        'setBodyParameters': (0, 3, [1/3]),
     }
 }
 #: Setters that are left out, because a State or checkpoint holds their values, or because there is
@@ -92,7 +104,8 @@ ELSEWHERE = {
         'setBodyAngularVelocities': 'state of a Context',
     },
     'MobilityForce': {},
-    'CustomBodyForce': {}
+    'CustomBodyForce': {},
+    'CustomBodyMotion': {}
 }
 #: Setters whose getter takes the setter's first argument.
 INDEXED = {
@@ -113,6 +126,12 @@ def fresh(cls):
         return fluid
     if cls == 'CustomBodyForce':
         force = CustomBodyForce('-k*x', 'g', '0', '0', '0', '0')
+        force.addGlobalParameter('k', 1)
+        force.addPerBodyParameter('g')
+        force.addBody(0, [1])
+        return force
+    if cls == 'CustomBodyMotion':
+        force = CustomBodyMotion('-k*t', 'g', '', '', '', '0')
         force.addGlobalParameter('k', 1)
         force.addPerBodyParameter('g')
         force.addBody(0, [1])
@@ -186,7 +205,8 @@ def test_all_together_survive_to_the_same_xml(cls, through):
                                             ('MobilityForce', 'Model'),
                                             ('MobilityForce', 'Boundary'),
                                             ('MobilityForce', 'SphereWallMobility'),
-                                            ('MobilityForce', 'Solver')])
+                                            ('MobilityForce', 'Solver'),
+                                            ('CustomBodyMotion', 'Frame')])
 def test_every_constant_survives(cls, constants):
     kind = type(getattr(fresh(cls), 'get' + constants)())
     for constant in kind:

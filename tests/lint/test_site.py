@@ -153,7 +153,8 @@ def test_every_public_thing_has_its_page(html):
             assert f'openmmrigidhi.{name}' in anchors(html, 'api/index.html')
 
 
-@pytest.mark.parametrize('name', ['CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce'])
+@pytest.mark.parametrize(
+    'name', ['CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce', 'CustomBodyMotion'])
 def test_every_method_and_enumerator_is_on_the_page_of_its_class(html, name):
     type_ = getattr(openmmrigidhi, name)
     public = [

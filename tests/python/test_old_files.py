@@ -8,7 +8,8 @@ import pathlib
 import numpy as np
 import openmm
 
-from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForce
+from openmmrigidhi import (CustomBodyForce, CustomBodyMotion, CustomRigidHIIntegrator,
+                           MobilityForce)
 
 DATA = pathlib.Path(__file__).parent/'data'
 
@@ -53,6 +54,22 @@ def test_body_force():
             for body, values in (force.getBodyParameters(i)
                                  for i in range(force.getNumBodies()))] == [(2, [1.5, -2]),
                                                                             (0, [0, 4])]
+
+
+def test_body_motion():
+    force = CustomBodyMotion.cast(read('body_motion_version1.xml'))
+    assert (force.getForceGroup(), force.getName(), force.getFrame()) == (0, 'rollers', force.Body)
+    assert [force.getExpression(name) for name in ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
+            ] == ['', '', '0', '', 'w*step(t-t0)', '']
+    assert force.getPerBodyParameterName(0) == 'w'
+    assert (force.getGlobalParameterName(0), force.getGlobalParameterDefaultValue(0)) == ('t0', 2.5)
+    assert [force.getBodyParameters(i) for i in range(2)] == [(2, (1.5,)), (0, (-4,))]
+
+
+def test_integrator_with_something_held():
+    integrator = CustomRigidHIIntegrator.cast(read('integrator_version2.xml'))
+    assert [integrator.getBodyHeld(i) for i in range(2)] == [False, True]
+    assert integrator.getHeldParticles() == [3, 9]
 
 
 def test_integrator():

@@ -115,7 +115,7 @@ def test_every_setter_is_in_the_list_of_properties():
     """
     others = {
         'setBodyPositions', 'setBodyOrientations', 'setBodyVelocities', 'setBodyAngularVelocities',
-        'setRigidBodyParameters', 'setBodyFriction'
+        'setRigidBodyParameters', 'setBodyFriction', 'setBodyHeld', 'setParticleHeld'
     }
     setters = {name for name in dir(CustomRigidHIIntegrator) if name.startswith('set')}
     assert setters - others == {setter for setter, _, _ in PROPERTIES}

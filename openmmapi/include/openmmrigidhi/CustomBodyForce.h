@@ -4,10 +4,10 @@
 #include <openmm/Context.h>
 #include <openmm/Force.h>
 
-#include <array>
 #include <string>
 #include <vector>
 
+#include "openmmrigidhi/internal/BodyExpressions.h"
 #include "openmmrigidhi/internal/windowsExport.h"
 
 namespace RigidHIPlugin {
@@ -130,31 +130,14 @@ public:
      */
     bool usesPeriodicBoundaryConditions() const override;
 
-    /** @private The components in the order of the constructor. */
-    static const std::array<std::string, 6>& componentNames();
-    /** @private The names that expressions may use besides parameters, in the order x y z q0 q1 q2
-     * q3 vx vy vz t. */
-    static const std::vector<std::string>& variableNames();
+    /** @private Expressions, parameters and bodies, for the other parts of the library. */
+    const BodyExpressions& getBodyExpressions() const { return expressions; }
 
 protected:
     OpenMM::ForceImpl* createImpl() const override;
 
 private:
-    struct GlobalParameter {
-        std::string name;
-        double defaultValue;
-    };
-    struct Entry {
-        int body;
-        std::vector<double> parameters;
-    };
-    void checkName(const std::string& name, const char* method, const std::string* present) const;
-    Entry makeEntry(int bodyIndex, const std::vector<double>& parameters, int index) const;
-
-    std::array<std::string, 6> expressions;
-    std::vector<std::string> perBodyParameters;
-    std::vector<GlobalParameter> globalParameters;
-    std::vector<Entry> entries;
+    BodyExpressions expressions;
 };
 
 }  // namespace RigidHIPlugin

@@ -3,6 +3,7 @@
 #include <OpenMM.h>
 
 #include "openmmrigidhi/CustomBodyForce.h"
+#include "openmmrigidhi/CustomBodyMotion.h"
 #include "openmmrigidhi/MobilityForce.h"
 
 using namespace OpenMM;
@@ -22,15 +23,16 @@ bool onlyMakesForces(const Force& force) {
                    CustomCompoundBondForce, CustomExternalForce, CustomGBForce, CustomHbondForce,
                    CustomManyParticleForce, CustomNonbondedForce, CustomTorsionForce, GayBerneForce,
                    GBSAOBCForce, HarmonicAngleForce, HarmonicBondForce, NonbondedForce,
-                   PeriodicTorsionForce, RBTorsionForce, RMSDForce, CustomBodyForce, MobilityForce>(
-        force);
+                   PeriodicTorsionForce, RBTorsionForce, RMSDForce, CustomBodyForce,
+                   CustomBodyMotion, MobilityForce>(force);
 }
 
 }  // namespace
 
 bool feelsNoParticles(const Force& force) {
     return isOneOf<CMMotionRemover, MonteCarloBarostat, MonteCarloAnisotropicBarostat,
-                   MonteCarloMembraneBarostat, CustomBodyForce, MobilityForce>(force);
+                   MonteCarloMembraneBarostat, CustomBodyForce, CustomBodyMotion, MobilityForce>(
+        force);
 }
 
 ActingForces::ActingForces(const System& system) {

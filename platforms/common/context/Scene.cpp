@@ -22,9 +22,11 @@ Scene::Scene(ContextImpl& context, const CustomRigidHIIntegrator& integrator,
       contextParameters(context.getParameters()), arrays(move(arraysToUse)),
       loops(move(loopsToUse)), definitions(integrator, system),
       stock(takeStock(context, definitions.underPresentScheme())), bodyForces(context),
+      bodyMotions(context.getForceImpls(), definitions.getNumBodies()),
       fluid(*this, stock.mobilityForce) {
     arrays->checkVirtualSites();
     stock.velocityDependentForce = bodyForces.velocityDependence();
+    stock.prescribed = bodyMotions.getPrescribed();
     checkScheme(system, definitions.underPresentScheme(), stock);
     stock.mobilityForce = fluid.getParameters();
     freeParticles.reset(new FreeParticles(system, stock.freeParticles, arrays->constraints()));
@@ -39,6 +41,7 @@ Scene::Scene(ContextImpl& context, const CustomRigidHIIntegrator& integrator,
 
 void Scene::build(const vector<BodyGeometry>& geometries) {
     BodyDefinitions::Bodies newBodies = definitions.build(geometries);
+    bodyMotions.checkSpins(geometries, definitions.particlesOfBodies(), fluid.getParameters());
     unique_ptr<Fluid> newFluid = fluid.make(newBodies);
     const auto exchange = [&] {
         definitions.exchange(newBodies);

@@ -19,6 +19,7 @@
 #include "context/TemperatureWatch.h"
 #include "context/WarningPrinter.h"
 #include "forces/BodyForces.h"
+#include "forces/BodyMotions.h"
 #include "host/FreeParticles.h"
 #include "host/PlatformLoops.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
@@ -84,6 +85,7 @@ public:
     BodyDefinitions definitions;
     SystemInventory stock;
     BodyForces bodyForces;
+    BodyMotions bodyMotions;
     BodySet bodies;
     std::unique_ptr<FreeParticles> freeParticles;
     ContextFluid fluid;

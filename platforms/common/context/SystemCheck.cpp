@@ -298,6 +298,33 @@ void refuseHeldUntilSupported(const CustomRigidHIIntegrator& integrator) {
         fail(particleText(p) + " is held, which this build does not support; let it go");
 }
 
+/** Check the motions that CustomBodyMotions prescribe. */
+static void checkPrescribed(const CustomRigidHIIntegrator& integrator, const SystemInventory& stock,
+                            const SchemeTraits& traits) {
+    for (const auto& [b, components] : stock.prescribed) {
+        const string motion =
+            "a CustomBodyMotion (force " + to_string(components.force) + ") prescribes ";
+        if (integrator.getBodyHeld(b))
+            fail(bodyText(b) + " is held, but " + motion +
+                 "its motion; let the body go, or remove it from the force");
+        if (!traits.needsFluid())
+            fail(motion + "the motion of " + bodyText(b) + ", which scheme " + traits.name +
+                 " cannot do; use a scheme with a fluid, such as TrapezoidalSlip, or hold the body "
+                 "by setBodyHeld()");
+        if (traits.hasMomenta && !components.areAll())
+            fail(motion + components.names() + " of " + bodyText(b) + ", but scheme " +
+                 traits.name +
+                 " can prescribe all six components of a body or none; give all six expressions, "
+                 "or use a scheme without momenta, such as TrapezoidalSlip");
+    }
+}
+
+void refusePrescribedUntilSupported(const SystemInventory& stock) {
+    for (const auto& entry : stock.prescribed)
+        fail("the motion of " + bodyText(entry.first) +
+             " is prescribed, which this build does not support; remove the CustomBodyMotion");
+}
+
 /**
  * Checks that depend on inertia: schemes with momenta need inertia everywhere, and
  * GradientThermostat needs it in its rates.
@@ -305,7 +332,10 @@ void refuseHeldUntilSupported(const CustomRigidHIIntegrator& integrator) {
 static void checkMasses(const System& system, const CustomRigidHIIntegrator& integrator,
                         const SystemInventory& stock, const string& name) {
     for (int b = 0; b < integrator.getNumRigidBodies(); b++) {
-        if (integrator.getBodyHeld(b)) continue;
+        const auto prescribed = stock.prescribed.find(b);
+        if (integrator.getBodyHeld(b) ||
+            (prescribed != stock.prescribed.end() && prescribed->second.areAll()))
+            continue;
         double mass = 0;
         if (integrator.getRigidBodyIsExplicit(b)) {
             vector<int> particles;
@@ -381,7 +411,9 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
         checkMasses(system, integrator, stock, name);
     if (!traits.hasMomenta) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
     checkHeld(system, integrator, stock);
+    checkPrescribed(integrator, stock, traits);
     refuseHeldUntilSupported(integrator);
+    refusePrescribedUntilSupported(stock);
     if (traits.kind == SchemeKind::FluidThermostat) {
         if (stock.hasCMMotionRemover)
             fail("the System has a CMMotionRemover, but with scheme " + name +

@@ -3,9 +3,11 @@
 
 #include <openmm/internal/ContextImpl.h>
 
+#include <map>
 #include <string>
 #include <vector>
 
+#include "forces/BodyMotions.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 
 namespace RigidHIPlugin {
@@ -26,6 +28,7 @@ struct SystemInventory {
     int firstFreeWater = -1;              // its first particle
     std::string
         velocityDependentForce;  // a CustomBodyForce whose expressions use velocities, or empty
+    std::map<int, PrescribedComponents> prescribed;  // by body
     const class MobilityForce* mobilityForce = nullptr;
     int numMobilityForces = 0;
 };
@@ -49,6 +52,9 @@ void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& in
  * it. To be deleted with its calls and its test when they are.
  */
 void refuseHeldUntilSupported(const CustomRigidHIIntegrator& integrator);
+
+/** UNTIL PRESCRIBED MOTION IS SUPPORTED: likewise for every CustomBodyMotion that has bodies. */
+void refusePrescribedUntilSupported(const SystemInventory& stock);
 
 /**
  * Check that a MobilityForce's model has its boundary, and that its options are compatible with

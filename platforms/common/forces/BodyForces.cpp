@@ -1,13 +1,10 @@
 #include "forces/BodyForces.h"
 
-#include <openmm/OpenMMException.h>
-
 #include <cmath>
 #include <set>
 
-#include "forces/Expression.h"
+#include "forces/CompiledExpressions.h"
 #include "openmmrigidhi/internal/CustomBodyForceImpl.h"
-#include "openmmrigidhi/internal/Errors.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -16,30 +13,21 @@ namespace RigidHIPlugin {
 
 namespace {
 
-constexpr ErrorsOf fail{"CustomBodyForce"};
-
-// The places of variables among the values of a force. Parameters follow
-// (CustomBodyForce::variableNames()).
-const int X = 0, Q = 3, V = 7, T = 10, firstParameter = 11;
+// The places of variables among those of a CustomBodyForce.
+const int X = 0, Q = 3, V = 7, T = 10;
 
 }  // namespace
 
 /** One CustomBodyForce. */
-struct BodyForces::Force {
-    int index;  // in the System
-    const CustomBodyForceImpl& impl;
-    int numPerBody;
-    vector<string> globals;
-    vector<double> values;           // of variables, per-body parameters, global parameters
-    vector<Expression> expressions;  // fx fy fz tx ty tz
-    bool isIn(int groups) const {
-        return (groups >> impl.getOwner().getForceGroup() & 1) != 0 && !impl.getBodies().empty();
+struct BodyForces::Force : CompiledExpressions {
+    Force(int index, const CustomBodyForceImpl& impl)
+        : CompiledExpressions(index, impl), owner(impl.getOwner()) {
+        for (const string& component : impl.getExpressions().getKind().components)
+            compile(component);
     }
-    bool uses(int first, int end) const {
-        for (const Expression& e : expressions)
-            for (int v = first; v < end; v++)
-                if (e.uses(v)) return true;
-        return false;
+    const CustomBodyForce& owner;
+    bool isIn(int groups) const {
+        return (groups >> owner.getForceGroup() & 1) != 0 && !getBodies().empty();
     }
 };
 
@@ -52,26 +40,7 @@ BodyForces::BodyForces(ContextImpl& context) {
     for (size_t i = 0; i < impls.size(); i++) {
         const auto* impl = dynamic_cast<const CustomBodyForceImpl*>(impls[i]);
         if (impl == nullptr) continue;
-        const CustomBodyForce& owner = impl->getOwner();
-        unique_ptr<Force> force(
-            new Force{(int)i, *impl, owner.getNumPerBodyParameters(), {}, {}, {}});
-        vector<string> names = CustomBodyForce::variableNames();
-        for (int k = 0; k < owner.getNumPerBodyParameters(); k++)
-            names.push_back(owner.getPerBodyParameterName(k));
-        for (int k = 0; k < owner.getNumGlobalParameters(); k++) {
-            force->globals.push_back(owner.getGlobalParameterName(k));
-            names.push_back(force->globals.back());
-        }
-        force->values.assign(names.size(), 0.0);
-        for (const string& component : CustomBodyForce::componentNames()) {
-            const string where = "CustomBodyForce: force " + to_string(i) + ": " + component + ": ";
-            try {
-                force->expressions.emplace_back(owner.getExpression(component), names,
-                                                force->values.data());
-            } catch (const OpenMMException& error) {
-                throw OpenMMException(where + error.what());
-            }
-        }
+        unique_ptr<Force> force(new Force(i, *impl));
         time = time || force->uses(T, T + 1);
         velocities = velocities || force->uses(V, V + 3);
         forces.push_back(move(force));
@@ -81,7 +50,7 @@ BodyForces::BodyForces(ContextImpl& context) {
 string BodyForces::velocityDependence() const {
     for (const auto& force : forces)
         if (force->uses(V, V + 3))
-            return "force " + to_string(force->index) + ", a CustomBodyForce";
+            return "force " + to_string(force->getForce()) + ", a CustomBodyForce";
     return "";
 }
 
@@ -106,31 +75,22 @@ void BodyForces::setVelocities(const BodySet& bodies, double lookAhead) {
 }
 
 void BodyForces::addOnce(ContextImpl& context, BodySet& bodies, int groups, double t) {
-    const map<string, double>& globals = context.getParameters();
     for (auto& force : forces) {
         if (!force->isIn(groups)) continue;
-        double* values = force->values.data();
-        double* globalValues = values + firstParameter + force->numPerBody;
-        for (const string& name : force->globals) {
-            // Functions such as step() and min() would make finite forces of NaN.
-            const double value = globals.at(name);
-            if (!isfinite(value))
-                fail("the Context's parameter '" + name + "' of force " + to_string(force->index) +
-                     " is " + text(value) + "; set a finite value by setParameter()");
-            *globalValues++ = value;
-        }
+        force->setGlobals(context.getParameters());
+        double* values = force->variables();
         values[T] = t;
-        const double* parameters = force->impl.getParameters().data();
-        for (int b : force->impl.getBodies()) {
+        int entry = 0;
+        for (int b : force->getBodies()) {
             const BodyState state = bodies.getState(b);
             for (int k = 0; k < 3; k++) values[X + k] = state.R[k];
             for (int k = 0; k < 4; k++) values[Q + k] = state.q[k];
             for (int k = 0; velocities && k < 3; k++) values[V + k] = velocity[b][k];
-            for (int k = 0; k < force->numPerBody; k++) values[firstParameter + k] = *parameters++;
+            force->setEntry(entry++);
             Vec3 wrench[2];
             for (int c = 0; c < 6; c++)
-                if (!force->expressions[c].isZero())
-                    wrench[c / 3][c % 3] = force->expressions[c].evaluate();
+                if (!force->expressions()[c].isZero())
+                    wrench[c / 3][c % 3] = force->expressions()[c].evaluate();
             bodies.addForceAndTorque_lab(b, wrench[0], wrench[1]);
         }
     }
@@ -166,7 +126,7 @@ string BodyForces::describe(int groups) const {
     for (const auto& force : forces)
         if (force->isIn(groups)) {
             on++;
-            acted.insert(force->impl.getBodies().begin(), force->impl.getBodies().end());
+            acted.insert(force->getBodies().begin(), force->getBodies().end());
         }
     const auto number = [](int n, const char* one, const char* many) {
         return to_string(n) + " " + (n == 1 ? one : many);

@@ -1,49 +1,19 @@
 #ifndef OPENMMRIGIDHI_CUSTOM_BODY_FORCE_IMPL_H_
 #define OPENMMRIGIDHI_CUSTOM_BODY_FORCE_IMPL_H_
 
-#include <openmm/internal/ForceImpl.h>
-
-#include <map>
-#include <string>
-#include <vector>
-
 #include "openmmrigidhi/CustomBodyForce.h"
+#include "openmmrigidhi/internal/BodyExpressionsImpl.h"
 
 namespace RigidHIPlugin {
 
-/**
- * A CustomBodyForce in a Context. It computes nothing itself. The integrator's kernel, which has
- * the bodies, finds it among the Context's ForceImpls and evaluates it. It holds the entries as
- * they are in this Context.
- */
-class OPENMM_EXPORT_RIGIDHI CustomBodyForceImpl : public OpenMM::ForceImpl {
+/** A CustomBodyForce in a Context. */
+class OPENMM_EXPORT_RIGIDHI CustomBodyForceImpl : public BodyExpressionsImpl {
 public:
     explicit CustomBodyForceImpl(const CustomBodyForce& owner);
-    void initialize(OpenMM::ContextImpl& context) override;
     const CustomBodyForce& getOwner() const override;
-    /**
-     * Changes nothing. OpenMM's default reports that forces are invalid, so that every step would
-     * evaluate them twice.
-     */
-    void updateContextState(OpenMM::ContextImpl& context, bool& forcesInvalid) override {}
-    double calcForcesAndEnergy(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy,
-                               int groups) override {
-        return 0;
-    }
-    std::map<std::string, double> getDefaultParameters() override;
-    std::vector<std::string> getKernelNames() override { return {}; }
-    void updateParametersInContext(OpenMM::ContextImpl& context);
-
-    /** The body of each entry. */
-    const std::vector<int>& getBodies() const { return bodies; }
-    /** The parameters of all entries, one after the other. */
-    const std::vector<double>& getParameters() const { return parameters; }
 
 private:
     const CustomBodyForce& owner;
-    std::vector<int> bodies;
-    std::vector<double> parameters;
-    int numParameters;
 };
 
 }  // namespace RigidHIPlugin

@@ -1,4 +1,4 @@
-#include "openmmrigidhi/internal/CustomBodyForceImpl.h"
+#include "openmmrigidhi/internal/BodyExpressionsImpl.h"
 
 #include <cxxabi.h>
 #include <openmm/internal/ContextImpl.h>
@@ -7,7 +7,6 @@
 #include <typeinfo>
 
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
-#include "openmmrigidhi/internal/Errors.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -15,8 +14,6 @@ using namespace std;
 namespace RigidHIPlugin {
 
 namespace {
-
-constexpr ErrorsOf fail{"CustomBodyForce"};
 
 /** The name of an object's class, as in C++ but without its namespace. */
 template <class T>
@@ -28,9 +25,14 @@ string className(const T& object) {
     return name.substr(name.rfind(':') + 1);
 }
 
+ErrorsOf errorsOf(const BodyExpressions& expressions) {
+    return ErrorsOf(expressions.getKind().className);
+}
+
 /** Copy the entries of a force into two lists, and check that each entry has its parameters. */
-void copyEntries(const CustomBodyForce& force, int numParameters, vector<int>& bodies,
+void copyEntries(const BodyExpressions& force, int numParameters, vector<int>& bodies,
                  vector<double>& parameters) {
+    const ErrorsOf fail = errorsOf(force);
     bodies.clear();
     parameters.clear();
     for (int i = 0; i < force.getNumBodies(); i++) {
@@ -49,19 +51,19 @@ void copyEntries(const CustomBodyForce& force, int numParameters, vector<int>& b
 
 }  // namespace
 
-CustomBodyForceImpl::CustomBodyForceImpl(const CustomBodyForce& owner)
-    : owner(owner), numParameters(owner.getNumPerBodyParameters()) {}
+BodyExpressionsImpl::BodyExpressionsImpl(const BodyExpressions& expressions)
+    : expressions(expressions), numParameters(expressions.getNumPerBodyParameters()) {}
 
-const CustomBodyForce& CustomBodyForceImpl::getOwner() const { return owner; }
-
-void CustomBodyForceImpl::initialize(ContextImpl& context) {
+void BodyExpressionsImpl::initialize(ContextImpl& context) {
+    const ErrorsOf fail = errorsOf(expressions);
     const Integrator& integrator = context.getIntegrator();
     const auto* ours = dynamic_cast<const CustomRigidHIIntegrator*>(&integrator);
     if (ours == nullptr)
         fail("the Context's integrator is a " + className(integrator) +
-             ", which has no rigid bodies; a CustomBodyForce works under a CustomRigidHIIntegrator "
-             "only: use that, or remove the force from the System");
-    copyEntries(owner, numParameters, bodies, parameters);
+             ", which has no rigid bodies; a " + expressions.getKind().className +
+             " works under a CustomRigidHIIntegrator only: use that, or remove the force from the "
+             "System");
+    copyEntries(expressions, numParameters, bodies, parameters);
     for (size_t i = 0; i < bodies.size(); i++)
         if (bodies[i] >= ours->getNumRigidBodies())
             fail("entry " + to_string(i) + " acts on body " + to_string(bodies[i]) +
@@ -70,17 +72,19 @@ void CustomBodyForceImpl::initialize(ContextImpl& context) {
                  "entry");
 }
 
-map<string, double> CustomBodyForceImpl::getDefaultParameters() {
+map<string, double> BodyExpressionsImpl::getDefaultParameters() {
     map<string, double> parameters;
-    for (int i = 0; i < owner.getNumGlobalParameters(); i++)
-        parameters[owner.getGlobalParameterName(i)] = owner.getGlobalParameterDefaultValue(i);
+    for (int i = 0; i < expressions.getNumGlobalParameters(); i++)
+        parameters[expressions.getGlobalParameterName(i)] =
+            expressions.getGlobalParameterDefaultValue(i);
     return parameters;
 }
 
-void CustomBodyForceImpl::updateParametersInContext(ContextImpl& context) {
+void BodyExpressionsImpl::updateParametersInContext(ContextImpl& context) {
+    const ErrorsOf fail = errorsOf(expressions);
     vector<int> newBodies;
     vector<double> newParameters;
-    copyEntries(owner, numParameters, newBodies, newParameters);
+    copyEntries(expressions, numParameters, newBodies, newParameters);
     if (newBodies != bodies)
         fail(
             "updateParametersInContext(): the force acts on other bodies than when the Context was "
