@@ -262,8 +262,8 @@ TEST(HeldMomenta, FlagsMayChangeBetweenSteps) {
             EXPECT_EQ(again.q[b], moved.q[b]) << name;
             EXPECT_EQ(again.V[b], Vec3()) << name;
         }
-        if (scheme != gradient)
-            for (int i : later.heldParticles()) EXPECT_EQ(again.v[i], Vec3()) << name;
+        for (int i : later.heldParticles())
+            EXPECT_EQ(scheme == gradient ? Vec3() : again.v[i], Vec3()) << name;
     }
 }
 
@@ -319,7 +319,7 @@ TEST(HeldMomenta, MassesOfWhatIsHeldDoNotMatter) {
     // Masses of 0 are enough, of bodies that have the same places.
     for (Scheme scheme : {A, B, C, gradient, HI}) {
         vector<Snapshot> ends;
-        for (double factor : {1.0, 0.0, 1e6}) {
+        for (double factor : {1.0, 1e6, 0.0}) {
             FluidScene scene(T1, 0.02);
             BodyKind kind = boomerangKind();
             scene.add(kind);
@@ -342,7 +342,10 @@ TEST(HeldMomenta, MassesOfWhatIsHeldDoNotMatter) {
                 EXPECT_EQ(scene.integrator.getDegreesOfFreedom().at("total"), 6);
             }
         }
-        for (int i : {1, 2}) ends[i].expectSameBits(ends[0], to_string(scheme));
+        ends[1].expectSameBits(ends[0], to_string(scheme));
+        // Without moments of inertia the inner axes have another order, and so poses other last
+        // bits.
+        ends[2].expectNear(ends[0], forceTolerance(1e-12, 1), to_string(scheme));
     }
 }
 
@@ -423,7 +426,7 @@ TEST(HeldMomenta, StepsThatTheyWouldNotResolveAreNoWarnings) {
         string warning;
     };
     for (const Case& wrong : {Case{A, 0.3, "LangevinA breaks down"},
-                              Case{A, 0.3, "LangevinA's step are not along the same axes"},
+                              Case{A, 0.3, "LangevinA's step is not along the same axes"},
                               Case{C, 0.3, "does not resolve the rotation of 1 body"},
                               Case{gradient, 0.3, "turns at random by"},
                               Case{HI, 0.3, "relaxes: temperatures are right"}})
@@ -436,16 +439,40 @@ TEST(HeldMomenta, StepsThatTheyWouldNotResolveAreNoWarnings) {
             if (wrong.scheme != HI) scene.removeFluid();
             scene.integrator.setScheme(wrong.scheme);
             scene.integrator.setBodyFriction(1, 200, 300);
+            scene.integrator.setGradientRotationalRelaxationTime(0.01);
             scene.integrator.setBodyHeld(1, held);
             scene.start(testPlatform());
             scene.integrator.step(1);
             const string found = scene.integrator.getEffects().at("warnings");
-            if (held)
+            if (held) {
                 EXPECT_EQ(found, "off: none");
-            else
+            } else {
                 EXPECT_NE(found.find(wrong.warning), string::npos) << wrong.warning << "\n"
                                                                    << found;
+            }
         }
+}
+
+TEST(HeldMomenta, TheWatchExpectsNoHeatOfWhatIsHeld) {
+    // One of ten bodies moves. A window of the watch has 4000 steps, and the first one begins after
+    // as many.
+    FluidScene scene(T1, 0.02);
+    scene.removeFluid();
+    for (int b = 0; b < 10; b++) {
+        scene.system.addParticle(1);
+        scene.positions.emplace_back(b, 0, 0);
+        scene.integrator.addRigidBody({b}, 1, Vec3(0.3, 0.4, 0.5), {Vec3()});
+        scene.integrator.setBodyHeld(b, b > 0);
+    }
+    addField(scene.system, "x^2+y^2+100*z+z^2");
+    scene.integrator.setScheme(C);
+    scene.integrator.setFriction(20);
+    scene.integrator.setRotationalFriction(20);
+    scene.context.reset(new Context(scene.system, scene.integrator, testPlatform()));
+    scene.context->setPositions(scene.positions);
+    scene.context->setVelocitiesToTemperature(T1, 3);
+    scene.integrator.step(20000);
+    EXPECT_EQ(scene.integrator.getEffects().at("warnings"), "off: none");
 }
 
 // ---- The friction of a fluid beside what is held ----
@@ -506,7 +533,7 @@ TEST(HeldMomenta, OneStepInAFluidDecaysByTheFreeBlockOfTheFriction) {
                 const vector<int> rows = movableRows(scene);
                 ASSERT_EQ(rows.size(), 15u);
                 const MatrixXd friction = block(scene.expected().friction, rows, rows);
-                MatrixXd inertia = MatrixXd::Zero(27, 27);
+                MatrixXd inertia = MatrixXd::Zero(30, 30);
                 const auto q = scene.integrator.getBodyOrientations();
                 for (int b = 0; b < 4; b++) {
                     const BodyKind& kind = scene.bodies[b];
@@ -515,12 +542,12 @@ TEST(HeldMomenta, OneStepInAFluidDecaysByTheFreeBlockOfTheFriction) {
                     inertia.block<3, 3>(6 * b + 3, 6 * b + 3) =
                         turn * toEigen(kind.moments).asDiagonal() * turn.transpose();
                 }
-                for (int k = 24; k < 27; k++) inertia(k, k) = 1.3;
+                for (int k = 24; k < 30; k++) inertia(k, k) = 1.3;
                 // xi x = rate I x
                 const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> modes(
                     friction, block(inertia, rows, rows));
                 const double size = 1e-6;
-                VectorXd start = VectorXd::Zero(27), expected(15);
+                VectorXd start = VectorXd::Zero(30), expected(15);
                 mt19937 random(4);
                 normal_distribution<double> normal;
                 for (int row : rows) start[row] = size * normal(random);
@@ -530,8 +557,7 @@ TEST(HeldMomenta, OneStepInAFluidDecaysByTheFreeBlockOfTheFriction) {
                 setTwists(scene, start, {Vec3(), toVec3(start.tail<3>())});
                 scene.integrator.step(1);
                 const VectorXd after = twistsOf(scene);
-                const double tolerance =
-                    readTolerance(solver == MobilityForce::Dense ? 1e-5 : 1e-4, 1);
+                const double tolerance = readTolerance(1e-7, 1);
                 EXPECT_LT((block(after, rows, {0}) - expected).norm() / start.norm(), tolerance)
                     << multiblobs << " " << solver << " " << h;
                 EXPECT_EQ(after.head<12>().norm(), 0);
@@ -546,14 +572,14 @@ TEST(HeldMomenta, AFlowPastWhatIsHeldDrivesTheOthers) {
     FluidScene scene(0, 1.0);
     addMixture(scene, false);
     const double size = 1e-7;
-    scene.fluid->setBackgroundFlow(Vec3(size, 0.5 * size, -size), {Vec3(), Vec3(), Vec3()});
+    scene.fluid->setBackgroundFlow(Vec3(size, 0.5 * size, -size), vector<double>(9, 0.0));
     scene.start(testPlatform());
     const vector<int> rows = movableRows(scene);
     vector<int> obstacles;
-    for (int k = 0; k < 27; k++)
+    for (int k = 0; k < 30; k++)
         if (find(rows.begin(), rows.end(), k) == rows.end()) obstacles.push_back(k);
-    VectorXd flow = VectorXd::Zero(27);
-    for (int row : {0, 6, 12, 18, 24}) flow.segment<3>(row) << size, 0.5 * size, -size;
+    VectorXd flow = VectorXd::Zero(30);
+    for (int row : {0, 6, 12, 18, 24, 27}) flow.segment<3>(row) << size, 0.5 * size, -size;
     const MatrixXd friction = scene.expected().friction;
     const VectorXd expected = block(flow, rows, {0}) + block(friction, rows, rows)
                                                            .ldlt()
@@ -572,7 +598,7 @@ TEST(HeldMomenta, EquipartitionOfTheOthersInAFluid) {
     scene.context->setVelocitiesToTemperature(T1, 5);
     scene.integrator.step(50);
     vector<double> translational, rotational, free;
-    const int samples = 40, steps = 60;
+    const int samples = 40, steps = 300;
     for (int i = 0; i < samples; i++) {
         double sums[3] = {0, 0, 0};
         for (int k = 0; k < steps; k++) {

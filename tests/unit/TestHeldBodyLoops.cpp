@@ -2,8 +2,6 @@
 // the loops do to them and to the others, on one body at a time and on packs, and the momenta of a
 // group in a fluid beside them.
 
-#include <openmm/Force.h>
-
 #include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
 #include "fluid/MomentumScaling.h"
@@ -12,6 +10,7 @@
 #include "host/ScalarLoops.h"
 #include "host/SimdBodyLoops.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
+#include "schemes/Thermostats-inl.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;
