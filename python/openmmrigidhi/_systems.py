@@ -88,6 +88,8 @@ class BodyDefinitions:
         dalton nm^2, about the body axes
     sites : list of array of shape (particles of the body, 3)
         nm, body frame
+    held : array of shape (n,)
+        whether the integrator holds each body
     members, places, owners : array of shape (m,), (m, 3) and (m,)
         particles and sites of all bodies, body after body, and the body that each belongs to
     first : array of shape (n + 1,)
@@ -103,6 +105,8 @@ class BodyDefinitions:
         self.moments = np.array([moments._value for _, _, moments, _ in definitions],
                                 dtype=float).reshape(-1, 3)
         self.sites = [sites._value for _, _, _, sites in definitions]
+        self.held = np.array([integrator.getBodyHeld(i) for i in range(len(definitions))],
+                             dtype=bool)
         self.members = np.array([i for particles in self.particles for i in particles], dtype=int)
         self.places = np.concatenate([np.empty((0, 3)), *self.sites])
         self.first = np.cumsum([0] + [len(particles) for particles in self.particles])

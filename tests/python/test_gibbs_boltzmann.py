@@ -451,6 +451,21 @@ def test_only_the_bodies_and_particles_that_are_named_move():
     assert set(samples.acceptance) == {'translation', 'rotation'}
 
 
+def test_what_the_integrator_holds_does_not_move():
+    scene = Scene()
+    scene.integrator.setBodyHeld(0, True)
+    scene.integrator.setParticleHeld(4, True)
+    samples = scene.sample(sweeps=40)
+    assert not samples.positions._value[:, 0].any() and samples.freePositions.shape == (20, 0, 3)
+    assert samples.positions._value[:, 1].std(axis=0).min() > 0
+    # The samples are those of a sampler that is told to move the others only.
+    named = Scene().sample(sweeps=40, bodies=[1], freeParticles=[])
+    assert np.array_equal(samples.positions._value, named.positions._value)
+    for name, index in (('bodies', 0), ('freeParticles', 4)):
+        with refused(f'{name}: got [{index}]; each must be one of the ', 'that can move'):
+            analysis.GibbsBoltzmannSampler(scene.context, **{name: [index]})
+
+
 def test_forces_that_the_integrator_leaves_out_are_left_out():
     """The bodies' axes do not feel each other if that force's group is not integrated."""
     scene = Scene(J=20)

@@ -100,6 +100,50 @@ def test_minimising_finds_a_known_minimum_from_afar(turn, platform):
     assert np.linalg.norm(got[1] - got[0]) == pytest.approx(0.2, rel=1e-12)
 
 
+@pytest.mark.parametrize('held', ['nothing', 'body', 'particle', 'both'])
+def test_what_is_held_stays_to_the_bit(held, platform):
+    integrator, context = tetheredDumbbell(platform, 0.3)
+    body, particle = held in ('body', 'both'), held in ('particle', 'both')
+    integrator.setBodyHeld(0, body)
+    integrator.setParticleHeld(2, particle)
+    R, q = integrator.getBodyPositions()._value, integrator.getBodyOrientations()
+    x = positionsOf(context)[2]
+    if body and particle:
+        with pytest.warns(UserWarning, match='nothing can move: the integrator holds all bodies'):
+            openmmrigidhi.app.minimize(context, tolerance=0.01)
+    else:
+        assert openmmrigidhi.app.minimize(context, tolerance=0.01).converged
+    assert np.array_equal(integrator.getBodyPositions()._value, R) == body
+    assert np.array_equal(integrator.getBodyOrientations(), q) == body
+    assert np.array_equal(positionsOf(context)[2], x) == particle
+    # The others are where they are without anything held.
+    if not body:
+        assert np.allclose(integrator.getBodyPositions()._value, (0.5, 0, 0), rtol=0, atol=8e-5)
+    if not particle:
+        assert np.allclose(positionsOf(context)[2], 0, rtol=0, atol=8e-5)
+
+
+def test_a_body_beside_a_held_one_finds_its_minimum(platform):
+    """The first of two dumbbells is held, and a spring pulls an end of the other to it."""
+    system, positions, definitions = dumbbells(2)
+    spring = openmm.HarmonicBondForce()
+    spring.addBond(1, 2, 0.3, 1000)
+    system.addForce(spring)
+    integrator = CustomRigidHIIntegrator(300, 0.002)
+    for definition in definitions:
+        integrator.addRigidBody(*definition)
+    integrator.setBodyHeld(0, True)
+    context = openmm.Context(system, integrator, platform)
+    context.setPositions(positions)
+    R = integrator.getBodyPositions()._value
+    result = openmmrigidhi.app.minimize(context, tolerance=0.01)
+    assert result.converged and result.finalEnergy._value < 1e-6
+    assert np.array_equal(integrator.getBodyPositions()._value[0], R[0])
+    assert not np.allclose(integrator.getBodyPositions()._value[1], R[1], rtol=0, atol=0.1)
+    x = positionsOf(context)
+    assert np.linalg.norm(x[2] - x[1]) == pytest.approx(0.3, abs=1e-4)
+
+
 def overlappingColloids(platform, kind):
     """A hundred spheres of 0.5 um that overlap, with an energy of 20 MJ/mol and more."""
     count, radius = 100, 500.0

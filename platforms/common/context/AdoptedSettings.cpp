@@ -25,12 +25,12 @@ Warnings AdoptedSettings::adopt(Scene& scene) {
     const pair<int, double> wanted(integrator.getSettingsVersion(), integrator.getStepSize());
     if (adopted == wanted) return {};
     checkScheme(scene.system, scene.definitions.underPresentScheme(), scene.stock);
+    scene.adoptInertia();
     scene.fluid.adoptSettings();
     // Data that a scheme keeps for its next step are of no use after another scheme has moved the
     // bodies.
     if (scheme != integrator.getScheme() && scene.fluid) scene.fluid->getMemory().forget();
     scheme = integrator.getScheme();
-    scene.adoptInertiaScale();
     h = integrator.getStepSize();
     noise.law = static_cast<NoiseStream::Law>(integrator.getNoiseLaw());
     const bool hydrodynamic = traits().kind == SchemeKind::FluidThermostat;
@@ -57,6 +57,7 @@ void AdoptedSettings::setThermostats(Scene& scene) {
     BodySet& bodies = scene.bodies;
     for (auto& block : bodies.blocks) block.hasNoise = false;
     for (int b = 0; b < bodies.getNumBodies(); b++) {
+        if (bodies.isHeld(b)) continue;
         integrator.getBodyFriction(b, bath.gamma, bath.Gamma);
         bodies.setThermostat(
             b, hydrodynamic ? scene.fluid->getMomenta().bodyThermostat(b, bodies.inertia(b), kT, h)
@@ -66,8 +67,10 @@ void AdoptedSettings::setThermostats(Scene& scene) {
     vector<Thermostat> free;
     for (int i = 0; i < scene.freeParticles->getNumParticles(); i++) {
         BodyInertia point;
+        free.emplace_back();
+        if (scene.freeParticles->isHeld(i)) continue;
         point.mass = scene.freeParticles->mass(i);
-        free.push_back(schemeCoefficients(scheme, point, bath, h));
+        free.back() = schemeCoefficients(scheme, point, bath, h);
         if (hydrodynamic)
             scene.fluid->getMomenta().freeThermostat(i, point.mass, kT, h, free.back());
     }

@@ -157,7 +157,9 @@ BodyDefinitions::Bodies BodyDefinitions::build(const vector<BodyGeometry>& geome
         result.fits.emplace_back(geometries[b], masses, isVirtual);
         if (result.fits.back().massesMakeTheBody(geometries[b], masses)) siteMasses[b] = masses;
     }
-    result.set = BodySet(geometries, particlesOfBodies(), siteMasses, carriesForce);
+    vector<bool> held;
+    for (int b = 0; b < n; b++) held.push_back(integrator.getBodyHeld(b));
+    result.set = BodySet(geometries, particlesOfBodies(), siteMasses, carriesForce, held);
     return result;
 }
 

@@ -64,7 +64,8 @@ public:
     void reset() { definitions->resetBodyGeometry(); }
 
     /**
-     * Objects that are made from geometries; states are at the origin. @throws OpenMMException for
+     * Objects that are made from geometries; states are at the origin. The bodies that the
+     * integrator holds at present are held. @throws OpenMMException for
      * sites that are not where they must be
      */
     struct Bodies {

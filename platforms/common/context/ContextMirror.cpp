@@ -93,12 +93,20 @@ void ContextMirror::takeInChanges(bool stepping) {
     if (newPositions) requireFinite(arrays.positions(), "position", "nm");
     if (newVelocities) requireFinite(arrays.velocities(), "velocity", "nm/ps");
     if (!scene.isBuilt()) scene.buildFromPositions();
-    scene.adoptInertiaScale();
+    scene.adoptInertia();
     if (stepping) scene.fluid.adoptBox();
     if (loaded) takeInLoaded();
     if (newPositions && !lastPositions.is(arrays.positions())) takeInPositions();
     if (newVelocities && !lastVelocities.is(arrays.velocities()))
         takeInVelocities(stepping && scene.settings.hasMomenta());
+    takeInHeld();
+}
+
+/** Where others are held than before, particle velocities are to become those of the bodies. */
+void ContextMirror::takeInHeld() {
+    if (heldChanges == scene.numHeldChanges()) return;
+    heldChanges = scene.numHeldChanges();
+    owed = max(owed, Owed::Twists);
 }
 
 /** Velocities too: schemes without momenta keep them, and a later scheme may use them. */
@@ -128,7 +136,7 @@ void ContextMirror::requireFinite(const vector<Vec3>& array, const char* quantit
 
 void ContextMirror::takeInVelocitiesIfChanged() {
     if (scene.isBuilt() && !loaded) {
-        scene.adoptInertiaScale();
+        scene.adoptInertia();
         scene.arrays->pullVelocities();
         if (lastVelocities.is(scene.arrays->velocities())) return;
     }
@@ -345,6 +353,7 @@ void ContextMirror::takeInVelocities(bool putBack) {
 
 void ContextMirror::takeInTwist(int b) {
     BodySet& bodies = scene.bodies;
+    if (bodies.isHeld(b)) return;  // it has none
     vector<Vec3> members;
     for (int p : scene.definitions.particles(b)) members.push_back(scene.arrays->velocities()[p]);
     Vec3 velocity, omega_lab = bodies.getAngularVelocity_lab(b);
@@ -364,6 +373,19 @@ void ContextMirror::putMembersBack() {
     else if (owed == Owed::Twists && scene.settings.hasMomenta())
         writeTwists();
     owed = Owed::Nothing;
+    if (scene.settings.hasMomenta()) stopHeldParticles();
+}
+
+/** Set the velocities of held particles to 0, whatever others have set. */
+void ContextMirror::stopHeldParticles() {
+    vector<Vec3>& velocities = scene.arrays->velocities();
+    const vector<int> stopped = scene.freeParticles->stopHeld(velocities);
+    bool isNew = false;
+    for (int p : stopped) {
+        isNew = isNew || !lastVelocities.is(p, velocities[p]);
+        lastVelocities.remember(p, velocities[p]);
+    }
+    if (isNew) scene.arrays->pushVelocities();
 }
 
 void ContextMirror::writePoses() {

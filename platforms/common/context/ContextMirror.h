@@ -107,6 +107,8 @@ private:
     void keepWhatAgrees(const Loaded& loaded, const Rounding& rounding, bool positions);
     void takeInPositions();
     void takeInVelocities(bool putBack);
+    void takeInHeld();
+    void stopHeldParticles();
     void takeInTwist(int body);
     BodyState fitted(int body, double& residual) const;
     bool bodyMembersDiffer(int body, const std::vector<OpenMM::Vec3>& now,
@@ -123,6 +125,7 @@ private:
     bool positionsAreSet = false;  // at any time, by others
     bool setSinceStep = false;     // positions, velocities or geometries, by users
     double poseResidual = 0;
+    int heldChanges = 0;  // of the scene, as far as they were taken in
 };
 
 }  // namespace RigidHIPlugin

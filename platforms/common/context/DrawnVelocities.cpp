@@ -23,6 +23,11 @@ vector<Vec3> DrawnVelocities::draw(Scene& scene, double temperature, int seed) {
     noise.seed = seed;
     const double kT = BOLTZ * temperature;
     for (int b = 0; b < bodies.getNumBodies(); b++) {
+        if (bodies.isHeld(b)) {
+            twists.push_back(bodies.getState(b));
+            for (int p : scene.definitions.particles(b)) velocities[p] = Vec3();
+            continue;
+        }
         double z[6];
         for (int k = 0; k < 3; k++)
             noise.pair(NoiseStream::Velocities, b, k, z[2 * k], z[2 * k + 1]);
@@ -45,6 +50,10 @@ vector<Vec3> DrawnVelocities::draw(Scene& scene, double temperature, int seed) {
     for (int i = 0; i < scene.freeParticles->getNumParticles(); i++) {
         double z[4];
         const int p = scene.freeParticles->getParticles()[i];
+        if (scene.freeParticles->isHeld(i)) {
+            velocities[p] = Vec3();
+            continue;
+        }
         noise.pair(NoiseStream::Velocities, p, 8, z[0], z[1]);
         noise.pair(NoiseStream::Velocities, p, 9, z[2], z[3]);
         velocities[p] = Vec3(z[0], z[1], z[2]) * sqrt(kT / scene.freeParticles->mass(i));

@@ -16,7 +16,9 @@ class Scene;
  */
 class DrawnVelocities {
 public:
-    /** Draw twists of bodies and velocities of free particles. @return velocities of all particles
+    /**
+     * Draw twists of bodies and velocities of free particles; those of held ones are 0. @return
+     * velocities of all particles
      */
     std::vector<OpenMM::Vec3> draw(Scene& scene, double temperature, int seed);
     /**

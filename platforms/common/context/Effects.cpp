@@ -28,6 +28,7 @@ public:
         const CustomRigidHIIntegrator& integrator = scene.integrator;
         gamma = integrator.getFriction();
         for (int b = 0; scene.isBuilt() && b < scene.bodies.getNumBodies(); b++) {
+            if (scene.bodies.isHeld(b)) continue;
             double ownGamma, ownRotational;
             integrator.getBodyFriction(b, ownGamma, ownRotational);
             gamma = max(gamma, ownGamma);
@@ -204,10 +205,12 @@ private:
             return;
         }
         int general = 0, linear = 0, points = 0;
-        for (int b = 0; scene.isBuilt() && b < scene.bodies.getNumBodies(); b++)
+        for (int b = 0; scene.isBuilt() && b < scene.bodies.getNumBodies(); b++) {
+            if (scene.bodies.isHeld(b)) continue;
             (scene.bodies.rotor(b) == RotorKind::General  ? general
              : scene.bodies.rotor(b) == RotorKind::Linear ? linear
                                                           : points)++;
+        }
         set("rotation", general + linear > 0,
             counted(general, "body", "bodies") + " about three axes (symmetric splitting), " +
                 counted(linear, "linear body", "linear bodies") + " (exact), " + to_string(points) +
@@ -252,7 +255,9 @@ private:
         int elongated = 0, first = -1;
         const bool thermostat = hasRates() || scheme.kind == SchemeKind::Thermostat;
         for (int b = 0; scene.isBuilt() && thermostat && b < scene.bodies.getNumBodies(); b++)
-            if (scene.bodies.inertia(b).isElongated() && elongated++ == 0) first = b;
+            if (!scene.bodies.isHeld(b) && scene.bodies.inertia(b).isElongated() &&
+                elongated++ == 0)
+                first = b;
         set("elongated bodies", elongated > 0,
             !thermostat ? string("the fluid's friction damps rotation")
             : elongated == 0
@@ -288,12 +293,13 @@ map<string, int> countDegreesOfFreedom(const Scene& scene) {
                             {"rotational3", 0},   {"free", 0},        {"removed", 0},
                             {"total", 0}};
     if (!traitsOf(scene.integrator.getScheme()).hasMomenta) return dof;
-    dof["translational"] = 3 * bodies.getNumBodies();
+    dof["translational"] = 3 * bodies.getNumMovable();
     for (int b = 0; b < bodies.getNumBodies(); b++)
         for (int k = 0; k < 3; k++)
-            dof["rotational" + to_string(k + 1)] += bodies.inertia(b).isLive(k);
-    dof["free"] =
-        3 * scene.freeParticles->getNumParticles() - scene.freeParticles->getNumConstraints();
+            dof["rotational" + to_string(k + 1)] +=
+                !bodies.isHeld(b) && bodies.inertia(b).isLive(k);
+    const FreeParticles& free = *scene.freeParticles;
+    dof["free"] = 3 * (free.getNumParticles() - free.getNumHeld()) - free.getNumConstraints();
     const bool anythingMoves = dof["translational"] + dof["free"] > 0;
     dof["removed"] = scene.stock.hasCMMotionRemover && anythingMoves ? 3 : 0;
     dof["total"] = dof["translational"] + dof["rotational1"] + dof["rotational2"] +

@@ -12,9 +12,10 @@ namespace RigidHIPlugin {
 map<string, double> midStepTemperatures(const Scene& scene, const MidStepEnergies& energies) {
     const map<string, int> degrees = countDegreesOfFreedom(scene);
     double bodyMass = 0, freeMass = 0;
-    for (int b = 0; b < scene.bodies.getNumBodies(); b++) bodyMass += scene.bodies.inertia(b).mass;
+    for (int b = 0; b < scene.bodies.getNumBodies(); b++)
+        if (!scene.bodies.isHeld(b)) bodyMass += scene.bodies.inertia(b).mass;
     for (int i = 0; i < scene.freeParticles->getNumParticles(); i++)
-        freeMass += scene.freeParticles->mass(i);
+        if (!scene.freeParticles->isHeld(i)) freeMass += scene.freeParticles->mass(i);
     const double removed = degrees.at("removed"), mass = bodyMass + freeMass,
                  ofBodies = mass > 0 ? removed * bodyMass / mass : 0,
                  rotational = degrees.at("rotational1") + degrees.at("rotational2") +

@@ -103,7 +103,7 @@ void adoptBodies(const SavedState& saved, Scene& scene, ContextMirror& mirror) {
         bodies.setState(b, state);
         bodies.setAngularVelocity_lab(b, saved.bodies[b].omega_lab);
     }
-    scene.adoptInertiaScale();
+    scene.adoptInertia();
     if (scene.fluid) {
         scene.fluid->getMemory().setOfScheme(saved.memory, scene.integrator.getScheme());
         scene.fluid->getMemory().setLastStep(saved.lastStep);

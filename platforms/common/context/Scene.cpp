@@ -48,6 +48,7 @@ void Scene::build(const vector<BodyGeometry>& geometries) {
         swap(bodies, newBodies.set);
         fluid.exchange(newFluid);
         settings.forget();
+        adoptedHeld.reset();
     };
     const bool wasBuilt = built;
     exchange();
@@ -70,9 +71,29 @@ void Scene::buildFromPositions() {
     for (int b : found) definitions.record(b, geometries[b]);
 }
 
-void Scene::adoptInertiaScale() {
+void Scene::adoptInertia() {
+    adoptHeld();
     bodies.setInertiaScale(
         traitsOf(integrator.getScheme()).hasMomenta ? integrator.getInertiaScale() : 1);
+}
+
+/** Hold what the integrator holds. Users may change this between steps. */
+void Scene::adoptHeld() {
+    if (adoptedHeld == integrator.getSettingsVersion()) return;
+    bool isNew = freeParticles->setHeld(integrator.getHeldParticles()), areOthers = false;
+    for (int b = 0; built && b < bodies.getNumBodies(); b++)
+        areOthers = areOthers || bodies.isHeld(b) != integrator.getBodyHeld(b);
+    if (areOthers) {
+        BodySet others = definitions.build(definitions.geometries()).set;
+        others.takeStates(bodies);
+        swap(bodies, others);
+        isNew = true;
+    }
+    adoptedHeld = integrator.getSettingsVersion();
+    if (!isNew) return;
+    settings.forget();
+    noteChange();
+    heldChanges++;
 }
 
 BoxVectors Scene::getBox() const {

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -61,10 +62,13 @@ public:
     /** Recompute values that depend on settings, and print warnings, if any setting was changed. */
     void updateSettings() { warnings.print(settings.adopt(*this)); }
     /**
-     * Take over the integrator's inertia scale, if the scheme has momenta. To be called before
-     * anything that reads momenta.
+     * Take over the inertia that the integrator gives to bodies and free particles: its inertia
+     * scale, if the scheme has momenta, and what is held, which no force can move. To be called
+     * before anything that reads momenta.
      */
-    void adoptInertiaScale();
+    void adoptInertia();
+    /** How often it changed what is held. */
+    int numHeldChanges() const { return heldChanges; }
 
     /** The Context's periodic box at present. @throws OpenMMException if it is not finite */
     BoxVectors getBox() const;
@@ -96,8 +100,11 @@ public:
     StepCounters counters;
 
 private:
+    void adoptHeld();
     bool built = false;
     long long changes = 0;
+    int heldChanges = 0;
+    std::optional<int> adoptedHeld;  // the integrator's version of its settings
 };
 
 }  // namespace RigidHIPlugin

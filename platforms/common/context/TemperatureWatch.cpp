@@ -63,7 +63,7 @@ void TemperatureWatch::adopt(const Scene& scene) {
     const StepSettings& settings = scene.settings;
     const BodySet& bodies = scene.bodies;
     const bool inFluid = settings.traits().needsFluid();
-    if (!settings.hasMomenta() || settings.kT == 0 || bodies.getNumBodies() == 0 ||
+    if (!settings.hasMomenta() || settings.kT == 0 || bodies.getNumMovable() == 0 ||
         scene.bodyForces.usesTime() || scene.bodyForces.usesVelocities() ||
         (inFluid && scene.fluid->getContents().getFlow()))
         return;
@@ -78,6 +78,7 @@ void TemperatureWatch::adopt(const Scene& scene) {
         motion.add(number, momentum.relaxation, 0.5 * settings.kT * momentum.ratio);
     };
     for (int b = 0; b < bodies.getNumBodies(); b++) {
+        if (bodies.isHeld(b)) continue;
         const BodyInertia& inertia = bodies.inertia(b);
         const int s = bodies.slot(b);
         BodyRates fluid;

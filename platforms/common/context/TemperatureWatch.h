@@ -65,7 +65,7 @@ private:
     bool isOn = false;
     Expectation translation, rotation;
     int removed = 0;       // degrees of freedom that a CMMotionRemover may take
-    double totalMass = 0;  // of the bodies
+    double totalMass = 0;  // of the bodies that are not held
     long long window = 0;  // steps
     // Since the start, and of the present window.
     long long steps = 0, looks = 0, windows = 0;

@@ -96,7 +96,7 @@ void warnOfTurns(const Scene& scene, double h, double kT, Warnings& result) {
     int first = -1;
     for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
         const double M = scene.bodies.inertia(b).M();
-        if (M == 0 || M >= smallest) continue;
+        if (scene.bodies.isHeld(b) || M == 0 || M >= smallest) continue;
         smallest = M;
         first = b;
     }
@@ -198,6 +198,7 @@ Warnings findWarnings(const Scene& scene) {
     double worst = 0, largestGamma = integrator.getFriction(),
            largestRotational = integrator.getRotationalFriction();
     for (int b = 0; b < bodies.getNumBodies(); b++) {
+        if (bodies.isHeld(b)) continue;
         double gamma, Gamma;
         integrator.getBodyFriction(b, gamma, Gamma);
         largestGamma = max(largestGamma, gamma);

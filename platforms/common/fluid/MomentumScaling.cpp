@@ -13,6 +13,11 @@ MomentumScaling::MomentumScaling(const CoupledBodies& coupled, const vector<int>
     const auto& elements = coupled.getElements();
     for (size_t e = 0; e < elements.size(); e++) {
         int live = 0;
+        if (elements[e].isHeld) {
+            numLive.push_back(0);
+            firstRows.push_back(-1);
+            continue;
+        }
         if (!elements[e].isFree()) {
             for (int k = 0; k < 3; k++) live += bodies.inertia(elements[e].body).isLive(k);
             deadAxesAreNull_ = deadAxesAreNull_ && live == (coupled.hasNullVector(e) ? 2 : 3);
@@ -33,6 +38,7 @@ void MomentumScaling::matrix(bool inverse, BodyMobility& mobility, const BodySet
     for (int pass = 0; pass < 2; pass++)
         for (size_t e = 0; e < elements.size(); e++) {
             const int row = coupled.firstRow(e), z = firstRows[e];
+            if (elements[e].isHeld) continue;
             const double mass = elements[e].isFree() ? freeParticles.mass(freeIndex[e])
                                                      : bodies.inertia(elements[e].body).mass;
             if (pass == 0)
@@ -72,6 +78,10 @@ void MomentumScaling::scale(const MatrixXd& from, bool fromZ, const BodyMobility
     to.resize(fromZ ? coupled.getNumRows() : numRows, from.cols());
     for (size_t e = 0; e < elements.size(); e++) {
         const int z = firstRows[e], row = coupled.firstRow(e);
+        if (elements[e].isHeld) {
+            if (fromZ) to.middleRows(row, elements[e].numRows()).setZero();
+            continue;
+        }
         if (elements[e].isFree()) {
             to.middleRows<3>(fromZ ? row : z) =
                 sqrt(freeParticles.mass(freeIndex[e])) * from.middleRows<3>(fromZ ? z : row);

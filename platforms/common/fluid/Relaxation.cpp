@@ -153,6 +153,7 @@ void Relaxation::takeMomenta(const RelaxationStep& step) {
     chi.resize(scaling.getNumRows());
     for (size_t e = 0; e < elements.size(); e++) {
         const int z = scaling.firstRow(e);
+        if (elements[e].isHeld) continue;
         double numbers[6];
         if (elements[e].isFree()) {
             const int p = elements[e].particles[0];
@@ -189,6 +190,7 @@ void Relaxation::giveMomenta(const RelaxationStep& step) const {
     BodySet& bodies = step.bodies;
     for (size_t e = 0; e < elements.size(); e++) {
         const int z = scaling.firstRow(e);
+        if (elements[e].isHeld) continue;
         if (elements[e].isFree()) {
             step.velocities[elements[e].particles[0]] =
                 toVec3(Z.segment<3>(z) / sqrt(step.freeParticles.mass(scaling.getFreeIndex()[e])));

@@ -185,7 +185,14 @@ public:
         for (int s = block.firstSite; s < block.firstSite + block.numSites; s++)
             scatter(s, velocity + A.toLab(cross(omega_body, site(s, lane))), velocities, copy);
     }
+    /** Held bodies: all velocities are 0, without a sign of rounding. */
+    void scatterRest(double* velocities, double* copy) const {
+        const Vector3<Real> zero = {Real(0.0), Real(0.0), Real(0.0)};
+        for (int s = block.firstSite; s < block.firstSite + block.numSites; s++)
+            scatter(s, zero, velocities, copy);
+    }
 
+    bool isHeld() const { return block.rotor == RotorKind::Held; }
     bool massesMakeTheBodies() const { return block.massesMakeTheBodies; }
     bool poseIsFinite() const { return isFinite(R.x + R.y + R.z + q.w + q.x + q.y + q.z); }
     bool momentaAreFinite() const { return isFinite(p.x + p.y + p.z + l.x + l.y + l.z); }
@@ -263,8 +270,8 @@ private:
 };
 
 /**
- * Call action(flow) for every body (or pack) of a range of blocks. The action returns whether its
- * numbers were finite.
+ * Call action(flow) for every body (or pack) of a range of blocks; for held bodies only if the
+ * action says that it concerns them. The action returns whether its numbers were finite.
  */
 template <class Real, class Action>
 inline LoopResult forEachBody(BodySet& bodies, const StepSettings& settings, int firstBlock,
@@ -274,6 +281,9 @@ inline LoopResult forEachBody(BodySet& bodies, const StepSettings& settings, int
     for (int slot = firstBlock * BodySet::blockSize; slot < endBlock * BodySet::blockSize;
          slot += width) {
         if (bodies.bodyOfSlot[slot] < 0) continue;  // padding comes last in a block
+        if (!Action::concernsHeld &&
+            bodies.blocks[slot / BodySet::blockSize].rotor == RotorKind::Held)
+            continue;
         BodyFlow<Real> flow(bodies, settings, slot);
         result.finite &= action(flow);
         result.randomNumbers += flow.randomNumbers;
@@ -284,6 +294,7 @@ inline LoopResult forEachBody(BodySet& bodies, const StepSettings& settings, int
 /** The part of a step before the force evaluation: new poses, new positions of the particles. */
 template <class Real, class Scheme>
 struct BeforeForces {
+    static const bool concernsHeld = false;
     const StepSettings& settings;
     const ParticleArrays& arrays;
     bool operator()(BodyFlow<Real>& flow) const {
@@ -301,6 +312,7 @@ struct BeforeForces {
  */
 template <class Real, class Scheme>
 struct BeforeFriction {
+    static const bool concernsHeld = false;
     const StepSettings& settings;
     bool operator()(BodyFlow<Real>& flow) const {
         Scheme::beforeFriction(flow, settings.h);
@@ -313,6 +325,7 @@ struct BeforeFriction {
 /** The part of a step from there to new positions of the particles. */
 template <class Real, class Scheme>
 struct AfterFriction {
+    static const bool concernsHeld = false;
     const StepSettings& settings;
     const ParticleArrays& arrays;
     bool operator()(BodyFlow<Real>& flow) const {
@@ -324,13 +337,21 @@ struct AfterFriction {
     }
 };
 
-/** The part of a step after the force evaluation: new momenta, new velocities of the particles. */
+/**
+ * The part of a step after the force evaluation: new momenta, new velocities of the particles. Held
+ * bodies have forces, but no momenta.
+ */
 template <class Real, class Scheme>
 struct AfterForces {
+    static const bool concernsHeld = true;
     const StepSettings& settings;
     const ParticleArrays& arrays;
     bool operator()(BodyFlow<Real>& flow) const {
         if (!settings.forcesAreGathered) flow.gatherForces(arrays.forces);
+        if (flow.isHeld()) {
+            if (settings.hasMomenta()) flow.scatterRest(arrays.velocities, arrays.lastVelocities);
+            return flow.forcesAreFinite();
+        }
         Scheme::afterForces(flow, settings.h);
         flow.storeMomenta();
         if (settings.hasMomenta()) flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
@@ -341,6 +362,7 @@ struct AfterForces {
 /** The loops that do not depend on the scheme. */
 template <class Real>
 struct SchemelessLoop {
+    static const bool concernsHeld = true;
     BodyLoop loop;
     BodySet& bodies;
     const ParticleArrays& arrays;
@@ -351,6 +373,12 @@ struct SchemelessLoop {
         }
         if (loop == BodyLoop::ScatterPositions)
             flow.scatterPositions(arrays.positions, arrays.lastPositions);
+        // The momenta of held bodies are 0 always.
+        if (flow.isHeld()) {
+            if (loop == BodyLoop::ScatterVelocities || loop == BodyLoop::TakeInAndScatterVelocities)
+                flow.scatterRest(arrays.velocities, arrays.lastVelocities);
+            return true;
+        }
         if (loop == BodyLoop::ScatterVelocities)
             flow.scatterVelocities(arrays.velocities, arrays.lastVelocities);
         const bool scatter = loop == BodyLoop::TakeInAndScatterVelocities;

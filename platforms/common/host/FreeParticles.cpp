@@ -4,6 +4,7 @@
 #include <openmm/reference/ReferenceConstraints.h>
 
 #include <cmath>
+#include <set>
 
 #include "host/BodyLoops-inl.h"
 #include "schemes/MomentumFlow.h"
@@ -15,7 +16,8 @@ namespace RigidHIPlugin {
 
 FreeParticles::FreeParticles(const System& system, const vector<int>& particles,
                              ReferenceConstraints* ofContext)
-    : particles(particles), thermostats(particles.size()), forces(particles.size()) {
+    : particles(particles), held(particles.size(), false), thermostats(particles.size()),
+      forces(particles.size()) {
     vector<bool> isFree(system.getNumParticles(), false);
     inverseMasses.assign(system.getNumParticles(), 0.0);
     for (int p : particles) {
@@ -53,13 +55,34 @@ FreeParticles::FreeParticles(const System& system, const vector<int>& particles,
 
 FreeParticles::~FreeParticles() = default;
 
+bool FreeParticles::setHeld(const vector<int>& particlesOfSystem) {
+    const set<int> wanted(particlesOfSystem.begin(), particlesOfSystem.end());
+    const vector<char> before = held;
+    numHeld = 0;
+    for (size_t i = 0; i < particles.size(); i++) {
+        held[i] = wanted.count(particles[i]) != 0;
+        numHeld += held[i];
+    }
+    return held != before;
+}
+
+vector<int> FreeParticles::stopHeld(vector<Vec3>& velocities) const {
+    vector<int> stopped;
+    for (size_t i = 0; numHeld > 0 && i < particles.size(); i++)
+        if (held[i]) {
+            velocities[particles[i]] = Vec3();
+            stopped.push_back(particles[i]);
+        }
+    return stopped;
+}
+
 void FreeParticles::setThermostats(const vector<Thermostat>& perParticle) {
     thermostats = perParticle;
     // The fluid draws noise for particles that it couples itself. No noise is drawn twice.
     noisyParticles.clear();
     noiseOf.assign(particles.size(), -1);
     for (size_t i = 0; i < particles.size(); i++)
-        if (thermostats[i].hasNoise()) {
+        if (thermostats[i].hasNoise() && !held[i]) {
             noiseOf[i] = noisyParticles.size();
             noisyParticles.push_back(particles[i]);
         }
@@ -77,16 +100,18 @@ bool FreeParticles::gatherForces(const vector<Vec3>& contextForces) {
 double FreeParticles::kineticEnergy(const vector<Vec3>& velocities) const {
     double sum = 0;
     for (size_t i = 0; i < particles.size(); i++)
-        sum += masses[i] * velocities[particles[i]].dot(velocities[particles[i]]);
+        if (!held[i]) sum += masses[i] * velocities[particles[i]].dot(velocities[particles[i]]);
     return 0.5 * sum;
 }
 
 double FreeParticles::midStepKineticEnergy(const StepSettings& settings, vector<Vec3>& positions,
                                            vector<Vec3> velocities, double constraintTolerance) {
-    if (particles.empty()) return 0;
+    const int numMovable = particles.size() - numHeld;
+    if (numMovable == 0) return 0;
     double noise = 0;
     scalar::withThermostat(settings.scheme, [&](auto scheme) {
         for (size_t i = 0; i < particles.size(); i++) {
+            if (held[i]) continue;
             const auto flow = MomentumFlow::upToDrift<decltype(scheme)>(
                 thermostats[i].decay_p, thermostats[i].noise_p, settings.h);
             Vec3& v = velocities[particles[i]];
@@ -98,7 +123,7 @@ double FreeParticles::midStepKineticEnergy(const StepSettings& settings, vector<
     // constraint takes the noise of one degree of freedom.
     if (constraints)
         constraints->applyToVelocities(positions, velocities, inverseMasses, constraintTolerance);
-    const double degrees = 3.0 * particles.size();
+    const double degrees = 3.0 * numMovable;
     return kineticEnergy(velocities) + noise * (degrees - numConstraints) / degrees;
 }
 
@@ -194,7 +219,8 @@ private:
     template <class Move>
     void each(Move move) {
         loops.forRanges(owner.particles.size(), [&](int first, int end) {
-            for (int i = first; i < end; i++) move(i, owner.particles[i]);
+            for (int i = first; i < end; i++)
+                if (!owner.held[i]) move(i, owner.particles[i]);
         });
     }
     void constrainVelocities() {

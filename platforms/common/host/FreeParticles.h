@@ -17,15 +17,16 @@ class ReferenceConstraints;
 namespace RigidHIPlugin {
 
 /**
- * The massive particles that are in no body. They take the same schemes as bodies, as point
- * particles. Constraints among them hold positions after every drift and velocities after every
- * move. Their state is in the Context's arrays.
+ * The particles that are in no body and have mass, or that the fluid sees. They take the same
+ * schemes as bodies, as point particles, except for held ones, which stay where they are.
+ * Constraints among them hold positions after every drift and velocities after every move. Their
+ * state is in the Context's arrays.
  */
 class FreeParticles {
 public:
     FreeParticles() = default;
     /**
-     * @param particles  indices of the massive particles that are in no body
+     * @param particles  indices of the particles in no body that have mass, or that the fluid sees
      * @param ofContext  OpenMM's constraints of the whole System, which outlive this object; null:
      *     there are none
      */
@@ -35,6 +36,16 @@ public:
     int getNumParticles() const { return particles.size(); }
     int getNumConstraints() const { return numConstraints; }
     const std::vector<int>& getParticles() const { return particles; }
+    /**
+     * Say which particles of the System are held; others than these particles do not matter. The
+     * caller must set thermostats anew.
+     * @return whether this changes anything
+     */
+    bool setHeld(const std::vector<int>& particlesOfSystem);
+    bool isHeld(int i) const { return held[i]; }
+    int getNumHeld() const { return numHeld; }
+    /** Set the velocities of held particles to 0. @return their indices in the System */
+    std::vector<int> stopHeld(std::vector<OpenMM::Vec3>& velocities) const;
 
     /**
      * The part of a step before the force evaluation, and the part after it. @return whether
@@ -85,6 +96,8 @@ private:
     class Flow;
     std::vector<int> particles;
     std::vector<double> masses;
+    std::vector<char> held;
+    int numHeld = 0;
     std::vector<Thermostat> thermostats;
     std::vector<int> noisyParticles,
         noiseOf;  // particles with noise; for each particle its index among them, or -1

@@ -50,7 +50,9 @@ void add(const BodySet::Column& momentum, const BodySet::Column& force,
 template <class Part, class Scheme>
 MidStepEnergies energiesOf(const BodySet& bodies, double h) {
     Sum translational, rotational, momentum[3];
-    for (int slot = 0; slot < bodies.getNumBlocks() * width; slot += width)
+    for (int slot = 0; slot < bodies.getNumBlocks() * width; slot += width) {
+        // Forces on held bodies give them no momentum.
+        if (bodies.blocks[slot / width].rotor == RotorKind::Held) continue;
         for (int k = 0; k < 3; k++) {
             add<Part, Scheme>(bodies.p[k], bodies.force_lab[k], bodies.decay_p, bodies.noise_p,
                               bodies.inverseMass, h, slot, translational, &momentum[k]);
@@ -58,6 +60,7 @@ MidStepEnergies energiesOf(const BodySet& bodies, double h) {
                               bodies.noise_l[k], bodies.inverseMoments[k], h, slot, rotational,
                               nullptr);
         }
+    }
     MidStepEnergies result;
     result.translational = translational.total() / 2;
     result.rotational = rotational.total() / 2;

@@ -145,12 +145,14 @@ public:
 
     double computeFreeParticleKineticEnergy() override {
         if (!hasMomenta()) return 0;
+        scene.adoptInertia();
         scene.arrays->pullVelocities();
         return scene.freeParticles->kineticEnergy(scene.arrays->velocities());
     }
 
     map<string, int> getDegreesOfFreedom() override {
         if (hasMomenta()) requireGeometry();
+        scene.adoptInertia();
         return countDegreesOfFreedom(scene);
     }
 
@@ -162,7 +164,7 @@ public:
 
     map<string, string> getEffects() override {
         if (!scene.isBuilt() && mirror.hasPositions()) mirror.takeInChanges();
-        scene.adoptInertiaScale();
+        scene.adoptInertia();
         scene.fluid.takeBox();
         return findEffects(scene, platform);
     }

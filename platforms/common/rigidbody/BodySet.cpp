@@ -23,7 +23,7 @@ RotorKind rotorKind(const BodyInertia& inertia) {
 
 BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int> >& particles,
                  const vector<vector<double> >& siteMasses,
-                 const vector<vector<bool> >& carriesForce) {
+                 const vector<vector<bool> >& carriesForce, const vector<bool>& held) {
     const int n = geometries.size();
     inertias.resize(n);
     axisOrder.resize(n);
@@ -46,13 +46,17 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
         }
         const Eigen::Quaterniond turn(columns);
         frameTurn[i] = {{turn.w(), turn.x(), turn.y(), turn.z()}};
-        kinds[i] = rotorKind(inertias[i]);
+        const bool isHeld = !held.empty() && held[i];
+        kinds[i] = isHeld ? RotorKind::Held : rotorKind(inertias[i]);
+        numHeld += isHeld;
     }
     ownInertias = inertias;
 
-    // Slots: general bodies first, then linear, then points, each kind padded to whole blocks.
+    // Slots: general bodies first, then linear, points and held ones, each kind padded to whole
+    // blocks.
     slotOfBody.resize(n);
-    for (RotorKind kind : {RotorKind::General, RotorKind::Linear, RotorKind::Point}) {
+    for (RotorKind kind :
+         {RotorKind::General, RotorKind::Linear, RotorKind::Point, RotorKind::Held}) {
         for (int i = 0; i < n; i++)
             if (kinds[i] == kind) {
                 slotOfBody[i] = bodyOfSlot.size();
@@ -84,9 +88,11 @@ BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int
         for (int lane = 0; lane < blockSize; lane++) {
             const int slot = b * blockSize + lane, body = bodyOfSlot[slot];
             if (body < 0) continue;
-            const BodyInertia& inertia = inertias[body];
-            inverseMass[slot] = inertia.mass > 0 ? 1 / inertia.mass : 0;
-            if (siteMasses[body].empty()) block.massesMakeTheBodies = false;
+            const double mass = inertias[body].mass;
+            const bool isHeld = block.rotor == RotorKind::Held;
+            inverseMass[slot] = mass > 0 && !isHeld ? 1 / mass : 0;
+            // The loops give all held bodies the momentum 0.
+            if (siteMasses[body].empty() && !isHeld) block.massesMakeTheBodies = false;
             for (size_t s = 0; s < particles[body].size(); s++) {
                 const int entry = block.firstSite + s;
                 siteParticle[entry * blockSize + lane] = particles[body][s];
@@ -128,7 +134,7 @@ void BodySet::setInverseMoments() {
     for (int b = 0; b < getNumBodies(); b++)
         for (int k = 0; k < 3; k++)
             inverseMoments[k][slotOfBody[b]] =
-                inertias[b].isLive(k) ? 1 / inertias[b].moments[k] : 0;
+                inertias[b].isLive(k) && !isHeld(b) ? 1 / inertias[b].moments[k] : 0;
 }
 
 void BodySet::setInertiaScale(double factor) {
@@ -140,6 +146,22 @@ void BodySet::setInertiaScale(double factor) {
         }
     inertiaScale = factor;
     setInverseMoments();
+}
+
+void BodySet::takeStates(const BodySet& others) {
+    setInertiaScale(others.inertiaScale);
+    for (int b = 0; b < getNumBodies(); b++) {
+        // The first columns are those of the state.
+        const double* from = others.numbers.data() + others.slot(b);
+        double* to = numbers.data() + slot(b);
+        for (size_t c = 0; c * stride < stateSize; c++) to[c * stride] = from[c * others.stride];
+        if (isHeld(b)) stop(slot(b));
+    }
+}
+
+/** Set the momenta of a slot to 0. */
+void BodySet::stop(int slot) {
+    for (int k = 0; k < 3; k++) p[k][slot] = l[k][slot] = 0;
 }
 
 Vec3 BodySet::toInner(int body, const Vec3& v) const {
@@ -195,6 +217,7 @@ void BodySet::setState(int body, const BodyState& state) {
     for (int k = 0; k < 3; k++)
         if (!inertias[body].isLive(k)) inner[k] = 0;
     write(l, slot, inner);
+    if (isHeld(body)) stop(slot);
     // The way to the user's frame and back may change last bits. A body that does not turn keeps
     // them.
     if (state.q == getState(body).q) return;
@@ -221,6 +244,7 @@ void BodySet::setStoredState(int body, const array<double, 13>& v) {
         l[k][s] = v[10 + k];
     }
     for (int k = 0; k < 4; k++) q[k][s] = v[3 + k];
+    if (isHeld(body)) stop(s);
 }
 
 Vec3 BodySet::getForce_lab(int body) const { return read(force_lab, slotOfBody[body]); }
@@ -248,10 +272,12 @@ void BodySet::setAngularVelocity_lab(int body, const Vec3& omega_lab) {
     Vec3 momentum = toInnerBody(slot, omega_lab);
     for (int k = 0; k < 3; k++) momentum[k] *= inertias[body].moments[k];
     write(l, slot, momentum);
+    if (isHeld(body)) stop(slot);
 }
 
-void BodySet::setThermostat(int body, const Thermostat& t) {
+void BodySet::setThermostat(int body, const Thermostat& given) {
     const int slot = slotOfBody[body];
+    const Thermostat none, &t = isHeld(body) ? none : given;
     decay_p[slot] = t.decay_p;
     noise_p[slot] = t.noise_p;
     move_R[slot] = t.move_R;

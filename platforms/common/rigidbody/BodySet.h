@@ -11,9 +11,11 @@
 
 namespace RigidHIPlugin {
 
-/** How a body rotates: not at all, as a linear body (no moment about its line), or about three
- * axes. */
-enum class RotorKind { Point, Linear, General };
+/**
+ * How a body rotates: not at all, as a linear body (no moment about its line), or about three axes.
+ * A held body does not move either.
+ */
+enum class RotorKind { Point, Linear, General, Held };
 
 /** State of one body, in its user's body frame. */
 struct BodyState {
@@ -26,9 +28,10 @@ struct BodyState {
  * a SIMD pack of bodies.
  *
  * Bodies are kept in *slots*, sorted by how they rotate. Slots are padded to whole blocks with
- * inactive bodies. In slots, the body frame has its axes in the order of the moments, I_1 <= I_2 <=
- * I_3 (FreeRotor-inl.h gives the reason). getState() and setState() translate to and from the
- * user's body frame.
+ * inactive bodies. Held bodies have blocks of their own, which come last. Whatever is set, they
+ * have no momenta: their inverse masses and moments are 0. In slots, the body frame has its axes in
+ * the order of the moments, I_1 <= I_2 <= I_3 (FreeRotor-inl.h gives the reason). getState() and
+ * setState() translate to and from the user's body frame.
  */
 class BodySet {
 public:
@@ -41,7 +44,7 @@ public:
         RotorKind rotor = RotorKind::Point;
         bool hasNoise = false;
         bool massesMakeTheBodies =
-            false;  // for every body: its sites' masses make its mass and inertia
+            false;  // for every body: its sites' masses make its mass and inertia, or it is held
         int firstSite = 0, numSites = 0;
     };
 
@@ -70,16 +73,26 @@ public:
      *     body's mass and inertia about its origin; an empty list for other bodies
      * @param carriesForce  for each particle of each body, whether its force counts (a virtual
      *     site's does not: OpenMM has already given it to the parents)
+     * @param held          whether each body is held; empty: none is
      */
     BodySet(const std::vector<BodyGeometry>& geometries,
             const std::vector<std::vector<int> >& particles,
             const std::vector<std::vector<double> >& siteMasses,
-            const std::vector<std::vector<bool> >& carriesForce);
+            const std::vector<std::vector<bool> >& carriesForce,
+            const std::vector<bool>& held = {});
+    /**
+     * Take the states of other bodies with the same geometries, and the forces on them that were
+     * gathered last: other bodies may be held.
+     */
+    void takeStates(const BodySet& others);
 
     int getNumBodies() const { return slotOfBody.size(); }
     int getNumBlocks() const { return blocks.size(); }
     int slot(int body) const { return slotOfBody[body]; }
     RotorKind rotor(int body) const { return blocks[slotOfBody[body] / blockSize].rotor; }
+    bool isHeld(int body) const { return rotor(body) == RotorKind::Held; }
+    /** The bodies that are not held. */
+    int getNumMovable() const { return getNumBodies() - numHeld; }
     /**
      * Mass and moments in ascending order, with zero moments marked. The moments are multiplied by
      * the inertia scale.
@@ -113,6 +126,7 @@ public:
      */
     OpenMM::Vec3 getAngularVelocity_lab(int body) const;
     void setAngularVelocity_lab(int body, const OpenMM::Vec3& omega_lab);
+    /** The factors of a body's thermostat. A held body has none, whatever is given. */
     void setThermostat(int body, const Thermostat& thermostat);
 
     double translationalKineticEnergy() const;
@@ -151,6 +165,7 @@ private:
     std::vector<double> numbers;
     size_t stride = 0, stateSize = 0;  // from one column to the next; of what a step changes
     std::vector<int> slotOfBody;
+    int numHeld = 0;
     double inertiaScale = 1;
     std::vector<BodyInertia> ownInertias;  // of the geometries, with moments ascending
     std::vector<BodyInertia> inertias;     // of the dynamics: these moments times the inertia scale
@@ -159,6 +174,7 @@ private:
     std::vector<std::array<double, 4> > frameTurn;  // q_inner = q_user * frameTurn
     void makeColumns();
     void setInverseMoments();
+    void stop(int slot);
     OpenMM::Vec3 toUser(int body, const OpenMM::Vec3& v_inner) const;
     OpenMM::Vec3 toLab(int slot, const OpenMM::Vec3& v_inner) const;
     OpenMM::Vec3 toInnerBody(int slot, const OpenMM::Vec3& v_lab) const;

@@ -67,10 +67,10 @@ class GibbsBoltzmannSampler(Sampler):
         the point of each body about which it is turned, body frame, nm; None: the origins. The
         points change only how fast samples become independent.
     bodies : sequence of int, optional
-        which bodies move; None: all bodies
+        which bodies move; None: all bodies that the integrator does not hold
     freeParticles : sequence of int, optional
-        which free particles move; None: all free particles that have a mass or a radius, without
-        virtual sites
+        which free particles move; None: all free particles that have a mass or a radius and are not
+        held, without virtual sites
     moves : str
         with "single" every trial moves one body or free particle; with "all" every trial moves all
         of them, which suits few or strongly coupled bodies
@@ -133,7 +133,7 @@ class GibbsBoltzmannSampler(Sampler):
         self._take_bodies(trackingPoints, where)
         fluids = forces_of(system, MobilityForce)
         radii = hydrodynamic_radii(system, radii, where)
-        self._bodies = self._chosen(bodies, range(len(self._firstSite) - 1), where, 'bodies')
+        self._bodies = self._chosen(bodies, self._movableBodies, where, 'bodies')
         self._free = self._chosen(freeParticles, self._movable_particles(system, radii), where,
                                   'freeParticles')
         self._check_constraints(system, where)
@@ -159,6 +159,7 @@ class GibbsBoltzmannSampler(Sampler):
         bodies = BodyDefinitions(self._integrator)
         self._firstSite, self._members, self._sites, self._owners = (bodies.first, bodies.members,
                                                                      bodies.places, bodies.owners)
+        self._movableBodies = np.flatnonzero(~bodies.held)
         self._points = np.zeros((len(bodies), 3)) if trackingPoints is None else \
             _units.rows(trackingPoints, _units.LENGTH, 3, where, 'trackingPoints', len(bodies))
 
@@ -176,10 +177,10 @@ class GibbsBoltzmannSampler(Sampler):
         return chosen
 
     def _movable_particles(self, system, radii):
-        inBodies = set(self._members.tolist())
+        others = set(self._members.tolist()) | set(self._integrator.getHeldParticles())
         return [
             i for i in range(system.getNumParticles())
-            if i not in inBodies and not system.isVirtualSite(i) and (
+            if i not in others and not system.isVirtualSite(i) and (
                 system.getParticleMass(i)._value > 0 or radii[i] > 0)
         ]
 

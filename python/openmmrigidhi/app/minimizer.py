@@ -62,7 +62,7 @@ def minimize(context: openmm.Context, tolerance: Optional[Number] = None, maxIte
     that no constraints hold. It leaves particles of mass 0 where they are, and so bodies without
     mass, and does not say so. Here each body has six coordinates, a translation and a rotation
     vector, and each free particle three. Massless free particles stay, unless they have a
-    hydrodynamic radius. The method is L-BFGS-B of SciPy. The origin of the rotation vectors moves
+    hydrodynamic radius. Bodies and particles that the integrator holds stay, too. The method is L-BFGS-B of SciPy. The origin of the rotation vectors moves
     along whenever a body has turned by half a radian. Stiff springs hold the constraints between
     free particles during the search. At its end the constraints are made exact, as in OpenMM's
     minimiser. Velocities do not change.
@@ -127,7 +127,7 @@ class _Scene:
     """The coordinates of a Context.
 
     They are the origins R and quaternions q of the bodies, and the positions x of the free
-    particles that move.
+    particles that move. Of the bodies, those in ``movable`` move.
     """
     def __init__(self, context):
         self.context = context
@@ -147,6 +147,7 @@ class _Scene:
     def _read_bodies(self, system):
         bodies = BodyDefinitions(self.integrator)
         self.numBodies, self.members, self.first = len(bodies), bodies.members, bodies.first
+        self.movable = np.flatnonzero(~bodies.held)
         # OpenMM has added a virtual site's force to its parents when we see it.
         real = np.array([not system.isVirtualSite(int(i)) for i in self.members], dtype=bool)
         self.sites, self.siteBody, self.siteParticle = bodies.places[real], bodies.owners[
@@ -164,9 +165,10 @@ class _Scene:
     def _read_free_particles(self, system):
         inBody = set(self.members.tolist())
         others = [i for i in range(system.getNumParticles()) if i not in inBody]
+        held = set(self.integrator.getHeldParticles())
         # Schemes without momenta move massless particles that the fluid sees.
         self.free = np.array([
-            i for i in others if not system.isVirtualSite(i) and (
+            i for i in others if i not in held and not system.isVirtualSite(i) and (
                 system.getParticleMass(i)._value > 0 or self.radii[i] > 0)
         ], dtype=int)
         self.hasFreeVirtualSites = any(system.isVirtualSite(i) for i in others)
@@ -278,10 +280,12 @@ class _Search:
     """
     def __init__(self, scene, tolerance, maxIterations, reporter, bar):
         self.scene = scene
-        n = scene.numBodies
-        lengths = np.concatenate(
-            [np.tile(np.repeat(scene.bodyLengths, 3), 2),
-             np.repeat(scene.freeLengths, 3)])
+        n = len(scene.movable)
+        lengths = np.concatenate([
+            np.tile(np.repeat(scene.bodyLengths[scene.movable], 3), 2),
+            np.repeat(scene.freeLengths, 3)
+        ])
+        self.turnLengths = scene.length[scene.movable]
         self.scales = lengths/scene.extent
         # Molecules are judged together, and each larger particle by itself.
         particles = np.concatenate([
@@ -311,7 +315,9 @@ class _Search:
             warnings.warn(
                 'minimize: nothing can move: the Context has no bodies, and no particle has a mass '
                 'or a hydrodynamic radius; add bodies to the integrator before the Context is '
-                'created', stacklevel=3)
+                'created' if scene.numBodies == 0 and not scene.integrator.getHeldParticles() else
+                'minimize: nothing can move: the integrator holds all bodies and particles; let '
+                'some go by setBodyHeld() or setParticleHeld()', stacklevel=3)
         self.x = scene.applyConstraints(self.R, self.q, self.x)
         initial, gradient = self._value(np.zeros(self._size()))
         if not np.isfinite(initial) or not np.all(np.isfinite(gradient)):
@@ -338,7 +344,7 @@ class _Search:
                                   _units.FORCE.attach(self.tolerance))
 
     def _size(self):
-        return 6*self.scene.numBodies + 3*len(self.scene.free)
+        return 6*len(self.scene.movable) + 3*len(self.scene.free)
 
     def _out_of_iterations(self):
         return 0 < self.maxIterations <= self.iterations
@@ -384,8 +390,8 @@ class _Search:
                 break
 
     def _limits(self):
-        n = self.scene.numBodies
-        rotations = np.repeat(self.scene.length, 3)*_LARGEST_ROTATION/self.scales[3*n:6*n]
+        n = len(self.scene.movable)
+        rotations = np.repeat(self.turnLengths, 3)*_LARGEST_ROTATION/self.scales[3*n:6*n]
         return np.concatenate([
             np.full(3*n, _LARGEST_TRANSLATION*self.scene.extent), rotations,
             np.full(3*len(self.scene.free), _LARGEST_TRANSLATION*self.scene.extent)
@@ -393,15 +399,19 @@ class _Search:
 
     def _split(self, y):
         """Translations, rotation vectors and moves of free particles in y."""
-        n = self.scene.numBodies
+        n = len(self.scene.movable)
         y = y*self.scales
-        return (y[:3*n].reshape(-1, 3), y[3*n:6*n].reshape(-1, 3)/self.scene.length[:, None],
+        return (y[:3*n].reshape(-1, 3), y[3*n:6*n].reshape(-1, 3)/self.turnLengths[:, None],
                 y[6*n:].reshape(-1, 3))
 
     def _unpack(self, y):
         """Origins, quaternions and free positions for y, from the present centre of the chart."""
         translations, rotations, moves = self._split(y)
-        return self.R + translations, _turned(rotations, self.q), self.x + moves
+        movable = self.scene.movable
+        R, q = self.R.copy(), self.q.copy()
+        R[movable] += translations
+        q[movable] = _turned(rotations, q[movable])
+        return R, q, self.x + moves
 
     def _value(self, y):
         """Energy (with springs) and its gradient."""
@@ -409,9 +419,11 @@ class _Search:
         R, q, x = self._unpack(y)
         energy, forces, torques, freeForces = self.scene.evaluate(R, q, x)
         springEnergy, springForces = self._springs(x)
-        turns = -_turn_gradient(self._split(y)[1], torques)/self.scene.length[:, None]
+        movable = self.scene.movable
+        turns = -_turn_gradient(self._split(y)[1], torques[movable])/self.turnLengths[:, None]
         gradient = np.concatenate(
-            [-forces.ravel(), turns.ravel(), -(freeForces + springForces).ravel()])*self.scales
+            [-forces[movable].ravel(),
+             turns.ravel(), -(freeForces + springForces).ravel()])*self.scales
         energy += springEnergy
         self.last = (y.copy(), energy, gradient)
         if not (np.isfinite(energy) and np.all(np.isfinite(gradient))) and np.any(y):
@@ -463,8 +475,10 @@ class _Search:
         k = self.particles[self.worst]
         if k < 0:
             return ''
-        n = self.scene.numBodies
-        return f' of body {k}' if k < n else f' of particle {self.scene.free[k - n]}'
+        movable, free = self.scene.movable, self.scene.free
+        if k < len(movable):
+            return f' of body {movable[k]}'
+        return f' of particle {free[k - len(movable)]}'
 
     def _after_iteration(self, y):
         """SciPy calls this after each iteration; an exception is the only way to end its search."""
