@@ -39,6 +39,7 @@ public:
         findScheme();
         findFluid();
         findHeld();
+        findPrescribed();
         findDrift();
         findSlowedSpins();
         findInertia();
@@ -130,6 +131,10 @@ private:
             bodies + particles == 0 ? "nothing is held"
             : scheme.needsFluid()   ? held + ": the fluid is at rest on them"
                                     : held + ": they have no momenta and no degrees of freedom");
+    }
+
+    void findPrescribed() {
+        set("prescribed motion", scene.bodyMotions.isOn(), scene.bodyMotions.describe());
     }
 
     /** The drift of schemes without momenta, and how it is computed. */

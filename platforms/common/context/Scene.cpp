@@ -114,4 +114,10 @@ void Scene::resetGeometry() {
     noteChange();
 }
 
+const Eigen::MatrixXd* Scene::prescribedNow() {
+    if (!bodyMotions.isOn()) return nullptr;
+    bodyMotions.evaluate(contextParameters, arrays->getTime(), prescribed);
+    return &prescribed;
+}
+
 }  // namespace RigidHIPlugin

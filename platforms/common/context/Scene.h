@@ -73,6 +73,9 @@ public:
     /** The Context's periodic box at present. @throws OpenMMException if it is not finite */
     BoxVectors getBox() const;
 
+    /** The prescribed velocities of bodies at the present time; null: none is prescribed. */
+    const Eigen::MatrixXd* prescribedNow();
+
     /**
      * Note that others changed positions, box or parameters, so that earlier forces are not valid
      * any more.
@@ -104,6 +107,7 @@ private:
     bool built = false;
     long long changes = 0;
     int heldChanges = 0;
+    Eigen::MatrixXd prescribed;
     std::optional<int> adoptedHeld;  // the integrator's version of its settings
 };
 

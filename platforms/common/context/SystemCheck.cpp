@@ -289,15 +289,6 @@ static void checkHeld(const System& system, const CustomRigidHIIntegrator& integ
              "create the System with removeCMMotion=False, or remove the force");
 }
 
-void refuseHeldUntilSupported(const CustomRigidHIIntegrator& integrator) {
-    if (traitsOf(integrator.getScheme()).isOverdamped()) return;
-    for (int b = 0; b < integrator.getNumRigidBodies(); b++)
-        if (integrator.getBodyHeld(b))
-            fail(bodyText(b) + " is held, which this build does not support; let it go");
-    for (int p : integrator.getHeldParticles())
-        fail(particleText(p) + " is held, which this build does not support; let it go");
-}
-
 /** Check the motions that CustomBodyMotions prescribe. */
 static void checkPrescribed(const CustomRigidHIIntegrator& integrator, const SystemInventory& stock,
                             const SchemeTraits& traits) {
@@ -307,22 +298,14 @@ static void checkPrescribed(const CustomRigidHIIntegrator& integrator, const Sys
         if (integrator.getBodyHeld(b))
             fail(bodyText(b) + " is held, but " + motion +
                  "its motion; let the body go, or remove it from the force");
-        if (!traits.needsFluid())
+        if (!stock.barostat.empty())
+            fail(motion + "the motion of " + bodyText(b) + ", but the System has a " +
+                 stock.barostat + ", which would move it; remove the barostat");
+        if (!traits.isOverdamped())
             fail(motion + "the motion of " + bodyText(b) + ", which scheme " + traits.name +
-                 " cannot do; use a scheme with a fluid, such as TrapezoidalSlip, or hold the body "
-                 "by setBodyHeld()");
-        if (traits.hasMomenta && !components.areAll())
-            fail(motion + components.names() + " of " + bodyText(b) + ", but scheme " +
-                 traits.name +
-                 " can prescribe all six components of a body or none; give all six expressions, "
-                 "or use a scheme without momenta, such as TrapezoidalSlip");
+                 " cannot do; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or "
+                 "hold the body by setBodyHeld()");
     }
-}
-
-void refusePrescribedUntilSupported(const SystemInventory& stock) {
-    for (const auto& entry : stock.prescribed)
-        fail("the motion of " + bodyText(entry.first) +
-             " is prescribed, which this build does not support; remove the CustomBodyMotion");
 }
 
 /**
@@ -412,8 +395,6 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
     if (!traits.hasMomenta) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
     checkHeld(system, integrator, stock);
     checkPrescribed(integrator, stock, traits);
-    refuseHeldUntilSupported(integrator);
-    refusePrescribedUntilSupported(stock);
     if (traits.kind == SchemeKind::FluidThermostat) {
         if (stock.hasCMMotionRemover)
             fail("the System has a CMMotionRemover, but with scheme " + name +

@@ -102,6 +102,7 @@ void BrownianGroup::startStep(const StepSettings& settings, const Surroundings& 
     present.start = move->start;
     present.forces.resize(overdampedScheme(settings.scheme).numStages());
     present.memory = memoryAtStart;
+    present.prescribed.clear();
 }
 
 bool BrownianGroup::runStage(int wanted, const StepSettings& settings, const Surroundings& around,
@@ -115,6 +116,12 @@ bool BrownianGroup::runStage(int wanted, const StepSettings& settings, const Sur
     const MobilityCosts before = mobility->getCosts();
     move->randomNumbers = 0;
     if (stage == 0) startStep(settings, around, set, positions);
+    const bool isDriven = members.readPrescribed(around.prescribed, prescribed);
+    move->prescribe(isDriven ? &prescribed : nullptr);
+    if (isDriven && presentIsRemembered) {
+        present.prescribed.resize(entry.numStages());
+        present.prescribed[stage] = prescribed;
+    }
     if (entry.needsForces(stage)) {
         members.readForces(set, freeParticles, move->force);
         if (presentIsRemembered) present.forces[stage] = move->force;

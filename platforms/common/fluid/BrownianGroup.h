@@ -47,6 +47,8 @@ public:
         const DrivenFlow* flow;  // null: none
         const BoxVectors& box;
         bool stepIsRemembered;  // for users who ask for the flow of the fluid
+        /** Of the stage, 6 for each body of the Context; null: nothing is prescribed. */
+        const Eigen::MatrixXd* prescribed;
     };
     /**
      * Make what the steps of these settings need. To be called before runStage(), which may run in
@@ -165,6 +167,7 @@ private:
     std::vector<Eigen::MatrixXd> memoryAtStart;
     LastStep present, last;  // what is recorded of the present step; the last whole step
     bool presentIsRemembered = false;
+    Eigen::MatrixXd prescribed;               // of this stage, rows of the elements
     Eigen::MatrixXd presentHolds, lastHolds;  // where some component is fixed
     bool holdsAreKnown = false;
     int stage = 0;

@@ -1,5 +1,7 @@
 #include "fluid/BrownianGroups.h"
 
+#include <openmm/OpenMMException.h>
+
 #include <algorithm>
 #include <functional>
 
@@ -25,7 +27,8 @@ int BrownianGroups::nextStage() const {
     return next;
 }
 
-LoopResult BrownianGroups::runStage(int stage, const StepSettings& settings, BodySet& bodies,
+LoopResult BrownianGroups::runStage(int stage, const StepSettings& settings,
+                                    const Eigen::MatrixXd* prescribed, BodySet& bodies,
                                     const FreeParticles& freeParticles,
                                     vector<OpenMM::Vec3>& positions) {
     const OneBlasThread single;
@@ -36,7 +39,8 @@ LoopResult BrownianGroups::runStage(int stage, const StepSettings& settings, Bod
         group->objection.clear();
         if (group->brownian->getStage() == stage) operations += group->brownian->getOperations();
     }
-    const BrownianGroup::Surroundings around = {fluid.getFlow(), fluid.box, fluid.hasOneFlow()};
+    const BrownianGroup::Surroundings around = {fluid.getFlow(), fluid.box, fluid.hasOneFlow(),
+                                                prescribed};
     const auto task = [&](int i) {
         FluidGroup& group = *fluid.groups[i];
         const bool isRun =
@@ -62,6 +66,13 @@ BrownianGroups::Rejections BrownianGroups::takeBackRejected(
     Rejections result;
     for (const auto& group : fluid.groups) {
         if (group->objection.empty()) continue;
+        const string ofMotion = group->objectionToWhollyFixed(bodies, positions);
+        if (!ofMotion.empty())
+            throw OpenMM::OpenMMException(
+                "CustomRigidHIIntegrator: a prescribed motion leads to where the fluid has no "
+                "mobility, which no noise can mend: " +
+                ofMotion +
+                "; change the expressions of the CustomBodyMotion, or move what is in its way");
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++)
             if (elements[e].isFree())

@@ -34,9 +34,12 @@ public:
      * of bodies and free particles, with the forces last gathered if the stage wants any. It ends
      * where the next stage wants forces, or at the end of the step. Groups that are further on
      * return to where they were.
+     *
+     * @param prescribed  velocities of the stage (BodyMotions::evaluate()); null: none
      */
-    LoopResult runStage(int stage, const StepSettings& settings, BodySet& bodies,
-                        const FreeParticles& freeParticles, std::vector<OpenMM::Vec3>& positions);
+    LoopResult runStage(int stage, const StepSettings& settings, const Eigen::MatrixXd* prescribed,
+                        BodySet& bodies, const FreeParticles& freeParticles,
+                        std::vector<OpenMM::Vec3>& positions);
     struct Rejections {
         int number = 0;         // of groups
         int attempts = 0;       // largest number in a row of one group
@@ -45,6 +48,8 @@ public:
     /**
      * Take groups that the last stage led to where the model has no mobility back to the start of
      * the step (poses and forces), each by itself, for their next attempt.
+     *
+     * @throws OpenMMException where prescribed motion led there by itself
      */
     Rejections takeBackRejected(const BodySet::Snapshot& bodiesAtStart,
                                 const FreeParticles::Snapshot& freeAtStart, BodySet& bodies,

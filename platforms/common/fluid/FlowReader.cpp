@@ -81,6 +81,7 @@ void FlowReader::replay(FluidGroup& group, Answer& result) const {
     for (size_t i = 0; i < memory.size(); i++) *memory[i] = last.memory[i];
     for (int stage = 0; stage < entry.numStages(); stage++) {
         if (entry.needsForces(stage)) move.force = last.forces[stage];
+        move.prescribe(last.prescribed.empty() ? nullptr : &last.prescribed[stage]);
         scheme->run(stage, move);
     }
     move.record(nullptr);
@@ -101,7 +102,8 @@ void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
     move.begin(step);
     move.force = brownian.readForces(question.bodies, question.freeParticles);
     move.record(&result.made);
-    MatrixXd twists;
+    MatrixXd twists, prescribed;
+    if (group.members.readPrescribed(question.prescribed, prescribed)) move.prescribe(&prescribed);
     move.atStart();
     move.solve(move.velocity(1, move.force), twists);
     move.record(nullptr);

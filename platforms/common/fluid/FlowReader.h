@@ -19,6 +19,7 @@ struct FlowQuestion {
     const std::vector<OpenMM::Vec3>& positions;
     const std::vector<OpenMM::Vec3>& velocities;
     CustomRigidHIIntegrator::Scheme scheme;  // of the integrator at present
+    const Eigen::MatrixXd* prescribed;       // velocities at present; null: none
     bool hasMomenta() const { return traitsOf(scheme).hasMomenta; }
 };
 

@@ -166,6 +166,9 @@ FluidAnswers::Holds FluidAnswers::holdsNow(const FlowQuestion& question) const {
             mobility.totalWrenches(move.start, forces, own);
             own -= move.force;
         } else {
+            MatrixXd prescribed;
+            if (group->members.readPrescribed(question.prescribed, prescribed))
+                move.prescribe(&prescribed);
             move.recordHolds(&own);
             move.solve(move.velocity(1, move.force), twists);
         }

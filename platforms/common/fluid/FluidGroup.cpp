@@ -23,6 +23,19 @@ string FluidGroup::objectionTo(const BodySet& set, const vector<OpenMM::Vec3>& p
     return answering->mayObject() ? answering->objection(readPoses(set, positions)) : string();
 }
 
+string FluidGroup::objectionToWhollyFixed(const BodySet& set,
+                                          const vector<OpenMM::Vec3>& positions) const {
+    if (!wholly || !wholly->hasModel() || !wholly->getModel().getTraits().mayObject) return {};
+    vector<Pose> there;
+    GroupMembers(*wholly).readPoses(set, positions, there);
+    vector<Matrix3d> turns;
+    setTurns(there, turns);
+    Placement placement;
+    placement.box = bodies.getBox();
+    wholly->getMotion().place(there, turns, placement);
+    return wholly->getModel().objection(placement);
+}
+
 /**
  * Check the power of a wrench on the rotation about the line, relative to the rounding that forces
  * at the sites leave.

@@ -36,6 +36,8 @@ struct FluidGroup {
     std::unique_ptr<BrownianGroup> brownian;   // for schemes without momenta
     std::string objection;              // against the poses after the last stage without momenta
     BodyMobility* answering = nullptr;  // for requests of users
+    /** Elements that are held or wholly prescribed, by themselves; null: none is prescribed. */
+    std::unique_ptr<CoupledBodies> wholly;
     std::vector<Pose> poses;
     std::string gridChoice;        // how Auto chose between matrices and a grid; empty: it did not
     bool dependsOnScheme = false;  // whether it would choose anew for another scheme
@@ -48,6 +50,9 @@ struct FluidGroup {
     }
     /** Why the model has no mobility at the present poses; empty where it has one. */
     std::string objectionTo(const BodySet& set, const std::vector<OpenMM::Vec3>& positions);
+    /** Likewise for what is held or wholly prescribed by itself, where noise can change nothing. */
+    std::string objectionToWhollyFixed(const BodySet& set,
+                                       const std::vector<OpenMM::Vec3>& positions) const;
     /**
      * Check that a wrench does not turn a body about the line of its collinear blobs, where neither
      * fluid nor inertia resists.

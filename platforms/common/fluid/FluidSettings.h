@@ -1,8 +1,10 @@
 #ifndef RIGIDHI_FLUID_SETTINGS_H_
 #define RIGIDHI_FLUID_SETTINGS_H_
 
+#include <map>
 #include <set>
 
+#include "forces/BodyMotions.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 
 namespace RigidHIPlugin {
@@ -12,9 +14,13 @@ struct FluidSettings {
     CustomRigidHIIntegrator::WallRejection wallRejection;
     CustomRigidHIIntegrator::Scheme scheme;
     std::set<int> heldBodies, heldParticles;  // setBodyHeld(), setParticleHeld()
+    /** What CustomBodyMotions prescribe, by body, the same as long as the Context. */
+    std::map<int, PrescribedComponents> prescribed;
 
-    explicit FluidSettings(const CustomRigidHIIntegrator& integrator)
-        : wallRejection(integrator.getWallRejection()), scheme(integrator.getScheme()) {
+    FluidSettings(const CustomRigidHIIntegrator& integrator,
+                  const std::map<int, PrescribedComponents>& prescribed)
+        : wallRejection(integrator.getWallRejection()), scheme(integrator.getScheme()),
+          prescribed(prescribed) {
         for (int b = 0; b < integrator.getNumRigidBodies(); b++)
             if (integrator.getBodyHeld(b)) heldBodies.insert(b);
         for (int p : integrator.getHeldParticles()) heldParticles.insert(p);

@@ -105,6 +105,11 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
                  " has no particle with a hydrodynamic radius, so the fluid would not see it; give "
                  "at least one of its particles a radius above 0");
         if (settings.heldBodies.count(b)) element.hold();
+        const auto prescribed = settings.prescribed.find(b);
+        if (prescribed != settings.prescribed.end()) {
+            element.fixed = prescribed->second.components;
+            element.fixedInBody = prescribed->second.inBody;
+        }
         elementsOfGroups[freeDraining     ? nextGroup++
                          : labels.empty() ? 0
                                           : labels[b]]
@@ -144,6 +149,7 @@ void GroupBuilder::addShape(FluidElement& element, const vector<BodyGeometry>& g
         return;
     }
     const int b = element.body;
+    if (element.fixedInBody) element.axes = userAxes(bodies, b);
     for (size_t i = 0; i < particlesOfBodies[b].size(); i++)
         if (force.getParticleRadius(particlesOfBodies[b][i]) > 0)
             element.sites.push_back(toEigen(bodies.toInner(b, geometries[b].sites[i])));
@@ -205,6 +211,17 @@ unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& eleme
         },
         force.getSolverTolerance(), shapes));
     group->gridChoice = choice.text();
+    vector<FluidElement> fixed;
+    bool isDriven = false;
+    for (const FluidElement& element : elements) {
+        if (element.isWhollyFixed()) fixed.push_back(element);
+        isDriven = isDriven || (element.isWhollyFixed() && !element.isHeld);
+    }
+    GridChoice unused;
+    if (isDriven)
+        group->wholly.reset(new CoupledBodies(fixed, [&](const HydrodynamicParticles& particles) {
+            return makeModel(particles, mayUseThreads, unused);
+        }));
     group->dependsOnScheme = choice.isEstimated();
     for (size_t e = 0; e < elements.size(); e++) {
         group->members.freeIndex.push_back(

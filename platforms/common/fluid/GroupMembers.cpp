@@ -85,4 +85,17 @@ void GroupMembers::readTwists(const BodySet& set, const vector<OpenMM::Vec3>& ve
     }
 }
 
+bool GroupMembers::readPrescribed(const MatrixXd* values, MatrixXd& ofElements) const {
+    if (!values) return false;
+    const auto& elements = bodies.getElements();
+    bool any = false;
+    ofElements.setZero(bodies.getNumRows(), 1);
+    for (size_t e = 0; e < elements.size(); e++) {
+        if (elements[e].isFree() || elements[e].isHeld || elements[e].isWhollyFree()) continue;
+        ofElements.middleRows<6>(bodies.firstRow(e)) = values->col(elements[e].body);
+        any = true;
+    }
+    return any;
+}
+
 }  // namespace RigidHIPlugin

@@ -34,6 +34,13 @@ public:
     void readTwists(const BodySet& set, const std::vector<OpenMM::Vec3>& velocities,
                     Eigen::MatrixXd& twists) const;
     /**
+     * The prescribed velocities of fixed components (OverdampedMove::prescribe()).
+     *
+     * @param values  a column of 6 for each body of the Context; null: nothing is prescribed
+     * @return whether something is prescribed for these elements
+     */
+    bool readPrescribed(const Eigen::MatrixXd* values, Eigen::MatrixXd& ofElements) const;
+    /**
      * Write poses to bodies and free particles. Forces stay those of the poses where they were
      * evaluated, in the lab frame. @return whether the poses are finite
      */

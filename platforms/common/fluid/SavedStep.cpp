@@ -68,19 +68,22 @@ vector<MatrixXd> numbersOf(const LastStep& last) {
                                 toMatrix(last.end)};
     numbers.insert(numbers.end(), last.forces.begin(), last.forces.end());
     numbers.insert(numbers.end(), last.memory.begin(), last.memory.end());
+    numbers.insert(numbers.end(), last.prescribed.begin(), last.prescribed.end());
     return numbers;
 }
 
 bool areOfAStep(const vector<MatrixXd>& numbers, const OverdampedEntry& scheme, int numElements,
                 int numRows) {
     const int numStages = scheme.numStages(), numMemories = scheme.make()->memory().size();
-    if ((int)numbers.size() != 3 + numStages + numMemories || numbers[0].size() != numNumbersOfStep)
-        return false;
+    const int count = numbers.size(), numWithoutPrescribed = 3 + numStages + numMemories;
+    if (count != numWithoutPrescribed && count != numWithoutPrescribed + numStages) return false;
+    if (numbers[0].size() != numNumbersOfStep) return false;
     for (int i = 0; i < (int)numbers.size(); i++) {
         bool fits = numbers[i].allFinite();
         if (i == 1 || i == 2)
             fits = fits && numbers[i].rows() == 7 && numbers[i].cols() == numElements;
         if (i > 2) fits = fits && (numbers[i].size() == 0 || numbers[i].rows() == numRows);
+        if (i >= numWithoutPrescribed) fits = fits && numbers[i].cols() == 1;
         if (i > 2 && i < 3 + numStages && scheme.needsForces(i - 3))
             fits = fits && numbers[i].cols() == 1;
         if (!fits) return false;
@@ -105,7 +108,10 @@ LastStep stepOf(const vector<MatrixXd>& numbers, CustomRigidHIIntegrator::Scheme
     const auto forces = numbers.begin() + 3;
     const int numStages = overdampedScheme(scheme).numStages();
     last.forces.assign(forces, forces + numStages);
-    last.memory.assign(forces + numStages, numbers.end());
+    const auto memory = forces + numStages;
+    const int numMemories = overdampedScheme(scheme).make()->memory().size();
+    last.memory.assign(memory, memory + numMemories);
+    last.prescribed.assign(memory + numMemories, numbers.end());
     last.isKnown = true;
     return last;
 }

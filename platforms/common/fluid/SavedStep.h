@@ -18,8 +18,9 @@ struct LastStep {
     OverdampedStep step;
     BoxVectors box = {};
     std::vector<Pose> start, end;
-    std::vector<Eigen::MatrixXd> forces;  // of each stage; empty: the stage has none
-    std::vector<Eigen::MatrixXd> memory;  // of the scheme, at the start of the step
+    std::vector<Eigen::MatrixXd> forces;      // of each stage; empty: the stage has none
+    std::vector<Eigen::MatrixXd> memory;      // of the scheme, at the start of the step
+    std::vector<Eigen::MatrixXd> prescribed;  // of each stage; empty: nothing is prescribed
 };
 
 // The codec of a last step: matrices of numbers, as checkpoints and States hold them.

@@ -218,7 +218,7 @@ private:
         if (scene.fluid)
             return scene.fluid->getAnswers().holdsNow(
                 {scene.bodies, *scene.freeParticles, scene.arrays->positions(),
-                 scene.arrays->velocities(), scene.integrator.getScheme()});
+                 scene.arrays->velocities(), scene.integrator.getScheme(), scene.prescribedNow()});
         // Without a fluid forces alone act on what is held.
         FluidAnswers::Holds holds = {Eigen::VectorXd::Zero(6 * scene.bodies.getNumBodies()),
                                      Eigen::VectorXd::Zero(3 * scene.system.getNumParticles())};

@@ -114,10 +114,14 @@ private:
         return prepare(method).getFlowReader();
     }
 
-    FlowQuestion askForFlow() const {
+    FlowQuestion askForFlow() {
         scene.arrays->pullVelocities();
-        return {scene.bodies, *scene.freeParticles, scene.arrays->positions(),
-                scene.arrays->velocities(), scene.integrator.getScheme()};
+        return {scene.bodies,
+                *scene.freeParticles,
+                scene.arrays->positions(),
+                scene.arrays->velocities(),
+                scene.integrator.getScheme(),
+                scene.prescribedNow()};
     }
 
     Scene& scene;

@@ -81,4 +81,14 @@ void FreeMotion::motionOfFixed(const vector<Matrix3d>& turns, const MatrixXd& va
     });
 }
 
+void FreeMotion::componentsOfFixed(const vector<Matrix3d>& turns, const MatrixXd& twists,
+                                   MatrixXd& values) const {
+    values = twists;
+    forBodyAxes(turns, [&](int row, const Matrix3d& toLab) {
+        values.middleRows<3>(row) = (toLab.transpose() * values.middleRows<3>(row)).eval();
+    });
+    for (int row = 0; row < values.rows(); row++)
+        if (!isFixed[row]) values.row(row).setZero();
+}
+
 }  // namespace RigidHIPlugin

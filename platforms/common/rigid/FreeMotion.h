@@ -47,6 +47,9 @@ public:
      */
     void motionOfFixed(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& values,
                        Eigen::MatrixXd& twists) const;
+    /** The inverse: the fixed components of twists or wrenches as such values. */
+    void componentsOfFixed(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& twists,
+                           Eigen::MatrixXd& values) const;
 
 private:
     template <class Action>

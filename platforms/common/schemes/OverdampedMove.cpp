@@ -187,6 +187,7 @@ void OverdampedMove::recordHold(const Column& solved, int column) {
     forcesOfSolve = forcesOfSolve.col(column).eval();
     mobility.totalWrenches(mobility.posesHere(), forcesOfSolve, wrenchesOfSolve);
     *holds += solved.weight * (wrenchesOfSolve - solved.wrench.col(0));
+    if (solved.axisForces) *holds += solved.weight * solved.axisFactor * *solved.axisForces;
 }
 
 const OverdampedMove::Vectors& OverdampedMove::findPrescribed(const vector<Pose>& at) {
@@ -315,6 +316,7 @@ void OverdampedMove::recordKnownDrift(double factor) {
 }
 
 void OverdampedMove::drawDirections() {
+    endsAreFound = false;
     drawForBodies(NoiseStream::FiniteDifference, NoiseStream::FreeFiniteDifference, directions,
                   true);
     for (int i = 0; i < directions.rows(); i++)
@@ -392,6 +394,7 @@ void OverdampedMove::drawTractions(Vectors& forces, Vectors& slips) {
     lambda = lambdas.col(0);
     centralStep = differenceStep_;
     displaceBothWays(centralStep);
+    endsAreFound = true;
     mobility.totalWrenches(backward, lambda, forces);
     mobility.totalWrenches(forward, lambda, wrenchAtOtherEnd);
     forces = (forces - wrenchAtOtherEnd) / centralStep;
@@ -404,6 +407,41 @@ void OverdampedMove::rigidSlipDifference(const Vectors& twists, Vectors& slips) 
     mobility.rigidSlips(forward, twists, slips);
     mobility.rigidSlips(backward, twists, slipAtOtherEnd);
     slips = (slips - slipAtOtherEnd) / centralStep;
+}
+
+void OverdampedMove::drawAxisForces(Vectors& forces) {
+    requireDifferences("drawAxisForces()");
+    const FreeMotion& free = mobility.getBodies().getFreeMotion();
+    mobility.getBlobForces(lambdas);
+    lambda = lambdas.col(0);
+    if (!endsAreFound) {
+        centralStep = differenceStep_;
+        displaceBothWays(centralStep);
+        endsAreFound = true;
+    }
+    Vectors onAxes, along, atOtherEnd;
+    mobility.totalWrenches(start, lambda, onAxes);
+    onAxes -= directions;
+    setTurns(start, turnsOfFixed);
+    free.componentsOfFixed(turnsOfFixed, onAxes, along);
+    setTurns(forward, turnsOfFixed);
+    free.motionOfFixed(turnsOfFixed, along, forces);
+    setTurns(backward, turnsOfFixed);
+    free.motionOfFixed(turnsOfFixed, along, atOtherEnd);
+    forces = (forces - atOtherEnd) / centralStep;
+}
+
+void OverdampedMove::prescribeAxisDifference(double factor, const Vectors& twists) {
+    const FreeMotion& free = mobility.getBodies().getFreeMotion();
+    Vectors values, atOtherEnd;
+    setTurns(forward, turnsOfFixed);
+    free.componentsOfFixed(turnsOfFixed, twists, values);
+    setTurns(backward, turnsOfFixed);
+    free.componentsOfFixed(turnsOfFixed, twists, atOtherEnd);
+    values = -factor / centralStep * (values - atOtherEnd);
+    if (prescribed) values += *prescribed;
+    prescribedWithAxes = values;
+    prescribed = &prescribedWithAxes;
 }
 
 }  // namespace RigidHIPlugin

@@ -96,10 +96,23 @@ public:
         double weight;
         bool givesVelocity;
         const Vectors &wrench, &slips, &moreSlips;
+        double axisFactor = 0;
+        const Vectors* axisForces = nullptr;
         Column(double weight, bool givesVelocity, const Vectors& wrench, const Vectors& slips,
                const Vectors& moreSlips)
             : weight(weight), givesVelocity(givesVelocity), wrench(wrench), slips(slips),
               moreSlips(moreSlips) {}
+
+    public:
+        /**
+         * Note that the wrench has a multiple of drawAxisForces(). What holds the body exerts it,
+         * so that it counts as a part of the wrench that holds.
+         */
+        Column& including(double factor, const Vectors& forces) {
+            axisFactor = factor;
+            axisForces = &forces;
+            return *this;
+        }
     };
     /**
      * A column that gives velocities of bodies, N (F + K^T M^-1 s) at the present poses, with the
@@ -192,6 +205,21 @@ public:
     void drawTractions(Vectors& forces, Vectors& slips);
     /** (K(Q+) - K(Q-)) U / delta at the Q+- of drawTractions(). */
     void rigidSlipDifference(const Vectors& twists, Vectors& slips);
+    // Components that are fixed along axes which turn with their body, C U = b, C = C(Q): schemes
+    // whose noise acts at other poses than their mobility lack a term of the drift, which is the
+    // mean of a force along these axes (THEORY.md). Differences are along the directions.
+    /** Whether there are such components. */
+    bool axesTurn() const { return mobility.getBodies().getFreeMotion().turnsWithBodies(); }
+    /**
+     * (C^T(Q+) - C^T(Q-)) mu / delta, where mu are the forces along the axes in the last solve,
+     * whose first column was for the directions. Q+- are those of drawTractions(), or are found.
+     */
+    void drawAxisForces(Vectors& forces);
+    /**
+     * Add -factor (C(Q+) - C(Q-)) U / delta to the prescribed velocities, until the next stage. To
+     * be called after drawAxisForces().
+     */
+    void prescribeAxisDifference(double factor, const Vectors& twists);
     /**
      * The poses that are `step` directions away from the start: R + step L W~_t, Rotate(q, step
      * W~_r). If the model has no mobility there but has one the other way, `step` changes its sign.
@@ -292,6 +320,8 @@ private:
     /** The prescribed velocities at these poses, as twists. */
     const Vectors& findPrescribed(const std::vector<Pose>& at);
     const Vectors* prescribed = nullptr;
+    Vectors prescribedWithAxes;
+    bool endsAreFound = false;  // of the difference along the present directions
     std::vector<Eigen::Matrix3d> turnsOfFixed;
     Vectors* holds = nullptr;
     Vectors twistsOfFixed, scaledTwists, slipsOfFixed, forcesOfSolve, wrenchesOfSolve;

@@ -22,9 +22,11 @@ public:
     void take() override;
 
 private:
+    void findPrescribed();
     void runStage(int stage);
     void writePositions();
     StepParts parts;
+    std::vector<Eigen::MatrixXd> prescribed;  // of each stage; empty: nothing is prescribed
 };
 
 }  // namespace RigidHIPlugin

@@ -42,6 +42,11 @@ private:
             total += std::sqrt(4 * m.kT / m.h) * noise;
             m.thermalWrench(OverdampedMove::Second, noise2);
             noise += noise2;
+            if (m.axesTurn()) {
+                m.drawDirections();
+                m.solve(m.direction(0, m.directions), U);
+                m.drawAxisForces(axisForces);
+            }
         }
         m.solve(m.velocity(0, total), U);
         m.goFromStart(m.h / 2, U);
@@ -50,10 +55,15 @@ private:
         m.atPresent();
         total = m.force;
         if (m.kT > 0) total += std::sqrt(m.kT / m.h) * noise;
-        m.solve(m.velocity(1, total), U);
+        if (m.kT > 0 && m.axesTurn()) {
+            total += m.kT * axisForces;
+            m.solve(m.velocity(1, total).including(m.kT, axisForces), U);
+        } else {
+            m.solve(m.velocity(1, total), U);
+        }
         m.goFromStart(m.h, U);
     }
-    Vectors total, noise, noise2, U;
+    Vectors total, noise, noise2, axisForces, U;
 };
 
 }  // namespace RigidHIPlugin

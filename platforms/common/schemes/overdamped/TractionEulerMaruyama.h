@@ -38,14 +38,21 @@ public:
             slip -= difference;
             total += m.kT * forceDifference;
             slip *= m.kT;
-            m.solve(m.velocity(1, total, thermalSlips, slip), U);
+            if (m.axesTurn()) {
+                m.drawAxisForces(axisForces);
+                total += m.kT * axisForces;
+                m.prescribeAxisDifference(m.kT, U_random);
+                m.solve(m.velocity(1, total, thermalSlips, slip).including(m.kT, axisForces), U);
+            } else {
+                m.solve(m.velocity(1, total, thermalSlips, slip), U);
+            }
             m.recordTractions(m.kT);
         }
         m.goFromStart(m.h, U);
     }
 
 private:
-    Vectors U_random, forceDifference, slip, difference;
+    Vectors U_random, forceDifference, axisForces, slip, difference;
 };
 
 }  // namespace RigidHIPlugin

@@ -59,6 +59,7 @@ private:
                 U_start = U_both.col(1);
                 m.drawTractions(forceDifference, difference);
                 m.recordTractions(m.kT);
+                if (m.axesTurn()) m.drawAxisForces(axisForces);
                 slip += 2 * m.kT * difference;
             }
         }
@@ -69,12 +70,17 @@ private:
         total = m.force;
         const bool hasDrift = m.kT > 0, isDifferenced = hasDrift && !m.driftIsKnown();
         if (isDifferenced) total += 2 * m.kT * forceDifference;
-        m.solveFromKept(m.velocity(0.5, total, slip), U);
+        if (isDifferenced && m.axesTurn()) {
+            total += 2 * m.kT * axisForces;
+            m.solveFromKept(m.velocity(0.5, total, slip).including(2 * m.kT, axisForces), U);
+        } else {
+            m.solveFromKept(m.velocity(0.5, total, slip), U);
+        }
         if (hasDrift && !isDifferenced) U += 2 * drift;
         U = 0.5 * (U + U_start);
         m.goFromStart(m.h, U);
     }
-    Vectors total, U, U_start, slip, difference, forceDifference, drift;
+    Vectors total, U, U_start, slip, difference, forceDifference, axisForces, drift;
     Vectors U_both;  // two columns
 };
 
