@@ -316,8 +316,8 @@ vector<int> MobilityForce::getBodiesWithOwnTensors() const {
 
 void MobilityForce::setBodySlip(int body, const vector<Vec3>& velocities) {
     if (body < 0)
-        fail("setBodySlip()", "body index " + text(body) + " is negative",
-             "bodies are counted from 0", "correct the index");
+        fail("setBodySlip()", "the index of the body is " + text(body), "it must be 0 or above",
+             "give the index of a body, counted from 0");
     for (size_t i = 0; i < velocities.size(); i++)
         if (!isFinite(velocities[i]))
             fail("body " + text(body),

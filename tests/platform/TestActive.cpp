@@ -372,7 +372,7 @@ TEST(Active, SlipsThatAreRefused) {
     refused([](ActiveScene& s) { s.fluid->setBodySlip(2, {Vec3()}); },
             {"MobilityForce: body 2 was given a slip, but the integrator has 2 bodies, counted "
              "from 0",
-             "clearBodySlip()"});
+             "correct the index in setBodySlip(), or use clearBodySlip()"});
     refused([](ActiveScene& s) { s.fluid->setBodySlip(0, {Vec3(1, 0, 0)}); },
             {"MobilityForce: body 0 was given a slip, but has 1 hydrodynamic particles",
              "no stresslet sources for the surface of a single sphere",
@@ -391,8 +391,8 @@ TEST(Active, SlipsThatAreRefused) {
 
     MobilityForce fluid;
     expectError([&] { fluid.setBodySlip(-1, {}); },
-                {"MobilityForce: setBodySlip(): body index -1 is negative; bodies are counted from "
-                 "0"});
+                {"MobilityForce: setBodySlip(): the index of the body is -1; it must be 0 or above",
+                 "give the index of a body, counted from 0"});
     expectError(
         [&] {
             fluid.setBodySlip(3, {Vec3(), Vec3(0, NAN, 0)});

@@ -35,12 +35,12 @@ def active():
 
 class Swimmers:
     """Bodies of blobs without forces, and the velocities with which a step moves them."""
-    def __init__(self, bodies, slips, boundary=MobilityForce.Unbounded, eta=1):
+    def __init__(self, bodies, slips, boundary=MobilityForce.Unbounded, eta=1, h=1):
         self.fluid = MobilityForce()
         self.fluid.setViscosity(eta)
         self.fluid.setBoundary(boundary)
         self.fluid.setSolver('Dense')
-        self.integrator = CustomRigidHIIntegrator(0, 1)
+        self.integrator = CustomRigidHIIntegrator(0, h)
         self.integrator.setScheme('EulerMaruyama')
         system = openmm.System()
         system.addForce(self.fluid)
@@ -82,7 +82,7 @@ class Swimmers:
             sine = np.linalg.norm(axis)
             angle = np.arctan2(sine, (np.trace(turned) - 1)/2)
             row[3:] = axis*(angle/sine if sine > 0 else 1)
-        return twists
+        return twists/self.integrator.getStepSize()._value
 
 
 # ---- Settings ------------------------------------------------------------------------------------
@@ -140,7 +140,7 @@ def test_only_files_with_slips_have_the_newer_version():
     [(' version="2"', ' version="3"', "property 'version' is '3'; it must be 1 or 2"),
      ('Slips', 'Slides', "the element 'Slips' is missing"),
      ('<Slip body="3" count="4">', '<Slip body="3" count="5">', 'it has 4 elements; there must be'),
-     ('<Slip body="3"', '<Slip body="-3"', 'body index -3 is negative'),
+     ('<Slip body="3"', '<Slip body="-3"', 'the index of the body is -3'),
      ('<Velocity x="1"', '<Velocity x="nan"', 'all velocities must be finite')])
 def test_damaged_files_are_refused(before, after, message):
     text = openmm.XmlSerializer.serialize(active())
@@ -221,7 +221,7 @@ def test_squirmers_beside_another_and_above_a_wall(n, pair, wall):
     for q, B, row in (((half, 0, half, 0), (1, 0), 0), ((half, 0, half, 0), (0, 1), 2),
                       ((0, 1, 0, 0), (1, 0), 2)):
         slip = app.squirmerSlip(sites, radius, *B)
-        alone = Swimmers(bodies([(0, 0, 1.5)], q), [slip], MobilityForce.NoSlipWall)
+        alone = Swimmers(bodies([(0, 0, 1.5)], q), [slip], MobilityForce.NoSlipWall, h=0.01)
         found.append(alone.twists()[0, row])
     assert np.allclose(found, wall, rtol=0, atol=1e-6)
 
@@ -242,34 +242,34 @@ def test_the_stresslet_is_that_of_a_squirmer():
         assert np.allclose(flow, expected, rtol=0, atol=1e-4*2*1.3**2/2000**2)
 
 
-@pytest.mark.parametrize('change, message, error',
-                         [({
-                             'sites': np.eye(3)
-                         }, 'sites: got 3 of them', ValueError),
-                          ({
-                              'sites': np.vstack([np.eye(3), (np.nan, 0, 0)])
-                          }, 'sites: the position of site 3 is', ValueError),
-                          ({
-                              'sites': [(0, 0, 1), (1, 0, 0), (0, 1, 0), (0, 0, 3)]
-                          }, 'they must be on a sphere to 0.001 of its radius', ValueError),
-                          ({
-                              'sites': [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)]
-                          }, 'both must be positive', ValueError),
-                          ({
-                              'sites': 3
-                          }, 'squirmerSlip: sites: got', ValueError),
-                          ({
-                              'radius': 0
-                          }, 'radius: got 0.0 nm; it must be finite and positive', ValueError),
-                          ({
-                              'radius': 1*unit.picosecond
-                          }, 'radius: got a quantity in', TypeError),
-                          ({
-                              'B1': np.inf
-                          }, 'B1: got inf nm/ps; it must be finite', ValueError),
-                          ({
-                              'B2': 1*unit.nanometer
-                          }, 'B2: got a quantity in', TypeError),])
+@pytest.mark.parametrize(
+    'change, message, error',
+    [({
+        'sites': np.eye(3)
+    }, 'sites: got 3 of them', ValueError),
+     ({
+         'sites': np.vstack([np.eye(3), (np.nan, 0, 0)])
+     }, 'sites: the position of site 3 is', ValueError),
+     ({
+         'sites': [(0, 0, 1), (1, 0, 0), (0, 1, 0), (0, 0, 3)]
+     }, 'they must be on a sphere to 0.001 of its radius', ValueError),
+     ({
+         'sites': [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)]
+     }, 'both must be positive', ValueError), ({
+         'sites': 3
+     }, 'squirmerSlip: sites: got', ValueError),
+     ({
+         'radius': 0
+     }, 'radius: got 0.0 nm; it must be finite and positive: give the radius of a '
+      'blob', ValueError), ({
+          'radius': 1*unit.picosecond
+      }, 'radius: got a quantity in', TypeError),
+     ({
+         'B1': np.inf
+     }, 'B1: got inf nm/ps; it must be finite', ValueError),
+     ({
+         'B2': 1*unit.nanometer
+     }, 'B2: got a quantity in', TypeError),])
 def test_what_squirmerSlip_refuses(change, message, error):
     sites, radius = app.multiblobSphere(12, 1)
     arguments = {'sites': sites, 'radius': radius, 'B1': 1, 'B2': 0}
