@@ -289,15 +289,6 @@ static void checkHeld(const System& system, const CustomRigidHIIntegrator& integ
              "create the System with removeCMMotion=False, or remove the force");
 }
 
-void refuseHeldUntilSupported(const CustomRigidHIIntegrator& integrator) {
-    if (traitsOf(integrator.getScheme()).isOverdamped()) return;
-    for (int b = 0; b < integrator.getNumRigidBodies(); b++)
-        if (integrator.getBodyHeld(b))
-            fail(bodyText(b) + " is held, which this build does not support; let it go");
-    for (int p : integrator.getHeldParticles())
-        fail(particleText(p) + " is held, which this build does not support; let it go");
-}
-
 /**
  * Checks that depend on inertia: schemes with momenta need inertia everywhere, and
  * GradientThermostat needs it in its rates.
@@ -381,7 +372,6 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
         checkMasses(system, integrator, stock, name);
     if (!traits.hasMomenta) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
     checkHeld(system, integrator, stock);
-    refuseHeldUntilSupported(integrator);
     if (traits.kind == SchemeKind::FluidThermostat) {
         if (stock.hasCMMotionRemover)
             fail("the System has a CMMotionRemover, but with scheme " + name +

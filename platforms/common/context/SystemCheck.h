@@ -45,12 +45,6 @@ void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& in
                  const SystemInventory& stock);
 
 /**
- * UNTIL HELD BODIES AND PARTICLES ARE SUPPORTED: refuse whatever is held, so that nothing ignores
- * it. To be deleted with its calls and its test when they are.
- */
-void refuseHeldUntilSupported(const CustomRigidHIIntegrator& integrator);
-
-/**
  * Check that a MobilityForce's model has its boundary, and that its options are compatible with
  * those of the integrator.
  */
