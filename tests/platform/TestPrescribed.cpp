@@ -113,8 +113,8 @@ TEST(Prescribed, TheTimesAreThoseOfTheStages) {
             for (const Named& s : schemes) {
                 Driven scene(s.scheme, temperature, h, {"speed*sin(9*t)", "0", "0", "0", "0", "0"},
                              false, 1, [&](Driven& own) {
-                                 own.integrator.setDriftCorrectorScaling(
-                                     whole ? RigidHI::Whole : RigidHI::SlipOnly);
+                                 own.integrator.setDriftCorrectorScaling(whole ? RigidHI::Whole
+                                                                               : RigidHI::SlipOnly);
                              });
                 const Vec3 start = scene.integrator.getBodyPositions()[0];
                 scene.integrator.step(n);
