@@ -150,14 +150,16 @@ void OverdampedMove::thermalSlip(Vectors& slips) {
 const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
     if (!column.givesVelocity) return noSlips;
     if (!flow && !prescribed && column.moreSlips.size() == 0) return column.slips;
-    slipsOfColumn = column.slips;
-    const auto add = [this](const Vectors& more) {
+    bool any = false;
+    const auto add = [&](const Vectors& more) {
         if (more.size() == 0) return;
-        if (slipsOfColumn.size() == 0)
-            slipsOfColumn = more;
-        else
+        if (any)
             slipsOfColumn += more;
+        else
+            slipsOfColumn = more;  // without allocation: its size stays
+        any = true;
     };
+    add(column.slips);
     if (flow) {
         mobility.flowSlips(*flow, slipsOfFlow);
         add(slipsOfFlow);
