@@ -153,6 +153,7 @@ FluidAnswers::Holds FluidAnswers::holdsNow(const FlowQuestion& question) const {
         BodyMobility& mobility = brownian.mobilityFor(0, question.scheme);
         mobility.setTolerance(fluid.force.getSolverTolerance());
         OverdampedMove move(mobility);
+        move.setJoints(brownian.getJoints());
         OverdampedStep step;
         step.flow = fluid.getFlow();
         group->members.readPoses(question.bodies, question.positions, move.start);
