@@ -139,8 +139,8 @@ void Joints::moveBy(const VectorXd& twists, vector<Pose>& poses) const {
         poses[e].R += twists.segment<3>(row);
         if (bodies.getElements()[e].isFree()) continue;
         const Vector3d turn = twists.segment<3>(row + 3);
-        poses[e].q = scalar::exponential(scalar::Vector3<double>{0.5 * turn.x(), 0.5 * turn.y(),
-                                                                 0.5 * turn.z()}) *
+        poses[e].q = scalar::exponential(
+                         scalar::Vector3<double>{0.5 * turn.x(), 0.5 * turn.y(), 0.5 * turn.z()}) *
                      poses[e].q;
         scalar::renormalise(poses[e].q);
     }
@@ -184,10 +184,11 @@ void Joints::check(const vector<Pose>& poses, double tolerance) const {
         const double error = c.segment(joint.firstRow, joint.numRows()).cwiseAbs().maxCoeff();
         if (error <= tolerance) continue;
         ostringstream text;
-        text << nameOf(joint) << " is violated by " << error << " nm (or radians), above "
-             << tolerance
-             << "; place its bodies so that their anchors, axes and distance fit, or take a smaller "
-                "step";
+        text
+            << nameOf(joint) << " is violated by " << error << " nm (or radians), above "
+            << tolerance
+            << "; place its bodies so that their anchors, axes and distance fit, or take a smaller "
+               "step";
         throw OpenMM::OpenMMException(text.str());
     }
 }
