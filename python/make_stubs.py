@@ -8,8 +8,8 @@ SWIG:
 
 with the lists (macros of rows) that enumerations of the interface are made from.
 
-It also writes _enumerations.pyi, the enumerations of schemes, models and boundaries: at run time they
-are made from the library's tables, which no editor reads.
+It also writes _enumerations.pyi, the enumerations of schemes, models and boundaries: at run time
+they are made from the library's tables, which no editor reads.
 """
 import pathlib
 import re

@@ -84,7 +84,9 @@ Boundary.__doc__ = """What bounds the fluid; also class attributes of MobilityFo
 Each boundary has its ``traits`` (whether it is periodic, where its walls are) and its own
 docstring.
 """
-Model.__doc__ = """The hydrodynamic models that setModel() takes; also class attributes of MobilityForce.
+Model.__doc__ = """The hydrodynamic models that setModel() takes.
+
+They are also class attributes of MobilityForce.
 
 Each model has its ``traits`` (boundaries, the bodies that it takes and so on) and its own
 docstring. Each also has a page with its equations, boundaries, accuracy and cost.

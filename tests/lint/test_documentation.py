@@ -13,8 +13,13 @@ PAGES = git_files('*.md')
 
 
 def snippets(page):
-    """The ```python blocks of a page. Each block may need the earlier ones."""
-    return re.findall(r'^```python\n(.*?)^```', read(page), flags=re.S | re.M)
+    """The ```python blocks of a page. Each block may need the earlier ones.
+
+    Blocks that a recipe puts into files are no scripts.
+    """
+    text = re.sub(r'^<!-- recipe: [^\n]*-->\n```python\n.*?^```', '', read(page),
+                  flags=re.S | re.M)
+    return re.findall(r'^```python\n(.*?)^```', text, flags=re.S | re.M)
 
 
 @pytest.mark.parametrize('page', [page for page in PAGES if snippets(page)])

@@ -555,7 +555,7 @@ def test_the_wall_of_the_fluid_is_taken(monkeypatch):
     scene = OverWall()
     plain = analysis.GibbsBoltzmannSampler(scene.context)
     assert plain._walls == []
-    monkeypatch.setattr(MobilityForce, 'getBoundary', lambda self: Name('NoSlipWall'))
+    monkeypatch.setattr(MobilityForce, 'getBoundary', lambda self: MobilityForce.NoSlipWall)
     monkeypatch.setattr(MobilityForce, 'getWallHeight', lambda self: 2*unit.nanometer,
                         raising=False)
     monkeypatch.setattr(CustomRigidHIIntegrator, 'getWallRejection', lambda self: Name('Overlap'),
