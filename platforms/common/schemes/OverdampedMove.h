@@ -160,6 +160,11 @@ public:
     void recordTractions(double kT);
     /** The whole flow is multiplied by nu. */
     void recordFactor(double nu);
+    /**
+     * Remove from the holds what the rotation of rods about their lines adds to them where bodies
+     * go to the mid-point by nearestTwists(): NullTwists::addDivergenceOfTurns().
+     */
+    void removeTurnsFromHolds();
     /** N^(-1/2) W at the present poses, of covariance N^-1. */
     void thermalWrench(Draw draw, Vectors& wrench);
     /**
