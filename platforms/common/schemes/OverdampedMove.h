@@ -61,6 +61,7 @@ public:
     enum Draw { First, Second };
 
     explicit OverdampedMove(BodyMobility& mobility);
+    virtual ~OverdampedMove() {}
 
     // ---- The engine's side
     /** Where a step starts, to be set before the step, and where the bodies are at present. */
@@ -284,6 +285,10 @@ public:
         mobility.nearestTwists(slips, twists);
     }
 
+protected:
+    /** Draw random numbers of mean 0 and variance 1. Tests replace them. */
+    virtual void drawNumbers(uint32_t purpose, uint32_t index, int count, double* numbers);
+
 private:
     /**
      * Displace the start by half a step both ways, for a central difference. It is one-sided where
@@ -305,7 +310,6 @@ private:
     [[noreturn]] void failToDisplace(const std::vector<Pose>& poses);
     void drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& W, bool onlyFree = false);
     void drawForParticles(uint32_t purpose, Vectors& W);
-    void drawNumbers(uint32_t purpose, uint32_t index, int count, double* numbers);
 
     BodyMobility& mobility;
     std::vector<double> lengths;  // of rows
