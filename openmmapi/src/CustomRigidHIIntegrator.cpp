@@ -103,8 +103,8 @@ CustomRigidHIIntegrator::CustomRigidHIIntegrator(double temperature, double step
     : scheme(LangevinC), noiseLaw(Gaussian), wallRejection(Overlap),
       driftCorrectorScaling(SlipOnly), friction(1), rotationalFriction(1), inertiaScale(1),
       gradientTime(0.004), gradientRotationalTime(0.001), poseTolerance(2e-3),
-      finiteDifferenceStep(0), randomSeed(0), settingsVersion(0), maximumRejections(100),
-      numHostThreads(0), hasKernel(false), contextIsGone(false) {
+      finiteDifferenceStep(0), jointTolerance(1e-10), randomSeed(0), settingsVersion(0),
+      maximumRejections(100), numHostThreads(0), hasKernel(false), contextIsGone(false) {
     setTemperature(temperature);
     setStepSize(stepSize);
     setConstraintTolerance(1e-5);
@@ -391,6 +391,118 @@ bool CustomRigidHIIntegrator::getParticleHeld(int particle) const {
 vector<int> CustomRigidHIIntegrator::getHeldParticles() const {
     return vector<int>(heldParticles.begin(), heldParticles.end());
 }
+
+// ---- Joints ----
+
+namespace {
+
+void checkAxis(const Vec3& axis, const string& object, const string& quantity) {
+    checkFinite(axis, object, quantity);
+    if (axis == Vec3())
+        fail(object, quantity + " is (0, 0, 0)", "an axis needs a direction",
+             "give the direction of the hinge in the body frame, with any length but 0");
+}
+
+/**
+ * The unit vector along an axis that is finite and not 0, for components of any size. Unit vectors
+ * stay as they are, to the last bit, so that copies are the same.
+ */
+Vec3 direction(Vec3 axis) {
+    if (abs(axis.dot(axis) - 1) <= 1e-14) return axis;
+    axis /= max({abs(axis[0]), abs(axis[1]), abs(axis[2])});
+    return axis / sqrt(axis.dot(axis));
+}
+
+}  // namespace
+
+/** Check what joints of all kinds have, and append this one. @param method  the method that adds */
+int CustomRigidHIIntegrator::appendJoint(const JointDefinition& joint, const char* method) {
+    const bool isToPoint = joint.kind == JointDefinition::BallToPoint;
+    checkBodyIndex(joint.i, method);
+    if (!isToPoint) checkBodyIndex(joint.j, method);
+    if (joint.i == joint.j)
+        fail(method, "both bodies are body " + text(joint.i),
+             "a joint is between two bodies or between a body and a point",
+             "give two bodies, or use addBallJointToPoint() for a place in space");
+    checkFinite(joint.anchor_i, method, "anchor in body " + text(joint.i));
+    checkFinite(joint.anchor_j, method,
+                isToPoint ? "point of space" : "anchor in body " + text(joint.j));
+    joints.push_back(joint);
+    settingsVersion++;
+    return getNumJoints() - 1;
+}
+
+int CustomRigidHIIntegrator::addBallJoint(int i, const Vec3& anchor_i, int j,
+                                          const Vec3& anchor_j) {
+    JointDefinition joint;
+    joint.kind = JointDefinition::Ball;
+    joint.i = i;
+    joint.j = j;
+    joint.anchor_i = anchor_i;
+    joint.anchor_j = anchor_j;
+    return appendJoint(joint, "addBallJoint()");
+}
+
+int CustomRigidHIIntegrator::addBallJointToPoint(int i, const Vec3& anchor_i, const Vec3& point) {
+    JointDefinition joint;
+    joint.kind = JointDefinition::BallToPoint;
+    joint.i = i;
+    joint.anchor_i = anchor_i;
+    joint.anchor_j = point;
+    return appendJoint(joint, "addBallJointToPoint()");
+}
+
+int CustomRigidHIIntegrator::addLink(int i, const Vec3& anchor_i, int j, const Vec3& anchor_j,
+                                     double length) {
+    if (!isfinite(length) || length <= 0)
+        fail("addLink()", "length is " + text(length) + " nm", "it must be finite and positive",
+             "give a value above 0, or use addBallJoint() for a length of 0");
+    JointDefinition joint;
+    joint.kind = JointDefinition::Link;
+    joint.i = i;
+    joint.j = j;
+    joint.anchor_i = anchor_i;
+    joint.anchor_j = anchor_j;
+    joint.length = length;
+    return appendJoint(joint, "addLink()");
+}
+
+int CustomRigidHIIntegrator::addHinge(int i, const Vec3& anchor_i, int j, const Vec3& anchor_j,
+                                      const Vec3& axis_i, const Vec3& axis_j) {
+    checkAxis(axis_i, "addHinge()", "axis in body " + text(i));
+    checkAxis(axis_j, "addHinge()", "axis in body " + text(j));
+    JointDefinition joint;
+    joint.kind = JointDefinition::Hinge;
+    joint.i = i;
+    joint.j = j;
+    joint.anchor_i = anchor_i;
+    joint.anchor_j = anchor_j;
+    joint.axis_i = direction(axis_i);
+    joint.axis_j = direction(axis_j);
+    return appendJoint(joint, "addHinge()");
+}
+
+int CustomRigidHIIntegrator::getNumJoints() const { return joints.size(); }
+
+const JointDefinition& CustomRigidHIIntegrator::getJointParameters(int index) const {
+    if (index < 0 || index >= getNumJoints())
+        fail("getJointParameters()", "joint index " + text(index) + " is out of range",
+             "there are " + text(joints.size()) + " joints, counted from 0",
+             "add the joint first or correct the index");
+    return joints[index];
+}
+
+const vector<JointDefinition>& CustomRigidHIIntegrator::getJoints() const { return joints; }
+
+double CustomRigidHIIntegrator::getJointTolerance() const { return jointTolerance; }
+
+void CustomRigidHIIntegrator::setJointTolerance(double tolerance) {
+    checkPositive(tolerance, "setJointTolerance()", "joint tolerance", "nm");
+    jointTolerance = tolerance;
+    settingsVersion++;
+}
+
+// ---- Further settings ----
 
 double CustomRigidHIIntegrator::getGradientRelaxationTime() const { return gradientTime; }
 

@@ -1,6 +1,7 @@
 // For every error that users may make with a CustomBodyMotion, the call throws an OpenMMException
 // that names object, value, bound and remedy. (TestBodyMotions has errors of its values.)
 
+#include <openmm/MonteCarloBarostat.h>
 #include <openmm/VerletIntegrator.h>
 
 #include "HydrodynamicSupport.h"
@@ -111,6 +112,9 @@ TEST(BadMotion, Held) {
 }
 
 TEST(BadMotion, Schemes) {
+    const vector<string> refusal = {
+        "cannot do; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or hold the "
+        "body by setBodyHeld()"};
     for (auto scheme : thermostats()) {
         Scene scene(scheme);
         scene.removeFluid();
@@ -118,28 +122,26 @@ TEST(BadMotion, Schemes) {
         scene.expectRefused(
             {"a CustomBodyMotion (force 0) prescribes the motion of body 0, which "
              "scheme ",
-             "cannot do; use a scheme with a fluid, such as TrapezoidalSlip, or "
-             "hold the body by setBodyHeld()"});
+             refusal[0]});
     }
     Scene scene(CustomRigidHIIntegrator::LangevinHI);
     scene.addMotion({"", "", "0", "1", "", ""}, {1});
     scene.expectRefused(
-        {"a CustomBodyMotion (force 1) prescribes vz, wx of body 1, but scheme "
-         "LangevinHI can prescribe all six components of a body or none",
-         "give all six expressions, or use a scheme without momenta"});
+        {"a CustomBodyMotion (force 1) prescribes the motion of body 1, which "
+         "scheme LangevinHI",
+         refusal[0]});
 }
 
-/** UNTIL PRESCRIBED MOTION IS SUPPORTED. A body without mass passes all other checks. */
-TEST(BadMotion, IsNotSupportedYet) {
-    for (auto scheme :
-         {CustomRigidHIIntegrator::LangevinHI, CustomRigidHIIntegrator::TrapezoidalSlip}) {
-        Scene scene(scheme);
-        scene.add(sphereKind(0.5, 0, 0), Vec3(0, 2, 0));
-        scene.addMotion(all, {2});
-        scene.expectRefused(
-            {"the motion of body 2 is prescribed, which this build does not "
-             "support; remove the CustomBodyMotion"});
-    }
+TEST(BadMotion, Barostats) {
+    Scene scene(CustomRigidHIIntegrator::TrapezoidalSlip);
+    scene.addMotion(all, {0});
+    scene.fluid->setBoundary(MobilityForce::Periodic);
+    scene.bind();
+    scene.system.addForce(new MonteCarloBarostat(1, 300));
+    scene.expectRefused(
+        {"a CustomBodyMotion (force 1) prescribes the motion of body 0, but the "
+         "System has a MonteCarloBarostat, which would move it; remove the "
+         "barostat"});
 }
 
 TEST(BadMotion, NoBodiesAreNoError) {

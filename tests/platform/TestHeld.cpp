@@ -145,16 +145,15 @@ TEST(Held, ForcesOnWhatIsHeldChangeTheHoldOnly) {
     vector<double> holds[2];
     vector<Vec3> forces[2];
     for (bool pulled : {false, true}) {
-        const auto scene =
-            obstacles(RigidHI::TrapezoidalSlip, T1, 1e-3, [&](OverdampedScene& own) {
-                auto* pull = new CustomExternalForce("-5*x + 3*y");
-                pull->addParticle(own.particles[1][0], {});
-                pull->addParticle(own.freeParticles[1], {});
-                if (pulled)
-                    own.system.addForce(pull);
-                else
-                    delete pull;
-            });
+        const auto scene = obstacles(RigidHI::TrapezoidalSlip, T1, 1e-3, [&](OverdampedScene& own) {
+            auto* pull = new CustomExternalForce("-5*x + 3*y");
+            pull->addParticle(own.particles[1][0], {});
+            pull->addParticle(own.freeParticles[1], {});
+            if (pulled)
+                own.system.addForce(pull);
+            else
+                delete pull;
+        });
         scene->integrator.step(1);
         end[pulled] = scene->state();
         holds[pulled] = scene->integrator.getHoldingWrenches();
@@ -182,9 +181,8 @@ TEST(Held, EveryModelAndBoundary) {
             scene.integrator.setBodyHeld(2, true);
             scene.start(testPlatform());
             const auto R = scene.integrator.getBodyPositions();
-            const MatrixXd N = scene.mobility(),
-                           expected =
-                               mobilityBesideHeld(scene.friction(), {false, true, true, false});
+            const MatrixXd N = scene.mobility(), expected = mobilityBesideHeld(
+                                                     scene.friction(), {false, true, true, false});
             EXPECT_LT((N - expected).norm(), 1e-8 * expected.norm())
                 << model.name << " " << boundary.name;
             scene.integrator.step(5);
@@ -215,7 +213,7 @@ TEST(Held, ResumesBitForBitWithWhatHeldIt) {
 
 TEST(Held, FlagsMayChangeBetweenSteps) {
     const auto changed = obstacles(RigidHI::TrapezoidalSlip, T1, 1e-3),
-               letGo = obstacles(RigidHI::TrapezoidalSlip, T1, 1e-3, [](OverdampedScene& scene) {
+               letGo = obstacles(RigidHI::TrapezoidalSlip, T1, 1e-3, [](OverdampedScene&scene) {
                    scene.integrator.setBodyHeld(1, false);
                    scene.integrator.setBodyHeld(0, true);
                });
@@ -232,8 +230,7 @@ TEST(Held, FlagsMayChangeBetweenSteps) {
 TEST(Held, IsSaidAndWarnedOf) {
     const auto scene = obstacles(RigidHI::TrapezoidalSlip, T1, 1e-3);
     auto effects = scene->integrator.getEffects();
-    EXPECT_EQ(effects["held bodies"],
-              "on: 2 bodies and 1 particle: the fluid is at rest on them");
+    EXPECT_EQ(effects["held bodies"], "on: 2 bodies and 1 particle: the fluid is at rest on them");
     EXPECT_EQ(effects["stochastic drift"].substr(0, 3), "on:");
     // Spheres have a drift beside a held one, which EulerMaruyama omits.
     OverdampedScene spheres(RigidHI::EulerMaruyama, T1, 1e-3);

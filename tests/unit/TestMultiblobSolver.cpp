@@ -118,7 +118,7 @@ struct SolverOf {
         setTurns(layer.poses, turns);
         layer.bodies->getMotion().place(layer.poses, turns, placement);
         place = layer.bodies->getModel().at(placement);
-        solver.setTurns(turns);
+        solver.setPoses(layer.poses, turns);
     }
 };
 

@@ -12,6 +12,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "openmmrigidhi/internal/JointDefinition.h"
 #include "openmmrigidhi/internal/SchemeList.h"
 #include "openmmrigidhi/internal/windowsExport.h"
 
@@ -318,6 +319,88 @@ public:
     bool getParticleHeld(int particle) const;
     /** Get the indices of all particles that were held by setParticleHeld(), in ascending order. */
     std::vector<int> getHeldParticles() const;
+
+    /**
+     * Join two bodies by a ball: the two anchors are at one place.
+     *
+     * Joints are rigid. What is sampled is the equilibrium of infinitely stiff springs, whose
+     * constant does not depend on the poses. Jointed bodies must belong to one group of
+     * MobilityForce::setGroups(), and poses at the start must have the anchors together within the
+     * pose tolerance. FixmanMidpoint, RandomFiniteDifference and TrapezoidalSlip have joints, other
+     * schemes do not. Joints become part of a Context when it is created.
+     *
+     * @param i         index of the first body
+     * @param anchor_i  the anchor in the body frame of the first body, nm
+     * @param j         index of the second body
+     * @param anchor_j  the anchor in the body frame of the second body, nm
+     * @return index of the joint
+     * @throws OpenMMException if an index is out of range, if both are the same, or if a number is
+     *     not finite
+     */
+    int addBallJoint(int i, const OpenMM::Vec3& anchor_i, int j, const OpenMM::Vec3& anchor_j);
+    /**
+     * Join a body to a point of space by a ball: the anchor is at the point. All else is as for
+     * addBallJoint().
+     *
+     * @param i         index of the body
+     * @param anchor_i  the anchor in the body frame, nm
+     * @param point     the point, lab frame, nm
+     * @return index of the joint
+     * @throws OpenMMException if the index is out of range, or if a number is not finite
+     */
+    int addBallJointToPoint(int i, const OpenMM::Vec3& anchor_i, const OpenMM::Vec3& point);
+    /**
+     * Join two bodies by a link: the two anchors have a fixed distance. All else is as for
+     * addBallJoint().
+     *
+     * @param i         index of the first body
+     * @param anchor_i  the anchor in the body frame of the first body, nm
+     * @param j         index of the second body
+     * @param anchor_j  the anchor in the body frame of the second body, nm
+     * @param length    the distance, nm
+     * @return index of the joint
+     * @throws OpenMMException if an index is out of range, if both are the same, if a number is not
+     *     finite, or if the length is not positive
+     */
+    int addLink(int i, const OpenMM::Vec3& anchor_i, int j, const OpenMM::Vec3& anchor_j,
+                double length);
+    /**
+     * Join two bodies by a hinge: the two anchors are at one place, and the two axes have one
+     * direction. All else is as for addBallJoint().
+     *
+     * @param i         index of the first body
+     * @param anchor_i  the anchor in the body frame of the first body, nm
+     * @param j         index of the second body
+     * @param anchor_j  the anchor in the body frame of the second body, nm
+     * @param axis_i    the axis in the body frame of the first body; its length has no effect
+     * @param axis_j    the axis in the body frame of the second body; its length has no effect
+     * @return index of the joint
+     * @throws OpenMMException if an index is out of range, if both are the same, if a number is not
+     *     finite, or if an axis is zero
+     */
+    int addHinge(int i, const OpenMM::Vec3& anchor_i, int j, const OpenMM::Vec3& anchor_j,
+                 const OpenMM::Vec3& axis_i, const OpenMM::Vec3& axis_j);
+    /** Get the number of joints. */
+    int getNumJoints() const;
+    /**
+     * Get the definition of a joint. The reference is good until the next joint is added.
+     *
+     * @param index  index of the joint
+     * @throws OpenMMException if the index is out of range
+     */
+    const JointDefinition& getJointParameters(int index) const;
+    /** @private The definitions of all joints. */
+    const std::vector<JointDefinition>& getJoints() const;
+    /** Get the tolerance of joints, nm. */
+    double getJointTolerance() const;
+    /**
+     * Set the tolerance of joints: the distance from its place, in nm, that every anchor has at
+     * most after each step. The default is 1e-10. Axes of hinges have the same number of radians.
+     * The setting may be changed between steps.
+     * @throws OpenMMException if not positive and finite
+     */
+    void setJointTolerance(double tolerance);
+
     /** Get upsilon of GradientThermostat, ps. */
     double getGradientRelaxationTime() const;
     /** Set upsilon (Davidchack 2015, eq. 15), ps. Default 0.004. @throws OpenMMException if not
@@ -616,6 +699,7 @@ private:
         std::vector<OpenMM::Vec3> sitePositions;
     };
     void checkBodyIndex(int index, const char* method) const;
+    int appendJoint(const JointDefinition& joint, const char* method);
     void checkParticles(const std::vector<int>& particles, int index) const;
     void checkGeometry(const std::vector<int>& particles, double mass,
                        const OpenMM::Vec3& principalMoments,
@@ -634,12 +718,13 @@ private:
     WallRejection wallRejection;
     DriftCorrectorScaling driftCorrectorScaling;
     double temperature, friction, rotationalFriction, inertiaScale, gradientTime,
-        gradientRotationalTime, poseTolerance, finiteDifferenceStep;
+        gradientRotationalTime, poseTolerance, finiteDifferenceStep, jointTolerance;
     int randomSeed, settingsVersion, maximumRejections, numHostThreads;
     mutable std::vector<Body> bodies;
     /** The body that each particle is in, so that adding n bodies costs O(n). */
     std::unordered_map<int, int> bodyOfParticle;
     std::set<int> heldParticles;
+    std::vector<JointDefinition> joints;
     /**
      * Whether the kernel exists: it does not before a Context is created, after the Context is
      * gone, and after a failed creation.

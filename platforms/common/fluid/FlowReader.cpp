@@ -73,6 +73,7 @@ void FlowReader::replay(FluidGroup& group, Answer& result) const {
     step.flow = fluid.getFlow();
     brownian.setTolerance(traitsOf(last.scheme), step);
     OverdampedMove& move = *result.move;
+    move.setJoints(brownian.getJoints());
     move.start = last.start;
     move.begin(step);
     move.record(&result.made);
@@ -95,6 +96,7 @@ void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
     BrownianGroup& brownian = *group.brownian;
     result.move.reset(new OverdampedMove(brownian.mobilityFor(0, question.scheme)));
     OverdampedMove& move = *result.move;
+    move.setJoints(brownian.getJoints());
     OverdampedStep step;
     step.flow = fluid.getFlow();
     brownian.getMobility().setTolerance(force.getSolverTolerance());

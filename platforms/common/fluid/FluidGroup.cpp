@@ -26,7 +26,7 @@ string FluidGroup::objectionTo(const BodySet& set, const vector<OpenMM::Vec3>& p
 string FluidGroup::objectionToWhollyFixed(const BodySet& set,
                                           const vector<OpenMM::Vec3>& positions) const {
     if (!wholly || !wholly->hasModel() || !wholly->getModel().getTraits().mayObject) return {};
-    vector<Pose> there;
+    vector<Pose> there(wholly->getElements().size());
     GroupMembers(*wholly).readPoses(set, positions, there);
     vector<Matrix3d> turns;
     setTurns(there, turns);

@@ -228,8 +228,51 @@ unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& eleme
             elements[e].isFree() ? indexOfFree[elements[e].particles[0]] : -1);
         group->hasNullVectors = group->hasNullVectors || group->bodies.hasNullVector(e);
     }
+    makeJoints(*group, bodies);
     chooseStrategies(*group, bodies);
+    if (group->joints) group->brownian->setJoints(group->joints.get(), settings.jointTolerance);
     return group;
+}
+
+/** The joints between the group's bodies, in the inner frames of the bodies. */
+void GroupBuilder::makeJoints(FluidGroup& group, const BodySet& bodies) const {
+    const auto& elements = group.bodies.getElements();
+    const auto elementOf = [&](int body) {
+        for (size_t e = 0; e < elements.size(); e++)
+            if (elements[e].body == body) return (int)e;
+        return -1;
+    };
+    const auto inner = [&](int body, const OpenMM::Vec3& x) {
+        return toEigen(bodies.toInner(body, x));
+    };
+    vector<Joint> joints;
+    for (size_t k = 0; k < settings.joints.size(); k++) {
+        const JointDefinition& wanted = settings.joints[k];
+        Joint joint;
+        joint.index = k;
+        joint.i = elementOf(wanted.i);
+        if (joint.i < 0) continue;
+        joint.j = -1;
+        joint.anchor_i = inner(wanted.i, wanted.anchor_i);
+        if (wanted.kind == JointDefinition::BallToPoint) {
+            joint.kind = Joint::BallToPoint;
+            joint.anchor_j = toEigen(wanted.anchor_j);
+            joints.push_back(joint);
+            continue;
+        }
+        joint.j = elementOf(wanted.j);
+        joint.kind = wanted.kind == JointDefinition::Link    ? Joint::Link
+                     : wanted.kind == JointDefinition::Hinge ? Joint::Hinge
+                                                             : Joint::Ball;
+        joint.anchor_j = inner(wanted.j, wanted.anchor_j);
+        joint.length = wanted.length;
+        if (joint.kind == Joint::Hinge) {
+            joint.axis_i = inner(wanted.i, wanted.axis_i).normalized();
+            joint.axis_j = inner(wanted.j, wanted.axis_j).normalized();
+        }
+        joints.push_back(joint);
+    }
+    if (!joints.empty()) group.joints.reset(new Joints(joints, group.bodies));
 }
 
 void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) const {
@@ -246,7 +289,8 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
         BodyMobility& mobility = strategy(false);
         mobility.setPoses({Pose()});
         const MatrixXd& friction = mobility.friction();
-        group.isThermostat = isThermostatTensor(friction) && !flow.isAny() && !isFixed;
+        group.isThermostat =
+            isThermostatTensor(friction) && !flow.isAny() && !isFixed && !group.joints;
         group.drag_t = friction(0, 0);
         for (int k = 0; k < 3 && friction.rows() == 6; k++)
             group.drag_r[k] = friction(3 + k, 3 + k);

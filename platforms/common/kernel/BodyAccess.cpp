@@ -220,8 +220,7 @@ private:
                 {scene.bodies, *scene.freeParticles, scene.arrays->positions(),
                  scene.arrays->velocities(), scene.integrator.getScheme(), scene.prescribedNow()});
         // Without a fluid forces alone act on what is held.
-        FluidAnswers::Holds holds = {Eigen::VectorXd::Zero(6 * scene.bodies.getNumBodies()),
-                                     Eigen::VectorXd::Zero(3 * scene.system.getNumParticles())};
+        FluidAnswers::Holds holds = noHolds();
         for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
             if (!scene.integrator.getBodyHeld(b)) continue;
             const Vec3 force = scene.bodies.getForce_lab(b), torque = scene.bodies.getTorque_lab(b);
@@ -236,8 +235,20 @@ private:
         return holds;
     }
 
+    FluidAnswers::Holds noHolds() const {
+        return {Eigen::VectorXd::Zero(6 * scene.bodies.getNumBodies()),
+                Eigen::VectorXd::Zero(3 * scene.system.getNumParticles())};
+    }
+    bool holdsAny() const {
+        bool any = scene.bodyMotions.isOn() || !scene.integrator.getHeldParticles().empty();
+        for (int b = 0; b < scene.bodies.getNumBodies(); b++)
+            any = any || scene.integrator.getBodyHeld(b);
+        return any;
+    }
+
     FluidAnswers::Holds lastHolds(const char* method) {
         prepareFluid(method);
+        if (!holdsAny()) return noHolds();
         const SchemeTraits& traits = traitsOf(scene.integrator.getScheme());
         if (!traits.isOverdamped())
             throw OpenMMException(string("CustomRigidHIIntegrator: ") + method +

@@ -9,6 +9,7 @@
 
 #include "random/CounterNoise.h"
 #include "rigid/BodyMobility.h"
+#include "rigid/Joints.h"
 #include "rigidbody/Pose.h"
 
 namespace RigidHIPlugin {
@@ -73,6 +74,10 @@ public:
      * FreeMotion::motionOfFixed(). null: they are at rest.
      */
     void prescribe(const Vectors* velocitiesOfFixed) { prescribed = velocitiesOfFixed; }
+    /** Joints between the elements; null: none. To be set before the step. */
+    void setJoints(const Joints* jointsOfElements) { joints = jointsOfElements; }
+    /** Add up the forces of joints in the step, 3 x joints (Joints::forces()); null: do not. */
+    void recordJointForces(Vectors* forces) { jointForces = forces; }
     /**
      * Add up in `holds` the wrenches that hold fixed components in the step, of whose mean each
      * solve has its weight; null: do not. Rows of free components are 0 up to the tolerance.
@@ -176,13 +181,16 @@ public:
 
     /** Whether div N is 0 or known without differences. If so, addKnownDrift() adds it. */
     bool driftIsKnown() const {
+        if (joints) return false;
         return mobility.isUniform() || mobility.isDivergenceFree() || mobility.isImmobile();
     }
     /**
      * Whether div N is 0 while N changes with poses, as for spheres. A scheme then leaves out noise
      * at other poses that would make a drift.
      */
-    bool driftIsZero() const { return !mobility.isUniform() && mobility.isDivergenceFree(); }
+    bool driftIsZero() const {
+        return !joints && !mobility.isUniform() && mobility.isDivergenceFree();
+    }
     /**
      * U += factor div N, where div N is known; the flow of this drift is recorded. To be called
      * before the start is left.
@@ -205,11 +213,14 @@ public:
     void drawTractions(Vectors& forces, Vectors& slips);
     /** (K(Q+) - K(Q-)) U / delta at the Q+- of drawTractions(). */
     void rigidSlipDifference(const Vectors& twists, Vectors& slips);
-    // Components that are fixed along axes which turn with their body, C U = b, C = C(Q): schemes
-    // whose noise acts at other poses than their mobility lack a term of the drift, which is the
-    // mean of a force along these axes (THEORY.md). Differences are along the directions.
-    /** Whether there are such components. */
-    bool axesTurn() const { return mobility.getBodies().getFreeMotion().turnsWithBodies(); }
+    // Components that are fixed along axes which turn with their body, and joints: C U = b, C =
+    // C(Q). Schemes whose noise acts at other poses than their mobility lack a term of the drift,
+    // which is the mean of a force along these axes (THEORY.md). Differences are along the
+    // directions.
+    /** Whether there are such components, or joints. */
+    bool axesTurn() const {
+        return joints || mobility.getBodies().getFreeMotion().turnsWithBodies();
+    }
     /**
      * (C^T(Q+) - C^T(Q-)) mu / delta, where mu are the forces along the axes in the last solve,
      * whose first column was for the directions. Q+- are those of drawTractions(), or are found.
@@ -241,13 +252,20 @@ public:
      * Differences are taken before atPresent(): after it, iterations go to the tolerance itself,
      * and displace(), displaceAlong() and drawTractions() throw.
      */
-    void atStart() { mobility.setPoses(start); }
+    void atStart() {
+        mobility.setPoses(start);
+        responseIsKnown = false;
+    }
     void atPresent() {
         mobility.setPoses(present);
+        responseIsKnown = false;
         mobility.endDifferences();
         differencesHaveEnded = true;
     }
-    void at(const std::vector<Pose>& poses) { mobility.setPoses(poses, true); }
+    void at(const std::vector<Pose>& poses) {
+        mobility.setPoses(poses, true);
+        responseIsKnown = false;
+    }
     /**
      * Move to Q^n + t nu U: Rotate(q, t nu W). The factor nu does not multiply prescribed
      * velocities.
@@ -288,6 +306,10 @@ private:
     void displaceBy(double step, int onlyRow, std::vector<Pose>& poses) const;
     /** The slips of a column; empty: none. */
     const Vectors& slipsOf(const Column& column);
+    /** Solve, with the forces of joints, which are then known. */
+    void solveWithJoints(const Vectors& wrenches, const Vectors& slips, bool fromKept,
+                         const Column* const* columns, Vectors& twists);
+    void findResponse();
     /** What follows a solve of a column: prescribed velocities, the flow, and holds. */
     void finishSolve(const Column& solved, Vectors& twists, int column = 0);
     void recordSolve(const Column& solved, int column);
@@ -321,6 +343,10 @@ private:
     const Vectors& findPrescribed(const std::vector<Pose>& at);
     const Vectors* prescribed = nullptr;
     Vectors prescribedWithAxes;
+    const Joints* joints = nullptr;
+    Vectors* jointForces = nullptr;
+    bool responseIsKnown = false;  // of joints, at the poses set last
+    Vectors C, N_CT, inverseOfCNC, mu, wrenchesWithJoints, twistsOfWrenches, forcesOfJoints;
     bool endsAreFound = false;  // of the difference along the present directions
     std::vector<Eigen::Matrix3d> turnsOfFixed;
     Vectors* holds = nullptr;

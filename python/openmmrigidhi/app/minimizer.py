@@ -62,10 +62,10 @@ def minimize(context: openmm.Context, tolerance: Optional[Number] = None, maxIte
     that no constraints hold. It leaves particles of mass 0 where they are, and so bodies without
     mass, and does not say so. Here each body has six coordinates, a translation and a rotation
     vector, and each free particle three. Massless free particles stay, unless they have a
-    hydrodynamic radius. Bodies and particles that the integrator holds stay, too. The method is L-BFGS-B of SciPy. The origin of the rotation vectors moves
-    along whenever a body has turned by half a radian. Stiff springs hold the constraints between
-    free particles during the search. At its end the constraints are made exact, as in OpenMM's
-    minimiser. Velocities do not change.
+    hydrodynamic radius. Bodies and particles that the integrator holds stay, too. The method is
+    L-BFGS-B of SciPy. The origin of the rotation vectors moves along whenever a body has turned by
+    half a radian. Stiff springs hold the constraints between free particles during the search. At
+    its end the constraints are made exact, as in OpenMM's minimiser. Velocities do not change.
 
     Parameters
     ----------

@@ -1,0 +1,42 @@
+#ifndef OPENMMRIGIDHI_JOINT_DEFINITION_H_
+#define OPENMMRIGIDHI_JOINT_DEFINITION_H_
+
+#include <openmm/Vec3.h>
+
+namespace RigidHIPlugin {
+
+/**
+ * A joint of CustomRigidHIIntegrator, as its user defined it.
+ *
+ * Anchors and axes are in the body frames of the bodies as the user has them, in which the site
+ * positions of the bodies are.
+ */
+struct JointDefinition {
+    enum Kind : int {
+        /** The anchors of two bodies are at one place: addBallJoint(). */
+        Ball = 0,
+        /** The anchor of a body is at a fixed point of space: addBallJointToPoint(). */
+        BallToPoint = 1,
+        /** The anchors of two bodies have a fixed distance: addLink(). */
+        Link = 2,
+        /** A ball joint whose bodies have one axis in common: addHinge(). */
+        Hinge = 3
+    };
+    Kind kind = Ball;
+    /** The index of the first body. */
+    int i = -1;
+    /** The index of the second body; -1 for BallToPoint. */
+    int j = -1;
+    /** The anchor in the first body, nm. */
+    OpenMM::Vec3 anchor_i;
+    /** The anchor in the second body, nm; for BallToPoint the point of space, lab frame, nm. */
+    OpenMM::Vec3 anchor_j;
+    /** For Hinge: unit vectors along the axis of the hinge, in either body; 0 for other kinds. */
+    OpenMM::Vec3 axis_i, axis_j;
+    /** For Link: the distance of the anchors, nm; 0 for other kinds. */
+    double length = 0;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
