@@ -16,6 +16,7 @@ ContextFluid::ContextFluid(Scene& scene, const MobilityForce* inSystem) : scene(
 
 void ContextFluid::check(const MobilityForce& force) const {
     checkBoundary(force, scene.integrator);
+    checkSlips(force, scene.integrator);
     Fluid::check(force, FluidSettings(scene.integrator, scene.stock.prescribed), scene.system,
                  scene.definitions.particlesOfBodies(), *scene.freeParticles, *scene.loops);
 }
@@ -29,6 +30,7 @@ unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries,
     if (!parameters) return nullptr;
     // Settings of the integrator may have been changed since the Context was created.
     checkBoundary(*parameters, scene.integrator);
+    checkSlips(*parameters, scene.integrator);
     unique_ptr<Fluid> made(new Fluid(*parameters,
                                      FluidSettings(scene.integrator, scene.stock.prescribed),
                                      scene.system, scene.definitions.particlesOfBodies(),

@@ -40,6 +40,7 @@ public:
         findFluid();
         findHeld();
         findPrescribed();
+        findSlips();
         findDrift();
         findSlowedSpins();
         findInertia();
@@ -135,6 +136,14 @@ private:
 
     void findPrescribed() {
         set("prescribed motion", scene.bodyMotions.isOn(), scene.bodyMotions.describe());
+    }
+
+    void findSlips() {
+        const int count =
+            fluid.getParameters() ? fluid.getParameters()->getBodiesWithSlip().size() : 0;
+        set("active slip", count > 0,
+            count == 0 ? string("no body has a slip")
+                       : counted(count, "body", "bodies") + " whose surface moves the fluid");
     }
 
     /** The drift of schemes without momenta, and how it is computed. */

@@ -233,6 +233,15 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
             "setWallRejection(Overlap) or setSphereWallMobility(FromModel)");
 }
 
+void checkSlips(const MobilityForce& force, const CustomRigidHIIntegrator& integrator) {
+    const SchemeTraits& traits = traitsOf(integrator.getScheme());
+    const vector<int> bodies = force.getBodiesWithSlip();
+    if (bodies.empty() || traits.isOverdamped()) return;
+    fail(bodyText(bodies[0]) + " has a slip (setBodySlip()), which scheme " + traits.name +
+         " would ignore; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or take "
+         "the slip away by clearBodySlip()");
+}
+
 /** Check that each particle that is held can be held. */
 static void checkHeldParticles(const System& system, const CustomRigidHIIntegrator& integrator,
                                const SystemInventory& stock) {
@@ -395,6 +404,7 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
     if (!traits.hasMomenta) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
     checkHeld(system, integrator, stock);
     checkPrescribed(integrator, stock, traits);
+    if (stock.mobilityForce) checkSlips(*stock.mobilityForce, integrator);
     if (traits.kind == SchemeKind::FluidThermostat) {
         if (stock.hasCMMotionRemover)
             fail("the System has a CMMotionRemover, but with scheme " + name +
