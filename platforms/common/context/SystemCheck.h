@@ -53,6 +53,12 @@ void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& in
  */
 void checkBoundary(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
 
+/**
+ * Refuse a Context with joints, whose motion is not implemented yet. All calls of this function go
+ * when it is.
+ */
+void refuseJointsUntilSupported(const std::vector<JointDefinition>& joints);
+
 }  // namespace RigidHIPlugin
 
 #endif

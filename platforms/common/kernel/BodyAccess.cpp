@@ -9,6 +9,7 @@
 #include "context/ContextMirror.h"
 #include "context/Effects.h"
 #include "context/MidStepTemperatures.h"
+#include "context/SystemCheck.h"
 #include "stepping/Stepper.h"
 
 using namespace OpenMM;
@@ -129,6 +130,13 @@ public:
 
     vector<Vec3> getParticleHoldingForces() override {
         return vectorsOf(lastHolds("getParticleHoldingForces()").ofParticles);
+    }
+
+    vector<Vec3> getJointForces() override {
+        prepareFluid("getJointForces()");
+        const vector<JointDefinition>& joints = scene.definitions.joints();
+        if (!joints.empty()) refuseJointsUntilSupported(joints);
+        return {};
     }
 
     double computeTranslationalKineticEnergy() override {
