@@ -158,7 +158,7 @@ TEST(BadJoints, Schemes) {
         {"DriftCorrectorFD", "its mid-point tears joints"},
         {"DriftCorrectorRFD", "its mid-point tears joints"},
         {"EulerMaruyama", "without the drift of jointed bodies it samples another measure"},
-        {"TractionEulerMaruyama", "its finite differences leave out how joints turn"},
+        {"TractionEulerMaruyama", "its drift leaves out how joints turn"},
         {"GradientThermostat", "joints need the mobility of a fluid"}};
     for (const char* name : {"LangevinHI", "LangevinA", "LangevinB", "LangevinC"})
         reasons[name] = "joints with momenta sample another measure";
@@ -166,12 +166,14 @@ TEST(BadJoints, Schemes) {
         Scene scene(traits.scheme);
         if (!traits.needsFluid()) scene.removeFluid();
         scene.integrator.addLink(0, right, 1, centre, 1);
-        const auto reason = reasons.find(traits.name);
-        if (reason == reasons.end())
+        if (traits.scheme == Integrator::TrapezoidalSlip ||
+            traits.scheme == Integrator::FixmanMidpoint ||
+            traits.scheme == Integrator::RandomFiniteDifference)
             scene.expectAccepted();
         else
             scene.expectRefused({"there is joint 0 (a link of body 0 and body 1), but scheme " +
-                                     string(traits.name) + " has no joints: " + reason->second,
+                                     string(traits.name) +
+                                     " has no joints: " + reasons[traits.name],
                                  "; use TrapezoidalSlip, FixmanMidpoint or RandomFiniteDifference, "
                                  "or leave the joints out"});
     }

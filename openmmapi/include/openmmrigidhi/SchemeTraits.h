@@ -67,11 +67,10 @@ struct SchemeTraits {
             case CustomRigidHIIntegrator::DriftCorrectorRFD: return "its mid-point tears joints";
             case CustomRigidHIIntegrator::EulerMaruyama:
                 return "without the drift of jointed bodies it samples another measure";
-            case CustomRigidHIIntegrator::TractionEulerMaruyama:
-                return "its finite differences leave out how joints turn";
-            case CustomRigidHIIntegrator::GradientThermostat:
-                return "joints need the mobility of a fluid";
-            default: return "joints with momenta sample another measure";
+            default:
+                return hasMomenta       ? "joints with momenta sample another measure"
+                       : isOverdamped() ? "its drift leaves out how joints turn"
+                                        : "joints need the mobility of a fluid";
         }
     }
 };
