@@ -62,6 +62,11 @@ def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> N
     for fluid in forces_of(system, MobilityForce):
         velocity, gradient = (quantity._value for quantity in fluid.getBackgroundFlow())
         f0 = fluid.getSinusoidalForceDensity()[0]._value
+        if len(fluid.getBodiesWithSlip()) > 0:
+            raise ValueError(
+                f'{where}: body {fluid.getBodiesWithSlip()[0]} has a slip, which drives it and the '
+                f'fluid; there is no equilibrium beside bodies that swim, {consequence}, or take '
+                'the slips away by clearBodySlip()')
         if velocity.any() or gradient.any():
             flow, setter = (f'a background flow of {velocity.tolist()} nm/ps with the gradient '
                             f'{gradient.tolist()} 1/ps', 'setBackgroundFlow()')
@@ -73,6 +78,18 @@ def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> N
         raise ValueError(
             f'{where}: its MobilityForce drives the fluid by {flow}; there is no equilibrium in a '
             f'driven flow, {consequence}, or take the flow away by {setter} with zeros')
+
+
+def refuse_joints(integrator: CustomRigidHIIntegrator, where: str, consequence: str) -> None:
+    """Refuse an integrator of jointed bodies, where bodies are moved one by one.
+
+    The text consequence says what is wrong then, and what to do instead.
+    """
+    count = integrator.getNumJoints()
+    if count:
+        raise ValueError(
+            f'{where}: its integrator has {count} joint{"s" if count > 1 else ""} between bodies, '
+            f'{consequence}')
 
 
 class BodyDefinitions:

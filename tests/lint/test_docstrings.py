@@ -95,6 +95,8 @@ WITHOUT_UNIT = {
         'getBodyHeld': 'a truth value',
         'getParticleHeld': 'a truth value',
         'getHeldParticles': 'indices',
+        'getNumJoints': 'a number of joints',
+        'getJointParameters': 'a dict, some of whose values have units',
         'computeHoldingWrenches': 'rows of mixed dimension',
         'getHoldingWrenches': 'rows of mixed dimension',
         'getRandomNumberSeed': 'an integer',
@@ -129,6 +131,7 @@ WITHOUT_UNIT = {
         'getBodyMobility': 'a matrix of mixed dimension',
         'getBodyFriction': 'a matrix of mixed dimension',
         'getBodiesWithOwnTensors': 'indices',
+        'getBodiesWithSlip': 'indices',
         'getGroups': 'labels',
         'getMobilityInContext': 'a matrix of mixed dimension',
         'getFrictionInContext': 'a matrix of mixed dimension',
@@ -174,6 +177,8 @@ UNITS = {
         'getBodyTorques': unit.kilojoule_per_mole,
         'computeParticleHoldingForces': unit.kilojoule_per_mole/unit.nanometer,
         'getParticleHoldingForces': unit.kilojoule_per_mole/unit.nanometer,
+        'getJointForces': unit.kilojoule_per_mole/unit.nanometer,
+        'getJointTolerance': unit.nanometer,
         'getRigidBodyParameters': (None, unit.dalton, unit.dalton*unit.nanometer**2,
                                    unit.nanometer),
         'computeTranslationalKineticEnergy': unit.kilojoule_per_mole,
@@ -188,6 +193,7 @@ UNITS = {
         'getWallHeight': unit.nanometer,
         'getChannelWalls': (unit.nanometer, unit.nanometer),
         'getGridSpacing': unit.nanometer,
+        'getBodySlip': unit.nanometer/unit.picosecond,
         'getBackgroundFlow': (unit.nanometer/unit.picosecond, unit.picosecond**-1),
         'getSinusoidalForceDensity': (unit.kilojoule_per_mole/unit.nanometer**4, None, None, None),
         'getFlowInContext': unit.nanometer/unit.picosecond,
@@ -219,9 +225,9 @@ SQUARES = {'getBodyMobility': 6, 'getMobilityInContext': 12, 'getFrictionInConte
 NEEDS_INDEX = {
     'getRigidBodyParameters', 'getRigidBodyParticles', 'getRigidBodyIsExplicit',
     'getRigidBodyGeometryIsKnown', 'getBodyFriction', 'getBodyHasOwnFriction', 'getBodyHeld',
-    'getParticleHeld', 'getParticleRadius', 'getBodyHasOwnTensor', 'getBodyTensorIsFriction',
-    'getBodyMobility', 'getPerBodyParameterName', 'getGlobalParameterName',
-    'getGlobalParameterDefaultValue', 'getBodyParameters'
+    'getParticleHeld', 'getJointParameters', 'getParticleRadius', 'getBodyHasOwnTensor',
+    'getBodyTensorIsFriction', 'getBodyMobility', 'getBodySlip', 'getPerBodyParameterName',
+    'getGlobalParameterName', 'getGlobalParameterDefaultValue', 'getBodyParameters'
 }
 
 #: All getters of all classes: (class, method).
@@ -260,6 +266,8 @@ def scene():
     context.setPositions(np.random.default_rng(1).random((6, 3)))
     context.setVelocitiesToTemperature(300, 1)
     integrator.step(2)
+    fluid.setBodySlip(0, np.ones((3, 3)))  # which LangevinHI refuses
+    integrator.addBallJoint(0, (0, 0, 0), 1, (0, 0, 0))  # for the next Context
     motion = openmmrigidhi.CustomBodyMotion('k*t', 'g')
     motion.addGlobalParameter('k', 1)
     motion.addPerBodyParameter('g')

@@ -123,7 +123,7 @@ void FlowReader::flowOfVelocities(FluidGroup& group, const FlowQuestion& questio
     const vector<Pose>& poses = group.readPoses(bodies, question.positions);
     mobility.setPoses(poses);
     mobility.forcesOfTwists(twists, fluid.getFlow(), forces);
-    result.made.shares.push_back({1, poses, forces, fluid.getFlow() != nullptr});
+    result.made.shares.push_back({1, poses, forces, true});
 }
 
 bool FlowReader::findLastStep(const BodySet& bodies, const vector<OpenMM::Vec3>& positions,
@@ -169,8 +169,8 @@ void FlowReader::forSources(FluidGroup& group, Answer& of, const Add& add) const
     for (const FlowOfStep::Share& share : of.made.shares) {
         // Displaced poses may reach a little beyond what the model accepts.
         mobility.setPoses(share.poses, !mobility.objection(share.poses).empty());
-        const FlowSources sources =
-            mobility.flowSources(share.forces, share.inFlow ? fluid.getFlow() : nullptr);
+        const FlowSources sources = mobility.flowSources(
+            share.forces, share.movesBodies ? fluid.getFlow() : nullptr, share.movesBodies);
         add(mobility, sources, share.weight);
     }
 }

@@ -57,7 +57,7 @@ bool isThermostatTensor(const MatrixXd& friction) {
 
 /**
  * Form the groups, in the order of their labels. Without interaction every body is a group of its
- * own. The elements still lack what needs the shapes of bodies: sites and own tensors.
+ * own. The elements still lack what needs the shapes of bodies: sites, own tensors and slips.
  */
 GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& settings,
                            const OpenMM::System& system,
@@ -90,6 +90,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
                  modelName(force.getModel()) +
                  " cannot take; use RotnePragerYamakawa or FreeDraining");
     }
+    checkSlips();
 
     int nextGroup = 0;
     for (int b = 0; b < numBodies; b++) {
@@ -141,7 +142,34 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
                          [](const FluidElement& element) { return element.isHeld; });
 }
 
-/** Add the sites of particles, and the body's own tensor in the inner frame. */
+void GroupBuilder::checkSlips() const {
+    const int numBodies = particlesOfBodies.size();
+    for (int b : force.getBodiesWithSlip()) {
+        const string object = "body " + to_string(b) + " was given a slip, ";
+        if (b >= numBodies)
+            fail(object + "but the integrator has " + to_string(numBodies) +
+                 " bodies, counted from 0; correct the index in setBodySlip(), or use "
+                 "clearBodySlip()");
+        int particles = 0;
+        for (int p : particlesOfBodies[b]) particles += force.getParticleRadius(p) > 0;
+        if (particles < 2)
+            fail(object + "but has " + to_string(particles) +
+                 " hydrodynamic particles; the models have no stresslet sources for the surface of "
+                 "a single sphere, so that its flow would be wrong: make the body of at least 2 "
+                 "blobs, such as those of app.multiblobSphere(), or use clearBodySlip()");
+        const int velocities = force.getBodySlip(b).size();
+        if (velocities != particles)
+            fail(object + "of " + to_string(velocities) + " velocities, but has " +
+                 to_string(particles) +
+                 " hydrodynamic particles; give setBodySlip() one velocity for each particle of "
+                 "the body with a radius above 0, in their order");
+    }
+}
+
+/**
+ * Add the sites of particles, and in the inner frame the body's own tensor and the slips of
+ * particles.
+ */
 void GroupBuilder::addShape(FluidElement& element, const vector<BodyGeometry>& geometries,
                             const BodySet& bodies) const {
     if (element.isFree()) {
@@ -153,6 +181,10 @@ void GroupBuilder::addShape(FluidElement& element, const vector<BodyGeometry>& g
     for (size_t i = 0; i < particlesOfBodies[b].size(); i++)
         if (force.getParticleRadius(particlesOfBodies[b][i]) > 0)
             element.sites.push_back(toEigen(bodies.toInner(b, geometries[b].sites[i])));
+    for (int active : force.getBodiesWithSlip())
+        if (active == b)
+            for (const OpenMM::Vec3& velocity : force.getBodySlip(b))
+                element.slips.push_back(toEigen(bodies.toInner(b, velocity)));
     if (!force.getBodyHasOwnTensor(b)) return;
     const vector<double> user = force.getBodyMobility(b);
     Matrix3d toInner;

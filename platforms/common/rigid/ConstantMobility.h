@@ -40,7 +40,7 @@ public:
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return turns; }
     const std::vector<Pose>& getPoses() const override { return poses; }
-    void forceFreeTwists(const DrivenFlow& flow, const MatrixXd& slips, MatrixXd& twists) override;
+    void forceFreeTwists(const DrivenFlow* flow, const MatrixXd& slips, MatrixXd& twists) override;
     void particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) override;
     BodiesAt& particlesHere() override;
 

@@ -115,6 +115,13 @@ public:
         return !motion.isIdentity() || freeMotion.any() ||
                (model && model->getTraits().isMadeFromFriction);
     }
+    /** Whether some body has a slip of its own. */
+    bool areActive() const { return active; }
+    /**
+     * With which rate the slip of an active body spins it about the axis of its SlowedSpin, alone
+     * in unbounded fluid; 0 where the spin is not slowed.
+     */
+    double spinOfSlips(int element) const { return spinsOfSlips[element]; }
     /** Whether the model has products, so that N can be multiplied by without a matrix. */
     bool hasProducts() const { return model && model->getTraits().hasProducts; }
     /** Whether products with N need no iterations, and so have no error of iterations: spheres. */
@@ -133,6 +140,7 @@ public:
 private:
     void findProperties(bool mayBeConstant);
     Alone aloneInModel(int element) const;
+    void findSpinOfSlips(int element);
     void checkSites(int element) const;
 
     const RigidMotion motion;
@@ -140,7 +148,8 @@ private:
     NullTwists nullTwists, nullTwistsOfFree;
     OwnTensors ownTensors;
     std::shared_ptr<const MobilityModel> model;
-    bool aloneInUniformFluid = false;
+    bool aloneInUniformFluid = false, active = false;
+    std::vector<double> spinsOfSlips;
     BoxVectors box = {};
 };
 

@@ -17,7 +17,8 @@ struct Joint {
     int i, j;                        // elements; j = -1: a point
     Eigen::Vector3d anchor_i;        // in the frame of i
     Eigen::Vector3d anchor_j;        // in the frame of j, or the point in the lab frame
-    Eigen::Vector3d axis_i, axis_j;  // of a hinge, unit vectors in the frames of i and j
+    // Of a hinge: unit vectors in the frames of i and j.
+    Eigen::Vector3d axis_i = Eigen::Vector3d::Zero(), axis_j = Eigen::Vector3d::Zero();
     double length = 0;               // of a link, nm
     int firstRow = 0;                // of its conditions
 

@@ -149,7 +149,8 @@ void OverdampedMove::thermalSlip(Vectors& slips) {
 
 const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
     if (!column.givesVelocity) return noSlips;
-    if (!flow && !prescribed && column.moreSlips.size() == 0) return column.slips;
+    const bool active = mobility.getBodies().areActive();
+    if (!flow && !active && !prescribed && column.moreSlips.size() == 0) return column.slips;
     bool any = false;
     const auto add = [&](const Vectors& more) {
         if (more.size() == 0) return;
@@ -163,6 +164,10 @@ const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
     if (flow) {
         mobility.flowSlips(*flow, slipsOfFlow);
         add(slipsOfFlow);
+    }
+    if (active) {
+        mobility.activeSlips(slipsOfActive);
+        add(slipsOfActive);
     }
     add(column.moreSlips);
     if (prescribed) {
@@ -273,14 +278,14 @@ void OverdampedMove::solve(const Column& first, const Column& second, Vectors& t
 
 void OverdampedMove::recordSolve(const Column& solved, int column) {
     if (!recorded || solved.weight == 0) return;
-    recordShare(solved.weight, column, solved.givesVelocity && flow);
+    recordShare(solved.weight, column, solved.givesVelocity);
     if (solved.givesVelocity) recorded->solveWeight += solved.weight;
 }
 
-void OverdampedMove::recordShare(double weight, int column, bool inFlow) {
+void OverdampedMove::recordShare(double weight, int column, bool movesBodies) {
     Vectors forces;
     mobility.getBlobForces(forces);
-    recorded->shares.push_back({weight, mobility.posesHere(), forces.col(column), inFlow});
+    recorded->shares.push_back({weight, mobility.posesHere(), forces.col(column), movesBodies});
 }
 
 void FlowOfStep::check(const string& scheme) const {

@@ -34,7 +34,7 @@ struct FlowOfStep {
         double weight;
         std::vector<Pose> poses;
         Eigen::MatrixXd forces;  // where slips act: BodyMobility::flowSources()
-        bool inFlow;             // whether the forces come from a solve in the driven flow
+        bool movesBodies;  // of a solve in the driven flow and with the slips of active bodies
     };
     std::vector<Share> shares;
     double fieldWeight = 0, flowWeight = 1;  // of the random and the driven flow
@@ -123,7 +123,8 @@ public:
     /**
      * A column that gives velocities of bodies, N (F + K^T M^-1 s) at the present poses, with the
      * prescribed velocities of fixed components. The slips s are the sum of `slips`, of those of
-     * the flow that users drive, and of `moreSlips`. A vector without rows stands for zeros.
+     * the flow that users drive and of active bodies, and of `moreSlips`. A vector without rows
+     * stands for zeros.
      *
      * @param weight  of these velocities in those of the step; the weights of a step sum up to 1. 0
      *     for a predictor
@@ -133,7 +134,8 @@ public:
         return Column(weight, true, wrench, slips, moreSlips);
     }
     /**
-     * A column N F of a direction or of noise alone, which the driven flow is no part of.
+     * A column N F of a direction or of noise alone, which the driven flow and the slips of active
+     * bodies are no part of.
      *
      * @param weight  of N F in the velocities of the step; 0 where it is no part of them by itself
      */
@@ -325,7 +327,7 @@ private:
     void recordSolve(const Column& solved, int column);
     void recordHold(const Column& solved, int column);
     /** The flow has `weight` times the flow of the forces of a column of the last solve. */
-    void recordShare(double weight, int column, bool inFlow);
+    void recordShare(double weight, int column, bool movesBodies);
     void recordKnownDrift(double factor);
     bool isAccepted(const std::vector<Pose>& poses);
     void requireDifferences(const char* method) const;
@@ -360,7 +362,7 @@ private:
     std::vector<Eigen::Matrix3d> turnsOfFixed;
     Vectors* holds = nullptr;
     Vectors twistsOfFixed, scaledTwists, slipsOfFixed, forcesOfSolve, wrenchesOfSolve;
-    Vectors slipsOfFlow, slipsOfColumn, recordedSlips;
+    Vectors slipsOfFlow, slipsOfActive, slipsOfColumn, recordedSlips;
     Vectors wrenches, slips;  // of two columns
     const Vectors noSlips;
     long long numDriftFactors = 0;
