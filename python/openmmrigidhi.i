@@ -515,6 +515,11 @@ public:
     void clearBodyTensor(int body);
     std::vector<int> getBodiesWithOwnTensors() const;
 
+    void setBodySlip(int body, const std::vector<OpenMM::Vec3>& velocities);
+    std::vector<OpenMM::Vec3> getBodySlip(int body) const;
+    void clearBodySlip(int body);
+    std::vector<int> getBodiesWithSlip() const;
+
     const std::vector<int>& getGroups() const;
     void setGroups(const std::vector<int>& groups);
 

@@ -15,7 +15,9 @@ namespace RigidHIPlugin {
 namespace {
 
 const char* const className = "MobilityForce";
-constexpr int formatVersion = 1;
+/** The latest version, which is written only for what earlier versions of the library would ignore:
+ * slips of bodies. */
+constexpr int formatVersion = 2;
 
 template <class Enum, class Row, size_t count>
 EnumNames<Enum> namesOf(const Row (&table)[count]) {
@@ -47,13 +49,44 @@ const struct {
     {"gridSpacing", &MobilityForce::getGridSpacing, &MobilityForce::setGridSpacing, false},
 };
 
+void writeSlips(SerializationNode& node, const MobilityForce& force) {
+    const vector<int> bodies = force.getBodiesWithSlip();
+    node.setIntProperty("count", bodies.size());
+    for (int body : bodies) {
+        const vector<Vec3> velocities = force.getBodySlip(body);
+        SerializationNode& slip = node.createChildNode("Slip");
+        slip.setIntProperty("body", body).setIntProperty("count", velocities.size());
+        for (const Vec3& velocity : velocities)
+            slip.createChildNode("Velocity")
+                .setDoubleProperty("x", velocity[0])
+                .setDoubleProperty("y", velocity[1])
+                .setDoubleProperty("z", velocity[2]);
+    }
+}
+
+void readSlips(const StrictNode& node, MobilityForce& force) {
+    node.checkChildren("count");
+    for (const SerializationNode& child : node.children()) {
+        const StrictNode slip(child, className);
+        slip.checkChildren("count");
+        vector<Vec3> velocities;
+        for (const SerializationNode& row : slip.children()) {
+            const StrictNode velocity(row, className);
+            velocities.push_back(
+                Vec3(velocity.number("x"), velocity.number("y"), velocity.number("z")));
+        }
+        force.setBodySlip(slip.integer("body"), velocities);
+    }
+}
+
 }  // namespace
 
 MobilityForceProxy::MobilityForceProxy() : SerializationProxy(className) {}
 
 void MobilityForceProxy::serialize(const void* object, SerializationNode& node) const {
     const MobilityForce& force = *static_cast<const MobilityForce*>(object);
-    node.setIntProperty("version", formatVersion);
+    const bool isActive = !force.getBodiesWithSlip().empty();
+    node.setIntProperty("version", isActive ? formatVersion : 1);
     node.setIntProperty("forceGroup", force.getForceGroup());
     node.setStringProperty("name", force.getName());
     for (const auto& number : numbers) node.setDoubleProperty(number.name, (force.*number.get)());
@@ -102,12 +135,13 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     groups.setIntProperty("count", force.getGroups().size());
     for (int group : force.getGroups())
         groups.createChildNode("Group").setIntProperty("group", group);
+    if (isActive) writeSlips(node.createChildNode("Slips"), force);
 }
 
 void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     const StrictNode node(root, className);
-    if (node.integer("version") != formatVersion)
-        node.wrongValue("version", to_string(formatVersion));
+    const int version = node.integer("version");
+    if (version < 1 || version > formatVersion) node.wrongValue("version", "1 or 2");
     unique_ptr<MobilityForce> force(new MobilityForce());
     force->setForceGroup(node.integer("forceGroup"));
     force->setName(node.text("name"));
@@ -159,6 +193,7 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     for (const SerializationNode& child : list.children())
         groups.push_back(StrictNode(child, className).integer("group"));
     force->setGroups(groups);
+    if (version >= 2) readSlips(node.child("Slips"), *force);
     return force.release();
 }
 

@@ -314,6 +314,34 @@ vector<int> MobilityForce::getBodiesWithOwnTensors() const {
     return result;
 }
 
+void MobilityForce::setBodySlip(int body, const vector<Vec3>& velocities) {
+    if (body < 0)
+        fail("setBodySlip()", "the index of the body is " + text(body), "it must be 0 or above",
+             "give the index of a body, counted from 0");
+    for (size_t i = 0; i < velocities.size(); i++)
+        if (!isFinite(velocities[i]))
+            fail("body " + text(body),
+                 "velocity " + text(i) + " of its slip is " + text(velocities[i]) + " nm/ps",
+                 "all velocities must be finite", "give finite velocities");
+    slips[body] = velocities;
+}
+
+vector<Vec3> MobilityForce::getBodySlip(int body) const {
+    const auto found = slips.find(body);
+    if (found == slips.end())
+        fail("getBodySlip()", "body " + text(body) + " has no slip",
+             "only slips that were set can be returned", "call setBodySlip() first");
+    return found->second;
+}
+
+void MobilityForce::clearBodySlip(int body) { slips.erase(body); }
+
+vector<int> MobilityForce::getBodiesWithSlip() const {
+    vector<int> result;
+    for (const auto& entry : slips) result.push_back(entry.first);
+    return result;
+}
+
 void MobilityForce::setGroups(const vector<int>& groups) {
     for (size_t i = 0; i < groups.size(); i++)
         if (groups[i] < 0)

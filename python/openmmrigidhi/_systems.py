@@ -62,6 +62,11 @@ def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> N
     for fluid in forces_of(system, MobilityForce):
         velocity, gradient = (quantity._value for quantity in fluid.getBackgroundFlow())
         f0 = fluid.getSinusoidalForceDensity()[0]._value
+        if len(fluid.getBodiesWithSlip()) > 0:
+            raise ValueError(
+                f'{where}: body {fluid.getBodiesWithSlip()[0]} has a slip, which drives it and the '
+                f'fluid; there is no equilibrium beside bodies that swim, {consequence}, or take '
+                'the slips away by clearBodySlip()')
         if velocity.any() or gradient.any():
             flow, setter = (f'a background flow of {velocity.tolist()} nm/ps with the gradient '
                             f'{gradient.tolist()} 1/ps', 'setBackgroundFlow()')

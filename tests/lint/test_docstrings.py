@@ -131,6 +131,7 @@ WITHOUT_UNIT = {
         'getBodyMobility': 'a matrix of mixed dimension',
         'getBodyFriction': 'a matrix of mixed dimension',
         'getBodiesWithOwnTensors': 'indices',
+        'getBodiesWithSlip': 'indices',
         'getGroups': 'labels',
         'getMobilityInContext': 'a matrix of mixed dimension',
         'getFrictionInContext': 'a matrix of mixed dimension',
@@ -192,6 +193,7 @@ UNITS = {
         'getWallHeight': unit.nanometer,
         'getChannelWalls': (unit.nanometer, unit.nanometer),
         'getGridSpacing': unit.nanometer,
+        'getBodySlip': unit.nanometer/unit.picosecond,
         'getBackgroundFlow': (unit.nanometer/unit.picosecond, unit.picosecond**-1),
         'getSinusoidalForceDensity': (unit.kilojoule_per_mole/unit.nanometer**4, None, None, None),
         'getFlowInContext': unit.nanometer/unit.picosecond,
@@ -224,7 +226,7 @@ NEEDS_INDEX = {
     'getRigidBodyParameters', 'getRigidBodyParticles', 'getRigidBodyIsExplicit',
     'getRigidBodyGeometryIsKnown', 'getBodyFriction', 'getBodyHasOwnFriction', 'getBodyHeld',
     'getParticleHeld', 'getJointParameters', 'getParticleRadius', 'getBodyHasOwnTensor',
-    'getBodyTensorIsFriction', 'getBodyMobility', 'getPerBodyParameterName',
+    'getBodyTensorIsFriction', 'getBodyMobility', 'getBodySlip', 'getPerBodyParameterName',
     'getGlobalParameterName', 'getGlobalParameterDefaultValue', 'getBodyParameters'
 }
 
@@ -264,6 +266,7 @@ def scene():
     context.setPositions(np.random.default_rng(1).random((6, 3)))
     context.setVelocitiesToTemperature(300, 1)
     integrator.step(2)
+    fluid.setBodySlip(0, np.ones((3, 3)))  # which LangevinHI refuses
     integrator.addBallJoint(0, (0, 0, 0), 1, (0, 0, 0))  # for the next Context
     motion = openmmrigidhi.CustomBodyMotion('k*t', 'g')
     motion.addGlobalParameter('k', 1)

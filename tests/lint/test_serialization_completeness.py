@@ -73,6 +73,7 @@ VALUES = {
         'setSolverTolerance': (1e-5/3,),
         'setBodyMobility': (3, TENSOR),
         'setBodyFriction': (2, TENSOR),
+        'setBodySlip': (2, [(1/3, 0, -2), (0, 1/7, 3)]),
         'setGroups': ([3, 0, 3, 1],),
     },
     'CustomBodyForce': {
@@ -111,8 +112,9 @@ ELSEWHERE = {
 #: Setters whose getter takes the setter's first argument.
 INDEXED = {
     'setBodyFriction', 'setBodyHeld', 'setParticleHeld', 'setRigidBodyParameters',
-    'setParticleRadius', 'setBodyMobility', 'setExpression', 'setPerBodyParameterName',
-    'setGlobalParameterName', 'setGlobalParameterDefaultValue', 'setBodyParameters'
+    'setParticleRadius', 'setBodyMobility', 'setBodySlip', 'setExpression',
+    'setPerBodyParameterName', 'setGlobalParameterName', 'setGlobalParameterDefaultValue',
+    'setBodyParameters'
 }
 SETTERS = sorted(
     (cls, name) for cls in CLASSES for name in dir(CLASSES[cls]) if name.startswith('set'))

@@ -694,7 +694,8 @@ VectorXd flowAt(BodyMobility& mobility, const FlowOfStep& made, RandomField* fie
     Velocities velocities = Velocities::Zero(3, pointsOfFluid.size());
     for (const FlowOfStep::Share& share : made.shares) {
         mobility.setPoses(share.poses, true);
-        mobility.addFlowAt(mobility.flowSources(share.forces, share.inFlow ? driven : nullptr),
+        mobility.addFlowAt(mobility.flowSources(share.forces, share.movesBodies ? driven : nullptr,
+                                                share.movesBodies),
                            pointsOfFluid, share.weight, velocities);
     }
     if (made.fieldWeight != 0) field->addFlowAt(pointsOfFluid, made.fieldWeight, velocities);

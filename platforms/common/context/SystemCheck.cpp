@@ -233,6 +233,15 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
             "setWallRejection(Overlap) or setSphereWallMobility(FromModel)");
 }
 
+void checkSlips(const MobilityForce& force, const CustomRigidHIIntegrator& integrator) {
+    const SchemeTraits& traits = traitsOf(integrator.getScheme());
+    const vector<int> bodies = force.getBodiesWithSlip();
+    if (bodies.empty() || traits.isOverdamped()) return;
+    fail(bodyText(bodies[0]) + " has a slip (setBodySlip()), which scheme " + traits.name +
+         " would ignore; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or take "
+         "the slip away by clearBodySlip()");
+}
+
 /** Check that each particle that is held can be held. */
 static void checkHeldParticles(const System& system, const CustomRigidHIIntegrator& integrator,
                                const SystemInventory& stock) {
@@ -308,11 +317,6 @@ static void checkPrescribed(const CustomRigidHIIntegrator& integrator, const Sys
     }
 }
 
-void refuseJointsUntilSupported(const vector<JointDefinition>& joints) {
-    fail("there is " + jointText(0, joints[0]) +
-         ", but no scheme moves jointed bodies yet; leave the joints out");
-}
-
 /** What keeps a body where it is or moves it whatever the forces on it, or empty. */
 static string motionIsGiven(const CustomRigidHIIntegrator& integrator, const SystemInventory& stock,
                             int b) {
@@ -369,7 +373,6 @@ static void checkJoints(const CustomRigidHIIntegrator& integrator, const SystemI
                  "; leave the joint out, or let one of the bodies go");
         checkGroupOf(joint, name, *stock.mobilityForce);
     }
-    refuseJointsUntilSupported(joints);
 }
 
 /**
@@ -462,6 +465,7 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
     if (!traits.hasMomenta) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
     checkHeld(system, integrator, stock);
     checkPrescribed(integrator, stock, traits);
+    if (stock.mobilityForce) checkSlips(*stock.mobilityForce, integrator);
     if (traits.kind == SchemeKind::FluidThermostat) {
         if (stock.hasCMMotionRemover)
             fail("the System has a CMMotionRemover, but with scheme " + name +

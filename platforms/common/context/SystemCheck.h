@@ -52,12 +52,8 @@ void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& in
  * those of the integrator.
  */
 void checkBoundary(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
-
-/**
- * Refuse a Context with joints, whose motion is not implemented yet. All calls of this function go
- * when it is.
- */
-void refuseJointsUntilSupported(const std::vector<JointDefinition>& joints);
+/** Check that the scheme moves bodies by their slips. @throws OpenMMException */
+void checkSlips(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
 
 }  // namespace RigidHIPlugin
 

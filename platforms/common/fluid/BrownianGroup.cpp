@@ -21,6 +21,9 @@ const int enoughDriftFactors = 50;
  * `leastTurn` where a stiff force makes it overshoot.
  */
 const double surelyDriven = 6, leastTurn = 4 * M_PI;
+
+/** Joints whose bodies do not fit by more than this are refused, as positions that do not fit. */
+const double largestMisfit = 2e-3;  // nm
 const int leastSteps = 100;
 
 }  // namespace
@@ -31,7 +34,10 @@ BrownianGroup::BrownianGroup(const GroupMembers& members, BodyMobility& mobility
       tolerance(tolerance), mobility(&mobility) {}
 
 OverdampedMove& BrownianGroup::theMove() {
-    if (!move) move.reset(new OverdampedMove(*mobility));
+    if (!move) {
+        move.reset(new OverdampedMove(*mobility));
+        move->setJoints(joints);
+    }
     return *move;
 }
 
@@ -60,6 +66,7 @@ void BrownianGroup::end() {
         swap(lastHolds, presentHolds);
         holdsAreKnown = true;
     }
+    if (joints) swap(lastJointForces, presentJointForces);
 }
 
 void BrownianGroup::prepare(const StepSettings& settings) {
@@ -92,6 +99,11 @@ void BrownianGroup::startStep(const StepSettings& settings, const Surroundings& 
     if (bodies.getFreeMotion().any()) {
         presentHolds.setZero(bodies.getNumRows(), 1);
         move->recordHolds(&presentHolds);
+    }
+    if (joints) {
+        joints->check(move->start, largestMisfit);
+        presentJointForces.setZero(3, joints->getJoints().size());
+        move->recordJointForces(&presentJointForces);
     }
     presentIsRemembered = around.stepIsRemembered;
     if (!presentIsRemembered) return;
@@ -130,6 +142,12 @@ bool BrownianGroup::runStage(int wanted, const StepSettings& settings, const Sur
     }
     scheme->run(stage, *move);
     stage++;
+    if (joints && stage == entry.numStages()) {
+        if (ownMobilities.empty())
+            for (size_t e = 0; e < bodies.getElements().size(); e++)
+                ownMobilities.push_back(alone.of(e).mobility);
+        joints->project(ownMobilities, jointTolerance, move->present);
+    }
     if (stage == entry.numStages() && presentIsRemembered) {
         present.end = move->present;
         present.isKnown = true;
@@ -219,6 +237,7 @@ const vector<BodyRotation>& BrownianGroup::findRotations(double doubleEnergy, Sc
     rotations.assign(elements.size(), BodyRotation());
     for (size_t e = 0; e < elements.size(); e++)
         if (!elements[e].isFree() && elements[e].isWhollyFree() &&
+            !(joints && joints->concerns(e)) &&
             !(elements[e].isSphere() && elements[e].ownMobility.size() == 0))
             rotations[e] = findRotation(alone.of(e).mobility, doubleEnergy, bounds);
     drivenSpins.assign(elements.size(), DrivenSpin());

@@ -109,6 +109,18 @@ public:
     }
     void forgetHolds() { holdsAreKnown = false; }
 
+    // ---- Joints
+    /**
+     * Joints between the elements, and the largest violation that steps leave (nm); null: none.
+     */
+    void setJoints(const Joints* jointsOfElements, double tolerance) {
+        joints = jointsOfElements;
+        jointTolerance = tolerance;
+    }
+    const Joints* getJoints() const { return joints; }
+    /** Of the last step, 3 x joints; empty: there was none. */
+    const Eigen::MatrixXd& getJointForces() const { return lastJointForces; }
+
     // ---- Drift and differences
     enum class Drift { Differenced, Known, Zero, ZeroOfSpheres };
     Drift getDrift();
@@ -170,6 +182,10 @@ private:
     Eigen::MatrixXd prescribed;               // of this stage, rows of the elements
     Eigen::MatrixXd presentHolds, lastHolds;  // where some component is fixed
     bool holdsAreKnown = false;
+    const Joints* joints = nullptr;
+    double jointTolerance = 0;
+    Eigen::MatrixXd presentJointForces, lastJointForces;
+    std::vector<Eigen::MatrixXd> ownMobilities;  // of elements, in their frames, for joints
     int stage = 0;
     uint32_t attempt = 0;
     long long numSteps = 0, numRejections = 0;  // so far

@@ -73,6 +73,7 @@ void FlowReader::replay(FluidGroup& group, Answer& result) const {
     step.flow = fluid.getFlow();
     brownian.setTolerance(traitsOf(last.scheme), step);
     OverdampedMove& move = *result.move;
+    move.setJoints(brownian.getJoints());
     move.start = last.start;
     move.begin(step);
     move.record(&result.made);
@@ -95,6 +96,7 @@ void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
     BrownianGroup& brownian = *group.brownian;
     result.move.reset(new OverdampedMove(brownian.mobilityFor(0, question.scheme)));
     OverdampedMove& move = *result.move;
+    move.setJoints(brownian.getJoints());
     OverdampedStep step;
     step.flow = fluid.getFlow();
     brownian.getMobility().setTolerance(force.getSolverTolerance());
@@ -121,7 +123,7 @@ void FlowReader::flowOfVelocities(FluidGroup& group, const FlowQuestion& questio
     const vector<Pose>& poses = group.readPoses(bodies, question.positions);
     mobility.setPoses(poses);
     mobility.forcesOfTwists(twists, fluid.getFlow(), forces);
-    result.made.shares.push_back({1, poses, forces, fluid.getFlow() != nullptr});
+    result.made.shares.push_back({1, poses, forces, true});
 }
 
 bool FlowReader::findLastStep(const BodySet& bodies, const vector<OpenMM::Vec3>& positions,
@@ -167,8 +169,8 @@ void FlowReader::forSources(FluidGroup& group, Answer& of, const Add& add) const
     for (const FlowOfStep::Share& share : of.made.shares) {
         // Displaced poses may reach a little beyond what the model accepts.
         mobility.setPoses(share.poses, !mobility.objection(share.poses).empty());
-        const FlowSources sources =
-            mobility.flowSources(share.forces, share.inFlow ? fluid.getFlow() : nullptr);
+        const FlowSources sources = mobility.flowSources(
+            share.forces, share.movesBodies ? fluid.getFlow() : nullptr, share.movesBodies);
         add(mobility, sources, share.weight);
     }
 }

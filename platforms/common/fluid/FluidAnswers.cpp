@@ -33,8 +33,31 @@ MatrixXd FluidAnswers::mobility(const BodySet& bodies, const vector<OpenMM::Vec3
     const OneBlasThread single;
     MatrixXd result = MatrixXd::Zero(6 * fluid.groupOfBody.size(), 6 * fluid.groupOfBody.size());
     for (const auto& group : fluid.groups)
-        scatterBlocks(answering(*group, bodies, positions).mobility(), group->bodies, result);
+        if (group->joints)
+            scatterBlocks(mobilityWithJoints(*group, answering(*group, bodies, positions)),
+                          group->bodies, result);
+        else
+            scatterBlocks(answering(*group, bodies, positions).mobility(), group->bodies, result);
     return result;
+}
+
+MatrixXd FluidAnswers::mobilityWithJoints(FluidGroup& group, BodyMobility& mobility) const {
+    MatrixXd N = mobility.mobility(), C, inverse;
+    group.joints->findRows(mobility.posesHere(), C);
+    const MatrixXd along = N * C.transpose();
+    group.joints->factorise(C * along, inverse);
+    return N - along * inverse * along.transpose();
+}
+
+MatrixXd FluidAnswers::jointForcesOfLastStep(int numJoints) const {
+    MatrixXd forces = MatrixXd::Zero(3, numJoints);
+    for (const auto& group : fluid.groups) {
+        if (!group->joints) continue;
+        const MatrixXd& own = group->brownian->getJointForces();
+        for (int k = 0; k < own.cols(); k++)
+            forces.col(group->joints->getJoints()[k].index) = own.col(k);
+    }
+    return forces;
 }
 
 MatrixXd FluidAnswers::friction(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
@@ -93,7 +116,10 @@ VectorXd FluidAnswers::apply(const VectorXd& wrenches, const BodySet& bodies,
         const double tolerance = fluid.force.getSolverTolerance();
         const bool fast =
             group->bodies.hasModel() && group->bodies.getModel().hasFastProducts(tolerance);
-        mobility.multiply(f, u, {fast ? tolerance : 0});
+        if (group->joints)
+            u = mobilityWithJoints(*group, mobility) * f;
+        else
+            mobility.multiply(f, u, {fast ? tolerance : 0});
         for (size_t e = 0; e < elements.size(); e++)
             if (!elements[e].isFree())
                 result.segment<6>(6 * elements[e].body) =
@@ -153,6 +179,7 @@ FluidAnswers::Holds FluidAnswers::holdsNow(const FlowQuestion& question) const {
         BodyMobility& mobility = brownian.mobilityFor(0, question.scheme);
         mobility.setTolerance(fluid.force.getSolverTolerance());
         OverdampedMove move(mobility);
+        move.setJoints(brownian.getJoints());
         OverdampedStep step;
         step.flow = fluid.getFlow();
         group->members.readPoses(question.bodies, question.positions, move.start);

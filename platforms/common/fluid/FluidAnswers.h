@@ -40,7 +40,12 @@ public:
      */
     Holds holdsNow(const FlowQuestion& question) const;
 
+    /** The force of each joint on its first body at the anchor in the last step, 3 x joints. */
+    Eigen::MatrixXd jointForcesOfLastStep(int numJoints) const;
+
 private:
+    /** N, and N with joints, in a group. */
+    Eigen::MatrixXd mobilityWithJoints(FluidGroup& group, BodyMobility& mobility) const;
     Holds noHolds(int numParticles) const;
     void scatterHolds(const FluidGroup& group, const Eigen::MatrixXd& from, Holds& to) const;
     BodyMobility& answering(FluidGroup& group, const BodySet& bodies,

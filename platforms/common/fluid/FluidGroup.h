@@ -32,6 +32,7 @@ struct FluidGroup {
     bool hasNullVectors = false;
     bool isThermostat = false;  // its tensor is a Thermostat, so that LangevinHI has nothing to do
     double drag_t = 0, drag_r[3] = {0, 0, 0};  // if it is a thermostat
+    std::unique_ptr<Joints> joints;            // null: none
     std::unique_ptr<Relaxation> relaxation;    // for LangevinHI; null if it is a thermostat
     std::unique_ptr<BrownianGroup> brownian;   // for schemes without momenta
     std::string objection;              // against the poses after the last stage without momenta

@@ -3,6 +3,7 @@
 
 #include <map>
 #include <set>
+#include <vector>
 
 #include "forces/BodyMotions.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
@@ -16,11 +17,14 @@ struct FluidSettings {
     std::set<int> heldBodies, heldParticles;  // setBodyHeld(), setParticleHeld()
     /** What CustomBodyMotions prescribe, by body, the same as long as the Context. */
     std::map<int, PrescribedComponents> prescribed;
+    std::vector<JointDefinition> joints;
+    double jointTolerance;
 
     FluidSettings(const CustomRigidHIIntegrator& integrator,
-                  const std::map<int, PrescribedComponents>& prescribed)
+                  const std::map<int, PrescribedComponents>& prescribed,
+                  const std::vector<JointDefinition>& joints)
         : wallRejection(integrator.getWallRejection()), scheme(integrator.getScheme()),
-          prescribed(prescribed) {
+          prescribed(prescribed), joints(joints), jointTolerance(integrator.getJointTolerance()) {
         for (int b = 0; b < integrator.getNumRigidBodies(); b++)
             if (integrator.getBodyHeld(b)) heldBodies.insert(b);
         for (int p : integrator.getHeldParticles()) heldParticles.insert(p);

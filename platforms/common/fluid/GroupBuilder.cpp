@@ -57,7 +57,7 @@ bool isThermostatTensor(const MatrixXd& friction) {
 
 /**
  * Form the groups, in the order of their labels. Without interaction every body is a group of its
- * own. The elements still lack what needs the shapes of bodies: sites and own tensors.
+ * own. The elements still lack what needs the shapes of bodies: sites, own tensors and slips.
  */
 GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& settings,
                            const OpenMM::System& system,
@@ -90,6 +90,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
                  modelName(force.getModel()) +
                  " cannot take; use RotnePragerYamakawa or FreeDraining");
     }
+    checkSlips();
 
     int nextGroup = 0;
     for (int b = 0; b < numBodies; b++) {
@@ -141,7 +142,34 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
                          [](const FluidElement& element) { return element.isHeld; });
 }
 
-/** Add the sites of particles, and the body's own tensor in the inner frame. */
+void GroupBuilder::checkSlips() const {
+    const int numBodies = particlesOfBodies.size();
+    for (int b : force.getBodiesWithSlip()) {
+        const string object = "body " + to_string(b) + " was given a slip, ";
+        if (b >= numBodies)
+            fail(object + "but the integrator has " + to_string(numBodies) +
+                 " bodies, counted from 0; correct the index in setBodySlip(), or use "
+                 "clearBodySlip()");
+        int particles = 0;
+        for (int p : particlesOfBodies[b]) particles += force.getParticleRadius(p) > 0;
+        if (particles < 2)
+            fail(object + "but has " + to_string(particles) +
+                 " hydrodynamic particles; the models have no stresslet sources for the surface of "
+                 "a single sphere, so that its flow would be wrong: make the body of at least 2 "
+                 "blobs, such as those of app.multiblobSphere(), or use clearBodySlip()");
+        const int velocities = force.getBodySlip(b).size();
+        if (velocities != particles)
+            fail(object + "of " + to_string(velocities) + " velocities, but has " +
+                 to_string(particles) +
+                 " hydrodynamic particles; give setBodySlip() one velocity for each particle of "
+                 "the body with a radius above 0, in their order");
+    }
+}
+
+/**
+ * Add the sites of particles, and in the inner frame the body's own tensor and the slips of
+ * particles.
+ */
 void GroupBuilder::addShape(FluidElement& element, const vector<BodyGeometry>& geometries,
                             const BodySet& bodies) const {
     if (element.isFree()) {
@@ -153,6 +181,10 @@ void GroupBuilder::addShape(FluidElement& element, const vector<BodyGeometry>& g
     for (size_t i = 0; i < particlesOfBodies[b].size(); i++)
         if (force.getParticleRadius(particlesOfBodies[b][i]) > 0)
             element.sites.push_back(toEigen(bodies.toInner(b, geometries[b].sites[i])));
+    for (int active : force.getBodiesWithSlip())
+        if (active == b)
+            for (const OpenMM::Vec3& velocity : force.getBodySlip(b))
+                element.slips.push_back(toEigen(bodies.toInner(b, velocity)));
     if (!force.getBodyHasOwnTensor(b)) return;
     const vector<double> user = force.getBodyMobility(b);
     Matrix3d toInner;
@@ -228,8 +260,51 @@ unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& eleme
             elements[e].isFree() ? indexOfFree[elements[e].particles[0]] : -1);
         group->hasNullVectors = group->hasNullVectors || group->bodies.hasNullVector(e);
     }
+    makeJoints(*group, bodies);
     chooseStrategies(*group, bodies);
+    if (group->joints) group->brownian->setJoints(group->joints.get(), settings.jointTolerance);
     return group;
+}
+
+/** The joints between the group's bodies, in the inner frames of the bodies. */
+void GroupBuilder::makeJoints(FluidGroup& group, const BodySet& bodies) const {
+    const auto& elements = group.bodies.getElements();
+    const auto elementOf = [&](int body) {
+        for (size_t e = 0; e < elements.size(); e++)
+            if (elements[e].body == body) return (int)e;
+        return -1;
+    };
+    const auto inner = [&](int body, const OpenMM::Vec3& x) {
+        return toEigen(bodies.toInner(body, x));
+    };
+    vector<Joint> joints;
+    for (size_t k = 0; k < settings.joints.size(); k++) {
+        const JointDefinition& wanted = settings.joints[k];
+        Joint joint;
+        joint.index = k;
+        joint.i = elementOf(wanted.i);
+        if (joint.i < 0) continue;
+        joint.j = -1;
+        joint.anchor_i = inner(wanted.i, wanted.anchor_i);
+        if (wanted.kind == JointDefinition::BallToPoint) {
+            joint.kind = Joint::BallToPoint;
+            joint.anchor_j = toEigen(wanted.anchor_j);
+            joints.push_back(joint);
+            continue;
+        }
+        joint.j = elementOf(wanted.j);
+        joint.kind = wanted.kind == JointDefinition::Link    ? Joint::Link
+                     : wanted.kind == JointDefinition::Hinge ? Joint::Hinge
+                                                             : Joint::Ball;
+        joint.anchor_j = inner(wanted.j, wanted.anchor_j);
+        joint.length = wanted.length;
+        if (joint.kind == Joint::Hinge) {
+            joint.axis_i = inner(wanted.i, wanted.axis_i).normalized();
+            joint.axis_j = inner(wanted.j, wanted.axis_j).normalized();
+        }
+        joints.push_back(joint);
+    }
+    if (!joints.empty()) group.joints.reset(new Joints(joints, group.bodies));
 }
 
 void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) const {
@@ -246,7 +321,8 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
         BodyMobility& mobility = strategy(false);
         mobility.setPoses({Pose()});
         const MatrixXd& friction = mobility.friction();
-        group.isThermostat = isThermostatTensor(friction) && !flow.isAny() && !isFixed;
+        group.isThermostat =
+            isThermostatTensor(friction) && !flow.isAny() && !isFixed && !group.joints;
         group.drag_t = friction(0, 0);
         for (int k = 0; k < 3 && friction.rows() == 6; k++)
             group.drag_r[k] = friction(3 + k, 3 + k);

@@ -44,10 +44,12 @@ public:
                                                    const BodySet& bodies) const;
 
 private:
+    void checkSlips() const;
     void addShape(FluidElement& element, const std::vector<BodyGeometry>& geometries,
                   const BodySet& bodies) const;
     std::unique_ptr<FluidGroup> makeGroup(const std::vector<FluidElement>& elements,
                                           const BodySet& bodies) const;
+    void makeJoints(FluidGroup& group, const BodySet& bodies) const;
     void chooseStrategies(FluidGroup& group, const BodySet& bodies) const;
     /** The model for these particles, and how Auto chose between matrices and a grid. */
     std::unique_ptr<MobilityModel> makeModel(const HydrodynamicParticles& particles,
@@ -61,7 +63,7 @@ private:
     const UserFlow flow;
     BoxVectors defaultBox;  // of the System
     std::map<int, std::vector<FluidElement>>
-        elementsOfGroups;          // by label; elements lack sites and own tensors
+        elementsOfGroups;          // by label; elements lack sites, own tensors and slips
     std::vector<int> indexOfFree;  // of particles in FreeParticles
     const std::shared_ptr<BodiesAlone::Shapes> shapes{
         new BodiesAlone::Shapes()};  // shared by all groups

@@ -134,9 +134,13 @@ public:
 
     vector<Vec3> getJointForces() override {
         prepareFluid("getJointForces()");
-        const vector<JointDefinition>& joints = scene.definitions.joints();
-        if (!joints.empty()) refuseJointsUntilSupported(joints);
-        return {};
+        const int count = scene.definitions.joints().size();
+        if (count == 0 || !scene.fluid) return vector<Vec3>(count);
+        const auto forces = scene.fluid->getAnswers().jointForcesOfLastStep(count);
+        vector<Vec3> result;
+        for (int k = 0; k < count; k++)
+            result.push_back(Vec3(forces(0, k), forces(1, k), forces(2, k)));
+        return result;
     }
 
     double computeTranslationalKineticEnergy() override {

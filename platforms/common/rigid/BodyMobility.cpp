@@ -39,7 +39,7 @@ void BodyMobility::flowSlips(const DrivenFlow& flow, MatrixXd& slips) {
         here.follow(flow, slips);
     } else {
         here.follow(flow, slipsOfFlow);
-        forceFreeTwists(flow, slipsOfFlow, slips);
+        forceFreeTwists(&flow, slipsOfFlow, slips);
     }
     keepSpinOf(flow, slips);
 }
@@ -49,6 +49,17 @@ void BodyMobility::flowSlips(const DrivenFlow& flow, MatrixXd& slips) {
  * its spin, about that of the fluid at the body's origin, is given back as slips.
  */
 void BodyMobility::keepSpinOf(const DrivenFlow& flow, MatrixXd& slips) {
+    keepSpins(
+        [&](int e) {
+            return Vector3d(getTurns()[e] * bodies.getElements()[e].spin.axis)
+                .dot(flow.angularVelocityAt(getPoses()[e].R, {}));
+        },
+        slips);
+}
+
+/** @param rateOf  the spin of an element about its axis that is not to be slowed, rad/ps */
+template <class Rate>
+void BodyMobility::keepSpins(const Rate& rateOf, MatrixXd& slips) {
     const auto& elements = bodies.getElements();
     bool any = false;
     for (const FluidElement& element : elements) any = any || element.slowsK();
@@ -57,11 +68,8 @@ void BodyMobility::keepSpinOf(const DrivenFlow& flow, MatrixXd& slips) {
     for (size_t e = 0; e < elements.size(); e++) {
         const SlowedSpin& spin = elements[e].spin;
         if (!elements[e].slowsK()) continue;
-        const Matrix3d& A = getTurns()[e];
-        const double rate =
-            (1 - spin.factor) *
-            Vector3d(A * spin.axis).dot(flow.angularVelocityAt(getPoses()[e].R, {}));
-        spinsOfFlow.block<6, 1>(bodies.firstRow(e), 0) = rate * (twoRotations(A) * spin.screw);
+        spinsOfFlow.block<6, 1>(bodies.firstRow(e), 0) =
+            (1 - spin.factor) * rateOf(e) * (twoRotations(getTurns()[e]) * spin.screw);
     }
     if (slipSpace.areOfBodies()) {
         slips += spinsOfFlow;
@@ -69,6 +77,23 @@ void BodyMobility::keepSpinOf(const DrivenFlow& flow, MatrixXd& slips) {
     }
     rigidSlips(getPoses(), spinsOfFlow, slipsOfSpins);
     slips += slipsOfSpins;
+}
+
+void BodyMobility::addActiveSlips(MatrixXd& ofParticles) const {
+    for (size_t e = 0; e < bodies.getElements().size(); e++) {
+        const vector<Vector3d>& slips = bodies.getElements()[e].slips;
+        const int first = bodies.getMotion().firstParticleRow(e);
+        for (size_t i = 0; i < slips.size(); i++)
+            ofParticles.col(0).segment<3>(first + 3 * i) -= getTurns()[e] * slips[i];
+    }
+}
+
+void BodyMobility::activeSlips(MatrixXd& slips) {
+    MatrixXd& ofParticles = slipSpace.areOfBodies() ? slipsOfFlow : slips;
+    ofParticles.setZero(bodies.getNumParticleRows(), 1);
+    addActiveSlips(ofParticles);
+    if (slipSpace.areOfBodies()) forceFreeTwists(nullptr, ofParticles, slips);
+    keepSpins([&](int e) { return bodies.spinOfSlips(e); }, slips);
 }
 
 void BodyMobility::flowTwists(const DrivenFlow& flow, MatrixXd& twists) {
@@ -100,7 +125,7 @@ void BodyMobility::forcesOfTwists(const MatrixXd& twists, const DrivenFlow* flow
     forcesOfSlips(relative, forces);
 }
 
-FlowSources BodyMobility::flowSources(const MatrixXd& forces, const DrivenFlow* flow) {
+FlowSources BodyMobility::flowSources(const MatrixXd& forces, const DrivenFlow* flow, bool active) {
     BodiesAt& here = particlesHere();
     if (!slipSpace.areOfBodies()) return here.particles().sources(forces, flow);
     MatrixXd wrenches = forces, ofParticles, slips;
@@ -108,6 +133,7 @@ FlowSources BodyMobility::flowSources(const MatrixXd& forces, const DrivenFlow* 
     if (bodies.getMotion().isIdentity()) return here.particles().sources(wrenches, flow);
     slips.setZero(bodies.getNumParticleRows(), 1);
     if (flow) here.follow(*flow, slips);
+    if (active) addActiveSlips(slips);
     particleForces(wrenches, slips, ofParticles);
     return here.particles().sources(ofParticles, flow);
 }

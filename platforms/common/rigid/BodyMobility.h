@@ -132,6 +132,11 @@ public:
      * follow the flow at their origin.
      */
     void flowSlips(const DrivenFlow& flow, MatrixXd& slips);
+    /**
+     * The slips of active bodies at the poses set last, -A u of the velocities u of setBodySlip(),
+     * in the form that flowSlips() has.
+     */
+    void activeSlips(MatrixXd& slips);
     /** The twists of force-free bodies in the flow. */
     void flowTwists(const DrivenFlow& flow, MatrixXd& twists);
 
@@ -147,9 +152,10 @@ public:
     virtual void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) = 0;
     /**
      * The sources of the fluid's flow when getBlobForces() gave these forces at the poses set last.
-     * `flow` is the driven flow, if that solve had it.
+     * `flow` is the driven flow, if that solve had it. `active` says whether it had the slips of
+     * active bodies.
      */
-    FlowSources flowSources(const MatrixXd& forces, const DrivenFlow* flow);
+    FlowSources flowSources(const MatrixXd& forces, const DrivenFlow* flow, bool active);
     /** MobilityAt::addFlowAt() at the poses set last. */
     void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
                    double factor, Velocities& velocities) {
@@ -253,10 +259,12 @@ public:
 
 protected:
     /**
-     * The twists of force-free bodies whose particles have these slips of a flow, at the poses set
-     * last. Own tensors have no effect. Default: by matrices.
+     * The twists of force-free bodies whose particles have these slips, at the poses set last. Own
+     * tensors have no effect. Default: by matrices.
+     *
+     * @param flow  of which the slips are; null: they are of active bodies
      */
-    virtual void forceFreeTwists(const DrivenFlow&, const MatrixXd& slips, MatrixXd& twists) {
+    virtual void forceFreeTwists(const DrivenFlow* flow, const MatrixXd& slips, MatrixXd& twists) {
         particlesHere().forceFreeTwists(slips, bodies.getNullTwists(), twists);
     }
     /**
@@ -279,6 +287,9 @@ protected:
 private:
     const Placement& placementOf(const std::vector<Pose>& poses);
     void keepSpinOf(const DrivenFlow& flow, MatrixXd& slips);
+    template <class Rate>
+    void keepSpins(const Rate& rateOf, MatrixXd& slips);
+    void addActiveSlips(MatrixXd& ofParticles) const;
     double divergenceByGradients(RandomField& field);
     double divergenceByDifferences(RandomField& field);
 

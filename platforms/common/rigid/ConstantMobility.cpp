@@ -108,7 +108,7 @@ void ConstantMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& 
     particlesHere().particleForces(wrenches, slips, nullTwistsOfBlobs(), forces);
 }
 
-void ConstantMobility::forceFreeTwists(const DrivenFlow& flow, const MatrixXd& slips,
+void ConstantMobility::forceFreeTwists(const DrivenFlow* flow, const MatrixXd& slips,
                                        MatrixXd& twists) {
     if (forceFree_body.size() == 0) {
         BodiesAt inBody(bodies, costs);
@@ -122,20 +122,34 @@ void ConstantMobility::forceFreeTwists(const DrivenFlow& flow, const MatrixXd& s
         slips_body.middleRows<3>(row).noalias() = A.transpose() * slips.middleRows<3>(row);
     twist_body.noalias() = forceFree_body * slips_body;
     twists.noalias() = twoRotations(A) * twist_body;
-    if (!lineOfBlobs.any()) return;
+    if (!flow || !lineOfBlobs.any()) return;
     // About that line the body therefore goes with the flow.
     const Matrix<double, 6, 1> n = twoRotations(A) * lineOfBlobs.inBody(0);
     twists.col(0) +=
-        n.tail<3>().dot(flow.angularVelocityAt(poses[0].R, {})) / n.tail<3>().squaredNorm() * n;
+        n.tail<3>().dot(flow->angularVelocityAt(poses[0].R, {})) / n.tail<3>().squaredNorm() * n;
 }
 
 void ConstantMobility::multiplyNearby(const vector<Pose>& there, const MatrixXd& forces,
                                       MatrixXd& slips) {
     N = turned(mobility_body, there[0].rotation());
-    slips.noalias() = N * forces;
+    if (!isFixed) {
+        slips.noalias() = N * forces;
+        return;
+    }
+    // Of all generalised inverses of the friction, the one whose twists a rod in a plane can have.
+    const NullTwists& nullTwists = bodies.getNullTwistsOfFree();
+    setTurns(there, turnsThere);
+    thermal = forces;
+    nullTwists.removeWorkOfFixed(turnsThere, thermal);
+    slips.noalias() = N * thermal;
+    nullTwists.turnWithFixed(turnsThere, slips);
 }
 
 void ConstantMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
+    if (isFixed) {
+        factorHere().thermalWrench(turns, W, wrench);
+        return;
+    }
     thermal.noalias() = factor_body.L() * W;
     wrench.noalias() = twoRotations(turns[0]) * thermal;
     bodies.getNullTwists().removeLift(turns, wrench);

@@ -40,7 +40,7 @@ public:
 protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return turns; }
     const std::vector<Pose>& getPoses() const override { return poses; }
-    void forceFreeTwists(const DrivenFlow& flow, const MatrixXd& slips, MatrixXd& twists) override;
+    void forceFreeTwists(const DrivenFlow* flow, const MatrixXd& slips, MatrixXd& twists) override;
     void particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) override;
     BodiesAt& particlesHere() override;
 
@@ -53,7 +53,7 @@ private:
     FrictionFactor factor;       // at the poses, where some component is fixed
     bool isFactorised = false;
     std::vector<Pose> poses;
-    std::vector<Eigen::Matrix3d> turns;
+    std::vector<Eigen::Matrix3d> turns, turnsThere;
     BodiesAt particles;  // needed by applyToParticles() only
     MatrixXd N, xi, wrenchesOfSolve, thermal;
     MatrixXd forceFree_body, slips_body,

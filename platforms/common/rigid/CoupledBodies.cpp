@@ -32,7 +32,7 @@ vector<FluidElement> withSpins(vector<FluidElement> elements, const vector<Slowe
 CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFactory& makeModel,
                              bool mayBeConstant)
     : motion(elements), freeMotion(elements, firstRows(motion)), nullTwists(firstRows(motion)),
-      ownTensors(firstRows(motion)) {
+      nullTwistsOfFree(firstRows(motion)), ownTensors(firstRows(motion)) {
     if (getParticles().size() > 0) model = makeModel(getParticles());
     findProperties(mayBeConstant);
 }
@@ -40,7 +40,8 @@ CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFa
 CoupledBodies::CoupledBodies(const CoupledBodies& bodies, const vector<SlowedSpin>& spins)
     : motion(withSpins(bodies.getElements(), spins)),
       freeMotion(bodies.getElements(), firstRows(motion)), nullTwists(firstRows(motion)),
-      ownTensors(firstRows(motion)), model(bodies.model), box(bodies.box) {
+      nullTwistsOfFree(firstRows(motion)), ownTensors(firstRows(motion)), model(bodies.model),
+      box(bodies.box) {
     findProperties(bodies.aloneInUniformFluid);
 }
 
@@ -50,14 +51,17 @@ void CoupledBodies::findProperties(bool mayBeConstant) {
         mayBeConstant && elements.size() == 1 &&
         (!model || (model->getTraits().isHomogeneous && model->getTraits().isIsotropic));
     const bool constant = isConstantInBodyFrame();
+    spinsOfSlips.assign(elements.size(), 0);
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
         const bool hasOwnTensor = element.ownMobility.size() > 0;
+        active = active || !element.slips.empty();
         // A constant own tensor resists rotation about the line of the blobs too.
         if (element.particles.size() > 1 && !(constant && hasOwnTensor)) {
             checkSites(e);
             nullTwists.find(e, element.sites);
-            nullTwists.fix(e, element);
+            nullTwistsOfFree.find(e, element.sites);
+            nullTwistsOfFree.fix(e, element);
         }
         if (hasOwnTensor && hasNullVector(e))
             throw OpenMM::OpenMMException(
@@ -66,6 +70,8 @@ void CoupledBodies::findProperties(bool mayBeConstant) {
                 "model has no rotational mobility about this line that the tensor could be "
                 "combined with: give only one of the particles a radius, or use FreeDraining");
     }
+    for (size_t e = 0; e < elements.size(); e++)
+        if (!elements[e].slips.empty() && elements[e].slowsK()) findSpinOfSlips(e);
     if (constant) return;
     for (size_t e = 0; e < elements.size(); e++)
         if (elements[e].ownMobility.size() > 0)
@@ -97,6 +103,23 @@ CoupledBodies::Alone CoupledBodies::aloneInModel(int e) const {
     const MatrixXd R = HouseholderQR<MatrixXd>(K).matrixQR().topRows(6);
     const MatrixXd inverseOfR = R.triangularView<Upper>().solve(MatrixXd::Identity(6, 6));
     return {inverseOfR * inverseOfR.transpose(), xi};
+}
+
+void CoupledBodies::findSpinOfSlips(int e) {
+    const FluidElement& element = getElements()[e];
+    MatrixXd M, slips(element.numParticleRows(), 1);
+    model->ownMobility(particlesOf({element}), sitesOf(element), M);
+    for (size_t i = 0; i < element.slips.size(); i++)
+        slips.block<3, 1>(3 * i, 0) = -element.slips[i];
+    CholeskyFactor factor;
+    if (!factor.compute(M)) refuseIndefiniteMobility(element.particles.size());
+    FluidElement atFullSpin = element;
+    atFullSpin.spin = SlowedSpin();
+    MatrixXd K = RigidMotion({atFullSpin}).ofElement_body(0);
+    factor.solveL(K);
+    factor.solveL(slips);
+    const VectorXd twist = K.completeOrthogonalDecomposition().solve(slips);
+    spinsOfSlips[e] = element.spin.axis.dot(twist.tail<3>());
 }
 
 /** The sites of a body's blobs are constant, so that one check is enough. */

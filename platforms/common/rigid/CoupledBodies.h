@@ -49,6 +49,8 @@ public:
     int firstRow(int element) const { return motion.firstRow(element); }
     const RigidMotion& getMotion() const { return motion; }
     const NullTwists& getNullTwists() const { return nullTwists; }
+    /** The same, with the components that are fixed (NullTwists::fix()). */
+    const NullTwists& getNullTwistsOfFree() const { return nullTwistsOfFree; }
     const OwnTensors& getOwnTensors() const { return ownTensors; }
     /** Which components of twists are free. Where some are fixed, N stands for N_c. */
     const FreeMotion& getFreeMotion() const { return freeMotion; }
@@ -113,6 +115,13 @@ public:
         return !motion.isIdentity() || freeMotion.any() ||
                (model && model->getTraits().isMadeFromFriction);
     }
+    /** Whether some body has a slip of its own. */
+    bool areActive() const { return active; }
+    /**
+     * With which rate the slip of an active body spins it about the axis of its SlowedSpin, alone
+     * in unbounded fluid; 0 where the spin is not slowed.
+     */
+    double spinOfSlips(int element) const { return spinsOfSlips[element]; }
     /** Whether the model has products, so that N can be multiplied by without a matrix. */
     bool hasProducts() const { return model && model->getTraits().hasProducts; }
     /** Whether products with N need no iterations, and so have no error of iterations: spheres. */
@@ -131,14 +140,16 @@ public:
 private:
     void findProperties(bool mayBeConstant);
     Alone aloneInModel(int element) const;
+    void findSpinOfSlips(int element);
     void checkSites(int element) const;
 
     const RigidMotion motion;
     const FreeMotion freeMotion;
-    NullTwists nullTwists;
+    NullTwists nullTwists, nullTwistsOfFree;
     OwnTensors ownTensors;
     std::shared_ptr<const MobilityModel> model;
-    bool aloneInUniformFluid = false;
+    bool aloneInUniformFluid = false, active = false;
+    std::vector<double> spinsOfSlips;
     BoxVectors box = {};
 };
 

@@ -18,6 +18,8 @@ struct FluidElement {
     std::vector<double> radii;    // nm
     Eigen::MatrixXd ownMobility;  // 6 x 6, body frame, or empty: setBodyMobility()
     SlowedSpin spin;              // slowed in the step at hand
+    std::vector<Eigen::Vector3d>
+        slips;  // setBodySlip(): of the particles, in the body frame, nm/ps, or empty
     /**
      * The components of the twist that are fixed, at rest or prescribed: a bit for each of Vx, Vy,
      * Vz, Wx, Wy, Wz, in the lab frame, or along `axes` if `fixedInBody`.

@@ -142,7 +142,7 @@ void KrylovMobility::solveFromKept(const MatrixXd& wrenches, const MatrixXd& sli
         iterate(wrenches, slips, twists, true);
 }
 
-void KrylovMobility::forceFreeTwists(const DrivenFlow&, const MatrixXd& slips, MatrixXd& twists) {
+void KrylovMobility::forceFreeTwists(const DrivenFlow*, const MatrixXd& slips, MatrixXd& twists) {
     const Solving timed(*this);
     const MatrixXd noWrenches = MatrixXd::Zero(bodies.getNumRows(), slips.cols());
     iterate(noWrenches, slips, twists);

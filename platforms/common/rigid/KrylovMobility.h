@@ -58,7 +58,7 @@ protected:
     const std::vector<Eigen::Matrix3d>& getTurns() const override { return here.getTurns(); }
     const std::vector<Pose>& getPoses() const override { return here.getPoses(); }
     BodiesAt& particlesHere() override { return here; }
-    void forceFreeTwists(const DrivenFlow& flow, const MatrixXd& slips, MatrixXd& twists) override;
+    void forceFreeTwists(const DrivenFlow* flow, const MatrixXd& slips, MatrixXd& twists) override;
     void particleForces(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) override;
     void beginSolving() override;
     void endSolving() override;

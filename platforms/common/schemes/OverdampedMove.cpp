@@ -149,7 +149,8 @@ void OverdampedMove::thermalSlip(Vectors& slips) {
 
 const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
     if (!column.givesVelocity) return noSlips;
-    if (!flow && !prescribed && column.moreSlips.size() == 0) return column.slips;
+    const bool active = mobility.getBodies().areActive();
+    if (!flow && !active && !prescribed && column.moreSlips.size() == 0) return column.slips;
     bool any = false;
     const auto add = [&](const Vectors& more) {
         if (more.size() == 0) return;
@@ -164,6 +165,10 @@ const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
         mobility.flowSlips(*flow, slipsOfFlow);
         add(slipsOfFlow);
     }
+    if (active) {
+        mobility.activeSlips(slipsOfActive);
+        add(slipsOfActive);
+    }
     add(column.moreSlips);
     if (prescribed) {
         mobility.rigidSlips(mobility.posesHere(), -findPrescribed(mobility.posesHere()),
@@ -173,10 +178,48 @@ const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
     return slipsOfColumn;
 }
 
+/** The twists that forces of joints cause at the poses set last, N C^T, and (C N C^T)^-1. */
+void OverdampedMove::findResponse() {
+    if (responseIsKnown) return;
+    joints->findRows(mobility.posesHere(), C);
+    wrenchesWithJoints = C.transpose();
+    mobility.solve(wrenchesWithJoints, N_CT);
+    joints->factorise(C * N_CT, inverseOfCNC);
+    responseIsKnown = true;
+}
+
+void OverdampedMove::solveWithJoints(const Vectors& wrenches, const Vectors& slips, bool fromKept,
+                                     const Column* const* columns, Vectors& twists) {
+    const auto solveThese = [&](const Vectors& these) {
+        if (fromKept)
+            mobility.solveFromKept(these, slips, twists);
+        else
+            mobility.solve(these, slips, twists);
+    };
+    if (!joints) {
+        solveThese(wrenches);
+        return;
+    }
+    findResponse();
+    solveThese(wrenches);
+    twistsOfWrenches = twists;
+    for (int k = 0; k < twists.cols(); k++)
+        if (prescribed && columns[k]->givesVelocity)
+            twistsOfWrenches.col(k) += findPrescribed(mobility.posesHere()).col(0);
+    mu = -inverseOfCNC * (C * twistsOfWrenches);
+    wrenchesWithJoints = wrenches + C.transpose() * mu;
+    // Once more, so that the forces of particles are those with joints.
+    solveThese(wrenchesWithJoints);
+}
+
 void OverdampedMove::finishSolve(const Column& solved, Vectors& twists, int column) {
     if (prescribed && solved.givesVelocity) twists.col(column) += twistsOfFixed.col(0);
     recordSolve(solved, column);
     recordHold(solved, column);
+    if (joints && jointForces && solved.weight != 0) {
+        joints->forces(mobility.posesHere(), mu.col(column), forcesOfJoints);
+        *jointForces += solved.weight * forcesOfJoints;
+    }
 }
 
 /**
@@ -188,6 +231,8 @@ void OverdampedMove::recordHold(const Column& solved, int column) {
     mobility.getBlobForces(forcesOfSolve);
     forcesOfSolve = forcesOfSolve.col(column).eval();
     mobility.totalWrenches(mobility.posesHere(), forcesOfSolve, wrenchesOfSolve);
+    if (joints)
+        wrenchesOfSolve -= C.transpose() * mu.col(column);  // not what holds fixed components
     *holds += solved.weight * (wrenchesOfSolve - solved.wrench.col(0));
     if (solved.axisForces) *holds += solved.weight * solved.axisFactor * *solved.axisForces;
 }
@@ -203,12 +248,14 @@ void OverdampedMove::addPrescribed(Vectors& twists) {
 }
 
 void OverdampedMove::solve(const Column& column, Vectors& twists) {
-    mobility.solve(column.wrench, slipsOf(column), twists);
+    const Column* const columns[] = {&column};
+    solveWithJoints(column.wrench, slipsOf(column), false, columns, twists);
     finishSolve(column, twists);
 }
 
 void OverdampedMove::solveFromKept(const Column& column, Vectors& twists) {
-    mobility.solveFromKept(column.wrench, slipsOf(column), twists);
+    const Column* const columns[] = {&column};
+    solveWithJoints(column.wrench, slipsOf(column), true, columns, twists);
     finishSolve(column, twists);
 }
 
@@ -223,7 +270,7 @@ void OverdampedMove::solve(const Column& first, const Column& second, Vectors& t
         if (slips.size() == 0) slips.setZero(ofColumn.rows(), 2);
         slips.col(k) = ofColumn.col(0);
     }
-    mobility.solve(wrenches, slips, twists);
+    solveWithJoints(wrenches, slips, false, columns, twists);
     for (int k = 0; k < 2; k++) finishSolve(*columns[k], twists, k);
 }
 
@@ -231,14 +278,14 @@ void OverdampedMove::solve(const Column& first, const Column& second, Vectors& t
 
 void OverdampedMove::recordSolve(const Column& solved, int column) {
     if (!recorded || solved.weight == 0) return;
-    recordShare(solved.weight, column, solved.givesVelocity && flow);
+    recordShare(solved.weight, column, solved.givesVelocity);
     if (solved.givesVelocity) recorded->solveWeight += solved.weight;
 }
 
-void OverdampedMove::recordShare(double weight, int column, bool inFlow) {
+void OverdampedMove::recordShare(double weight, int column, bool movesBodies) {
     Vectors forces;
     mobility.getBlobForces(forces);
-    recorded->shares.push_back({weight, mobility.posesHere(), forces.col(column), inFlow});
+    recorded->shares.push_back({weight, mobility.posesHere(), forces.col(column), movesBodies});
 }
 
 void FlowOfStep::check(const string& scheme) const {
@@ -280,6 +327,12 @@ void OverdampedMove::recordFactor(double nu) {
     recorded->fieldWeight *= nu;
     recorded->flowWeight *= nu;
     recorded->solveWeight *= nu;
+}
+
+void OverdampedMove::removeTurnsFromHolds() {
+    if (!holds) return;
+    setTurns(mobility.posesHere(), turnsOfFixed);
+    mobility.getBodies().getNullTwistsOfFree().addDivergenceOfTurns(turnsOfFixed, -kT, *holds);
 }
 
 double OverdampedMove::divergenceOfField() { return mobility.divergenceOf(*field); }
@@ -424,13 +477,22 @@ void OverdampedMove::drawAxisForces(Vectors& forces) {
     Vectors onAxes, along, atOtherEnd;
     mobility.totalWrenches(start, lambda, onAxes);
     onAxes -= directions;
+    if (joints) onAxes -= C.transpose() * mu.col(0);
     setTurns(start, turnsOfFixed);
     free.componentsOfFixed(turnsOfFixed, onAxes, along);
     setTurns(forward, turnsOfFixed);
     free.motionOfFixed(turnsOfFixed, along, forces);
     setTurns(backward, turnsOfFixed);
     free.motionOfFixed(turnsOfFixed, along, atOtherEnd);
-    forces = (forces - atOtherEnd) / centralStep;
+    forces -= atOtherEnd;
+    if (joints) {
+        Vectors C_there;
+        joints->findRows(forward, C_there);
+        forces += C_there.transpose() * mu.col(0);
+        joints->findRows(backward, C_there);
+        forces -= C_there.transpose() * mu.col(0);
+    }
+    forces /= centralStep;
 }
 
 void OverdampedMove::prescribeAxisDifference(double factor, const Vectors& twists) {

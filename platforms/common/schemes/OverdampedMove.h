@@ -9,6 +9,7 @@
 
 #include "random/CounterNoise.h"
 #include "rigid/BodyMobility.h"
+#include "rigid/Joints.h"
 #include "rigidbody/Pose.h"
 
 namespace RigidHIPlugin {
@@ -33,7 +34,7 @@ struct FlowOfStep {
         double weight;
         std::vector<Pose> poses;
         Eigen::MatrixXd forces;  // where slips act: BodyMobility::flowSources()
-        bool inFlow;             // whether the forces come from a solve in the driven flow
+        bool movesBodies;  // of a solve in the driven flow and with the slips of active bodies
     };
     std::vector<Share> shares;
     double fieldWeight = 0, flowWeight = 1;  // of the random and the driven flow
@@ -61,6 +62,7 @@ public:
     enum Draw { First, Second };
 
     explicit OverdampedMove(BodyMobility& mobility);
+    virtual ~OverdampedMove() {}
 
     // ---- The engine's side
     /** Where a step starts, to be set before the step, and where the bodies are at present. */
@@ -73,6 +75,10 @@ public:
      * FreeMotion::motionOfFixed(). null: they are at rest.
      */
     void prescribe(const Vectors* velocitiesOfFixed) { prescribed = velocitiesOfFixed; }
+    /** Joints between the elements; null: none. To be set before the step. */
+    void setJoints(const Joints* jointsOfElements) { joints = jointsOfElements; }
+    /** Add up the forces of joints in the step, 3 x joints (Joints::forces()); null: do not. */
+    void recordJointForces(Vectors* forces) { jointForces = forces; }
     /**
      * Add up in `holds` the wrenches that hold fixed components in the step, of whose mean each
      * solve has its weight; null: do not. Rows of free components are 0 up to the tolerance.
@@ -117,7 +123,8 @@ public:
     /**
      * A column that gives velocities of bodies, N (F + K^T M^-1 s) at the present poses, with the
      * prescribed velocities of fixed components. The slips s are the sum of `slips`, of those of
-     * the flow that users drive, and of `moreSlips`. A vector without rows stands for zeros.
+     * the flow that users drive and of active bodies, and of `moreSlips`. A vector without rows
+     * stands for zeros.
      *
      * @param weight  of these velocities in those of the step; the weights of a step sum up to 1. 0
      *     for a predictor
@@ -127,7 +134,8 @@ public:
         return Column(weight, true, wrench, slips, moreSlips);
     }
     /**
-     * A column N F of a direction or of noise alone, which the driven flow is no part of.
+     * A column N F of a direction or of noise alone, which the driven flow and the slips of active
+     * bodies are no part of.
      *
      * @param weight  of N F in the velocities of the step; 0 where it is no part of them by itself
      */
@@ -160,6 +168,11 @@ public:
     void recordTractions(double kT);
     /** The whole flow is multiplied by nu. */
     void recordFactor(double nu);
+    /**
+     * Remove from the holds what the rotation of rods about their lines adds to them where bodies
+     * go to the mid-point by nearestTwists(): NullTwists::addDivergenceOfTurns().
+     */
+    void removeTurnsFromHolds();
     /** N^(-1/2) W at the present poses, of covariance N^-1. */
     void thermalWrench(Draw draw, Vectors& wrench);
     /**
@@ -176,13 +189,16 @@ public:
 
     /** Whether div N is 0 or known without differences. If so, addKnownDrift() adds it. */
     bool driftIsKnown() const {
+        if (joints) return false;
         return mobility.isUniform() || mobility.isDivergenceFree() || mobility.isImmobile();
     }
     /**
      * Whether div N is 0 while N changes with poses, as for spheres. A scheme then leaves out noise
      * at other poses that would make a drift.
      */
-    bool driftIsZero() const { return !mobility.isUniform() && mobility.isDivergenceFree(); }
+    bool driftIsZero() const {
+        return !joints && !mobility.isUniform() && mobility.isDivergenceFree();
+    }
     /**
      * U += factor div N, where div N is known; the flow of this drift is recorded. To be called
      * before the start is left.
@@ -205,11 +221,14 @@ public:
     void drawTractions(Vectors& forces, Vectors& slips);
     /** (K(Q+) - K(Q-)) U / delta at the Q+- of drawTractions(). */
     void rigidSlipDifference(const Vectors& twists, Vectors& slips);
-    // Components that are fixed along axes which turn with their body, C U = b, C = C(Q): schemes
-    // whose noise acts at other poses than their mobility lack a term of the drift, which is the
-    // mean of a force along these axes (THEORY.md). Differences are along the directions.
-    /** Whether there are such components. */
-    bool axesTurn() const { return mobility.getBodies().getFreeMotion().turnsWithBodies(); }
+    // Components that are fixed along axes which turn with their body, and joints: C U = b, C =
+    // C(Q). Schemes whose noise acts at other poses than their mobility lack a term of the drift,
+    // which is the mean of a force along these axes (THEORY.md). Differences are along the
+    // directions.
+    /** Whether there are such components, or joints. */
+    bool axesTurn() const {
+        return joints || mobility.getBodies().getFreeMotion().turnsWithBodies();
+    }
     /**
      * (C^T(Q+) - C^T(Q-)) mu / delta, where mu are the forces along the axes in the last solve,
      * whose first column was for the directions. Q+- are those of drawTractions(), or are found.
@@ -241,13 +260,20 @@ public:
      * Differences are taken before atPresent(): after it, iterations go to the tolerance itself,
      * and displace(), displaceAlong() and drawTractions() throw.
      */
-    void atStart() { mobility.setPoses(start); }
+    void atStart() {
+        mobility.setPoses(start);
+        responseIsKnown = false;
+    }
     void atPresent() {
         mobility.setPoses(present);
+        responseIsKnown = false;
         mobility.endDifferences();
         differencesHaveEnded = true;
     }
-    void at(const std::vector<Pose>& poses) { mobility.setPoses(poses, true); }
+    void at(const std::vector<Pose>& poses) {
+        mobility.setPoses(poses, true);
+        responseIsKnown = false;
+    }
     /**
      * Move to Q^n + t nu U: Rotate(q, t nu W). The factor nu does not multiply prescribed
      * velocities.
@@ -279,6 +305,10 @@ public:
         mobility.nearestTwists(slips, twists);
     }
 
+protected:
+    /** Draw random numbers of mean 0 and variance 1. Tests replace them. */
+    virtual void drawNumbers(uint32_t purpose, uint32_t index, int count, double* numbers);
+
 private:
     /**
      * Displace the start by half a step both ways, for a central difference. It is one-sided where
@@ -288,19 +318,22 @@ private:
     void displaceBy(double step, int onlyRow, std::vector<Pose>& poses) const;
     /** The slips of a column; empty: none. */
     const Vectors& slipsOf(const Column& column);
+    /** Solve, with the forces of joints, which are then known. */
+    void solveWithJoints(const Vectors& wrenches, const Vectors& slips, bool fromKept,
+                         const Column* const* columns, Vectors& twists);
+    void findResponse();
     /** What follows a solve of a column: prescribed velocities, the flow, and holds. */
     void finishSolve(const Column& solved, Vectors& twists, int column = 0);
     void recordSolve(const Column& solved, int column);
     void recordHold(const Column& solved, int column);
     /** The flow has `weight` times the flow of the forces of a column of the last solve. */
-    void recordShare(double weight, int column, bool inFlow);
+    void recordShare(double weight, int column, bool movesBodies);
     void recordKnownDrift(double factor);
     bool isAccepted(const std::vector<Pose>& poses);
     void requireDifferences(const char* method) const;
     [[noreturn]] void failToDisplace(const std::vector<Pose>& poses);
     void drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& W, bool onlyFree = false);
     void drawForParticles(uint32_t purpose, Vectors& W);
-    void drawNumbers(uint32_t purpose, uint32_t index, int count, double* numbers);
 
     BodyMobility& mobility;
     std::vector<double> lengths;  // of rows
@@ -321,11 +354,15 @@ private:
     const Vectors& findPrescribed(const std::vector<Pose>& at);
     const Vectors* prescribed = nullptr;
     Vectors prescribedWithAxes;
+    const Joints* joints = nullptr;
+    Vectors* jointForces = nullptr;
+    bool responseIsKnown = false;  // of joints, at the poses set last
+    Vectors C, N_CT, inverseOfCNC, mu, wrenchesWithJoints, twistsOfWrenches, forcesOfJoints;
     bool endsAreFound = false;  // of the difference along the present directions
     std::vector<Eigen::Matrix3d> turnsOfFixed;
     Vectors* holds = nullptr;
     Vectors twistsOfFixed, scaledTwists, slipsOfFixed, forcesOfSolve, wrenchesOfSolve;
-    Vectors slipsOfFlow, slipsOfColumn, recordedSlips;
+    Vectors slipsOfFlow, slipsOfActive, slipsOfColumn, recordedSlips;
     Vectors wrenches, slips;  // of two columns
     const Vectors noSlips;
     long long numDriftFactors = 0;

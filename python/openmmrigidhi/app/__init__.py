@@ -9,6 +9,7 @@ from .minimizer import MinimizationResult, minimize
 from .placement import makeWhole, placeBodies
 from .reporters import StateDataReporter
 from .shapes import boomerang, cylinder, icosahedron, multiblobSphere, rod, sphereShell, tetramer
+from .swimmers import squirmerSlip
 from .trajectories import Trajectory
 
 __all__ = [
@@ -16,5 +17,6 @@ __all__ = [
     'makeWhole', 'minimize', 'MinimizationResult', 'RigidBodyReporter', 'readBodyStates',
     'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere', 'rod', 'cylinder',
     'boomerang', 'tetramer', 'icosahedron', 'readVertexFile', 'readClones', 'writeClones',
-    'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory', 'show', 'movie'
+    'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory', 'show', 'movie',
+    'squirmerSlip'
 ]

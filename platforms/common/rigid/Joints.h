@@ -1,0 +1,83 @@
+#ifndef RIGIDHI_JOINTS_H_
+#define RIGIDHI_JOINTS_H_
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "rigid/CoupledBodies.h"
+#include "rigidbody/Pose.h"
+
+namespace RigidHIPlugin {
+
+/** A joint between two elements, or between an element and a point of space. */
+struct Joint {
+    enum Kind { Ball, BallToPoint, Link, Hinge };
+    Kind kind;
+    int index;                       // in the integrator
+    int i, j;                        // elements; j = -1: a point
+    Eigen::Vector3d anchor_i;        // in the frame of i
+    Eigen::Vector3d anchor_j;        // in the frame of j, or the point in the lab frame
+    // Of a hinge: unit vectors in the frames of i and j.
+    Eigen::Vector3d axis_i = Eigen::Vector3d::Zero(), axis_j = Eigen::Vector3d::Zero();
+    double length = 0;               // of a link, nm
+    int firstRow = 0;                // of its conditions
+
+    int numRows() const { return kind == Link ? 1 : kind == Hinge ? 5 : 3; }
+};
+
+/**
+ * The conditions of joints on poses, c(Q) = 0, and on twists, C U = 0, where C are the derivatives
+ * of c along twists.
+ *
+ * Equation:  with the mobility N of bodies without joints (N_c where some are held),
+ *            N_J = N - N C^T (C N C^T)^-1 C N,   mu = (C N C^T)^-1 (b - C N F),
+ *            are the mobility with joints and the forces that joints exert, C^T mu on bodies.
+ * Rows:      ball    V_i + W_i x a_i - (the same of j), three components
+ *            link    e.(V_i + W_i x a_i - ...), e the direction from j's anchor to i's
+ *            hinge   a ball, and (W_j - W_i).(h_j x f_k) for two axes f_k of i across its axis
+ * Measure:   what schemes sample is that of infinitely stiff springs (THEORY.md).
+ */
+class Joints {
+public:
+    Joints(const std::vector<Joint>& joints, const CoupledBodies& bodies);
+    const std::vector<Joint>& getJoints() const { return joints; }
+    int getNumRows() const { return numRows; }
+    bool concerns(int element) const;
+
+    /** C at poses: a row for each condition, a column for each row of twists. */
+    void findRows(const std::vector<Pose>& poses, Eigen::MatrixXd& C) const;
+    /** c at poses: nm, and for the axes of hinges the cosines of angles that are right. */
+    void findErrors(const std::vector<Pose>& poses, Eigen::VectorXd& c) const;
+    /**
+     * Factorise C N C^T. @throws OpenMMException  naming the joint, where a condition follows from
+     * the others or cannot be met
+     */
+    void factorise(const Eigen::MatrixXd& CNC, Eigen::MatrixXd& inverse) const;
+    /**
+     * Move poses along the mobilities of bodies by themselves until no condition is violated by
+     * more than `tolerance`: Newton's method. Since errors of steps have the mean 0, the direction
+     * of the projection does not matter for what is sampled.
+     *
+     * @param mobilities_body  of the elements by themselves, in their frames
+     * @throws OpenMMException if that fails, naming the joint
+     */
+    void project(const std::vector<Eigen::MatrixXd>& mobilities_body, double tolerance,
+                 std::vector<Pose>& poses) const;
+    /** @throws OpenMMException  naming the first joint whose bodies do not fit within this */
+    void check(const std::vector<Pose>& poses, double tolerance) const;
+    /** The force on i at its anchor, 3 for each joint, of conditions with the forces mu. */
+    void forces(const std::vector<Pose>& poses, const Eigen::VectorXd& mu,
+                Eigen::MatrixXd& forces_lab) const;
+
+private:
+    Eigen::Vector3d anchor(const Joint& joint, bool second, const std::vector<Pose>& poses) const;
+    void moveBy(const Eigen::VectorXd& twists, std::vector<Pose>& poses) const;
+
+    std::vector<Joint> joints;
+    const CoupledBodies& bodies;
+    int numRows = 0;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
