@@ -37,11 +37,19 @@ struct Scene : FluidScene {
     void expectRefused(const vector<string>& fragments) {
         expectError([&] { start(testPlatform()); }, fragments);
     }
-    /** What is refused as long as no scheme moves jointed bodies. */
+    /** The Context exists, and its bodies fit and move. */
     void expectAccepted() {
-        expectRefused({"there is joint 0 (",
-                       "but no scheme moves jointed bodies yet; leave the "
-                       "joints out"});
+        start(testPlatform());
+        integrator.step(1);
+        EXPECT_EQ(static_cast<int>(integrator.getJointForces().size()), integrator.getNumJoints());
+        context.reset();
+    }
+    /** How far the anchor `right` of body 0 is from `left` of body 1, nm. */
+    double gap() {
+        const auto R = integrator.getBodyPositions();
+        const auto q = integrator.getBodyOrientations();
+        const Vec3 between = R[0] + rotate(q[0], right) - R[1] - rotate(q[1], left);
+        return sqrt(between.dot(between));
     }
 };
 
@@ -250,6 +258,44 @@ TEST(BadJoints, NothingThatMoves) {
          "body 2 is held; leave the joint out, or let the body go"});
 }
 
+TEST(BadJoints, FirstPosesThatDoNotFit) {
+    const double gap = 0.01, angle = 0.01;
+    const auto refused = [](Scene& scene, const string& joint) {
+        scene.start(testPlatform());
+        const auto before = scene.integrator.getBodyPositions();
+        expectError([&] { scene.integrator.step(1); },
+                    {"CustomRigidHIIntegrator: joint 0 (" + joint + ") is violated by 0.01",
+                     "place its bodies so that their anchors, axes and distance fit"});
+        EXPECT_TRUE(sameBits(scene.integrator.getBodyPositions(), before));
+    };
+    Scene ball, link, point, hinge;
+    ball.integrator.addBallJoint(0, right + up * gap, 1, left);
+    refused(ball, "ball joint");
+    link.integrator.addLink(0, right, 1, centre, 1 + gap);
+    refused(link, "link");
+    point.integrator.addBallJointToPoint(0, right, right - up * gap);
+    refused(point, "ball joint to a point");
+    hinge.integrator.addHinge(0, right, 1, left, up, Vec3(0, sin(angle), cos(angle)));
+    refused(hinge, "hinge");
+}
+
+TEST(BadJoints, Redundant) {
+    Scene twice, still;
+    twice.integrator.addBallJoint(0, right, 1, left);
+    twice.integrator.addBallJoint(1, left, 0, right);
+    twice.start(testPlatform());
+    const vector<string> fragments = {
+        "has a condition that follows from those of other joints, or on a motion that does not "
+        "exist",
+        "remove the joint, or use one that leaves this motion free"};
+    expectError([&] { twice.integrator.step(1); }, fragments);
+    // The anchor at the centre of a sphere moves by its velocity only, all of which is prescribed.
+    still.integrator.addBallJointToPoint(0, centre, centre);
+    still.prescribe(0, {"0", "0", "0", "", "", ""});
+    still.start(testPlatform());
+    expectError([&] { still.integrator.step(1); }, fragments);
+}
+
 TEST(BadJoints, LaterJointsWaitForTheNextContext) {
     Scene scene;
     scene.start(testPlatform());
@@ -261,6 +307,35 @@ TEST(BadJoints, LaterJointsWaitForTheNextContext) {
     scene.integrator.step(1);
     expectError([&] { scene.context->reinitialize(); },
                 {"there is joint 0 (a ball of body 0 and body 1), but scheme EulerMaruyama"});
+}
+
+TEST(BadJoints, ChangesBetweenSteps) {
+    Scene scene;
+    Integrator& integrator = scene.integrator;
+    integrator.addBallJoint(0, right, 1, left);
+    integrator.setTemperature(300);
+    integrator.setRandomNumberSeed(1);
+    integrator.setJointTolerance(1);
+    scene.start(testPlatform());
+    integrator.step(1);
+    const double loose = scene.gap();
+    EXPECT_GT(loose, 1e-9);
+    EXPECT_LT(loose, 2e-3);  // with which the next step can start
+    integrator.setJointTolerance(1e-12);
+    integrator.step(1);
+    EXPECT_LT(scene.gap(), 2e-12);
+
+    integrator.setScheme(Integrator::LangevinHI);
+    expectError([&] { integrator.step(1); }, {"but scheme LangevinHI has no joints"});
+    integrator.setScheme(Integrator::FixmanMidpoint);
+    integrator.setBodyHeld(0, true);
+    integrator.step(1);
+    integrator.setBodyHeld(1, true);
+    expectError([&] { integrator.step(1); }, {"joint 0 (a ball of body 0 and body 1) has no body "
+                                              "that it could move"});
+    integrator.setBodyHeld(0, false);
+    integrator.step(1);
+    EXPECT_LT(scene.gap(), 2e-12);
 }
 
 TEST(BadJoints, JointsStayWithTheirBodies) {
