@@ -58,6 +58,7 @@ GOT = {
     **{each: 'bytearray' if stub == '_Buffer' else stub
        for each, stub in GIVEN.items()}, 'void': 'None',
     'PyObject': 'list[tuple[Any, ...]]',
+    'JointDefinition': 'dict[str, Any]',
     'std::map<std::string,int>': 'dict[str, int]',
     'std::map<std::string,double>': 'dict[str, float]',
     'std::map<std::string,std::string>': 'dict[str, str]'

@@ -77,6 +77,25 @@ PyObject* toDictionary(const std::map<std::string, Value>& entries) {
     return dictionary;
 }
 
+PyObject* toDictionary(const RigidHIPlugin::JointDefinition& joint) {
+    using RigidHIPlugin::JointDefinition;
+    PyObject* dictionary =
+        Py_BuildValue("{sssisisN}", "kind", RigidHIPlugin::jointKindNames[joint.kind], "i", joint.i,
+                      "j", joint.j, "anchor_i", toBuffer(&joint.anchor_i, 1));
+    const auto add = [&](const char* name, PyObject* value) {
+        PyDict_SetItemString(dictionary, name, value);
+        Py_DECREF(value);
+    };
+    add(joint.kind == JointDefinition::BallToPoint ? "point" : "anchor_j",
+        toBuffer(&joint.anchor_j, 1));
+    if (joint.kind == JointDefinition::Link) add("length", toPython(joint.length));
+    if (joint.kind == JointDefinition::Hinge) {
+        add("axis_i", toBuffer(&joint.axis_i, 1));
+        add("axis_j", toBuffer(&joint.axis_j, 1));
+    }
+    return dictionary;
+}
+
 void setOpenMMException(const char* message) {
     PyObject* openmm = PyImport_ImportModule("openmm");
     PyObject* type = openmm ? PyObject_GetAttrString(openmm, "OpenMMException") : nullptr;
@@ -192,6 +211,7 @@ void setOpenMMException(const char* message) {
     $1 = &text;
 }
 %typemap(freearg) const std::string& ""
+%typemap(out) const RigidHIPlugin::JointDefinition& { $result = toDictionary(*$1); }
 %typemap(out) std::map<std::string, int>, std::map<std::string, double>,
               std::map<std::string, std::string> {
     $result = toDictionary($1);
@@ -311,6 +331,8 @@ class Vec3;
 
 namespace RigidHIPlugin {
 
+struct JointDefinition;
+
 class CustomRigidHIIntegrator : public OpenMM::Integrator {
 public:
     enum Scheme : int {
@@ -363,6 +385,18 @@ public:
     void setParticleHeld(int particle, bool held);
     bool getParticleHeld(int particle) const;
     std::vector<int> getHeldParticles() const;
+
+    int addBallJoint(int i, const OpenMM::Vec3& anchor_i, int j, const OpenMM::Vec3& anchor_j);
+    int addBallJointToPoint(int i, const OpenMM::Vec3& anchor_i, const OpenMM::Vec3& point);
+    int addLink(int i, const OpenMM::Vec3& anchor_i, int j, const OpenMM::Vec3& anchor_j,
+                double length);
+    int addHinge(int i, const OpenMM::Vec3& anchor_i, int j, const OpenMM::Vec3& anchor_j,
+                 const OpenMM::Vec3& axis_i, const OpenMM::Vec3& axis_j);
+    int getNumJoints() const;
+    const JointDefinition& getJointParameters(int index) const;
+    double getJointTolerance() const;
+    void setJointTolerance(double tolerance);
+
     double getGradientRelaxationTime() const;
     void setGradientRelaxationTime(double upsilon);
     double getGradientRotationalRelaxationTime() const;
@@ -400,6 +434,7 @@ public:
     std::vector<double> getHoldingWrenches() const;
     std::vector<OpenMM::Vec3> computeParticleHoldingForces() const;
     std::vector<OpenMM::Vec3> getParticleHoldingForces() const;
+    std::vector<OpenMM::Vec3> getJointForces() const;
     double getPoseResidual() const;
 
     double computeTranslationalKineticEnergy() const;

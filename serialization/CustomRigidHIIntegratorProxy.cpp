@@ -19,7 +19,7 @@ namespace {
 
 typedef CustomRigidHIIntegrator Integrator;
 /** The latest version, which is written only for what earlier versions of the library would ignore:
- * bodies and particles that are held. */
+ * bodies and particles that are held, and joints. */
 constexpr int formatVersion = 2;
 
 EnumNames<Integrator::Scheme> namesOfSchemes() {
@@ -34,6 +34,12 @@ const EnumNames<Integrator::NoiseLaw> noiseLaws = {{"Gaussian", Integrator::Gaus
                                                    {"TwoPoint", Integrator::TwoPoint}};
 const EnumNames<Integrator::WallRejection> wallRejections = {{"Overlap", Integrator::Overlap},
                                                              {"Crossing", Integrator::Crossing}};
+const EnumNames<JointDefinition::Kind> jointKinds = [] {
+    EnumNames<JointDefinition::Kind> names;
+    for (size_t k = 0; k < size(jointKindNames); k++)
+        names[jointKindNames[k]] = static_cast<JointDefinition::Kind>(k);
+    return names;
+}();
 const EnumNames<Integrator::DriftCorrectorScaling> driftCorrectorScalings = {
     {"SlipOnly", Integrator::SlipOnly}, {"Whole", Integrator::Whole}};
 
@@ -57,6 +63,7 @@ const struct {
     {"inertiaScale", &Integrator::getInertiaScale, &Integrator::setInertiaScale, false},
     {"finiteDifferenceStep", &Integrator::getFiniteDifferenceStep,
      &Integrator::setFiniteDifferenceStep, false},
+    {"jointTolerance", &Integrator::getJointTolerance, &Integrator::setJointTolerance, false},
 };
 
 void writeVector(SerializationNode& node, const Vec3& vector) {
@@ -88,6 +95,39 @@ void readHeldParticles(const StrictNode& node, Integrator& integrator) {
     for (const SerializationNode& child : node.children())
         integrator.setParticleHeld(StrictNode(child, "CustomRigidHIIntegrator").integer("index"),
                                    true);
+}
+
+void writeJoint(SerializationNode& node, const JointDefinition& joint) {
+    node.setStringProperty("kind", nameOf(jointKinds, joint.kind));
+    node.setIntProperty("i", joint.i);
+    writeVector(node.createChildNode("Anchor_i"), joint.anchor_i);
+    if (joint.kind == JointDefinition::BallToPoint) {
+        writeVector(node.createChildNode("Point"), joint.anchor_j);
+        return;
+    }
+    node.setIntProperty("j", joint.j);
+    writeVector(node.createChildNode("Anchor_j"), joint.anchor_j);
+    if (joint.kind == JointDefinition::Link) node.setDoubleProperty("length", joint.length);
+    if (joint.kind == JointDefinition::Hinge) {
+        writeVector(node.createChildNode("Axis_i"), joint.axis_i);
+        writeVector(node.createChildNode("Axis_j"), joint.axis_j);
+    }
+}
+
+JointDefinition readJoint(const StrictNode& node) {
+    JointDefinition joint;
+    joint.kind = valueOf(jointKinds, node, "kind");
+    const bool isToPoint = joint.kind == JointDefinition::BallToPoint;
+    joint.i = node.integer("i");
+    joint.anchor_i = readVector(node.child("Anchor_i"));
+    joint.anchor_j = readVector(node.child(isToPoint ? "Point" : "Anchor_j"));
+    if (!isToPoint) joint.j = node.integer("j");
+    if (joint.kind == JointDefinition::Link) joint.length = node.number("length");
+    if (joint.kind == JointDefinition::Hinge) {
+        joint.axis_i = readVector(node.child("Axis_i"));
+        joint.axis_j = readVector(node.child("Axis_j"));
+    }
+    return joint;
 }
 
 /** Write a body: its particles, each with its site if the geometry is known. */
@@ -154,7 +194,8 @@ CustomRigidHIIntegratorProxy::CustomRigidHIIntegratorProxy()
 
 void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNode& node) const {
     const Integrator& integrator = *static_cast<const Integrator*>(object);
-    const int version = holdsAnything(integrator) ? formatVersion : 1;
+    const bool hasJoints = integrator.getNumJoints() > 0;
+    const int version = holdsAnything(integrator) || hasJoints ? formatVersion : 1;
     node.setIntProperty("version", version);
     node.setDoubleProperty("stepSize", integrator.getStepSize());
     for (const auto& number : numbers)
@@ -174,6 +215,11 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
     for (int i = 0; i < integrator.getNumRigidBodies(); i++)
         writeBody(bodies.createChildNode("RigidBody"), integrator, i, version);
     if (version >= 2) writeHeldParticles(node.createChildNode("HeldParticles"), integrator);
+    if (!hasJoints) return;
+    SerializationNode& joints = node.createChildNode("Joints");
+    joints.setIntProperty("count", integrator.getNumJoints());
+    for (const JointDefinition& joint : integrator.getJoints())
+        writeJoint(joints.createChildNode("Joint"), joint);
 }
 
 void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) const {
@@ -204,6 +250,14 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
     for (const SerializationNode& body : bodies.children())
         readBody(StrictNode(body, "CustomRigidHIIntegrator"), *integrator, version);
     if (version >= 2) readHeldParticles(node.child("HeldParticles"), *integrator);
+    // Only files with joints have this element.
+    for (const SerializationNode& child : node.children()) {
+        if (child.getName() != "Joints") continue;
+        const StrictNode joints(child, "CustomRigidHIIntegrator");
+        joints.checkChildren("count");
+        for (const SerializationNode& joint : joints.children())
+            integrator->addJoint(readJoint(StrictNode(joint, "CustomRigidHIIntegrator")));
+    }
     return integrator.release();
 }
 

@@ -42,12 +42,13 @@ public:
         amplitudes.resize(numWaves());
         for (int i = 0; i < numWaves(); i += 2)
             noise.pair(purpose, i, 0, amplitudes[i], amplitudes[i + 1]);
-        if (onlyWave >= 0) amplitudes = VectorXd::Unit(numWaves(), onlyWave);
+        if (onlyWave >= 0) amplitudes = amplitudeOfWave * VectorXd::Unit(numWaves(), onlyWave);
     }
     int numWaves() const { return waves.size(); }
-    /** The index of one wave of amplitude 1 that replaces the random numbers, or -1 for random
-     * numbers. */
+    /** The index of one wave that replaces the random numbers, with its amplitude, or -1 for
+     * random numbers. */
     static int onlyWave;
+    static double amplitudeOfWave;
     /** The covariance of the flows at two points, computed in another way: the sum of cos(k.(r -
      * s)) (1 - k k/k^2)/k^2. */
     Eigen::Matrix3d covariance(const Vector3d& r, const Vector3d& s) const {
@@ -124,6 +125,7 @@ private:
 };
 
 inline int RandomFieldModel::onlyWave = -1;
+inline double RandomFieldModel::amplitudeOfWave = 1;
 
 }  // namespace RigidHITest
 

@@ -482,6 +482,20 @@ int CustomRigidHIIntegrator::addHinge(int i, const Vec3& anchor_i, int j, const 
     return appendJoint(joint, "addHinge()");
 }
 
+int CustomRigidHIIntegrator::addJoint(const JointDefinition& joint) {
+    switch (joint.kind) {
+        case JointDefinition::Ball:
+            return addBallJoint(joint.i, joint.anchor_i, joint.j, joint.anchor_j);
+        case JointDefinition::BallToPoint:
+            return addBallJointToPoint(joint.i, joint.anchor_i, joint.anchor_j);
+        case JointDefinition::Link:
+            return addLink(joint.i, joint.anchor_i, joint.j, joint.anchor_j, joint.length);
+        default:
+            return addHinge(joint.i, joint.anchor_i, joint.j, joint.anchor_j, joint.axis_i,
+                            joint.axis_j);
+    }
+}
+
 int CustomRigidHIIntegrator::getNumJoints() const { return joints.size(); }
 
 const JointDefinition& CustomRigidHIIntegrator::getJointParameters(int index) const {
@@ -727,6 +741,10 @@ vector<Vec3> CustomRigidHIIntegrator::computeParticleHoldingForces() const {
 
 vector<Vec3> CustomRigidHIIntegrator::getParticleHoldingForces() const {
     return boundKernel("getParticleHoldingForces()").getBodies().getParticleHoldingForces();
+}
+
+vector<Vec3> CustomRigidHIIntegrator::getJointForces() const {
+    return boundKernel("getJointForces()").getBodies().getJointForces();
 }
 
 double CustomRigidHIIntegrator::getPoseResidual() const {

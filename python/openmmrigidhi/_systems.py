@@ -85,6 +85,18 @@ def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> N
             f'driven flow, {consequence}, or take the flow away by {setter} with zeros')
 
 
+def refuse_joints(integrator: CustomRigidHIIntegrator, where: str, consequence: str) -> None:
+    """Refuse an integrator of jointed bodies, where bodies are moved one by one.
+
+    The text consequence says what is wrong then, and what to do instead.
+    """
+    count = integrator.getNumJoints()
+    if count:
+        raise ValueError(
+            f'{where}: its integrator has {count} joint{"s" if count > 1 else ""} between bodies, '
+            f'{consequence}')
+
+
 class BodyDefinitions:
     """The definitions of an integrator's bodies, whose geometry is known.
 

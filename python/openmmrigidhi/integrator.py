@@ -543,6 +543,195 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Get the indices of all particles that were held by :meth:`setParticleHeld`, ascending."""
         return np.frombuffer(super().getHeldParticles(), dtype=np.intc).tolist()
 
+    # ---- Joints ----------------------------------------------------------------------------------
+
+    def addBallJoint(self, i: int, anchor_i: Numbers, j: int, anchor_j: Numbers) -> int:
+        """Join two bodies by a ball: the two anchors are at one place.
+
+        Joints are rigid. What is sampled is the equilibrium of infinitely stiff springs, whose
+        constant does not depend on the poses. Jointed bodies must belong to one group of
+        :meth:`MobilityForce.setGroups`, and poses at the start must have the anchors together
+        within the pose tolerance. FixmanMidpoint, RandomFiniteDifference and TrapezoidalSlip have
+        joints, other schemes do not. Joints become part of a Context when it is created.
+
+        Parameters
+        ----------
+        i : int
+            index of the first body
+        anchor_i : sequence of 3 float, or Quantity
+            the anchor in the body frame of the first body, nm
+        j : int
+            index of the second body
+        anchor_j : sequence of 3 float, or Quantity
+            the anchor in the body frame of the second body, nm
+
+        Returns
+        -------
+        int
+            index of the joint
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if an index is out of range, if both are the same, or if a number is not finite
+        """
+        return super().addBallJoint(*self._ends('addBallJoint', i, anchor_i, j, anchor_j))
+
+    def addBallJointToPoint(self, i: int, anchor_i: Numbers, point: Numbers) -> int:
+        """Join a body to a point of space by a ball: the anchor is at the point.
+
+        All else is as for :meth:`addBallJoint`.
+
+        Parameters
+        ----------
+        i : int
+            index of the body
+        anchor_i : sequence of 3 float, or Quantity
+            the anchor in the body frame, nm
+        point : sequence of 3 float, or Quantity
+            the point, lab frame, nm
+
+        Returns
+        -------
+        int
+            index of the joint
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if the index is out of range, or if a number is not finite
+        """
+        where = _where('addBallJointToPoint')
+        return super().addBallJointToPoint(
+            _units.integer(i, where, 'i'), _units.vector(anchor_i, _units.LENGTH, where,
+                                                         'anchor_i'),
+            _units.vector(point, _units.LENGTH, where, 'point'))
+
+    def addLink(self, i: int, anchor_i: Numbers, j: int, anchor_j: Numbers, length: Number) -> int:
+        """Join two bodies by a link: the two anchors have a fixed distance.
+
+        All else is as for :meth:`addBallJoint`.
+
+        Parameters
+        ----------
+        i : int
+            index of the first body
+        anchor_i : sequence of 3 float, or Quantity
+            the anchor in the body frame of the first body, nm
+        j : int
+            index of the second body
+        anchor_j : sequence of 3 float, or Quantity
+            the anchor in the body frame of the second body, nm
+        length : float or Quantity
+            the distance, nm
+
+        Returns
+        -------
+        int
+            index of the joint
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if an index is out of range, if both are the same, if a number is not finite, or if the
+            length is not positive
+        """
+        return super().addLink(*self._ends('addLink', i, anchor_i, j, anchor_j),
+                               self._number(length, _units.LENGTH, 'addLink', 'length'))
+
+    def addHinge(self, i: int, anchor_i: Numbers, j: int, anchor_j: Numbers, axis_i: Numbers,
+                 axis_j: Numbers) -> int:
+        """Join two bodies by a hinge: the anchors are at one place, the axes have one direction.
+
+        All else is as for :meth:`addBallJoint`.
+
+        Parameters
+        ----------
+        i : int
+            index of the first body
+        anchor_i : sequence of 3 float, or Quantity
+            the anchor in the body frame of the first body, nm
+        j : int
+            index of the second body
+        anchor_j : sequence of 3 float, or Quantity
+            the anchor in the body frame of the second body, nm
+        axis_i, axis_j : sequence of 3 float
+            the axis in the body frame of the first and of the second body; its length has no effect
+
+        Returns
+        -------
+        int
+            index of the joint
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if an index is out of range, if both are the same, if a number is not finite, or if an
+            axis is zero
+        """
+        where = _where('addHinge')
+        return super().addHinge(*self._ends('addHinge', i, anchor_i, j, anchor_j),
+                                _units.vector(axis_i, _units.NONE, where, 'axis_i'),
+                                _units.vector(axis_j, _units.NONE, where, 'axis_j'))
+
+    @staticmethod
+    def _ends(method, i, anchor_i, j, anchor_j):
+        where = _where(method)
+        return (_units.integer(i, where,
+                               'i'), _units.vector(anchor_i, _units.LENGTH, where,
+                                                   'anchor_i'), _units.integer(j, where, 'j'),
+                _units.vector(anchor_j, _units.LENGTH, where, 'anchor_j'))
+
+    def getNumJoints(self) -> int:
+        """Get the number of joints."""
+        return super().getNumJoints()
+
+    def getJointParameters(self, index: int) -> dict[str, Any]:
+        """Get the definition of a joint.
+
+        Parameters
+        ----------
+        index : int
+            index of the joint
+
+        Returns
+        -------
+        dict
+            kind ('Ball', 'BallToPoint', 'Link' or 'Hinge') and the arguments of the method that
+            adds such a joint, by their names. Lengths are Quantities in nm. The axes of a hinge are
+            unit vectors. Of a ball to a point, j is -1.
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if the index is out of range
+        """
+        joint = super().getJointParameters(self._index(index, 'getJointParameters'))
+        for name in ('anchor_i', 'anchor_j', 'point'):
+            if name in joint:
+                joint[name] = _units.LENGTH.attach(_units.array(joint[name]))
+        for name in ('axis_i', 'axis_j'):
+            if name in joint:
+                joint[name] = _units.array(joint[name])
+        if 'length' in joint:
+            joint['length'] = _units.LENGTH.attach(joint['length'])
+        return joint
+
+    def getJointTolerance(self) -> unit.Quantity:
+        """Get the tolerance of joints, a Quantity in nm."""
+        return _units.LENGTH.attach(super().getJointTolerance())
+
+    def setJointTolerance(self, tolerance: Number) -> None:
+        """Set the distance that every anchor has from its place at most after each step, nm.
+
+        The default is 1e-10. Axes of hinges have the same number of radians. The setting may be
+        changed between steps.
+        """
+        super().setJointTolerance(
+            self._number(tolerance, _units.LENGTH, 'setJointTolerance', 'tolerance'))
+
+    # ---- Further settings ------------------------------------------------------------------------
+
     def getGradientRelaxationTime(self) -> unit.Quantity:
         """Get upsilon of GradientThermostat, a Quantity in ps."""
         return _units.TIME.attach(super().getGradientRelaxationTime())
@@ -927,6 +1116,19 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             as from :meth:`computeParticleHoldingForces`
         """
         return _units.FORCE.attach(_units.array(super().getParticleHoldingForces(), 3))
+
+    def getJointForces(self) -> unit.Quantity:
+        """Get the forces that the joints exerted during the last step.
+
+        The share of the noise is as in :meth:`getHoldingWrenches`.
+
+        Returns
+        -------
+        Quantity of shape (m, 3)
+            kJ/(mol nm), lab frame; for each joint of the Context the force on its first body, which
+            acts at the anchor. The force on the second body is the opposite.
+        """
+        return _units.FORCE.attach(_units.array(super().getJointForces(), 3))
 
     def getPoseResidual(self) -> unit.Quantity:
         """Get the largest distance of a particle from its place in its body, a Quantity in nm.

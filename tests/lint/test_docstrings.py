@@ -95,6 +95,8 @@ WITHOUT_UNIT = {
         'getBodyHeld': 'a truth value',
         'getParticleHeld': 'a truth value',
         'getHeldParticles': 'indices',
+        'getNumJoints': 'a number of joints',
+        'getJointParameters': 'a dict, some of whose values have units',
         'computeHoldingWrenches': 'rows of mixed dimension',
         'getHoldingWrenches': 'rows of mixed dimension',
         'getRandomNumberSeed': 'an integer',
@@ -176,6 +178,8 @@ UNITS = {
         'getBodyTorques': unit.kilojoule_per_mole,
         'computeParticleHoldingForces': unit.kilojoule_per_mole/unit.nanometer,
         'getParticleHoldingForces': unit.kilojoule_per_mole/unit.nanometer,
+        'getJointForces': unit.kilojoule_per_mole/unit.nanometer,
+        'getJointTolerance': unit.nanometer,
         'getRigidBodyParameters': (None, unit.dalton, unit.dalton*unit.nanometer**2,
                                    unit.nanometer),
         'computeTranslationalKineticEnergy': unit.kilojoule_per_mole,
@@ -224,9 +228,10 @@ SQUARES = {'getBodyMobility': 6, 'getMobilityInContext': 12, 'getFrictionInConte
 NEEDS_INDEX = {
     'getRigidBodyParameters', 'getRigidBodyParticles', 'getRigidBodyIsExplicit',
     'getRigidBodyGeometryIsKnown', 'getBodyFriction', 'getBodyHasOwnFriction', 'getBodyHeld',
-    'getParticleHeld', 'getParticleRadius', 'getBodyHasOwnTensor', 'getBodyTensorIsFriction',
-    'getBodyMobility', 'getBodySlip', 'getBodyForceOnFluidParameters', 'getPerBodyParameterName',
-    'getGlobalParameterName', 'getGlobalParameterDefaultValue', 'getBodyParameters'
+    'getParticleHeld', 'getJointParameters', 'getParticleRadius', 'getBodyHasOwnTensor',
+    'getBodyTensorIsFriction', 'getBodyMobility', 'getBodySlip', 'getBodyForceOnFluidParameters',
+    'getPerBodyParameterName', 'getGlobalParameterName', 'getGlobalParameterDefaultValue',
+    'getBodyParameters'
 }
 
 #: All getters of all classes: (class, method).
@@ -267,6 +272,7 @@ def scene():
     integrator.step(2)
     fluid.addBodyForceOnFluid(0, (0, 0, 1), 0.1, (1, 0, 0))
     fluid.setBodySlip(0, np.ones((3, 3)))  # which LangevinHI refuses
+    integrator.addBallJoint(0, (0, 0, 0), 1, (0, 0, 0))  # for the next Context
     motion = openmmrigidhi.CustomBodyMotion('k*t', 'g')
     motion.addGlobalParameter('k', 1)
     motion.addPerBodyParameter('g')

@@ -46,6 +46,7 @@ VALUES = {
         'setWallRejection': (Integrator.Crossing,),
         'setDriftCorrectorScaling': (Integrator.Whole,),
         'setFiniteDifferenceStep': (1e-4/3,),
+        'setJointTolerance': (1e-8/3,),
         'setBodyFriction': (1, 0.1, 1/3),
         'setBodyHeld': (1, True),
         'setParticleHeld': (8, True),

@@ -20,8 +20,10 @@ SHORT = {
     'driven_dipoles': ['--duration', '4'],
     'ions_in_water': ['--edge', '1.9', '--samples', '1'],
     'own_tensors': [],
+    'pillars': ['--replicas', '2', '--steps', '100', '--walkers', '20'],
     'replicas': ['--replicas', '2', '--length', '10'],
     'ring_of_driven_spheres': ['--duration', '10'],
+    'roller': ['--rollers', '4', '--duration', '10'],
     'saving_and_resuming': ['--steps', '40'],
     'sedimenting_cluster': ['--steps', '1'],
     'two_colloids': ['--steps', '40'],
@@ -146,6 +148,52 @@ def test_boomerangs_at_a_wall_do_not_feel_each_other():
         mobilities.append(np.asarray(fluid.getMobilityInContext(context)))
     np.testing.assert_allclose(mobilities[1], np.kron(np.eye(3), mobilities[0]),
                                atol=1e-10*np.abs(mobilities[0]).max())
+
+
+def test_boomerangs_among_pillars_have_the_energy_that_is_sampled():
+    module = script('pillars')
+    integrator, context = module.scene('FreeDraining', replicas=8)
+    integrator.step(200)
+    written = module.energies(integrator.getBodyPositions()._value[1::2],
+                              integrator.getBodyOrientations()[1::2]).sum()
+    computed = context.getState(getEnergy=True).getPotentialEnergy()._value
+    assert abs(written - computed) < 1e-4*abs(computed)  # OpenMM's CPU forces: single precision
+
+
+def test_pillars_stay_and_slow_the_boomerang():
+    module = script('pillars')
+    mobilities = []
+    for model in ('RotnePragerYamakawa', 'FreeDraining'):
+        integrator, context = module.scene(model, replicas=2)
+        before = integrator.getBodyPositions()._value
+        integrator.step(20)
+        after = integrator.getBodyPositions()._value
+        np.testing.assert_array_equal(after[0::2], before[0::2])
+        assert (np.abs(after[1::2] - before[1::2]) > 0).all()
+        fluid = MobilityForce.cast(context.getSystem().getForce(1))
+        mobilities.append(np.asarray(fluid.getMobilityInContext(context)))
+        assert not mobilities[-1][:6].any() and not mobilities[-1][6:12, 18:].any()
+    # In the middle of the cell the fluid takes about a third of the boomerang's mobility.
+    ratio = np.trace(mobilities[0][6:9, 6:9])/np.trace(mobilities[1][6:9, 6:9])
+    assert 0.5 < ratio < 0.75
+
+
+def test_rollers_go_as_fast_as_the_closed_form_says():
+    module = script('roller')
+    heights = np.array([1.05, 1.5, 3.0])
+    np.testing.assert_allclose(module.speeds(heights), module.theory(heights), rtol=1e-9)
+    assert abs(module.theory(1.5) - 0.027210884353741) < 1e-14
+    # Lubrication slows a rigid sphere, and a shell of blobs has nearly the speed of a rigid sphere.
+    exact = module.speeds(heights[1:], exact=True)
+    assert (exact < 0.9*module.theory(heights[1:])).all()
+    np.testing.assert_allclose(module.speeds(heights[1:], blobs=162), exact, rtol=0.05)
+
+
+def test_rollers_carry_each_other_and_stay_at_their_height():
+    module = script('roller')
+    path = module.crowd(6, duration=20)
+    speeds = (path[-1] - path[0])[:, 0]/20
+    assert speeds.min() > 1.1*module.theory(1.5)
 
 
 def test_spheres_on_a_ring_go_as_fast_as_their_tensors_say():

@@ -38,6 +38,7 @@ PROPERTIES = [
     ('setWallRejection', 'getWallRejection', CustomRigidHIIntegrator.Crossing),
     ('setDriftCorrectorScaling', 'getDriftCorrectorScaling', CustomRigidHIIntegrator.Whole),
     ('setFiniteDifferenceStep', 'getFiniteDifferenceStep', 1e-4/3),
+    ('setJointTolerance', 'getJointTolerance', 1e-8/3*unit.nanometer),
 ]
 #: Properties that files of earlier versions do not have: the getter, and the default.
 NEWER = {
@@ -46,7 +47,8 @@ NEWER = {
     'numHostThreads': ('getNumHostThreads', 0),
     'finiteDifferenceStep': ('getFiniteDifferenceStep', 0),
     'driftCorrectorScaling': ('getDriftCorrectorScaling', CustomRigidHIIntegrator.SlipOnly),
-    'wallRejection': ('getWallRejection', CustomRigidHIIntegrator.Overlap)
+    'wallRejection': ('getWallRejection', CustomRigidHIIntegrator.Overlap),
+    'jointTolerance': ('getJointTolerance', 1e-10*unit.nanometer)
 }
 
 

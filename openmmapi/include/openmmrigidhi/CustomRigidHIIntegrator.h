@@ -389,6 +389,9 @@ public:
      * @throws OpenMMException if the index is out of range
      */
     const JointDefinition& getJointParameters(int index) const;
+    /** @private Add a joint with the parameters of another, checked as by the method of its kind.
+     */
+    int addJoint(const JointDefinition& joint);
     /** @private The definitions of all joints. */
     const std::vector<JointDefinition>& getJoints() const;
     /** Get the tolerance of joints, nm. */
@@ -573,6 +576,12 @@ public:
      * computeParticleHoldingForces(). The share of the noise is as in getHoldingWrenches().
      */
     std::vector<OpenMM::Vec3> getParticleHoldingForces() const;
+    /**
+     * Get the forces that the joints exerted during the last step, kJ/(mol nm), lab frame: for each
+     * joint of the Context the force on its first body, which acts at the anchor. The force on the
+     * second body is the opposite. The share of the noise is as in getHoldingWrenches().
+     */
+    std::vector<OpenMM::Vec3> getJointForces() const;
     /** Get the largest distance of a particle from its place at the last fit of poses to positions,
      * nm. */
     double getPoseResidual() const;

@@ -57,6 +57,22 @@ struct SchemeTraits {
     constexpr bool isOverdamped() const { return kind == SchemeKind::Overdamped; }
     /** Whether the scheme has a stochastic drift to make and does not make it. */
     constexpr bool omitsDrift() const { return isOverdamped() && *drift == 0; }
+    /** Why the scheme cannot have joints between bodies; empty: it can. */
+    constexpr const char* whyNoJoints() const {
+        switch (scheme) {
+            case CustomRigidHIIntegrator::FixmanMidpoint:
+            case CustomRigidHIIntegrator::RandomFiniteDifference:
+            case CustomRigidHIIntegrator::TrapezoidalSlip: return "";
+            case CustomRigidHIIntegrator::DriftCorrectorFD:
+            case CustomRigidHIIntegrator::DriftCorrectorRFD: return "its mid-point tears joints";
+            case CustomRigidHIIntegrator::EulerMaruyama:
+                return "without the drift of jointed bodies it samples another measure";
+            default:
+                return hasMomenta       ? "joints with momenta sample another measure"
+                       : isOverdamped() ? "its drift leaves out how joints turn"
+                                        : "joints need the mobility of a fluid";
+        }
+    }
 };
 
 /** All schemes, in the order of their numbers. */

@@ -21,7 +21,7 @@ void copyHeld(const CustomRigidHIIntegrator& from, CustomRigidHIIntegrator& to) 
     for (int p : from.getHeldParticles()) to.setParticleHeld(p, true);
 }
 
-/** An integrator that is bound to no Context, with the scheme and the bodies of another. */
+/** An integrator that is bound to no Context, with the scheme, bodies and joints of another. */
 unique_ptr<CustomRigidHIIntegrator> copyDefinitions(const CustomRigidHIIntegrator& from) {
     unique_ptr<CustomRigidHIIntegrator> to(
         new CustomRigidHIIntegrator(from.getTemperature(), from.getStepSize()));
@@ -41,6 +41,7 @@ unique_ptr<CustomRigidHIIntegrator> copyDefinitions(const CustomRigidHIIntegrato
         if (known) to->recordBodyGeometry(b, mass, moments, sites);
     }
     copyHeld(from, *to);
+    for (const JointDefinition& joint : from.getJoints()) to->addJoint(joint);
     return to;
 }
 

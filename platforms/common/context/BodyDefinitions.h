@@ -14,11 +14,11 @@
 namespace RigidHIPlugin {
 
 /**
- * The bodies as they were when the Context was created, and their geometries. This class is the
- * only owner of both.
+ * The bodies and joints as they were when the Context was created, and the bodies' geometries. This
+ * class is the only owner of all.
  *
- * Bodies that users add or redefine later take effect in the next Context. A geometry that becomes
- * known is recorded in the integrator too.
+ * Bodies and joints that users add or redefine later take effect in the next Context. A geometry
+ * that becomes known is recorded in the integrator too.
  */
 class BodyDefinitions {
 public:
@@ -34,6 +34,8 @@ public:
         return definitions->getRigidBodyParticles(body);
     }
     std::vector<std::vector<int> > particlesOfBodies() const;
+    /** The joints as they were when the Context was created, in the users' body frames. */
+    const std::vector<JointDefinition>& joints() const { return definitions->getJoints(); }
     bool isExplicit(int body) const { return definitions->getRigidBodyIsExplicit(body); }
     bool isKnown(int body) const { return definitions->getRigidBodyGeometryIsKnown(body); }
     bool areAllKnown() const;

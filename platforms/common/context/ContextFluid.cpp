@@ -17,8 +17,9 @@ ContextFluid::ContextFluid(Scene& scene, const MobilityForce* inSystem) : scene(
 void ContextFluid::check(const MobilityForce& force) const {
     checkBoundary(force, scene.integrator);
     checkSlips(force, scene.integrator);
-    Fluid::check(force, FluidSettings(scene.integrator, scene.stock.prescribed), scene.system,
-                 scene.definitions.particlesOfBodies(), *scene.freeParticles, *scene.loops);
+    Fluid::check(
+        force, FluidSettings(scene.integrator, scene.stock.prescribed, scene.definitions.joints()),
+        scene.system, scene.definitions.particlesOfBodies(), *scene.freeParticles, *scene.loops);
 }
 
 void ContextFluid::check() const {
@@ -31,10 +32,11 @@ unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries,
     // Settings of the integrator may have been changed since the Context was created.
     checkBoundary(*parameters, scene.integrator);
     checkSlips(*parameters, scene.integrator);
-    unique_ptr<Fluid> made(new Fluid(*parameters,
-                                     FluidSettings(scene.integrator, scene.stock.prescribed),
-                                     scene.system, scene.definitions.particlesOfBodies(),
-                                     geometries, bodies, *scene.freeParticles, *scene.loops));
+    unique_ptr<Fluid> made(new Fluid(
+        *parameters,
+        FluidSettings(scene.integrator, scene.stock.prescribed, scene.definitions.joints()),
+        scene.system, scene.definitions.particlesOfBodies(), geometries, bodies,
+        *scene.freeParticles, *scene.loops));
     made->setBox(scene.getBox());
     made->checkWave();
     return made;
@@ -75,7 +77,8 @@ void ContextFluid::rebuild() {
 }
 
 void ContextFluid::adoptSettings() {
-    if (fluid && !fluid->isMadeFor(FluidSettings(scene.integrator, scene.stock.prescribed)))
+    if (fluid && !fluid->isMadeFor(FluidSettings(scene.integrator, scene.stock.prescribed,
+                                                 scene.definitions.joints())))
         rebuild();
 }
 

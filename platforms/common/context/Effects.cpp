@@ -40,6 +40,7 @@ public:
         findFluid();
         findHeld();
         findPrescribed();
+        findJoints();
         findSlips();
         findDrift();
         findSlowedSpins();
@@ -132,6 +133,28 @@ private:
             bodies + particles == 0 ? "nothing is held"
             : scheme.needsFluid()   ? held + ": the fluid is at rest on them"
                                     : held + ": they have no momenta and no degrees of freedom");
+    }
+
+    void findJoints() {
+        int numbers[4] = {0, 0, 0, 0};
+        const auto& joints = scene.definitions.joints();
+        for (const JointDefinition& joint : joints) numbers[joint.kind]++;
+        string text;
+        const char* const names[][2] = {{"ball", "balls"},
+                                        {"ball to a point", "balls to points"},
+                                        {"link", "links"},
+                                        {"hinge", "hinges"}};
+        for (int kind = 0; kind < 4; kind++)
+            if (numbers[kind] > 0)
+                text += (text.empty() ? "" : ", ") +
+                        counted(numbers[kind], names[kind][0], names[kind][1]);
+        set("joints", !joints.empty(),
+            joints.empty()
+                ? "no bodies are joined"
+                : text +
+                      "; configurations have the measure of infinitely stiff springs; "
+                      "projected to " +
+                      number(scene.integrator.getJointTolerance()) + " nm after each step");
     }
 
     void findPrescribed() {

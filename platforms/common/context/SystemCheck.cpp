@@ -315,11 +315,69 @@ static void checkPrescribed(const CustomRigidHIIntegrator& integrator, const Sys
                  "its motion; let the body go, or remove it from the force");
         if (!stock.barostat.empty())
             fail(motion + "the motion of " + bodyText(b) + ", but the System has a " +
-                 stock.barostat + ", which would move it; remove the barostat");
+                 stock.barostat + ", which would move it besides; remove the barostat");
         if (!traits.isOverdamped())
             fail(motion + "the motion of " + bodyText(b) + ", which scheme " + traits.name +
                  " cannot do; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or "
                  "hold the body by setBodyHeld()");
+    }
+}
+
+/** What keeps a body where it is or moves it whatever the forces on it, or empty. */
+static string motionIsGiven(const CustomRigidHIIntegrator& integrator, const SystemInventory& stock,
+                            int b) {
+    if (integrator.getBodyHeld(b)) return bodyText(b) + " is held";
+    const auto prescribed = stock.prescribed.find(b);
+    if (prescribed == stock.prescribed.end() || !prescribed->second.areAll()) return "";
+    return "a CustomBodyMotion (force " + to_string(prescribed->second.force) +
+           ") prescribes all six components of " + bodyText(b);
+}
+
+/** Check that the bodies of a joint are in one group. */
+static void checkGroupOf(const JointDefinition& joint, const string& name,
+                         const MobilityForce& fluid) {
+    if (fluid.getModel() == MobilityForce::FreeDraining)
+        fail(name +
+             " needs both bodies in one group, but under FreeDraining every body is in a group of "
+             "its own; use setModel(RotnePragerYamakawa)");
+    const vector<int>& groups = fluid.getGroups();
+    // GroupBuilder checks the number of groups.
+    if (max(joint.i, joint.j) < static_cast<int>(groups.size()) &&
+        groups[joint.i] != groups[joint.j])
+        fail(name + " needs both bodies in one group, but they are in groups " +
+             to_string(groups[joint.i]) + " and " + to_string(groups[joint.j]) +
+             " of MobilityForce::setGroups(); give both bodies the same group, or leave the joint "
+             "out");
+}
+
+/** Check the joints, by the scheme and by what else the System has. */
+static void checkJoints(const CustomRigidHIIntegrator& integrator, const SystemInventory& stock,
+                        const SchemeTraits& traits) {
+    const vector<JointDefinition>& joints = integrator.getJoints();
+    if (joints.empty()) return;
+    const string why = traits.whyNoJoints();
+    if (!why.empty())
+        fail("there is " + jointText(0, joints[0]) + ", but scheme " + traits.name +
+             " has no joints: " + why +
+             "; use TrapezoidalSlip, FixmanMidpoint or RandomFiniteDifference, or leave the joints "
+             "out");
+    if (!stock.barostat.empty())
+        fail("there is " + jointText(0, joints[0]) + ", but the System has a " + stock.barostat +
+             ", which would tear it as it moves every molecule by itself; remove the barostat");
+    for (size_t k = 0; k < joints.size(); k++) {
+        const JointDefinition& joint = joints[k];
+        const string name = jointText(k, joint), first = motionIsGiven(integrator, stock, joint.i);
+        if (joint.kind == JointDefinition::BallToPoint) {
+            if (!first.empty())
+                fail(name + " has nothing that it could move: " + first +
+                     "; leave the joint out, or let the body go");
+            continue;
+        }
+        const string second = motionIsGiven(integrator, stock, joint.j);
+        if (!first.empty() && !second.empty())
+            fail(name + " has no body that it could move: " + first + ", and " + second +
+                 "; leave the joint out, or let one of the bodies go");
+        checkGroupOf(joint, name, *stock.mobilityForce);
     }
 }
 
@@ -403,6 +461,9 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
         fail("the System has a MobilityForce, which scheme " + name +
              " would ignore; use LangevinHI or a scheme without momenta, or remove the "
              "MobilityForce");
+    // What joints cannot have is said before what the scheme cannot do without joints either, since
+    // the remedies differ.
+    checkJoints(integrator, stock, traits);
     if (traits.isOverdamped())
         checkOverdamped(integrator, stock, name);
     else

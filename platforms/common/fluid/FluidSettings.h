@@ -21,10 +21,10 @@ struct FluidSettings {
     double jointTolerance;
 
     FluidSettings(const CustomRigidHIIntegrator& integrator,
-                  const std::map<int, PrescribedComponents>& prescribed)
+                  const std::map<int, PrescribedComponents>& prescribed,
+                  const std::vector<JointDefinition>& joints)
         : wallRejection(integrator.getWallRejection()), scheme(integrator.getScheme()),
-          prescribed(prescribed), joints(integrator.getJoints()),
-          jointTolerance(integrator.getJointTolerance()) {
+          prescribed(prescribed), joints(joints), jointTolerance(integrator.getJointTolerance()) {
         for (int b = 0; b < integrator.getNumRigidBodies(); b++)
             if (integrator.getBodyHeld(b)) heldBodies.insert(b);
         for (int p : integrator.getHeldParticles()) heldParticles.insert(p);

@@ -9,6 +9,7 @@
 #include "context/ContextMirror.h"
 #include "context/Effects.h"
 #include "context/MidStepTemperatures.h"
+#include "context/SystemCheck.h"
 #include "stepping/Stepper.h"
 
 using namespace OpenMM;
@@ -129,6 +130,17 @@ public:
 
     vector<Vec3> getParticleHoldingForces() override {
         return vectorsOf(lastHolds("getParticleHoldingForces()").ofParticles);
+    }
+
+    vector<Vec3> getJointForces() override {
+        prepareFluid("getJointForces()");
+        const int count = scene.definitions.joints().size();
+        if (count == 0 || !scene.fluid) return vector<Vec3>(count);
+        const auto forces = scene.fluid->getAnswers().jointForcesOfLastStep(count);
+        vector<Vec3> result;
+        for (int k = 0; k < count; k++)
+            result.push_back(Vec3(forces(0, k), forces(1, k), forces(2, k)));
+        return result;
     }
 
     double computeTranslationalKineticEnergy() override {

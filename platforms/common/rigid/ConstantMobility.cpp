@@ -132,10 +132,24 @@ void ConstantMobility::forceFreeTwists(const DrivenFlow* flow, const MatrixXd& s
 void ConstantMobility::multiplyNearby(const vector<Pose>& there, const MatrixXd& forces,
                                       MatrixXd& slips) {
     N = turned(mobility_body, there[0].rotation());
-    slips.noalias() = N * forces;
+    if (!isFixed) {
+        slips.noalias() = N * forces;
+        return;
+    }
+    // Of all generalised inverses of the friction, the one whose twists a rod in a plane can have.
+    const NullTwists& nullTwists = bodies.getNullTwistsOfFree();
+    setTurns(there, turnsThere);
+    thermal = forces;
+    nullTwists.removeWorkOfFixed(turnsThere, thermal);
+    slips.noalias() = N * thermal;
+    nullTwists.turnWithFixed(turnsThere, slips);
 }
 
 void ConstantMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
+    if (isFixed) {
+        factorHere().thermalWrench(turns, W, wrench);
+        return;
+    }
     thermal.noalias() = factor_body.L() * W;
     wrench.noalias() = twoRotations(turns[0]) * thermal;
     bodies.getNullTwists().removeLift(turns, wrench);

@@ -53,7 +53,7 @@ private:
     FrictionFactor factor;       // at the poses, where some component is fixed
     bool isFactorised = false;
     std::vector<Pose> poses;
-    std::vector<Eigen::Matrix3d> turns;
+    std::vector<Eigen::Matrix3d> turns, turnsThere;
     BodiesAt particles;  // needed by applyToParticles() only
     MatrixXd N, xi, wrenchesOfSolve, thermal;
     MatrixXd forceFree_body, slips_body,

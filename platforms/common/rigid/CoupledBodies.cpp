@@ -32,7 +32,7 @@ vector<FluidElement> withSpins(vector<FluidElement> elements, const vector<Slowe
 CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFactory& makeModel,
                              bool mayBeConstant)
     : motion(elements), freeMotion(elements, firstRows(motion)), nullTwists(firstRows(motion)),
-      ownTensors(firstRows(motion)) {
+      nullTwistsOfFree(firstRows(motion)), ownTensors(firstRows(motion)) {
     if (getParticles().size() > 0) model = makeModel(getParticles());
     if (ForcesOnFluid::areIn(elements)) forcesOnFluid.reset(new ForcesOnFluid(motion, makeModel));
     findProperties(mayBeConstant);
@@ -41,8 +41,8 @@ CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFa
 CoupledBodies::CoupledBodies(const CoupledBodies& bodies, const vector<SlowedSpin>& spins)
     : motion(withSpins(bodies.getElements(), spins)),
       freeMotion(bodies.getElements(), firstRows(motion)), nullTwists(firstRows(motion)),
-      ownTensors(firstRows(motion)), model(bodies.model), forcesOnFluid(bodies.forcesOnFluid),
-      box(bodies.box) {
+      nullTwistsOfFree(firstRows(motion)), ownTensors(firstRows(motion)), model(bodies.model),
+      forcesOnFluid(bodies.forcesOnFluid), box(bodies.box) {
     findProperties(bodies.aloneInUniformFluid);
 }
 
@@ -61,7 +61,8 @@ void CoupledBodies::findProperties(bool mayBeConstant) {
         if (element.particles.size() > 1 && !(constant && hasOwnTensor)) {
             checkSites(e);
             nullTwists.find(e, element.sites);
-            nullTwists.fix(e, element);
+            nullTwistsOfFree.find(e, element.sites);
+            nullTwistsOfFree.fix(e, element);
         }
         if (hasOwnTensor && hasNullVector(e))
             throw OpenMM::OpenMMException(

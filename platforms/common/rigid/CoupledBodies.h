@@ -50,6 +50,8 @@ public:
     int firstRow(int element) const { return motion.firstRow(element); }
     const RigidMotion& getMotion() const { return motion; }
     const NullTwists& getNullTwists() const { return nullTwists; }
+    /** The same, with the components that are fixed (NullTwists::fix()). */
+    const NullTwists& getNullTwistsOfFree() const { return nullTwistsOfFree; }
     const OwnTensors& getOwnTensors() const { return ownTensors; }
     /** Which components of twists are free. Where some are fixed, N stands for N_c. */
     const FreeMotion& getFreeMotion() const { return freeMotion; }
@@ -147,7 +149,7 @@ private:
 
     const RigidMotion motion;
     const FreeMotion freeMotion;
-    NullTwists nullTwists;
+    NullTwists nullTwists, nullTwistsOfFree;
     OwnTensors ownTensors;
     std::shared_ptr<const MobilityModel> model;
     bool aloneInUniformFluid = false, active = false;

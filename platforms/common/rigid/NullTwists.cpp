@@ -90,7 +90,10 @@ void NullTwists::forEach(const vector<Matrix3d>& turns, const Action& action) co
     }
 }
 
-/** Call action(n, fixed part of n, row) for null twists that some fixed component prevents. */
+/**
+ * Call action(n, fixed part of n, row, element, axes to lab) for null twists that some fixed
+ * component prevents.
+ */
 template <class Action>
 void NullTwists::forPartlyFixed(const vector<Matrix3d>& turns, const Action& action) const {
     if (!hasAny) return;
@@ -101,7 +104,7 @@ void NullTwists::forPartlyFixed(const vector<Matrix3d>& turns, const Action& act
         const Vector6d n = twoRotations(turns[e]) * twists_body[e];
         const Matrix3d toLab = own.inBody ? Matrix3d(turns[e] * own.axes) : Matrix3d::Identity();
         const Vector6d fixed = fixedPart(n, own.fixed, toLab);
-        if (fixed.norm() > noPart) action(n, fixed, rows[e]);
+        if (fixed.norm() > noPart) action(n, fixed, rows[e], e, toLab);
     }
 }
 
@@ -111,9 +114,10 @@ void NullTwists::lift(const vector<Matrix3d>& turns, MatrixXd& friction) const {
     forEach(turns, [&](const Vector6d& n, int row) {
         friction.block<6, 6>(row, row) += size * n * n.transpose();
     });
-    forPartlyFixed(turns, [&](const Vector6d&, const Vector6d& fixed, int row) {
-        friction.block<6, 6>(row, row) += size * fixed * fixed.transpose();
-    });
+    forPartlyFixed(turns,
+                   [&](const Vector6d&, const Vector6d& fixed, int row, int, const Matrix3d&) {
+                       friction.block<6, 6>(row, row) += size * fixed * fixed.transpose();
+                   });
 }
 
 void NullTwists::project(const vector<Matrix3d>& turns, MatrixXd& inverse) const {
@@ -141,11 +145,54 @@ void NullTwists::removeLift(const vector<Matrix3d>& turns, MatrixXd& wrenches) c
         auto own = wrenches.middleRows<6>(row);
         for (int c = 0; c < own.cols(); c++) own.col(c) -= n * n.dot(own.col(c));
     });
-    // The lift is n_o n_o^T, and n^T of a wrench with the covariance of the friction is 0.
-    forPartlyFixed(turns, [&](const Vector6d& n, const Vector6d& fixed, int row) {
-        auto own = wrenches.middleRows<6>(row);
-        for (int c = 0; c < own.cols(); c++)
-            own.col(c) -= fixed * n.dot(own.col(c)) / fixed.squaredNorm();
+    removeWorkOfFixed(turns, wrenches);
+}
+
+/** The lift is n_o n_o^T, and n^T of a wrench with the covariance of the friction is 0. */
+void NullTwists::removeWorkOfFixed(const vector<Matrix3d>& turns, MatrixXd& wrenches) const {
+    forPartlyFixed(turns,
+                   [&](const Vector6d& n, const Vector6d& fixed, int row, int, const Matrix3d&) {
+                       auto own = wrenches.middleRows<6>(row);
+                       for (int c = 0; c < own.cols(); c++)
+                           own.col(c) -= fixed * n.dot(own.col(c)) / fixed.squaredNorm();
+                   });
+}
+
+void NullTwists::turnWithFixed(const vector<Matrix3d>& turns, MatrixXd& twists) const {
+    forPartlyFixed(turns,
+                   [&](const Vector6d& n, const Vector6d& fixed, int row, int, const Matrix3d&) {
+                       auto own = twists.middleRows<6>(row);
+                       for (int c = 0; c < own.cols(); c++)
+                           own.col(c) -= n * fixed.dot(own.col(c)) / fixed.squaredNorm();
+                   });
+}
+
+/**
+ * With a body that turns about the axis k, n changes by T n, T = diag(e_k x, e_k x). Its fixed part
+ * changes by T n_o where axes turn with the body, and else by the fixed part of T n.
+ */
+void NullTwists::addDivergenceOfTurns(const vector<Matrix3d>& turns, double factor,
+                                      MatrixXd& wrenches) const {
+    forPartlyFixed(turns, [&](const Vector6d& n, const Vector6d& fixed, int row, int e,
+                              const Matrix3d& toLab) {
+        const PartlyFixed& own = partlyFixed[e];
+        const double square = fixed.squaredNorm();
+        for (int k = 0; k < 3; k++) {
+            Vector6d change, ofFixed;
+            const auto turned = [k](const Vector6d& x) {
+                Vector6d y;
+                y << Vector3d::Unit(k).cross(Vector3d(x.head<3>())),
+                    Vector3d::Unit(k).cross(Vector3d(x.tail<3>()));
+                return y;
+            };
+            change = turned(n);
+            ofFixed = own.inBody ? turned(fixed) : fixedPart(change, own.fixed, toLab);
+            const double ofFree = change[3 + k] - ofFixed[3 + k], free = n[3 + k] - fixed[3 + k];
+            wrenches.col(0).segment<6>(row) +=
+                factor *
+                (free * (ofFixed / square - 2 * fixed.dot(ofFixed) / (square * square) * fixed) +
+                 ofFree / square * fixed);
+        }
     });
 }
 

@@ -55,6 +55,27 @@ public:
      * lifted friction.
      */
     void removeLift(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& wrenches) const;
+    /**
+     * Remove from wrenches the multiple of n_o that leaves no work on n, where fixed components
+     * have the part n_o of the null twist n.
+     */
+    void removeWorkOfFixed(const std::vector<Eigen::Matrix3d>& turns,
+                           Eigen::MatrixXd& wrenches) const;
+    /**
+     * Slips do not tell how a body turns about its line. Where a fixed component takes part in this
+     * rotation, turn the body such that its motion has nothing along the fixed part of the null
+     * twist. Only then twists U with U = N_c K^T M^-1 s and the nearest twists V of slips s of
+     * covariance M have <U V^T> = N_c in their free components.
+     */
+    void turnWithFixed(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& twists) const;
+    /**
+     * wrenches += factor sum_k d_k (p_i n_k), with p = n_o/(n_o.n_o) of the fixed part n_o of n,
+     * and k over free components. With V of turnWithFixed(), the wrenches hold = K^T lambda of such
+     * solves have <hold V^T> = xi N_c - 1 - p n^T in free components, of which the last term is no
+     * part of the mean hold.
+     */
+    void addDivergenceOfTurns(const std::vector<Eigen::Matrix3d>& turns, double factor,
+                              Eigen::MatrixXd& wrenches) const;
 
 private:
     /** Those of elements that are not partly fixed; and the others, with their fixed part. */

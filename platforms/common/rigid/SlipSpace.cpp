@@ -38,10 +38,15 @@ void SlipSpace::totalWrenches(const vector<Pose>& poses, const MatrixXd& forces,
 
 void SlipSpace::nearestTwists(const vector<Matrix3d>& turnsHere, const MatrixXd& slips,
                               MatrixXd& twists) const {
-    if (identity) {
+    if (identity)
         twists = slips;
-        return;
-    }
+    else
+        nearestTwistsOfParticles(turnsHere, slips, twists);
+    bodies.getNullTwistsOfFree().turnWithFixed(turnsHere, twists);
+}
+
+void SlipSpace::nearestTwistsOfParticles(const vector<Matrix3d>& turnsHere, const MatrixXd& slips,
+                                         MatrixXd& twists) const {
     twists.setZero(bodies.getNumRows(), slips.cols());
     for (size_t e = 0; e < nearest_body.size(); e++) {
         const MatrixXd& nearest = nearest_body[e];

@@ -40,6 +40,9 @@ public:
     }
 
 private:
+    void nearestTwistsOfParticles(const std::vector<Eigen::Matrix3d>& turns,
+                                  const Eigen::MatrixXd& slips, Eigen::MatrixXd& twists) const;
+
     const CoupledBodies& bodies;
     const bool ofBodies, identity;
     std::vector<Eigen::MatrixXd> nearest_body;  // (K^T K)^-1 K^T of elements, body frame

@@ -337,6 +337,12 @@ void OverdampedMove::recordFactor(double nu) {
     recorded->solveWeight *= nu;
 }
 
+void OverdampedMove::removeTurnsFromHolds() {
+    if (!holds) return;
+    setTurns(mobility.posesHere(), turnsOfFixed);
+    mobility.getBodies().getNullTwistsOfFree().addDivergenceOfTurns(turnsOfFixed, -kT, *holds);
+}
+
 double OverdampedMove::divergenceOfField() { return mobility.divergenceOf(*field); }
 
 void OverdampedMove::noteDriftFactor(double nu) {

@@ -62,6 +62,7 @@ public:
     enum Draw { First, Second };
 
     explicit OverdampedMove(BodyMobility& mobility);
+    virtual ~OverdampedMove() {}
 
     // ---- The engine's side
     /** Where a step starts, to be set before the step, and where the bodies are at present. */
@@ -167,6 +168,11 @@ public:
     void recordTractions(double kT);
     /** The whole flow is multiplied by nu. */
     void recordFactor(double nu);
+    /**
+     * Remove from the holds what the rotation of rods about their lines adds to them where bodies
+     * go to the mid-point by nearestTwists(): NullTwists::addDivergenceOfTurns().
+     */
+    void removeTurnsFromHolds();
     /** N^(-1/2) W at the present poses, of covariance N^-1. */
     void thermalWrench(Draw draw, Vectors& wrench);
     /**
@@ -299,6 +305,10 @@ public:
         mobility.nearestTwists(slips, twists);
     }
 
+protected:
+    /** Draw random numbers of mean 0 and variance 1. Tests replace them. */
+    virtual void drawNumbers(uint32_t purpose, uint32_t index, int count, double* numbers);
+
 private:
     /**
      * Displace the start by half a step both ways, for a central difference. It is one-sided where
@@ -325,7 +335,6 @@ private:
     [[noreturn]] void failToDisplace(const std::vector<Pose>& poses);
     void drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& W, bool onlyFree = false);
     void drawForParticles(uint32_t purpose, Vectors& W);
-    void drawNumbers(uint32_t purpose, uint32_t index, int count, double* numbers);
 
     BodyMobility& mobility;
     std::vector<double> lengths;  // of rows

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Union
 import numpy as np
 import openmm
 
-from .._systems import refuse_driven_flow
+from .._systems import refuse_driven_flow, refuse_joints
 from .. import _tasks
 from . import methods as methodsModule
 from . import observables as observablesModule
@@ -53,7 +53,7 @@ class Study:
     Parameters
     ----------
     scene : Scene
-        a scene in equilibrium; a scene whose fluid is driven by a flow is refused
+        a scene in equilibrium; a scene whose fluid is driven by a flow, or with joints, is refused
     methods : sequence of str or Method
     observables : sequence of str, Observable or callable
         see :func:`openmmrigidhi.accuracy.observables.byName`
@@ -90,6 +90,9 @@ class Study:
             scene.system, f'{type(self).__name__}: scene',
             'where alone all methods have the same averages: compare steady states of one '
             'method at several steps by runs of your own')
+        refuse_joints(
+            scene.makeIntegrator(), f'{type(self).__name__}: scene',
+            'which most methods would tear: compare schemes that have joints by runs of your own')
         self.scene = scene
         self.methods = [
             method if isinstance(method, Method) else methodsModule.byName(method)

@@ -9,7 +9,7 @@ from .. import _units
 from .._types import Number, Numbers
 from .._quaternions import rotate
 from .._systems import (BodyDefinitions, forces_of, hydrodynamic_radii, refuse_driven_flow,
-                        walls_of)
+                        refuse_joints, walls_of)
 from ..bodyforce import CustomBodyForce
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
@@ -87,7 +87,7 @@ class GibbsBoltzmannSampler(Sampler):
     TypeError, ValueError
         for arguments of wrong dimension or shape, for a start that a wall forbids or that has an
         infinite energy, for a CustomBodyForce without energyFunction, for constraints on a free
-        particle that is to move, or for a MobilityForce with a driven flow
+        particle that is to move, for a MobilityForce with a driven flow, or for joints
 
     Notes
     -----
@@ -115,6 +115,8 @@ class GibbsBoltzmannSampler(Sampler):
             system, f'{where}: context',
             'and bodies in it are not distributed as exp(-U/kT): average over steps of the '
             'integrator')
+        refuse_joints(self._integrator, f'{where}: context',
+                      'which moves of bodies would tear: average over steps of the integrator')
         self._groups = self._integrator.getIntegrationForceGroups()
         self._kT = _moves.thermal_energy(
             self._integrator.getTemperature() if temperature is None else temperature, where)

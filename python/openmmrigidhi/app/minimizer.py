@@ -12,7 +12,7 @@ from openmm import unit
 from .. import _units
 from .._types import Number
 from .._quaternions import rotation_matrices
-from .._systems import BodyDefinitions, hydrodynamic_radii
+from .._systems import BodyDefinitions, hydrodynamic_radii, refuse_joints
 from ..integrator import CustomRigidHIIntegrator
 
 #: The default tolerance for molecules. With the length of molecules it is an energy of 2.5 kJ/mol,
@@ -95,6 +95,8 @@ def minimize(context: openmm.Context, tolerance: Optional[Number] = None, maxIte
     ------
     TypeError
         if the Context's integrator is of another class
+    ValueError
+        for a wrong argument, or if the integrator has joints
     openmm.OpenMMException
         if positions are not set or do not fit the bodies, or if the energy is not finite at the
         start
@@ -132,6 +134,9 @@ class _Scene:
     def __init__(self, context):
         self.context = context
         self.integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
+        refuse_joints(
+            self.integrator, 'minimize: context',
+            'which the search would tear: run steps of the integrator at temperature 0 instead')
         self.groups = self.integrator.getIntegrationForceGroups()
         system = context.getSystem()
         self.radii = hydrodynamic_radii(system, None, 'minimize')

@@ -43,6 +43,7 @@ public:
     virtual std::vector<double> getHoldingWrenches() = 0;
     virtual std::vector<OpenMM::Vec3> computeParticleHoldingForces() = 0;
     virtual std::vector<OpenMM::Vec3> getParticleHoldingForces() = 0;
+    virtual std::vector<OpenMM::Vec3> getJointForces() = 0;
     virtual double getPoseResidual() = 0;
 
     virtual double computeTranslationalKineticEnergy() = 0;

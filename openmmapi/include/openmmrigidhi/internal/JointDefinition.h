@@ -3,6 +3,8 @@
 
 #include <openmm/Vec3.h>
 
+#include <string>
+
 namespace RigidHIPlugin {
 
 /**
@@ -36,6 +38,20 @@ struct JointDefinition {
     /** For Link: the distance of the anchors, nm; 0 for other kinds. */
     double length = 0;
 };
+
+/** The kinds by their numbers, as in XML and in Python. */
+constexpr const char* jointKindNames[] = {"Ball", "BallToPoint", "Link", "Hinge"};
+
+/** A joint for messages, such as "joint 2 (a link of body 0 and body 1)". */
+inline std::string jointText(int index, const JointDefinition& joint) {
+    const bool isToPoint = joint.kind == JointDefinition::BallToPoint;
+    const char* kind = joint.kind == JointDefinition::Link    ? "link"
+                       : joint.kind == JointDefinition::Hinge ? "hinge"
+                                                              : "ball";
+    return "joint " + std::to_string(index) + " (a " + kind + " of body " +
+           std::to_string(joint.i) + " and " +
+           (isToPoint ? "a point" : "body " + std::to_string(joint.j)) + ")";
+}
 
 }  // namespace RigidHIPlugin
 

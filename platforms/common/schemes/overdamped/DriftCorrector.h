@@ -80,6 +80,7 @@ private:
             m.recordThermalSlip((m.driftFactorScalesAll() ? 1 : scale) * std::sqrt(2 * m.kT / m.h));
         const double nu = m.driftFactorScalesAll() ? scale : 1;
         if (m.driftFactorScalesAll()) m.recordFactor(nu);
+        m.removeTurnsFromHolds();
         m.goFromStart(m.h, U, nu);
     }
 
