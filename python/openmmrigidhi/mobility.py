@@ -676,8 +676,9 @@ class MobilityForce(_copies.Copies, _Base):
         """Hand changed parameters to a Context.
 
         The parameters are viscosity, radii, own tensors, slips, forces on the fluid, lubrication,
-        minimum gap, solver, tolerance, grid spacing and flow. A radius may not change between 0 and not 0. Changes of
-        model, boundary, wall height, sphere-wall mobility and groups need ``reinitialize``.
+        minimum gap, solver, tolerance, grid spacing and flow. A radius may not change between 0
+        and not 0. Changes of model, boundary, wall height, sphere-wall mobility and groups need
+        ``reinitialize``.
         """
         super().updateParametersInContext(
             _units.context(context, _where('updateParametersInContext')))
