@@ -140,7 +140,7 @@ TEST(BadMotion, Barostats) {
     scene.system.addForce(new MonteCarloBarostat(1, 300));
     scene.expectRefused(
         {"a CustomBodyMotion (force 1) prescribes the motion of body 0, but the "
-         "System has a MonteCarloBarostat, which would move it; remove the "
+         "System has a MonteCarloBarostat, which would move it besides; remove the "
          "barostat"});
 }
 

@@ -199,7 +199,42 @@ def test_what_moves_bodies_one_by_one_refuses_joints(platform):
 
 
 def test_joints_of_later_are_not_those_of_the_context(platform):
-    _, integrator, _ = jointed(platform)
+    context, integrator, _ = jointed(platform)
     integrator.step(1)
     forces = integrator.getJointForces()
     assert forces.shape == (0, 3) and forces.unit == unit.kilojoule_per_mole/unit.nanometer
+
+
+# ---- In a Context --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('scheme', ['TrapezoidalSlip', 'FixmanMidpoint', 'RandomFiniteDifference'])
+def test_a_pulled_link_pulls_with_half_the_force(platform, scheme):
+    """Of two equal spheres with a link, one is pulled along it. By symmetry, each of them feels
+    half of the force."""
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    pull = openmm.CustomExternalForce('-2*x')
+    integrator = CustomRigidHIIntegrator(0, 0.01)
+    integrator.setScheme(scheme)
+    for particle in range(2):
+        system.addParticle(0)
+        fluid.addParticle(0.5)
+        integrator.addRigidBody([particle], 0, (0, 0, 0), [(0, 0, 0)])
+    pull.addParticle(1)
+    system.addForce(fluid)
+    system.addForce(pull)
+    integrator.addLink(0, (0, 0, 0), 1, (0, 0, 0), 1.5)
+    context = openmm.Context(system, integrator, platform)
+    context.setPositions([(0, 0, 0), (1.5, 0, 0)])
+    integrator.step(3)
+    forces = integrator.getJointForces()
+    assert forces.unit == unit.kilojoule_per_mole/unit.nanometer
+    np.testing.assert_allclose(forces._value, [(1, 0, 0)], rtol=0, atol=1e-9)
+    first, second = integrator.getBodyPositions()._value
+    assert first[0] > 0
+    np.testing.assert_allclose(second - first, (1.5, 0, 0), rtol=0, atol=1e-10)
+    # Copies of the integrator have the joint too.
+    later = openmm.Context(system, copy.copy(integrator), platform)
+    later.setPositions([(0, 0, 0), (1.52, 0, 0)])
+    with pytest.raises(openmm.OpenMMException, match=r'joint 0 \(link\) is violated by 0.02 nm'):
+        later.getIntegrator().step(1)

@@ -72,6 +72,22 @@ def test_integrator_with_something_held():
     assert integrator.getHeldParticles() == [3, 9]
 
 
+def test_integrator_with_joints():
+    integrator = CustomRigidHIIntegrator.cast(read('integrator_version2_joints.xml'))
+    assert integrator.getJointTolerance()._value == 1e-8
+    joints = [integrator.getJointParameters(index) for index in range(integrator.getNumJoints())]
+    assert [(joint['kind'], joint['i'], joint['j']) for joint in joints] == [('Ball', 0, 1),
+                                                                             ('BallToPoint', 1, -1),
+                                                                             ('Link', 1, 0),
+                                                                             ('Hinge', 0, 1)]
+    assert [list(joint['anchor_i']._value) for joint in joints] == [[1, 2, 3], [0, 0, 1], [0, 1, 0],
+                                                                    [0, 0, 0]]
+    assert [list(joint['point' if joint['j'] < 0 else 'anchor_j']._value)
+            for joint in joints] == [[0.5, 0, -1], [4, 5, 6], [2, 0, 0], [1, 0, 0]]
+    assert joints[2]['length']._value == 0.25
+    assert (list(joints[3]['axis_i']), list(joints[3]['axis_j'])) == ([0, 0.6, -0.8], [1, 0, 0])
+
+
 def test_integrator():
     integrator = CustomRigidHIIntegrator.cast(read('integrator_version1.xml'))
     assert integrator.getNumRigidBodies() == 3

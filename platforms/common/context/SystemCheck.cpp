@@ -236,7 +236,13 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
 void checkSlips(const MobilityForce& force, const CustomRigidHIIntegrator& integrator) {
     const SchemeTraits& traits = traitsOf(integrator.getScheme());
     const vector<int> bodies = force.getBodiesWithSlip();
-    if (bodies.empty() || traits.isOverdamped()) return;
+    if (traits.isOverdamped()) return;
+    if (force.getNumBodyForcesOnFluid() > 0)
+        fail(string("a body exerts a force on the fluid (addBodyForceOnFluid()), which scheme ") +
+             traits.name +
+             " would ignore; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or "
+             "make a MobilityForce without this force");
+    if (bodies.empty()) return;
     fail(bodyText(bodies[0]) + " has a slip (setBodySlip()), which scheme " + traits.name +
          " would ignore; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or take "
          "the slip away by clearBodySlip()");
@@ -309,7 +315,7 @@ static void checkPrescribed(const CustomRigidHIIntegrator& integrator, const Sys
                  "its motion; let the body go, or remove it from the force");
         if (!stock.barostat.empty())
             fail(motion + "the motion of " + bodyText(b) + ", but the System has a " +
-                 stock.barostat + ", which would move it; remove the barostat");
+                 stock.barostat + ", which would move it besides; remove the barostat");
         if (!traits.isOverdamped())
             fail(motion + "the motion of " + bodyText(b) + ", which scheme " + traits.name +
                  " cannot do; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or "

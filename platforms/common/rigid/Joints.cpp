@@ -118,9 +118,14 @@ void Joints::factorise(const MatrixXd& CNC, MatrixXd& inverse) const {
             inverse = scale.asDiagonal() * inverse * scale.asDiagonal();
             return;
         }
-        VectorXi order = VectorXi::LinSpaced(numRows, 0, numRows - 1);
-        order = factor.transpositionsP() * order;
-        worst = order[place];
+        // Back from the place after the pivoting to the row.
+        const auto& swaps = factor.transpositionsP().indices();
+        worst = place;
+        for (int k = place; k >= 0; k--)
+            if (swaps[k] == worst)
+                worst = k;
+            else if (k == worst)
+                worst = swaps[k];
     }
     for (const Joint& joint : joints)
         if (worst < joint.firstRow + joint.numRows())
