@@ -466,8 +466,9 @@ TEST(Active, TheFlowHasWhatForcesAtSitesDo) {
             const Vector3d W = twists.segment<3>(3);
             expectNear(before, twists.head<3>() + W.cross(body.offsets[blob]), c.tolerance);
         }
-        // Far away a stresslet is left, which falls off with the square of the distance.
-        if (flow.size() == 0) continue;
+        // Far away a stresslet is left, which falls off with the square of the distance. (A body
+        // with a tensor of its own makes the flow of a scaled force, so that a part is left.)
+        if (flow.size() == 0 || c.own) continue;
         EXPECT_LT((4 * flow.col(1) - flow.col(0)).norm(), 0.02 * flow.col(0).norm());
     }
 }
