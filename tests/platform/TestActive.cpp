@@ -617,9 +617,9 @@ TEST(Active, ForcesOnTheFluidThatAreRefused) {
             s.fluid->setBodyMobility(0, rowsOf(tensorWithoutSymmetry(1)));
             s.fluid->addBodyForceOnFluid(0, x, 0.3, x);
         },
-        {"force 0 on the fluid (addBodyForceOnFluid()) is that of body 0, which has no particle "
-         "with a hydrodynamic radius",
-         "give one of its particles a radius above 0"});
+        {"force 0 on the fluid (addBodyForceOnFluid()) is that of body 0, none of whose particles "
+         "the "
+         "fluid sees; give one of them a radius above 0"});
     refused(
         [&](ActiveScene& s) {
             s.fluid->setModel(MobilityForce::StokesianDynamics);
