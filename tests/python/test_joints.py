@@ -199,7 +199,7 @@ def test_what_moves_bodies_one_by_one_refuses_joints(platform):
 
 
 def test_joints_of_later_are_not_those_of_the_context(platform):
-    _, integrator, _ = jointed(platform)
+    context, integrator, _ = jointed(platform)
     integrator.step(1)
     forces = integrator.getJointForces()
     assert forces.shape == (0, 3) and forces.unit == unit.kilojoule_per_mole/unit.nanometer
