@@ -224,7 +224,8 @@ void setOpenMMException(const char* message) {
 %typemap(in, numinputs=0) OpenMM::Vec3& principalMoments (OpenMM::Vec3 value) "$1 = &value;"
 %typemap(in, numinputs=0) double& mass (double value), double& gamma (double value),
                double& Gamma (double value), double& yLow (double value),
-               double& yHigh (double value), double& f0 (double value)
+               double& yHigh (double value), double& f0 (double value),
+               double& radius (double value)
     "$1 = &value;"
 %typemap(argout) std::vector<int>& particles, std::vector<OpenMM::Vec3>& sitePositions {
     $result = SWIG_AppendOutput($result, toBuffer($1->data(), $1->size()));
@@ -233,23 +234,28 @@ void setOpenMMException(const char* message) {
     $result = SWIG_AppendOutput($result, toBuffer($1, 1));
 }
 %typemap(argout) double& mass, double& gamma, double& Gamma, double& yLow, double& yHigh,
-                 double& f0 {
+                 double& f0, double& radius {
     $result = SWIG_AppendOutput($result, PyFloat_FromDouble(*$1));
 }
-%typemap(in, numinputs=0) int& bodyIndex (int value), int& forceAxis (int value),
+%typemap(in, numinputs=0) int& bodyIndex (int value), int& body (int value), int& forceAxis (int value),
                int& waveAxis (int value), int& waveVectorIndex (int value) "$1 = &value;"
 %typemap(in, numinputs=0) std::vector<double>& parameters (std::vector<double> value),
                std::vector<double>& gradient (std::vector<double> value) "$1 = &value;"
-%typemap(in, numinputs=0) OpenMM::Vec3& velocity (OpenMM::Vec3 value) "$1 = &value;"
-%typemap(argout) OpenMM::Vec3& velocity { $result = SWIG_AppendOutput($result, toBuffer($1, 1)); }
-%typemap(argout) int& bodyIndex, int& forceAxis, int& waveAxis, int& waveVectorIndex {
+%typemap(in, numinputs=0) OpenMM::Vec3& velocity (OpenMM::Vec3 value),
+               OpenMM::Vec3& site (OpenMM::Vec3 value), OpenMM::Vec3& force (OpenMM::Vec3 value)
+    "$1 = &value;"
+%typemap(argout) OpenMM::Vec3& velocity, OpenMM::Vec3& site, OpenMM::Vec3& force {
+    $result = SWIG_AppendOutput($result, toBuffer($1, 1));
+}
+%typemap(argout) int& bodyIndex, int& body, int& forceAxis, int& waveAxis, int& waveVectorIndex {
     $result = SWIG_AppendOutput($result, PyLong_FromLong(*$1));
 }
 %typemap(argout) std::vector<double>& parameters, std::vector<double>& gradient {
     $result = SWIG_AppendOutput($result, toBuffer($1->data(), $1->size()));
 }
 %typemap(argout) const std::vector<double>& parameters, const std::vector<double>& gradient,
-                 const OpenMM::Vec3& velocity ""
+                 const OpenMM::Vec3& velocity, const OpenMM::Vec3& site,
+                 const OpenMM::Vec3& force ""
 %typemap(argout) const std::vector<OpenMM::Vec3>& sitePositions,
                  const OpenMM::Vec3& principalMoments, const std::vector<int>& particles ""
 
@@ -519,6 +525,13 @@ public:
     std::vector<OpenMM::Vec3> getBodySlip(int body) const;
     void clearBodySlip(int body);
     std::vector<int> getBodiesWithSlip() const;
+    int addBodyForceOnFluid(int body, const OpenMM::Vec3& site, double radius,
+                            const OpenMM::Vec3& force);
+    int getNumBodyForcesOnFluid() const;
+    void getBodyForceOnFluidParameters(int index, int& body, OpenMM::Vec3& site, double& radius,
+                                       OpenMM::Vec3& force) const;
+    void setBodyForceOnFluidParameters(int index, int body, const OpenMM::Vec3& site, double radius,
+                                       const OpenMM::Vec3& force);
 
     const std::vector<int>& getGroups() const;
     void setGroups(const std::vector<int>& groups);

@@ -16,7 +16,7 @@ namespace {
 
 const char* const className = "MobilityForce";
 /** The latest version, which is written only for what earlier versions of the library would ignore:
- * slips of bodies. */
+ * slips of bodies, and forces that bodies exert on the fluid. */
 constexpr int formatVersion = 2;
 
 template <class Enum, class Row, size_t count>
@@ -49,6 +49,16 @@ const struct {
     {"gridSpacing", &MobilityForce::getGridSpacing, &MobilityForce::setGridSpacing, false},
 };
 
+void writeVector(SerializationNode& node, const Vec3& vector) {
+    node.setDoubleProperty("x", vector[0])
+        .setDoubleProperty("y", vector[1])
+        .setDoubleProperty("z", vector[2]);
+}
+
+Vec3 readVector(const StrictNode& node) {
+    return Vec3(node.number("x"), node.number("y"), node.number("z"));
+}
+
 void writeSlips(SerializationNode& node, const MobilityForce& force) {
     const vector<int> bodies = force.getBodiesWithSlip();
     node.setIntProperty("count", bodies.size());
@@ -57,10 +67,21 @@ void writeSlips(SerializationNode& node, const MobilityForce& force) {
         SerializationNode& slip = node.createChildNode("Slip");
         slip.setIntProperty("body", body).setIntProperty("count", velocities.size());
         for (const Vec3& velocity : velocities)
-            slip.createChildNode("Velocity")
-                .setDoubleProperty("x", velocity[0])
-                .setDoubleProperty("y", velocity[1])
-                .setDoubleProperty("z", velocity[2]);
+            writeVector(slip.createChildNode("Velocity"), velocity);
+    }
+}
+
+void writeForcesOnFluid(SerializationNode& node, const MobilityForce& force) {
+    node.setIntProperty("count", force.getNumBodyForcesOnFluid());
+    for (int i = 0; i < force.getNumBodyForcesOnFluid(); i++) {
+        int body;
+        double radius;
+        Vec3 site, onFluid;
+        force.getBodyForceOnFluidParameters(i, body, site, radius, onFluid);
+        SerializationNode& own = node.createChildNode("ForceOnFluid");
+        own.setIntProperty("body", body).setDoubleProperty("radius", radius);
+        writeVector(own.createChildNode("Site"), site);
+        writeVector(own.createChildNode("Force"), onFluid);
     }
 }
 
@@ -70,12 +91,18 @@ void readSlips(const StrictNode& node, MobilityForce& force) {
         const StrictNode slip(child, className);
         slip.checkChildren("count");
         vector<Vec3> velocities;
-        for (const SerializationNode& row : slip.children()) {
-            const StrictNode velocity(row, className);
-            velocities.push_back(
-                Vec3(velocity.number("x"), velocity.number("y"), velocity.number("z")));
-        }
+        for (const SerializationNode& row : slip.children())
+            velocities.push_back(readVector(StrictNode(row, className)));
         force.setBodySlip(slip.integer("body"), velocities);
+    }
+}
+
+void readForcesOnFluid(const StrictNode& node, MobilityForce& force) {
+    node.checkChildren("count");
+    for (const SerializationNode& child : node.children()) {
+        const StrictNode own(child, className);
+        force.addBodyForceOnFluid(own.integer("body"), readVector(own.child("Site")),
+                                  own.number("radius"), readVector(own.child("Force")));
     }
 }
 
@@ -85,7 +112,7 @@ MobilityForceProxy::MobilityForceProxy() : SerializationProxy(className) {}
 
 void MobilityForceProxy::serialize(const void* object, SerializationNode& node) const {
     const MobilityForce& force = *static_cast<const MobilityForce*>(object);
-    const bool isActive = !force.getBodiesWithSlip().empty();
+    const bool isActive = !force.getBodiesWithSlip().empty() || force.getNumBodyForcesOnFluid() > 0;
     node.setIntProperty("version", isActive ? formatVersion : 1);
     node.setIntProperty("forceGroup", force.getForceGroup());
     node.setStringProperty("name", force.getName());
@@ -135,7 +162,9 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     groups.setIntProperty("count", force.getGroups().size());
     for (int group : force.getGroups())
         groups.createChildNode("Group").setIntProperty("group", group);
-    if (isActive) writeSlips(node.createChildNode("Slips"), force);
+    if (!isActive) return;
+    writeSlips(node.createChildNode("Slips"), force);
+    writeForcesOnFluid(node.createChildNode("ForcesOnFluid"), force);
 }
 
 void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
@@ -193,7 +222,10 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     for (const SerializationNode& child : list.children())
         groups.push_back(StrictNode(child, className).integer("group"));
     force->setGroups(groups);
-    if (version >= 2) readSlips(node.child("Slips"), *force);
+    if (version >= 2) {
+        readSlips(node.child("Slips"), *force);
+        readForcesOnFluid(node.child("ForcesOnFluid"), *force);
+    }
     return force.release();
 }
 

@@ -208,6 +208,31 @@ MatrixXd PosedBodies::constraints(const vector<Pose>& at) const {
             rows.back().segment<3>(firstRow(e) + k / 3 * 3) = axes.col(k % 3);
         }
     }
+    for (const Joint& joint : joints) {
+        const Matrix3d A_i = at[joint.i].rotation();
+        const Vector3d a_i = A_i * joint.anchor_i;
+        const Vector3d a_j =
+            joint.j < 0 ? Vector3d::Zero() : Vector3d(at[joint.j].rotation() * joint.anchor_j);
+        // The velocities of the anchors along a direction, one minus the other.
+        const auto addAlong = [&](const Vector3d& e) {
+            rows.push_back(VectorXd::Zero(numRows()));
+            rows.back().segment<6>(firstRow(joint.i)) << e, a_i.cross(e);
+            if (joint.j >= 0) rows.back().segment<6>(firstRow(joint.j)) << -e, -a_j.cross(e);
+        };
+        if (joint.kind == Joint::Link) {
+            addAlong((at[joint.i].R + a_i - at[joint.j].R - a_j).normalized());
+            continue;
+        }
+        for (int k = 0; k < 3; k++) addAlong(Vector3d::Unit(k));
+        if (joint.kind != Joint::Hinge) continue;
+        const Vector3d first = joint.axis_i.unitOrthogonal();
+        for (const Vector3d& across : {first, Vector3d(joint.axis_i.cross(first))}) {
+            const Vector3d u = (at[joint.j].rotation() * joint.axis_j).cross(A_i * across);
+            rows.push_back(VectorXd::Zero(numRows()));
+            rows.back().segment<3>(firstRow(joint.i) + 3) = -u;
+            rows.back().segment<3>(firstRow(joint.j) + 3) = u;
+        }
+    }
     MatrixXd C(rows.size(), numRows());
     for (size_t i = 0; i < rows.size(); i++) C.row(i) = rows[i];
     return C;
@@ -278,7 +303,7 @@ ReferenceScene::ReferenceScene(const string& sceneName) : data(readScene(sceneNa
         if (constraint["type"].text == "component")
             addFixedComponent(constraint, values);
         else if (constraint["type"].text != "held")
-            jointed = true;
+            addJoint(constraint);
     if (any_of(values.begin(), values.end(), [](double v) { return v != 0; }))
         velocities = Map<MatrixXd>(values.data(), values.size(), 1);
     wrenches = ofBodies("wrenches");
@@ -305,9 +330,27 @@ void ReferenceScene::addFixedComponent(const JsonValue& constraint, vector<doubl
     values[firstRow(e) + k] = constraint["value"].number;
 }
 
-bool ReferenceScene::turnsWithBodies() const {
-    return any_of(elements.begin(), elements.end(),
-                  [](const FluidElement& e) { return e.fixedInBody; });
+void ReferenceScene::addJoint(const JsonValue& constraint) {
+    const string& type = constraint["type"].text;
+    Joint joint;
+    joint.index = joints.size();
+    joint.i = elementOfBody[constraint["i"].number];
+    joint.anchor_i = constraint["li"].vector3();
+    const bool toPoint = constraint["j"].kind == JsonValue::Null;
+    joint.j = toPoint ? -1 : elementOfBody[constraint["j"].number];
+    joint.anchor_j = constraint["lj"].vector3();
+    joint.kind = type == "link"    ? Joint::Link
+                 : type == "hinge" ? Joint::Hinge
+                 : toPoint         ? Joint::BallToPoint
+                                   : Joint::Ball;
+    if (type == "link") joint.length = constraint["length"].number;
+    if (type == "hinge") {
+        joint.axis_i = constraint["hi"].vector3().normalized();
+        joint.axis_j = constraint["hj"].vector3().normalized();
+    }
+    if (type != "link" && type != "hinge" && type != "ball")
+        throw runtime_error(name + ": there is no joint of the type " + type);
+    joints.push_back(joint);
 }
 
 namespace {

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "CoupledBodiesSupport.h"
+#include "rigid/Joints.h"
 
 namespace RigidHITest {
 
@@ -35,6 +36,7 @@ struct PosedBodies {
     std::string name;
     std::vector<RigidHIPlugin::FluidElement> elements;
     std::vector<RigidHIPlugin::Pose> poses;
+    std::vector<RigidHIPlugin::Joint> joints;
     RigidHIPlugin::CoupledBodies::ModelFactory makeModel;
     RigidHIPlugin::BoxVectors box = {};
     bool mayBeConstant = true;
@@ -51,8 +53,8 @@ struct PosedBodies {
     /** The poses to which this twist leads in unit time. */
     std::vector<RigidHIPlugin::Pose> posesAfter(const Eigen::VectorXd& twist) const;
     /**
-     * Rows of constraints of twists, C U = b, at other poses. The columns of the complement of C
-     * are the free motions.
+     * Rows of conditions on twists, C U = b, at any poses: of fixed components, in the order of
+     * components, then of joints.
      */
     Eigen::MatrixXd constraints(const std::vector<RigidHIPlugin::Pose>& at) const;
 };
@@ -69,9 +71,6 @@ RigidHIPlugin::FluidElement fluidElement(int body, const std::vector<Eigen::Vect
  */
 struct ReferenceScene : public PosedBodies {
     explicit ReferenceScene(const std::string& name);
-    /** Whether bodies are jointed, so that `fixed` does not say everything. */
-    bool hasJoints() const { return jointed; }
-    bool turnsWithBodies() const;
     /** One number for each row of bodies, or for each row of their particles. */
     Eigen::VectorXd ofBodies(const std::string& value) const;
     Eigen::VectorXd ofParticles(const std::string& value) const;
@@ -84,8 +83,8 @@ struct ReferenceScene : public PosedBodies {
 
 private:
     void addFixedComponent(const JsonValue& constraint, std::vector<double>& values);
+    void addJoint(const JsonValue& constraint);
 
-    bool jointed = false;
     std::vector<int> bodyRows, particleRows;  // in the file, of each row here
 };
 

@@ -61,7 +61,9 @@ public:
     TestedStep(Integrator::Scheme which, const PosedBodies& scene,
                RigidHIPlugin::BodyMobility& mobility, double h, double kT)
         : scene(scene), isDriftCorrectorRFD(which == Integrator::DriftCorrectorRFD),
-          entry(RigidHIPlugin::overdampedScheme(which)), scheme(entry.make()), move(mobility) {
+          entry(RigidHIPlugin::overdampedScheme(which)), scheme(entry.make()),
+          joints(scene.joints, mobility.getBodies()), move(mobility) {
+        if (!scene.joints.empty()) move.setJoints(&joints);
         step.h = h;
         step.kT = kT;
         step.difference = 1e-5;
@@ -166,6 +168,7 @@ private:
     const bool isDriftCorrectorRFD;
     const RigidHIPlugin::OverdampedEntry& entry;
     const std::unique_ptr<RigidHIPlugin::OverdampedScheme> scheme;
+    const RigidHIPlugin::Joints joints;
 
 public:
     TestedMove move;

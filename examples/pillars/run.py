@@ -2,7 +2,7 @@
 """A boomerang diffuses among pillars: where it is, and how far it comes, with and without a fluid
 that couples it to the pillars.
 
-    python3 run.py                     # a minute; draws picture.png
+    python3 run.py                     # one or two minutes; draws picture.png
 """
 import argparse
 
@@ -32,7 +32,7 @@ ENERGY = (f'kT*(4*exp(-(r - {PILLAR + RADIUS})/100) + z^2/{5*2*500**2}); r = sqr
 BODIES = len(PLACES) + 1
 STEP = 2*unit.millisecond
 #: Times of the displacements that are printed, s.
-TIMES = (0.1, 1.0)
+TIMES = (0.1, 0.4)
 MODELS = {'RotnePragerYamakawa': 'with a fluid', 'FreeDraining': 'without interactions'}
 
 
@@ -132,7 +132,7 @@ def density(positions, edges):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('--replicas', type=int, default=16, help='boomerangs (default 16)')
+    parser.add_argument('--replicas', type=int, default=32, help='boomerangs (default 32)')
     parser.add_argument('--steps', type=int, default=4000, help='time steps (default 4000)')
     parser.add_argument('--walkers', type=int, default=400, help='of Monte Carlo (default 400)')
     parser.add_argument('--picture', default='picture.png',
@@ -172,8 +172,9 @@ def main():
     x, y = axes[0].get_xlim(), axes[0].get_ylim()
     for place in PLACES:
         axes[0].add_patch(plt.Circle(LATTICE*place[:2]/1000, PILLAR/1000, color='0.6'))
-    axes[0].set(xlabel='x (μm)', ylabel='y (μm)', aspect='equal', title='paths of two boomerangs',
-                xlim=(x[0] - 1, x[1] + 1), ylim=(y[0] - 1, y[1] + 1))
+    axes[0].set(xlabel='x (μm)', ylabel='y (μm)', aspect='equal', adjustable='datalim',
+                title='paths of two boomerangs', xlim=(x[0] - 1, x[1] + 1),
+                ylim=(y[0] - 1, y[1] + 1))
     axes[1].set(xlabel='distance from the axis of a pillar (μm)',
                 ylabel='density / uniform density', ylim=(0, None))
     axes[2].set(xlabel='time (s)', ylabel='mean square displacement, x and y (μm²)', xscale='log',

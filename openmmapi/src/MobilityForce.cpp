@@ -342,6 +342,54 @@ vector<int> MobilityForce::getBodiesWithSlip() const {
     return result;
 }
 
+int MobilityForce::addBodyForceOnFluid(int body, const Vec3& site, double radius,
+                                       const Vec3& force) {
+    forcesOnFluid.emplace_back();
+    try {
+        setBodyForceOnFluidParameters(getNumBodyForcesOnFluid() - 1, body, site, radius, force);
+    } catch (...) {
+        forcesOnFluid.pop_back();
+        throw;
+    }
+    return getNumBodyForcesOnFluid() - 1;
+}
+
+void MobilityForce::checkForceOnFluid(int index, const char* method) const {
+    if (index < 0 || index >= getNumBodyForcesOnFluid())
+        fail(method, "force index " + text(index) + " is out of range",
+             "there are " + text(forcesOnFluid.size()) + " forces on the fluid, counted from 0",
+             "add the force by addBodyForceOnFluid() first");
+}
+
+void MobilityForce::getBodyForceOnFluidParameters(int index, int& body, Vec3& site, double& radius,
+                                                  Vec3& force) const {
+    checkForceOnFluid(index, "getBodyForceOnFluidParameters()");
+    const ForceOnFluid& own = forcesOnFluid[index];
+    body = own.body;
+    site = own.site;
+    radius = own.radius;
+    force = own.force;
+}
+
+void MobilityForce::setBodyForceOnFluidParameters(int index, int body, const Vec3& site,
+                                                  double radius, const Vec3& force) {
+    checkForceOnFluid(index, "setBodyForceOnFluidParameters()");
+    const string object = "force " + text(index) + " on the fluid";
+    if (body < 0)
+        fail(object, "the index of its body is " + text(body), "it must be 0 or above",
+             "give the index of a body, counted from 0");
+    if (!isFinite(site))
+        fail(object, "its site is " + text(site) + " nm", "it must be finite",
+             "give a place in the body frame");
+    if (!isfinite(radius) || radius <= 0)
+        fail(object, "the radius of its particle is " + text(radius) + " nm",
+             "it must be finite and positive", "give the size of what exerts the force");
+    if (!isFinite(force))
+        fail(object, "it is " + text(force) + " kJ/(mol nm)", "it must be finite",
+             "give a finite force, or 0 for none");
+    forcesOnFluid[index] = {body, site, radius, force};
+}
+
 void MobilityForce::setGroups(const vector<int>& groups) {
     for (size_t i = 0; i < groups.size(); i++)
         if (groups[i] < 0)

@@ -62,6 +62,11 @@ def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> N
     for fluid in forces_of(system, MobilityForce):
         velocity, gradient = (quantity._value for quantity in fluid.getBackgroundFlow())
         f0 = fluid.getSinusoidalForceDensity()[0]._value
+        if fluid.getNumBodyForcesOnFluid() > 0:
+            raise ValueError(
+                f'{where}: body {fluid.getBodyForceOnFluidParameters(0)[0]} exerts a force on the '
+                f'fluid by addBodyForceOnFluid(); there is no equilibrium beside bodies that swim, '
+                f'{consequence}, or make a MobilityForce without this force')
         if len(fluid.getBodiesWithSlip()) > 0:
             raise ValueError(
                 f'{where}: body {fluid.getBodiesWithSlip()[0]} has a slip, which drives it and the '

@@ -40,7 +40,7 @@ class CustomBodyMotion(_copies.Copies, _Base):
     - per-body parameters, which have a value for each body that was added;
     - global parameters, which are parameters of the Context (``context.setParameter``).
 
-    Only schemes without momenta in a fluid take prescribed motion. The other schemes can hold bodies
+    Only schemes without momenta in a fluid take prescribed motion. Other schemes can hold bodies
     (``integrator.setBodyHeld``). The force groups of OpenMM have no meaning here, and there is no
     energy.
 

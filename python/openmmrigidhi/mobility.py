@@ -575,6 +575,78 @@ class MobilityForce(_copies.Copies, _Base):
         """Get the indices of the bodies with a slip, an array of int."""
         return np.frombuffer(super().getBodiesWithSlip(), dtype=np.intc)
 
+    def addBodyForceOnFluid(self, body: int, site: npt.ArrayLike, radius: Number,
+                            force: npt.ArrayLike) -> int:
+        """Let a body exert a force on the fluid at a site that moves with the body.
+
+        The flagella of a swimmer do so. The body takes the opposite force at the site, so that body
+        and site together are free of forces and torques. Force and site turn with the body. They
+        make no drift and no noise. (Forces between the blobs of a body would do nothing, because
+        the body is rigid.)
+
+        For the fluid the site is a particle of its own that nothing holds and that resists nothing.
+        It may be anywhere in the fluid. These forces act in schemes without momenta. Other schemes
+        are refused at Context creation, and so is StokesianDynamics, in which such a particle would
+        have lubrication.
+
+        Parameters
+        ----------
+        body : int
+            index of the body
+        site : array-like of shape (3,) or Quantity
+            body frame, nm; finite
+        radius : float or Quantity
+            of the particle that exerts the force, nm; positive, finite
+        force : array-like of shape (3,) or Quantity
+            on the fluid, body frame, kJ/(mol nm); finite
+
+        Returns
+        -------
+        int
+            index of the force
+        """
+        return super().addBodyForceOnFluid(
+            *self._force_on_fluid('addBodyForceOnFluid', body, site, radius, force))
+
+    def getNumBodyForcesOnFluid(self) -> int:
+        """Get the number of forces of bodies on the fluid."""
+        return super().getNumBodyForcesOnFluid()
+
+    def getBodyForceOnFluidParameters(
+            self, index: int) -> tuple[int, unit.Quantity, unit.Quantity, unit.Quantity]:
+        """Get a force on the fluid: (body, site, radius, force), as Quantities but the body.
+
+        Site and radius are in nm, the force in kJ/(mol nm); site and force are in the body frame.
+        """
+        body, site, radius, force = super().getBodyForceOnFluidParameters(
+            self._index(index, 'getBodyForceOnFluidParameters', 'index'))
+        return (body, _units.LENGTH.attach(_units.array(site)), _units.LENGTH.attach(radius),
+                _units.FORCE.attach(_units.array(force)))
+
+    def setBodyForceOnFluidParameters(self, index: int, body: int, site: npt.ArrayLike,
+                                      radius: Number, force: npt.ArrayLike) -> None:
+        """Set a force on the fluid; a force of 0 switches it off.
+
+        :meth:`updateParametersInContext` hands it to a Context.
+
+        Parameters
+        ----------
+        index : int
+            index of the force
+        body, site, radius, force
+            as in :meth:`addBodyForceOnFluid`
+        """
+        super().setBodyForceOnFluidParameters(
+            self._index(index, 'setBodyForceOnFluidParameters', 'index'),
+            *self._force_on_fluid('setBodyForceOnFluidParameters', body, site, radius, force))
+
+    def _force_on_fluid(self, method, body, site, radius, force):
+        where = _where(method)
+        return (_units.integer(body, where,
+                               'body'), _units.vector(site, _units.LENGTH, where, 'site'),
+                self._number(radius, _units.LENGTH, method,
+                             'radius'), _units.vector(force, _units.FORCE, where, 'force'))
+
     def getGroups(self) -> Array:
         """Get the group of each body, an array of int; empty: all bodies are in one group."""
         return np.frombuffer(super().getGroups(), dtype=np.intc)
@@ -603,9 +675,10 @@ class MobilityForce(_copies.Copies, _Base):
     def updateParametersInContext(self, context: openmm.Context) -> None:
         """Hand changed parameters to a Context.
 
-        The parameters are viscosity, radii, own tensors, slips, lubrication, minimum gap, solver,
-        tolerance, grid spacing and flow. A radius may not change between 0 and not 0. Changes of
-        model, boundary, wall height, sphere-wall mobility and groups need ``reinitialize``.
+        The parameters are viscosity, radii, own tensors, slips, forces on the fluid, lubrication,
+        minimum gap, solver, tolerance, grid spacing and flow. A radius may not change between 0
+        and not 0. Changes of model, boundary, wall height, sphere-wall mobility and groups need
+        ``reinitialize``.
         """
         super().updateParametersInContext(
             _units.context(context, _where('updateParametersInContext')))

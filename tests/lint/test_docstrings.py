@@ -132,6 +132,7 @@ WITHOUT_UNIT = {
         'getBodyFriction': 'a matrix of mixed dimension',
         'getBodiesWithOwnTensors': 'indices',
         'getBodiesWithSlip': 'indices',
+        'getNumBodyForcesOnFluid': 'a number of forces',
         'getGroups': 'labels',
         'getMobilityInContext': 'a matrix of mixed dimension',
         'getFrictionInContext': 'a matrix of mixed dimension',
@@ -194,6 +195,8 @@ UNITS = {
         'getChannelWalls': (unit.nanometer, unit.nanometer),
         'getGridSpacing': unit.nanometer,
         'getBodySlip': unit.nanometer/unit.picosecond,
+        'getBodyForceOnFluidParameters': (None, unit.nanometer, unit.nanometer,
+                                          unit.kilojoule_per_mole/unit.nanometer),
         'getBackgroundFlow': (unit.nanometer/unit.picosecond, unit.picosecond**-1),
         'getSinusoidalForceDensity': (unit.kilojoule_per_mole/unit.nanometer**4, None, None, None),
         'getFlowInContext': unit.nanometer/unit.picosecond,
@@ -226,8 +229,9 @@ NEEDS_INDEX = {
     'getRigidBodyParameters', 'getRigidBodyParticles', 'getRigidBodyIsExplicit',
     'getRigidBodyGeometryIsKnown', 'getBodyFriction', 'getBodyHasOwnFriction', 'getBodyHeld',
     'getParticleHeld', 'getJointParameters', 'getParticleRadius', 'getBodyHasOwnTensor',
-    'getBodyTensorIsFriction', 'getBodyMobility', 'getBodySlip', 'getPerBodyParameterName',
-    'getGlobalParameterName', 'getGlobalParameterDefaultValue', 'getBodyParameters'
+    'getBodyTensorIsFriction', 'getBodyMobility', 'getBodySlip', 'getBodyForceOnFluidParameters',
+    'getPerBodyParameterName', 'getGlobalParameterName', 'getGlobalParameterDefaultValue',
+    'getBodyParameters'
 }
 
 #: All getters of all classes: (class, method).
@@ -266,6 +270,7 @@ def scene():
     context.setPositions(np.random.default_rng(1).random((6, 3)))
     context.setVelocitiesToTemperature(300, 1)
     integrator.step(2)
+    fluid.addBodyForceOnFluid(0, (0, 0, 1), 0.1, (1, 0, 0))
     fluid.setBodySlip(0, np.ones((3, 3)))  # which LangevinHI refuses
     integrator.addBallJoint(0, (0, 0, 0), 1, (0, 0, 0))  # for the next Context
     motion = openmmrigidhi.CustomBodyMotion('k*t', 'g')

@@ -17,8 +17,7 @@ def snippets(page):
 
     Blocks that a recipe puts into files are no scripts.
     """
-    text = re.sub(r'^<!-- recipe: [^\n]*-->\n```python\n.*?^```', '', read(page),
-                  flags=re.S | re.M)
+    text = re.sub(r'^<!-- recipe: [^\n]*-->\n```python\n.*?^```', '', read(page), flags=re.S | re.M)
     return re.findall(r'^```python\n(.*?)^```', text, flags=re.S | re.M)
 
 

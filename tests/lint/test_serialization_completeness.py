@@ -73,6 +73,7 @@ VALUES = {
         'setSolverTolerance': (1e-5/3,),
         'setBodyMobility': (3, TENSOR),
         'setBodyFriction': (2, TENSOR),
+        'setBodyForceOnFluidParameters': (0, 2, (1/3, 0, -2), 1/7, (0, 1/3, 4)),
         'setBodySlip': (2, [(1/3, 0, -2), (0, 1/7, 3)]),
         'setGroups': ([3, 0, 3, 1],),
     },
@@ -112,9 +113,9 @@ ELSEWHERE = {
 #: Setters whose getter takes the setter's first argument.
 INDEXED = {
     'setBodyFriction', 'setBodyHeld', 'setParticleHeld', 'setRigidBodyParameters',
-    'setParticleRadius', 'setBodyMobility', 'setBodySlip', 'setExpression',
-    'setPerBodyParameterName', 'setGlobalParameterName', 'setGlobalParameterDefaultValue',
-    'setBodyParameters'
+    'setParticleRadius', 'setBodyMobility', 'setBodySlip', 'setBodyForceOnFluidParameters',
+    'setExpression', 'setPerBodyParameterName', 'setGlobalParameterName',
+    'setGlobalParameterDefaultValue', 'setBodyParameters'
 }
 SETTERS = sorted(
     (cls, name) for cls in CLASSES for name in dir(CLASSES[cls]) if name.startswith('set'))
@@ -126,6 +127,7 @@ def fresh(cls):
         fluid = MobilityForce()
         fluid.addParticle(0.5)
         fluid.addParticle(0.25)
+        fluid.addBodyForceOnFluid(1, (0, 0, 1), 0.5, (1, 0, 0))
         return fluid
     if cls == 'CustomBodyForce':
         force = CustomBodyForce('-k*x', 'g', '0', '0', '0', '0')

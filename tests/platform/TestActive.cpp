@@ -32,6 +32,45 @@ struct ActiveScene : Pushed {
         slipOfBody[body] = someSlip(particles, body, factor);
         fluid->setBodySlip(body, slipOfBody[body]);
     }
+    struct Push {
+        int body;
+        Vector3d site, force;
+        double radius;
+    };
+    vector<Push> pushes;
+    void push(int body, const Vec3& site, double radius, const Vec3& force) {
+        pushes.push_back({body, toEigen(site), toEigen(force), radius});
+        fluid->addBodyForceOnFluid(body, site, radius, force);
+    }
+    /** Forces on sites, and the opposite ones on bodies. @param all  bodies, and sites as particles
+     */
+    VectorXd wrenchesOfPushes(vector<LabBody>& all) {
+        all = labBodies();
+        const vector<LabBody> real = all;
+        const auto q = integrator.getBodyOrientations();
+        int rows = 0;
+        vector<int> first;
+        for (const LabBody& body : real) {
+            first.push_back(rows);
+            rows += body.rows();
+        }
+        VectorXd wrenches = VectorXd::Zero(rows + 3 * pushes.size());
+        for (const Push& push : pushes) {
+            const Matrix3d A = rotationOf(q[push.body]);
+            const Vector3d f = A * push.force, arm = A * push.site;
+            wrenches.segment<3>(first[push.body]) -= f;
+            wrenches.segment<3>(first[push.body] + 3) -= arm.cross(f);
+            wrenches.segment<3>(rows) = f;
+            rows += 3;
+            all.push_back({real[push.body].R + arm, {Vector3d::Zero()}, {push.radius}, true});
+        }
+        return wrenches;
+    }
+    VectorXd velocitiesByPushes() {
+        vector<LabBody> all;
+        const VectorXd wrenches = wrenchesOfPushes(all);
+        return (expected(all).mobility * wrenches).head(wrenches.size() - 3 * pushes.size());
+    }
     /** -A u of the particles, in the order of labBodies(). */
     VectorXd activeSlips() {
         const auto q = integrator.getBodyOrientations();
@@ -323,6 +362,136 @@ TEST(Active, MakesAFlowWithoutForcesAndSources) {
         }
 }
 
+// ---- Forces on the fluid at sites of bodies ----
+
+/** In the independent multiblobs the site is one more free particle, on which the force acts. */
+TEST(Active, BodiesThatPushTheFluidMoveAsPairsOfForces) {
+    for (auto boundary : {MobilityForce::Unbounded, MobilityForce::NoSlipWall})
+        for (const ModelCase& model : {rotnePrager, matrixFree})
+            for (bool withSlips : {false, true}) {
+                ActiveScene scene(model);
+                useWall(scene, boundary);
+                scene.addMixture();
+                if (withSlips) scene.setSlip(2);
+                scene.push(0, Vec3(0.2, 1.1, 0.3), 0.3, Vec3(2, -1, 3));
+                scene.push(2, Vec3(1.6, 1.8, 0), 0.5, Vec3(0, 3, -1));
+                scene.push(3, Vec3(0, 0, -1.7), 0.25, Vec3(1, 0, 2));
+                scene.start();
+                VectorXd expected = scene.velocitiesByPushes();
+                EXPECT_GT(expected.norm(), 0.1);
+                if (withSlips) expected += scene.expected().following * scene.activeSlips();
+                expectNear(scene.stepTwists(), expected, 1e-9);
+            }
+}
+
+TEST(Active, ABodyAloneThatPushesGoesStraightInEveryScheme) {
+    for (const SchemeTraits& traits : overdampedSchemes())
+        for (bool isSphere : {false, true}) {
+            ActiveScene scene(rotnePrager, 0, 0.5, traits.scheme);
+            scene.add(isSphere ? sphereKind(0.7) : rodKind(), Vec3(1, 2, 3), {{0.6, 0, 0.8, 0}});
+            scene.push(0, Vec3(0, 0, -2.5), 0.25, Vec3(0, 0, -2));
+            scene.start();
+            const VectorXd expected = scene.velocitiesByPushes();
+            EXPECT_GT(expected.norm(), 0.01);
+            expectNear(scene.stepTwists(), expected, 1e-12, traits.name);
+            expectNear(scene.stepTwists(), expected, 1e-12, traits.name);
+        }
+}
+
+TEST(Active, WhatHoldsABodyThatPushes) {
+    for (const ModelCase& model : {rotnePrager, matrixFree}) {
+        ActiveScene scene(model);
+        scene.add(boomerangKind(), Vec3(0, 0, 0), {{0.6, 0, 0.8, 0}});
+        scene.add(sphereKind(0.6), Vec3(-1, 3.5, 1));
+        scene.push(0, Vec3(-0.5, -1, 0.3), 0.3, Vec3(2, -1, 3));
+        scene.integrator.setBodyHeld(0, true);
+        scene.start();
+        vector<LabBody> all;
+        const VectorXd wrenches = scene.wrenchesOfPushes(all);
+        const MatrixXd N = scene.expected(all).mobility;
+        VectorXd total = VectorXd::Zero(15);
+        total.tail(3) = wrenches.tail(3);
+        total.head(6) = -N.topLeftCorner(6, 6).ldlt().solve(N.topRightCorner(6, 3) * total.tail(3));
+        const VectorXd hold = total.head(6) - wrenches.head(6);
+        EXPECT_GT(hold.norm(), 0.1);
+        const auto now = scene.integrator.computeHoldingWrenches();
+        expectNear(scene.stepTwists(), (N * total).head(12), 1e-9);
+        const auto last = scene.integrator.getHoldingWrenches();
+        for (int k = 0; k < 6; k++) {
+            EXPECT_NEAR(now[k], hold[k], 1e-8);
+            EXPECT_NEAR(last[k], hold[k], 1e-8);
+        }
+    }
+}
+
+TEST(Active, TheFlowHasWhatForcesAtSitesDo) {
+    SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
+    struct Case {
+        string name;
+        ModelCase model;
+        MobilityForce::Boundary boundary;
+        bool alone, own;
+        double tolerance;
+    };
+    const Case cases[] = {
+        {"dense", rotnePrager, MobilityForce::Unbounded, false, false, 1e-7},
+        {"matrix-free", matrixFree, MobilityForce::Unbounded, false, false, 1e-7},
+        {"alone", rotnePrager, MobilityForce::Unbounded, true, false, 1e-7},
+        {"own tensors", rotnePrager, MobilityForce::Unbounded, false, true, 1e-7},
+        {"wall", rotnePrager, MobilityForce::NoSlipWall, false, false, 1e-7},
+        {"periodic", rotnePrager, MobilityForce::Periodic, false, false, 1e-5},
+        {"channel", forceCoupling, MobilityForce::SlipChannel, false, false, 2e-3},
+    };
+    for (const Case& c : cases) {
+        SCOPED_TRACE(c.name);
+        ActiveScene scene(c.model, 0, 1e-3);
+        scene.fluid->setBoundary(c.boundary);
+        scene.fluid->setChannelWalls(-1, 6.5);
+        scene.add(apartKind(), Vec3(1, 1, 2.5), {{0.8, 0.6, 0, 0}});
+        if (!c.alone) scene.add(sphereKind(0.7), Vec3(3.6, 2.5, 1.1));
+        scene.push(0, Vec3(-0.6, 1.6, 1.3), 0.3, Vec3(2, -1, 3));
+        if (c.own) scene.fluid->setBodyMobility(0, rowsOf(tensorWithoutSymmetry(1)));
+        scene.start();
+        const LabBody body = scene.labBodies()[0];
+        const int blob = 1;
+        const Envelope surface(c.model.model, body.R + body.offsets[blob], body.radii[blob], 24);
+        const Vector3d before = surface.average(scene);
+        const Vec3 far(300, 200, -400);
+        MatrixXd flow;
+        if (c.boundary == MobilityForce::Unbounded) flow = scene.flow({far, far * 2});
+        const VectorXd twists = scene.stepTwists();
+        expectNear(surface.average(scene), before, 1e-9);
+        // Own tensors move the body as its blobs are not moved.
+        if (!c.own) {
+            const Vector3d W = twists.segment<3>(3);
+            expectNear(before, twists.head<3>() + W.cross(body.offsets[blob]), c.tolerance);
+        }
+        // Far away a stresslet is left, which falls off with the square of the distance.
+        if (flow.size() == 0) continue;
+        EXPECT_LT((4 * flow.col(1) - flow.col(0)).norm(), 0.02 * flow.col(0).norm());
+    }
+}
+
+TEST(Active, ModesHaveWhatForcesAtSitesDo) {
+    SKIP_ON_SINGLE_PRECISION_DEVICES("positions are rounded");
+    ActiveScene scene;
+    scene.fluid->setBoundary(MobilityForce::Periodic);
+    scene.add(sphereKind(0.7), Vec3(1, 2, 3));
+    scene.push(0, Vec3(0, 1.3, 0), 0.4, Vec3(2, 0, 0));
+    scene.start();
+    // The forces are 2 at the site and -2 at the sphere, whose velocity they do not change much;
+    // its torque makes a rotlet of the sphere.
+    const double k = 2 * M_PI / 8, unit = 2 / (0.6 * k * k * 512), F = 2;
+    const auto s = [&](double a) { return sin(k * a) / (k * a); };
+    const auto t = [&](double a) { return 3 * (sin(k * a) - k * a * cos(k * a)) / pow(k * a, 3); };
+    const double site = 3.3, torque = 1.3 * F;  // -(x_p - R) x f = (0, 0, 1.3 F)
+    const double sine = F * s(0.4) * sin(k * site) - F * s(0.7) * sin(k * 2) -
+                        torque * t(0.7) * 0.5 * k * cos(k * 2),
+                 cosine = F * s(0.4) * cos(k * site) - F * s(0.7) * cos(k * 2) +
+                          torque * t(0.7) * 0.5 * k * sin(k * 2);
+    expectNear(scene.mode(0, 1, 1), unit * Eigen::Vector2d(sine, cosine), 1e-9);
+}
+
 // ---- In a Context ----
 
 TEST(Active, SlipsMayChange) {
@@ -347,6 +516,28 @@ TEST(Active, SlipsMayChange) {
     EXPECT_LT(scene.stepTwists().norm(), 1e-14);
 }
 
+TEST(Active, ForcesOnTheFluidMayChange) {
+    ActiveScene scene;
+    scene.addMixture();
+    scene.push(2, Vec3(1.6, 1.8, 0), 0.5, Vec3(0, 3, -1));
+    scene.start();
+    EXPECT_EQ(scene.integrator.getEffects()["forces on the fluid"],
+              "on: 1 force at a site that moves with its body, which takes the opposite force");
+    scene.pushes[0] = {0, Vector3d(1, 1, 0), Vector3d(2, 0, 1), 0.3};
+    scene.fluid->setBodyForceOnFluidParameters(0, 0, Vec3(1, 1, 0), 0.3, Vec3(2, 0, 1));
+    scene.fluid->updateParametersInContext(*scene.context);
+    const VectorXd expected = scene.velocitiesByPushes();
+    expectNear(scene.stepTwists(), expected, 1e-10);
+    scene.fluid->setBodyForceOnFluidParameters(0, 0, Vec3(1, 1, 0), 0.3, Vec3());
+    scene.fluid->updateParametersInContext(*scene.context);
+    EXPECT_LT(scene.stepTwists().norm(), 1e-14);
+    ActiveScene none;
+    none.addMixture();
+    none.start();
+    EXPECT_EQ(none.integrator.getEffects()["forces on the fluid"],
+              "off: no body exerts a force on the fluid at a site of its own");
+}
+
 TEST(Active, ResumesBitForBit) {
     for (auto scheme : {RigidHI::TrapezoidalSlip, RigidHI::DriftCorrectorRFD})
         expectToResumeBitForBit<ActiveScene>(
@@ -354,6 +545,7 @@ TEST(Active, ResumesBitForBit) {
                 unique_ptr<ActiveScene> scene(new ActiveScene(rotnePrager, T1, 1e-3, scheme));
                 useWall(*scene, MobilityForce::NoSlipWall);
                 addActiveMixture(*scene);
+                scene->push(0, Vec3(0.2, 1.1, 0.3), 0.3, Vec3(2, -1, 3));
                 scene->FluidScene::start(testPlatform(), threads);
                 return scene;
             },
@@ -403,6 +595,90 @@ TEST(Active, SlipsThatAreRefused) {
                 {"MobilityForce: getBodySlip(): body 3 has no slip", "call setBodySlip() first"});
     fluid.setBodySlip(3, {Vec3(1, 2, 3)});
     EXPECT_EQ(fluid.getBodySlip(3), vector<Vec3>({Vec3(1, 2, 3)}));
+}
+
+TEST(Active, ForcesOnTheFluidThatAreRefused) {
+    const auto refused = [](const function<void(ActiveScene&)>& change,
+                            const vector<string>& fragments) {
+        ActiveScene scene(rotnePrager, 0, 1e-3, RigidHI::TrapezoidalSlip);
+        scene.add(sphereKind(0.7), Vec3(4, 0, 1.5));
+        change(scene);
+        expectError([&] { scene.start(); }, fragments);
+    };
+    const Vec3 x(1, 0, 0);
+    refused([&](ActiveScene& s) { s.fluid->addBodyForceOnFluid(1, x, 0.3, x); },
+            {"MobilityForce: force 0 on the fluid (addBodyForceOnFluid()) is that of body 1, but "
+             "the integrator has 1 bodies, counted from 0; correct its body"});
+    refused(
+        [&](ActiveScene& s) {
+            s.fluid->setModel(MobilityForce::FreeDraining);
+            s.fluid->setParticleRadius(0, 0);
+            s.fluid->setBodyMobility(0, rowsOf(tensorWithoutSymmetry(1)));
+            s.fluid->addBodyForceOnFluid(0, x, 0.3, x);
+        },
+        {"force 0 on the fluid (addBodyForceOnFluid()) is that of body 0, which has no particle "
+         "with a hydrodynamic radius",
+         "give one of its particles a radius above 0"});
+    refused(
+        [&](ActiveScene& s) {
+            s.fluid->setModel(MobilityForce::StokesianDynamics);
+            s.fluid->addBodyForceOnFluid(0, x, 0.3, x);
+        },
+        {"force 0 on the fluid (addBodyForceOnFluid()) is at a site without a surface, which "
+         "model StokesianDynamics has no lubrication for; use setModel(RotnePragerYamakawa)"});
+    refused(
+        [&](ActiveScene& s) {
+            s.integrator.setScheme(RigidHI::LangevinHI);
+            s.fluid->addBodyForceOnFluid(0, x, 0.3, x);
+        },
+        {"a body exerts a force on the fluid (addBodyForceOnFluid()), which scheme LangevinHI "
+         "would ignore",
+         "use a scheme without momenta in a fluid"});
+    refused(
+        [&](ActiveScene& s) {
+            s.add(rodKind(), Vec3());
+            s.fluid->addBodyForceOnFluid(1, Vec3(1, 0, 0), 0.3, Vec3(0, 2, 0));
+        },
+        {"body 1 takes a torque of", "about the line of its hydrodynamic particles",
+         "move their sites to the line"});
+    {
+        ActiveScene scene(rotnePrager, 0, 1e-3, RigidHI::TrapezoidalSlip);
+        scene.add(sphereKind(0.7), Vec3(4, 0, 1.5));
+        scene.fluid->setBoundary(MobilityForce::NoSlipWall);
+        scene.fluid->addBodyForceOnFluid(0, Vec3(0, 0, -1.3), 0.3, x);
+        expectError(
+            [&] {
+                scene.start();
+                scene.integrator.step(1);
+            },
+            {"at the site of a force on the fluid (addBodyForceOnFluid()): NoSlipWall:"});
+    }
+    MobilityForce fluid;
+    fluid.addBodyForceOnFluid(0, Vec3(), 1, Vec3());
+    for (int bad : {-1, 1}) {
+        int body;
+        double radius;
+        Vec3 site, force;
+        expectError([&] { fluid.getBodyForceOnFluidParameters(bad, body, site, radius, force); },
+                    {"getBodyForceOnFluidParameters()",
+                     "force index " + to_string(bad) +
+                         " is out of range; there are 1 forces on the fluid, counted from 0",
+                     "add the force by addBodyForceOnFluid() first"});
+        expectError([&] { fluid.setBodyForceOnFluidParameters(bad, 0, Vec3(), 1, Vec3()); },
+                    {"setBodyForceOnFluidParameters()", "force index " + to_string(bad)});
+    }
+    expectError([&] { fluid.addBodyForceOnFluid(-1, Vec3(), 1, Vec3()); },
+                {"force 1 on the fluid: the index of its body is -1; it must be 0 or above"});
+    expectError([&] { fluid.addBodyForceOnFluid(0, Vec3(0, INFINITY, 0), 1, Vec3()); },
+                {"force 1 on the fluid: its site is", "it must be finite",
+                 "give a place in the body frame"});
+    for (double bad : {0.0, -1.0, double(NAN)})
+        expectError([&] { fluid.addBodyForceOnFluid(0, Vec3(), bad, Vec3()); },
+                    {"force 1 on the fluid: the radius of its particle is",
+                     "it must be finite and positive", "give the size of what exerts the force"});
+    expectError([&] { fluid.addBodyForceOnFluid(0, Vec3(), 1, Vec3(NAN, 0, 0)); },
+                {"force 1 on the fluid: it is", "give a finite force, or 0 for none"});
+    EXPECT_EQ(fluid.getNumBodyForcesOnFluid(), 1);
 }
 
 TEST(Active, WhatIsRefusedLaterChangesNothing) {

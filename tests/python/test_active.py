@@ -53,7 +53,8 @@ class Swimmers:
                 system.addParticle(0)
             index = self.integrator.addRigidBody(list(range(first, system.getNumParticles())), 0,
                                                  (0, 0, 0), sites)
-            self.fluid.setBodySlip(index, slip)
+            if slip is not None:
+                self.fluid.setBodySlip(index, slip)
             positions.extend(np.array(body['position']) + sites @ self.turn(body['quaternion']).T)
         self.positions = np.array(positions)
         self.context = openmm.Context(system, self.integrator,
@@ -158,6 +159,93 @@ def test_there_is_no_equilibrium_beside_bodies_that_swim():
                 'beside bodies that swim, average over steps, or take the slips away by '
                 'clearBodySlip()')):
         _systems.refuse_driven_flow(system, 'here', 'average over steps')
+
+
+# ---- Forces on the fluid -------------------------------------------------------------------------
+
+
+def pushing():
+    fluid = MobilityForce()
+    fluid.addParticle(0.5)
+    assert fluid.addBodyForceOnFluid(3, (1, 2, 1/3), 0.25, (0, 0, -1/7)) == 0
+    assert fluid.addBodyForceOnFluid(0, (1, 2, 3)*unit.angstrom, 1*unit.angstrom,
+                                     (1, 0, 0)*unit.kilocalorie_per_mole/unit.nanometer) == 1
+    return fluid
+
+
+def test_forces_on_the_fluid_survive():
+    fluid = pushing()
+    twin = MobilityForce.cast(
+        openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(fluid)))
+    for one in (fluid, twin, copy.copy(fluid), pickle.loads(pickle.dumps(fluid))):
+        assert one.getNumBodyForcesOnFluid() == 2
+        body, site, radius, force = one.getBodyForceOnFluidParameters(0)
+        assert body == 3 and radius == 0.25*unit.nanometer
+        assert list(site._value) == [1, 2, 1/3] and list(force._value) == [0, 0, -1/7]
+        body, site, radius, force = one.getBodyForceOnFluidParameters(1)
+        assert body == 0 and np.allclose(site._value, (0.1, 0.2, 0.3), rtol=1e-15)
+        assert np.allclose(force._value, (4.184, 0, 0), rtol=1e-15)
+    twin.setBodyForceOnFluidParameters(0, 1, (0, 0, 0), 1, (0, 0, 0))
+    assert twin.getBodyForceOnFluidParameters(0)[0] == 1
+
+
+def test_files_with_forces_on_the_fluid_have_the_newer_version():
+    text = openmm.XmlSerializer.serialize(pushing())
+    assert ' version="2"' in text
+    for before, after, message in (('<ForceOnFluid body="3"', '<ForceOnFluid body="-3"',
+                                    'the index of its body is -3'),
+                                   ('radius="0.25"', 'radius="-1"',
+                                    'the radius of its particle is -1 nm'),
+                                   ('<Site', '<Place', "the element 'Site' is missing"),
+                                   ('<ForcesOnFluid count="2"', '<ForcesOnFluid count="1"',
+                                    'it has 2 elements; there must be')):
+        assert before in text
+        with pytest.raises(openmm.OpenMMException, match=re.escape(message)):
+            openmm.XmlSerializer.deserialize(text.replace(before, after))
+
+
+def test_wrong_types_of_forces_on_the_fluid():
+    fluid = pushing()
+    where = 'addBodyForceOnFluid: '
+    for arguments, message, error in (((0.5, (0, 0, 0), 1, (1, 0, 0)), 'body: got 0.5', TypeError),
+                                      ((0, (0, 0), 1, (1, 0, 0)), 'site: got an array', ValueError),
+                                      ((0, (0, 0, 0), '1', (1, 0, 0)), "radius: got '1'",
+                                       TypeError), ((0, (0, 0, 0), 1, (1, 0, 0)*unit.nanometer),
+                                                    'force: got a quantity', TypeError)):
+        with pytest.raises(error, match=re.escape(where + message)):
+            fluid.addBodyForceOnFluid(*arguments)
+        with pytest.raises(error, match='setBodyForceOnFluidParameters'):
+            fluid.setBodyForceOnFluidParameters(0, *arguments)
+    with pytest.raises(TypeError, match='index: got'):
+        fluid.getBodyForceOnFluidParameters('0')
+
+
+def test_there_is_no_equilibrium_beside_forces_on_the_fluid():
+    system = openmm.System()
+    system.addForce(pushing())
+    with pytest.raises(
+            ValueError,
+            match=re.escape('here: body 3 exerts a force on the fluid by addBodyForceOnFluid(); '
+                            'there is no equilibrium beside bodies that swim, average over steps, '
+                            'or make a MobilityForce without this force')):
+        _systems.refuse_driven_flow(system, 'here', 'average over steps')
+
+
+@pytest.mark.parametrize('solver', ['Dense', 'MatrixFree'])
+@pytest.mark.parametrize('name', ['force_dipoles', 'force_dipoles_wall'])
+def test_force_dipoles_of_an_independent_program(name, solver):
+    scene = json.loads((DATA/f'{name}.json').read_text())
+    swimmers = Swimmers(scene['bodies'], [None]*len(scene['bodies']),
+                        MobilityForce.Boundary[scene['boundary']], scene['viscosity'])
+    for dipole in scene['dipoles']:
+        swimmers.fluid.addBodyForceOnFluid(dipole['body'], dipole['site'], dipole['radius'],
+                                           dipole['force_on_fluid_body_frame'])
+    swimmers.fluid.setSolver(solver)
+    swimmers.fluid.setSolverTolerance(1e-13)
+    swimmers.fluid.updateParametersInContext(swimmers.context)
+    expected = np.array(scene['U']).reshape(-1, 6)
+    assert np.abs(expected).max() > 0.01
+    assert np.allclose(swimmers.twists(), expected, rtol=0, atol=1e-12)
 
 
 # ---- Squirmers -----------------------------------------------------------------------------------

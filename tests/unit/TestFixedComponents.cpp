@@ -49,35 +49,42 @@ const vector<Scheme> allSchemes = [] {
 
 // ---- What is expected
 
-/** The problem of bodies with fixed components, from the friction of all bodies. */
+/** The problem of bodies with fixed components and joints, from the friction of all bodies. */
 struct Expected {
-    MatrixXd Nc, friction,
-        onFixed;  // onFixed: 1 - xi N_c, whose fixed rows act on fixed components
-    VectorXd velocities, holds;
+    MatrixXd Nc, friction;
+    MatrixXd response;                // 1 - xi N_c, which gives the wrenches of conditions
+    MatrixXd onFixed;                 // of it, what acts on fixed components and not on joints
+    MatrixXd ofHolds;                 // the same of xi - xi N_c xi
+    VectorXd velocities, holds, all;  // `all`: holds, with the wrenches that joints exert
     Expected(const PosedBodies& scene, TestedBodies& bodies, const vector<Pose>& poses) {
         bodies.setPoses(poses);
         friction = bodies.friction();
         const MatrixXd C = scene.constraints(poses);
-        const MatrixXd Z = complement(C);
-        const MatrixXd ofFree = Z.transpose() * friction * Z;
+        const int n = C.cols();
+        const MatrixXd Z = complement(C), ofFree = Z.transpose() * friction * Z;
         Nc = Z * pseudoInverse(ofFree) * Z.transpose();
         for (size_t e = 0; e < scene.elements.size(); e++) removeSpin(scene, C, poses, e);
-        onFixed = MatrixXd::Identity(C.cols(), C.cols()) - friction * Nc;
-        velocities = VectorXd::Zero(C.cols());
-        VectorXd F = velocities;
+        // Forces mu of conditions from their wrenches C^T mu.
+        const MatrixXd CC = C * C.transpose(), forces = pseudoInverse(CC) * C;
+        VectorXd b = VectorXd::Zero(C.rows()), F = VectorXd::Zero(n);
+        int numFixed = 0;
+        for (size_t e = 0; e < scene.elements.size(); e++)
+            for (int k = 0; k < scene.elements[e].numRows(); k++)
+                if (scene.elements[e].isFixed(k)) {
+                    if (scene.velocities.size() > 0)
+                        b[numFixed] = scene.velocities(scene.firstRow(e) + k, 0);
+                    numFixed++;
+                }
         if (scene.wrenches.size() > 0) F = scene.wrenches.col(0);
-        if (scene.velocities.size() > 0) {
-            // Rows of C are unit vectors, in the order of fixed components.
-            VectorXd b(C.rows());
-            int next = 0;
-            for (size_t e = 0; e < scene.elements.size(); e++)
-                for (int k = 0; k < scene.elements[e].numRows(); k++)
-                    if (scene.elements[e].isFixed(k))
-                        b[next++] = scene.velocities(scene.firstRow(e) + k, 0);
-            velocities = C.transpose() * b;
-        }
+        velocities = forces.transpose() * b;
         velocities += Nc * (F - friction * velocities);
-        holds = friction * velocities - F;
+        all = friction * velocities - F;
+        const MatrixXd fixedPart = C.topRows(numFixed).transpose() * forces.topRows(numFixed);
+        response = MatrixXd::Identity(n, n) - friction * Nc;
+
+        holds = fixedPart * all;
+        onFixed = fixedPart * response;
+        ofHolds = onFixed * friction * fixedPart.transpose();
     }
     /**
      * Nothing resists the rotation of a rod about its line, if it is free. N_c is the generalised
@@ -98,12 +105,11 @@ struct Expected {
         Q.middleCols<3>(row + 3) -= twist * line.transpose();
         Nc = Q * Nc * Q.transpose();
     }
-    /** An orthonormal basis of the motions that orthonormal rows C allow. */
+    /** An orthonormal basis of the motions that independent rows C allow. */
     static MatrixXd complement(const MatrixXd& C) {
-        const int n = C.cols();
-        const MatrixXd projector = MatrixXd::Identity(n, n) - C.transpose() * C;
-        const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(projector);
-        return solver.eigenvectors().rightCols(n - C.rows());
+        const MatrixXd square = C.transpose() * C;
+        const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(square);
+        return solver.eigenvectors().leftCols(C.cols() - C.rows());
     }
     static MatrixXd pseudoInverse(const MatrixXd& m) {
         if (m.size() == 0) return m;
@@ -114,8 +120,11 @@ struct Expected {
     }
 };
 
-/** sum_k d_k N_c,ik, and below it sum_k d_k (xi N_c)_ik: by differences, along twists. */
-VectorXd divergences(const PosedBodies& scene) {
+/**
+ * sum_k d_k N_c,ik, and below it -sum_k d_k of what acts on fixed components (`part`), which is
+ * sum_k d_k (xi N_c)_ik where there are no joints: by differences, along twists.
+ */
+VectorXd divergences(const PosedBodies& scene, MatrixXd Expected::*part = &Expected::onFixed) {
     auto bodies = scene.bodies();
     const int n = scene.numRows();
     const double delta = 3e-5;
@@ -125,9 +134,18 @@ VectorXd divergences(const PosedBodies& scene) {
             const Expected there(scene, bodies,
                                  scene.posesAfter(sign * delta * VectorXd::Unit(n, k)));
             sum.head(n) += sign / (2 * delta) * there.Nc.col(k);
-            sum.tail(n) -= sign / (2 * delta) * there.onFixed.col(k);
+            sum.tail(n) -= sign / (2 * delta) * (there.*part).col(k);
         }
     return sum;
+}
+
+/** The same from the file, except that files do not have the part of joints in holds by itself. */
+VectorXd divergenceOfFile(const ReferenceScene& scene) {
+    const int n = scene.numRows();
+    VectorXd found = scene.joints.empty() ? VectorXd(2 * n) : divergences(scene);
+    found.head(n) = scene.ofBodies("divNc");
+    if (scene.joints.empty()) found.tail(n) = scene.ofBodies("divHold");
+    return found;
 }
 
 /** The largest difference of entries, relative to the largest entry or to `size`. */
@@ -308,22 +326,22 @@ void checkMean(const PosedBodies& scene, const VectorXd& divergence, const Strat
  * Velocities have the covariance (2 kT/h) N_c, and the wrenches that hold (2 kT/h) (xi - xi N_c
  * xi), which is the inverse of the fixed block of N. The two are independent.
  */
-void checkCovariance(const PosedBodies& scene, const Strategy& strategy) {
+void checkCovariance(const PosedBodies& scene, const Strategy& strategy,
+                     const vector<Scheme>& schemes = allSchemes) {
     const double kT = 0.8;
     const int n = scene.numRows();
     auto bodies = scene.bodies(strategy.tolerance);
     const Expected expected(scene, bodies, scene.poses);
-    const MatrixXd ofHolds = expected.onFixed * expected.friction;
     const double sizeOfN = expected.Nc.cwiseAbs().maxCoeff(),
-                 sizeOfHolds = max(ofHolds.cwiseAbs().maxCoeff(),
+                 sizeOfHolds = max(expected.ofHolds.cwiseAbs().maxCoeff(),
                                    0.01 * expected.friction.cwiseAbs().maxCoeff());
-    for (Scheme scheme : allSchemes) {
+    for (Scheme scheme : schemes) {
         SCOPED_TRACE(scene.name + ", " + strategy.name + ", " + traitsOf(scheme).name);
         TestedStep step(scheme, scene, strategyOf(bodies, strategy), strategy.h, kT);
         step.step.difference = strategy.difference;
         const MatrixXd found = strategy.h / (2 * kT) * step.covariance();
         EXPECT_LT(error(found.topLeftCorner(n, n), expected.Nc, 1e-300), strategy.errorOfMoments);
-        EXPECT_LT(error(found.bottomRightCorner(n, n), ofHolds, sizeOfHolds),
+        EXPECT_LT(error(found.bottomRightCorner(n, n), expected.ofHolds, sizeOfHolds),
                   strategy.errorOfMoments);
         EXPECT_LT(found.topRightCorner(n, n).cwiseAbs().maxCoeff(),
                   strategy.errorOfMoments * sqrt(sizeOfN * sizeOfHolds) + 1e-300);
@@ -340,6 +358,8 @@ struct TestedScene {
     const char* name;
     vector<Scheme> schemes;
 };
+const vector<Scheme> withJoints = {Integrator::FixmanMidpoint, Integrator::RandomFiniteDifference,
+                                   Integrator::TrapezoidalSlip};
 const vector<TestedScene> testedScenes = {
     {"held_body", allSchemes},           {"held_body_wall", allSchemes},
     {"held_sphere", allSchemes},         {"held_sphere_wall", allSchemes},
@@ -360,35 +380,45 @@ void checkProblem(const ReferenceScene& scene, const Strategy& strategy) {
     BodyMobility& mobility = strategyOf(bodies, strategy);
     const int n = scene.numRows();
     const MatrixXd Nc = scene.matrix("Nc"), identity = MatrixXd::Identity(n, n);
-    mobility.setPoses(scene.poses);
-    EXPECT_LT(error(mobility.mobility(), Nc), strategy.error);
-    MatrixXd found, lambda, total;
-    mobility.multiply(identity, found);
-    EXPECT_LT(error(found, Nc), strategy.error);
-    mobility.solve(identity, found);
-    EXPECT_LT(error(found, Nc), strategy.error);
-    // Forces of particles add up to the wrenches in the rows of what is free.
-    mobility.getBlobForces(lambda);
-    mobility.totalWrenches(scene.poses, lambda, total);
     const Expected expected(scene, bodies, scene.poses);
-    EXPECT_LT(error(total, identity - expected.onFixed), strategy.error);
-
+    EXPECT_LT(error(expected.Nc, Nc), 1e-12);
+    EXPECT_LT(error(expected.velocities, scene.ofBodies("U")), 1e-12);
+    EXPECT_LT(error(expected.all, scene.ofBodies("hold")), 1e-12);
     mobility.setPoses(scene.poses);
+    MatrixXd found, lambda, total;
+    if (scene.joints.empty()) {
+        EXPECT_LT(error(mobility.mobility(), Nc), strategy.error);
+        mobility.multiply(identity, found);
+        EXPECT_LT(error(found, Nc), strategy.error);
+        mobility.solve(identity, found);
+        EXPECT_LT(error(found, Nc), strategy.error);
+        // Forces of particles add up to the wrenches in the rows of what is free.
+        mobility.getBlobForces(lambda);
+        mobility.totalWrenches(scene.poses, lambda, total);
+        EXPECT_LT(error(total, identity - expected.onFixed), strategy.error);
+    }
     OverdampedMove move(mobility);
     move.start = scene.poses;
     move.force = scene.wrenches;
     if (scene.velocities.size() > 0) move.prescribe(&scene.velocities);
     MatrixXd holds = MatrixXd::Zero(n, 1), twists;
     move.recordHolds(&holds);
+    const Joints joints(scene.joints, *bodies);
+    if (!scene.joints.empty()) move.setJoints(&joints);
     move.begin(OverdampedStep());
     move.atStart();
+    found.resize(n, n);
+    for (int k = 0; k < n; k++) {
+        const MatrixXd unit = identity.col(k);
+        move.solve(move.direction(0, unit), twists);
+        found.col(k) = twists;
+    }
+    EXPECT_LT(error(found, Nc), strategy.error);
     move.solve(move.velocity(1, move.force), twists);
     EXPECT_LT(error(twists, scene.ofBodies("U")), strategy.error);
-    EXPECT_LT(error(expected.velocities, scene.ofBodies("U")), 1e-12);
     mobility.getBlobForces(lambda);
     EXPECT_LT(error(lambda, scene.ofParticles("blobForces")), strategy.error);
-    EXPECT_LT(error(holds, scene.ofBodies("hold")), strategy.error);
-    EXPECT_LT(error(expected.holds, scene.ofBodies("hold")), 1e-12);
+    EXPECT_LT(error(holds, expected.holds, expected.all.cwiseAbs().maxCoeff()), strategy.error);
 }
 
 TEST(FixedComponents, ScenesOfFilesHaveTheirMobilityVelocitiesAndHolds) {
@@ -404,6 +434,7 @@ TEST(FixedComponents, ScenesOfFilesMatrixFree) {
 TEST(FixedComponents, ScenesOfFilesHaveTheirPosesAfterAStep) {
     for (const TestedScene& tested : testedScenes)
         for (Scheme scheme : {Integrator::EulerMaruyama, Integrator::TrapezoidalSlip}) {
+            // The values of T-S with joints are those before the projection.
             const ReferenceScene scene(tested.name);
             SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
             auto bodies = scene.bodies();
@@ -472,8 +503,8 @@ TEST(FixedComponents, DivergencesAreThoseOfTheFiles) {
     for (const TestedScene& tested : testedScenes) {
         const ReferenceScene scene(tested.name);
         const int n = scene.numRows();
-        const VectorXd found = divergences(scene), ofN = scene.ofBodies("divNc"),
-                       ofHold = scene.ofBodies("divHold");
+        const VectorXd found = divergences(scene, &Expected::response),
+                       ofN = scene.ofBodies("divNc"), ofHold = scene.ofBodies("divHold");
         EXPECT_LT(error(found.head(n), ofN), 1e-6) << scene.name;
         EXPECT_LT(error(found.tail(n), ofHold, 1e-2), 1e-6) << scene.name;
     }
@@ -484,24 +515,20 @@ TEST(FixedComponents, DivergencesAreThoseOfTheFiles) {
 TEST(FixedComponents, MeansOfStepsInScenesOfFiles) {
     for (const TestedScene& tested : testedScenes) {
         const ReferenceScene scene(tested.name);
-        VectorXd divergence(2 * scene.numRows());
-        divergence << scene.ofBodies("divNc"), scene.ofBodies("divHold");
-        checkMean(scene, divergence, byMatrices, tested.schemes);
+        checkMean(scene, divergenceOfFile(scene), byMatrices, tested.schemes);
     }
 }
 
 TEST(FixedComponents, CovariancesOfStepsInScenesOfFiles) {
     for (const TestedScene& tested : testedScenes)
-        checkCovariance(ReferenceScene(tested.name), byMatrices);
+        checkCovariance(ReferenceScene(tested.name), byMatrices, tested.schemes);
 }
 
 TEST(FixedComponents, StepsMatrixFree) {
     for (const char* name :
          {"held_body", "held_particles_wall", "lab_components", "body_components"}) {
         const ReferenceScene scene(name);
-        VectorXd divergence(2 * scene.numRows());
-        divergence << scene.ofBodies("divNc"), scene.ofBodies("divHold");
-        checkMean(scene, divergence, matrixFree);
+        checkMean(scene, divergenceOfFile(scene), matrixFree);
         checkCovariance(scene, matrixFree);
     }
     checkSteps(driven(spheresBesideAHeldOne()), matrixFree);

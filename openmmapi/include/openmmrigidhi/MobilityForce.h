@@ -349,6 +349,39 @@ public:
     /** Get the bodies with a slip. */
     std::vector<int> getBodiesWithSlip() const;
 
+    /**
+     * Let a body exert a force on the fluid at a site that moves with the body, as the flagella of
+     * a swimmer do. The body takes the opposite force there, so that body and site together are
+     * free of forces and torques. Force and site turn with the body. (Forces between the blobs of a
+     * body would do nothing: the body is rigid.) There is no drift and no noise due to such forces.
+     *
+     * For the fluid the site is a particle of its own, with a radius, that nothing holds and that
+     * resists nothing. It may be anywhere in the fluid. These forces act in schemes without
+     * momenta; others are refused at Context creation, and so is StokesianDynamics, in which such a
+     * particle would have lubrication.
+     *
+     * @param body    index of the body
+     * @param site    body frame, nm
+     * @param radius  of the particle that exerts the force, nm
+     * @param force   on the fluid, body frame, kJ/(mol nm)
+     * @return index of the force
+     * @throws OpenMMException if the body's index is negative, the radius not positive, or a number
+     *     not finite
+     */
+    int addBodyForceOnFluid(int body, const OpenMM::Vec3& site, double radius,
+                            const OpenMM::Vec3& force);
+    /** Get the number of forces on the fluid. */
+    int getNumBodyForcesOnFluid() const { return forcesOnFluid.size(); }
+    /** Get a force on the fluid, as addBodyForceOnFluid() took it. */
+    void getBodyForceOnFluidParameters(int index, int& body, OpenMM::Vec3& site, double& radius,
+                                       OpenMM::Vec3& force) const;
+    /**
+     * Set a force on the fluid; see updateParametersInContext(). A force of 0 switches it off.
+     * Errors are as in addBodyForceOnFluid().
+     */
+    void setBodyForceOnFluidParameters(int index, int body, const OpenMM::Vec3& site, double radius,
+                                       const OpenMM::Vec3& force);
+
     /** Get the group of each body; empty: all bodies are in one group. */
     const std::vector<int>& getGroups() const { return groups; }
     /**
@@ -369,10 +402,10 @@ public:
     void setGroups(const std::vector<int>& groups);
 
     /**
-     * Copy changed viscosity, radii, own tensors, slips, lubrication, minimum gap, solver,
-     * tolerance, grid spacing, fast summation and flows to a Context. A radius may not change
-     * between 0 and not 0. Changes of model, boundary, wall height, channel walls, sphere-wall
-     * mobility and groups need reinitialize().
+     * Copy changed viscosity, radii, own tensors, slips, forces on the fluid, lubrication, minimum
+     * gap, solver, tolerance, grid spacing, fast summation and flows to a Context. A radius may not
+     * change between 0 and not 0. Changes of model, boundary, wall height, channel walls,
+     * sphere-wall mobility and groups need reinitialize().
      */
     void updateParametersInContext(OpenMM::Context& context);
     /**
@@ -495,6 +528,14 @@ private:
     std::vector<double> flowGradient = std::vector<double>(9, 0.0);
     std::map<int, OwnTensor> ownTensors;
     std::map<int, std::vector<OpenMM::Vec3>> slips;  // of bodies
+    struct ForceOnFluid {
+        int body;
+        OpenMM::Vec3 site;
+        double radius;
+        OpenMM::Vec3 force;
+    };
+    std::vector<ForceOnFluid> forcesOnFluid;
+    void checkForceOnFluid(int index, const char* method) const;
     std::vector<int> groups;
 };
 

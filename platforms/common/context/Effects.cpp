@@ -167,6 +167,15 @@ private:
         set("active slip", count > 0,
             count == 0 ? string("no body has a slip")
                        : counted(count, "body", "bodies") + " whose surface moves the fluid");
+        const int forces =
+            fluid.getParameters() ? fluid.getParameters()->getNumBodyForcesOnFluid() : 0;
+        set("forces on the fluid", forces > 0,
+            forces == 0 ? string("no body exerts a force on the fluid at a site of its own")
+                        : counted(forces,
+                                  "force at a site that moves with its body, which takes "
+                                  "the opposite force",
+                                  "forces at sites that move with their bodies, which take the "
+                                  "opposite forces"));
     }
 
     /** The drift of schemes without momenta, and how it is computed. */

@@ -236,7 +236,13 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
 void checkSlips(const MobilityForce& force, const CustomRigidHIIntegrator& integrator) {
     const SchemeTraits& traits = traitsOf(integrator.getScheme());
     const vector<int> bodies = force.getBodiesWithSlip();
-    if (bodies.empty() || traits.isOverdamped()) return;
+    if (traits.isOverdamped()) return;
+    if (force.getNumBodyForcesOnFluid() > 0)
+        fail(string("a body exerts a force on the fluid (addBodyForceOnFluid()), which scheme ") +
+             traits.name +
+             " would ignore; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or "
+             "make a MobilityForce without this force");
+    if (bodies.empty()) return;
     fail(bodyText(bodies[0]) + " has a slip (setBodySlip()), which scheme " + traits.name +
          " would ignore; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or take "
          "the slip away by clearBodySlip()");

@@ -52,7 +52,8 @@ void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& in
  * those of the integrator.
  */
 void checkBoundary(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
-/** Check that the scheme moves bodies by their slips. @throws OpenMMException */
+/** Check that the scheme moves bodies by their slips and forces on the fluid. @throws
+ * OpenMMException */
 void checkSlips(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
 
 }  // namespace RigidHIPlugin

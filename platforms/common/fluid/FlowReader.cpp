@@ -161,7 +161,7 @@ FlowReader::Answer& FlowReader::find(FluidGroup& group, const FlowQuestion& ques
     return result;
 }
 
-/** Call add(mobility at its poses, sources, weight) for each share of the flow. */
+/** Call add(mobility at its poses, sources, share) for each share of the flow. */
 template <class Add>
 void FlowReader::forSources(FluidGroup& group, Answer& of, const Add& add) const {
     BodyMobility& mobility = group.brownian->getMobility();
@@ -171,7 +171,7 @@ void FlowReader::forSources(FluidGroup& group, Answer& of, const Add& add) const
         mobility.setPoses(share.poses, !mobility.objection(share.poses).empty());
         const FlowSources sources = mobility.flowSources(
             share.forces, share.movesBodies ? fluid.getFlow() : nullptr, share.movesBodies);
-        add(mobility, sources, share.weight);
+        add(mobility, sources, share);
     }
 }
 
@@ -195,9 +195,11 @@ Velocities FlowReader::flowAt(const vector<OpenMM::Vec3>& points, const FlowQues
     if (const DrivenFlow* flow = fluid.getFlow())
         for (size_t p = 0; p < points.size(); p++)
             velocities.col(p) = made.made.flowWeight * flow->velocityAt(toEigen(points[p]), {});
-    forSources(group, made, [&](BodyMobility& at, const FlowSources& sources, double weight) {
-        at.addFlowAt(sources, points, weight, velocities);
-    });
+    forSources(group, made,
+               [&](BodyMobility& at, const FlowSources& sources, const FlowOfStep::Share& share) {
+                   at.addFlowAt(sources, points, share.weight, velocities);
+                   if (share.movesBodies) at.addFlowOfSites(points, share.weight, velocities);
+               });
     if (made.made.fieldWeight != 0 && made.move->getField())
         made.move->getField()->addFlowAt(points, made.made.fieldWeight, velocities);
     return velocities;
@@ -240,9 +242,13 @@ array<double, 2> FlowReader::flowMode(int forceAxis, int waveAxis, int waveVecto
     array<double, 2> amplitudes = {0, 0};
     for (int part = 0; part < 2; part++) {
         wave.phase = part * M_PI / 2;
-        forSources(group, made, [&](BodyMobility& at, const FlowSources& sources, double weight) {
-            amplitudes[part] += weight * unit * at.powerOn(wave, sources);
-        });
+        forSources(
+            group, made,
+            [&](BodyMobility& at, const FlowSources& sources, const FlowOfStep::Share& share) {
+                amplitudes[part] += share.weight * unit * at.powerOn(wave, sources);
+                if (share.movesBodies)
+                    amplitudes[part] += share.weight * unit * at.powerOfSites(wave);
+            });
         if (made.made.fieldWeight != 0 && made.move->getField())
             amplitudes[part] += made.made.fieldWeight * made.move->getField()->amplitudeOf(wave);
     }

@@ -57,7 +57,8 @@ bool isThermostatTensor(const MatrixXd& friction) {
 
 /**
  * Form the groups, in the order of their labels. Without interaction every body is a group of its
- * own. The elements still lack what needs the shapes of bodies: sites, own tensors and slips.
+ * own. The elements still lack what needs the shapes of bodies: sites, own tensors, slips
+ * and forces on the fluid.
  */
 GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& settings,
                            const OpenMM::System& system,
@@ -91,6 +92,7 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
                  " cannot take; use RotnePragerYamakawa or FreeDraining");
     }
     checkSlips();
+    checkForcesOnFluid();
 
     int nextGroup = 0;
     for (int b = 0; b < numBodies; b++) {
@@ -166,9 +168,41 @@ void GroupBuilder::checkSlips() const {
     }
 }
 
+void GroupBuilder::checkForcesOnFluid() const {
+    const int numBodies = particlesOfBodies.size();
+    for (int i = 0; i < force.getNumBodyForcesOnFluid(); i++) {
+        const auto [b, unused] = forceOnFluid(i);
+        const string object = "force " + to_string(i) + " on the fluid (addBodyForceOnFluid()) ";
+        if (b >= numBodies)
+            fail(object + "is that of body " + to_string(b) + ", but the integrator has " +
+                 to_string(numBodies) + " bodies, counted from 0; correct its body");
+        int particles = 0;
+        for (int p : particlesOfBodies[b]) particles += force.getParticleRadius(p) > 0;
+        if (particles == 0)
+            fail(object + "is that of body " + to_string(b) +
+                 ", which has no particle with a hydrodynamic radius and so is not moved by the "
+                 "fluid; give one of its particles a radius above 0");
+        if (force.getModel() == MobilityForce::StokesianDynamics)
+            fail(object +
+                 "is at a site without a surface, which model StokesianDynamics has no lubrication "
+                 "for; use setModel(RotnePragerYamakawa)");
+    }
+}
+
+/** A force on the fluid and the index of its body, in the user's body frame. */
+pair<int, ForceOnFluid> GroupBuilder::forceOnFluid(int index) const {
+    int body;
+    OpenMM::Vec3 site, onFluid;
+    ForceOnFluid result;
+    force.getBodyForceOnFluidParameters(index, body, site, result.radius, onFluid);
+    result.site = toEigen(site);
+    result.force = toEigen(onFluid);
+    return {body, result};
+}
+
 /**
- * Add the sites of particles, and in the inner frame the body's own tensor and the slips of
- * particles.
+ * Add the sites of particles, and in the inner frame the body's own tensor, the slips of
+ * particles, and forces on the fluid.
  */
 void GroupBuilder::addShape(FluidElement& element, const vector<BodyGeometry>& geometries,
                             const BodySet& bodies) const {
@@ -185,6 +219,13 @@ void GroupBuilder::addShape(FluidElement& element, const vector<BodyGeometry>& g
         if (active == b)
             for (const OpenMM::Vec3& velocity : force.getBodySlip(b))
                 element.slips.push_back(toEigen(bodies.toInner(b, velocity)));
+    for (int i = 0; i < force.getNumBodyForcesOnFluid(); i++) {
+        auto [owner, own] = forceOnFluid(i);
+        if (owner != b) continue;
+        own.site = toEigen(bodies.toInner(b, toVec3(own.site)));
+        own.force = toEigen(bodies.toInner(b, toVec3(own.force)));
+        element.forcesOnFluid.push_back(own);
+    }
     if (!force.getBodyHasOwnTensor(b)) return;
     const vector<double> user = force.getBodyMobility(b);
     Matrix3d toInner;
@@ -235,11 +276,14 @@ vector<unique_ptr<FluidGroup>> GroupBuilder::build(const vector<BodyGeometry>& g
 unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& elements,
                                                const BodySet& bodies) const {
     const bool mayUseThreads = elementsOfGroups.size() == 1;  // several groups are spread over them
-    GridChoice choice;
+    GridChoice choice, ofSites;  // of the bodies' particles, and with sites of forces
+    bool areSites = false;
     unique_ptr<FluidGroup> group(new FluidGroup(
         elements,
         [&](const HydrodynamicParticles& particles) {
-            return makeModel(particles, mayUseThreads, choice);
+            GridChoice& own = areSites ? ofSites : choice;
+            areSites = true;
+            return makeModel(particles, mayUseThreads, own);
         },
         force.getSolverTolerance(), shapes));
     group->gridChoice = choice.text();

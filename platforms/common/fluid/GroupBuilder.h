@@ -45,6 +45,8 @@ public:
 
 private:
     void checkSlips() const;
+    void checkForcesOnFluid() const;
+    std::pair<int, ForceOnFluid> forceOnFluid(int index) const;
     void addShape(FluidElement& element, const std::vector<BodyGeometry>& geometries,
                   const BodySet& bodies) const;
     std::unique_ptr<FluidGroup> makeGroup(const std::vector<FluidElement>& elements,
@@ -63,7 +65,8 @@ private:
     const UserFlow flow;
     BoxVectors defaultBox;  // of the System
     std::map<int, std::vector<FluidElement>>
-        elementsOfGroups;          // by label; elements lack sites, own tensors and slips
+        elementsOfGroups;  // by label; elements lack sites, own tensors, slips and forces on the
+                           // fluid
     std::vector<int> indexOfFree;  // of particles in FreeParticles
     const std::shared_ptr<BodiesAlone::Shapes> shapes{
         new BodiesAlone::Shapes()};  // shared by all groups

@@ -17,7 +17,13 @@ const Placement& BodyMobility::placementOf(const vector<Pose>& at) {
 }
 
 string BodyMobility::objection(const vector<Pose>& at) {
-    return mayObject() ? bodies.getModel().objection(placementOf(at)) : string();
+    if (!mayObject()) return {};
+    string found = bodies.getModel().objection(placementOf(at));
+    if (!found.empty() || !bodies.getForcesOnFluid()) return found;
+    bodies.getForcesOnFluid()->place(at, askedTurns, asked);
+    found = bodies.getForcesOnFluid()->getModel().objection(asked);
+    return found.empty() ? found
+                         : "at the site of a force on the fluid (addBodyForceOnFluid()): " + found;
 }
 
 bool BodyMobility::acceptsNearby(const vector<Pose>& at) {
@@ -79,20 +85,52 @@ void BodyMobility::keepSpins(const Rate& rateOf, MatrixXd& slips) {
     slips += slipsOfSpins;
 }
 
-void BodyMobility::addActiveSlips(MatrixXd& ofParticles) const {
+void BodyMobility::placeSites() {
+    const ForcesOnFluid& forces = *bodies.getForcesOnFluid();
+    placementOfSites.box = bodies.getBox();
+    forces.place(getPoses(), getTurns(), placementOfSites);
+    // Displaced poses may reach a little beyond what the model accepts.
+    if (forces.getModel().objection(placementOfSites).empty())
+        forces.getModel().place(sites, placementOfSites);
+    else
+        forces.getModel().placeNear(sites, placementOfSites);
+    forces.forces(getTurns(), forcesOfSites);
+}
+
+void BodyMobility::addFlowOfSites(const vector<OpenMM::Vec3>& points, double factor,
+                                  Velocities& velocities) {
+    if (!bodies.getForcesOnFluid()) return;
+    placeSites();
+    sites->addFlowAt(sites->sources(forcesOfSites, nullptr), points, factor, velocities);
+}
+
+double BodyMobility::powerOfSites(const DrivenFlow& flow) {
+    if (!bodies.getForcesOnFluid()) return 0;
+    placeSites();
+    bodies.getForcesOnFluid()->getModel().follow(flow, placementOfSites, velocitiesOfSites);
+    return velocitiesOfSites.col(0).dot(forcesOfSites.col(0));
+}
+
+void BodyMobility::addActiveSlips(MatrixXd& ofParticles) {
     for (size_t e = 0; e < bodies.getElements().size(); e++) {
         const vector<Vector3d>& slips = bodies.getElements()[e].slips;
         const int first = bodies.getMotion().firstParticleRow(e);
         for (size_t i = 0; i < slips.size(); i++)
             ofParticles.col(0).segment<3>(first + 3 * i) -= getTurns()[e] * slips[i];
     }
+    if (!bodies.getForcesOnFluid()) return;
+    placeSites();
+    sites->multiply(forcesOfSites, velocitiesOfSites);
+    costs.products += bodies.hasProducts();
+    ofParticles += velocitiesOfSites.topRows(ofParticles.rows());
 }
 
 void BodyMobility::activeSlips(MatrixXd& slips) {
-    MatrixXd& ofParticles = slipSpace.areOfBodies() ? slipsOfFlow : slips;
+    const bool ofBodies = slipSpace.areOfBodies() && !bodies.getMotion().isIdentity();
+    MatrixXd& ofParticles = ofBodies ? slipsOfFlow : slips;
     ofParticles.setZero(bodies.getNumParticleRows(), 1);
     addActiveSlips(ofParticles);
-    if (slipSpace.areOfBodies()) forceFreeTwists(nullptr, ofParticles, slips);
+    if (ofBodies) forceFreeTwists(nullptr, ofParticles, slips);
     keepSpins([&](int e) { return bodies.spinOfSlips(e); }, slips);
 }
 

@@ -133,10 +133,19 @@ public:
      */
     void flowSlips(const DrivenFlow& flow, MatrixXd& slips);
     /**
-     * The slips of active bodies at the poses set last, -A u of the velocities u of setBodySlip(),
-     * in the form that flowSlips() has.
+     * The slips of active bodies at the poses set last, -A u of the velocities u of setBodySlip()
+     * and what forces of bodies on the fluid make it do, in the form that flowSlips() has.
      */
     void activeSlips(MatrixXd& slips);
+    /** Add the wrenches that bodies take from their forces on the fluid. */
+    void addActiveWrenches(MatrixXd& wrenches) const {
+        if (bodies.getForcesOnFluid()) bodies.getForcesOnFluid()->addWrenches(getTurns(), wrenches);
+    }
+    /** Add `factor` times the flow of the forces of bodies on the fluid, likewise. */
+    void addFlowOfSites(const std::vector<OpenMM::Vec3>& points, double factor,
+                        Velocities& velocities);
+    /** The power of these forces on a flow. */
+    double powerOfSites(const DrivenFlow& flow);
     /** The twists of force-free bodies in the flow. */
     void flowTwists(const DrivenFlow& flow, MatrixXd& twists);
 
@@ -289,13 +298,16 @@ private:
     void keepSpinOf(const DrivenFlow& flow, MatrixXd& slips);
     template <class Rate>
     void keepSpins(const Rate& rateOf, MatrixXd& slips);
-    void addActiveSlips(MatrixXd& ofParticles) const;
+    void addActiveSlips(MatrixXd& ofParticles);
+    void placeSites();
     double divergenceByGradients(RandomField& field);
     double divergenceByDifferences(RandomField& field);
 
     SlipSpace slipSpace;
     const MatrixXd noSlips;
-    Placement asked;
+    Placement asked, placementOfSites;
+    std::unique_ptr<MobilityAt> sites;  // with all particles, at the poses set last
+    MatrixXd forcesOfSites, velocitiesOfSites;
     MatrixXd fieldSlips, gradients, askedTwists;
     MatrixXd slipsOfFlow, noWrenches, spinsOfFlow, slipsOfSpins;
     std::vector<Eigen::Matrix3d> askedTurns;

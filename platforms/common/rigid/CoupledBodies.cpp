@@ -34,6 +34,7 @@ CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFa
     : motion(elements), freeMotion(elements, firstRows(motion)), nullTwists(firstRows(motion)),
       nullTwistsOfFree(firstRows(motion)), ownTensors(firstRows(motion)) {
     if (getParticles().size() > 0) model = makeModel(getParticles());
+    if (ForcesOnFluid::areIn(elements)) forcesOnFluid.reset(new ForcesOnFluid(motion, makeModel));
     findProperties(mayBeConstant);
 }
 
@@ -41,7 +42,7 @@ CoupledBodies::CoupledBodies(const CoupledBodies& bodies, const vector<SlowedSpi
     : motion(withSpins(bodies.getElements(), spins)),
       freeMotion(bodies.getElements(), firstRows(motion)), nullTwists(firstRows(motion)),
       nullTwistsOfFree(firstRows(motion)), ownTensors(firstRows(motion)), model(bodies.model),
-      box(bodies.box) {
+      forcesOnFluid(bodies.forcesOnFluid), box(bodies.box) {
     findProperties(bodies.aloneInUniformFluid);
 }
 
@@ -70,8 +71,10 @@ void CoupledBodies::findProperties(bool mayBeConstant) {
                 "model has no rotational mobility about this line that the tensor could be "
                 "combined with: give only one of the particles a radius, or use FreeDraining");
     }
-    for (size_t e = 0; e < elements.size(); e++)
+    for (size_t e = 0; e < elements.size(); e++) {
         if (!elements[e].slips.empty() && elements[e].slowsK()) findSpinOfSlips(e);
+        if (hasNullVector(e)) checkForcesOnFluid(e);
+    }
     if (constant) return;
     for (size_t e = 0; e < elements.size(); e++)
         if (elements[e].ownMobility.size() > 0)
@@ -120,6 +123,24 @@ void CoupledBodies::findSpinOfSlips(int e) {
     factor.solveL(slips);
     const VectorXd twist = K.completeOrthogonalDecomposition().solve(slips);
     spinsOfSlips[e] = element.spin.axis.dot(twist.tail<3>());
+}
+
+/** Nothing resists a torque about the line of a body's blobs. */
+void CoupledBodies::checkForcesOnFluid(int e) const {
+    const FluidElement& element = getElements()[e];
+    const Matrix<double, 6, 1> wrench = ForcesOnFluid::wrench_body(element);
+    const double torque = getNullVector_body(e).dot(wrench), torqueTolerance = 1e-9;
+    double scale = 0;
+    for (const ForceOnFluid& force : element.forcesOnFluid)
+        scale += force.force.norm() * (force.site.norm() + length(e));
+    if (abs(torque) <= torqueTolerance * scale) return;
+    ostringstream text;
+    text << "MobilityForce: body " << element.body << " takes a torque of " << torque
+         << " kJ/mol about the line of its hydrodynamic particles from its forces on the fluid "
+            "(addBodyForceOnFluid()), which nothing resists; it must be 0 within 1e-9 of force "
+            "times size: move their sites to the line, or give the body hydrodynamic particles off "
+            "the line";
+    throw OpenMM::OpenMMException(text.str());
 }
 
 /** The sites of a body's blobs are constant, so that one check is enough. */

@@ -8,6 +8,7 @@
 
 #include "mobility/MobilityModel.h"
 #include "rigid/FluidElement.h"
+#include "rigid/ForcesOnFluid.h"
 #include "rigid/FreeMotion.h"
 #include "rigid/NullTwists.h"
 #include "rigid/OwnTensors.h"
@@ -115,8 +116,10 @@ public:
         return !motion.isIdentity() || freeMotion.any() ||
                (model && model->getTraits().isMadeFromFriction);
     }
-    /** Whether some body has a slip of its own. */
-    bool areActive() const { return active; }
+    /** Whether some body has a slip of its own or exerts a force on the fluid. */
+    bool areActive() const { return active || forcesOnFluid; }
+    /** The forces that bodies exert on the fluid at sites; null: none. */
+    const ForcesOnFluid* getForcesOnFluid() const { return forcesOnFluid.get(); }
     /**
      * With which rate the slip of an active body spins it about the axis of its SlowedSpin, alone
      * in unbounded fluid; 0 where the spin is not slowed.
@@ -141,6 +144,7 @@ private:
     void findProperties(bool mayBeConstant);
     Alone aloneInModel(int element) const;
     void findSpinOfSlips(int element);
+    void checkForcesOnFluid(int element) const;
     void checkSites(int element) const;
 
     const RigidMotion motion;
@@ -150,6 +154,7 @@ private:
     std::shared_ptr<const MobilityModel> model;
     bool aloneInUniformFluid = false, active = false;
     std::vector<double> spinsOfSlips;
+    std::shared_ptr<const ForcesOnFluid> forcesOnFluid;
     BoxVectors box = {};
 };
 

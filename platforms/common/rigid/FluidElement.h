@@ -9,6 +9,13 @@
 
 namespace RigidHIPlugin {
 
+/** addBodyForceOnFluid(), in the body frame. */
+struct ForceOnFluid {
+    Eigen::Vector3d site;  // nm from the body's origin
+    double radius;
+    Eigen::Vector3d force;
+};
+
 /** A body, or a free particle, as the fluid sees it. */
 struct FluidElement {
     int body = -1;               // index of the body, -1: a free particle
@@ -20,6 +27,7 @@ struct FluidElement {
     SlowedSpin spin;              // slowed in the step at hand
     std::vector<Eigen::Vector3d>
         slips;  // setBodySlip(): of the particles, in the body frame, nm/ps, or empty
+    std::vector<ForceOnFluid> forcesOnFluid;
     /**
      * The components of the twist that are fixed, at rest or prescribed: a bit for each of Vx, Vy,
      * Vz, Wx, Wy, Wz, in the lab frame, or along `axes` if `fixedInBody`.

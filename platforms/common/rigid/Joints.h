@@ -13,14 +13,14 @@ namespace RigidHIPlugin {
 struct Joint {
     enum Kind { Ball, BallToPoint, Link, Hinge };
     Kind kind;
-    int index;                       // in the integrator
-    int i, j;                        // elements; j = -1: a point
-    Eigen::Vector3d anchor_i;        // in the frame of i
-    Eigen::Vector3d anchor_j;        // in the frame of j, or the point in the lab frame
+    int index;                 // in the integrator
+    int i, j;                  // elements; j = -1: a point
+    Eigen::Vector3d anchor_i;  // in the frame of i
+    Eigen::Vector3d anchor_j;  // in the frame of j, or the point in the lab frame
     // Of a hinge: unit vectors in the frames of i and j.
     Eigen::Vector3d axis_i = Eigen::Vector3d::Zero(), axis_j = Eigen::Vector3d::Zero();
-    double length = 0;               // of a link, nm
-    int firstRow = 0;                // of its conditions
+    double length = 0;  // of a link, nm
+    int firstRow = 0;   // of its conditions
 
     int numRows() const { return kind == Link ? 1 : kind == Hinge ? 5 : 3; }
 };

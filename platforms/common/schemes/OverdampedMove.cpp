@@ -178,6 +178,14 @@ const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
     return slipsOfColumn;
 }
 
+/** The wrench of a column, with what bodies take that exert forces on the fluid. */
+const OverdampedMove::Vectors& OverdampedMove::wrenchOf(const Column& column) {
+    if (!column.givesVelocity || !mobility.getBodies().getForcesOnFluid()) return column.wrench;
+    wrenchOfColumn = column.wrench;
+    mobility.addActiveWrenches(wrenchOfColumn);
+    return wrenchOfColumn;
+}
+
 /** The twists that forces of joints cause at the poses set last, N C^T, and (C N C^T)^-1. */
 void OverdampedMove::findResponse() {
     if (responseIsKnown) return;
@@ -233,7 +241,7 @@ void OverdampedMove::recordHold(const Column& solved, int column) {
     mobility.totalWrenches(mobility.posesHere(), forcesOfSolve, wrenchesOfSolve);
     if (joints)
         wrenchesOfSolve -= C.transpose() * mu.col(column);  // not what holds fixed components
-    *holds += solved.weight * (wrenchesOfSolve - solved.wrench.col(0));
+    *holds += solved.weight * (wrenchesOfSolve - wrenchOf(solved).col(0));
     if (solved.axisForces) *holds += solved.weight * solved.axisFactor * *solved.axisForces;
 }
 
@@ -249,13 +257,13 @@ void OverdampedMove::addPrescribed(Vectors& twists) {
 
 void OverdampedMove::solve(const Column& column, Vectors& twists) {
     const Column* const columns[] = {&column};
-    solveWithJoints(column.wrench, slipsOf(column), false, columns, twists);
+    solveWithJoints(wrenchOf(column), slipsOf(column), false, columns, twists);
     finishSolve(column, twists);
 }
 
 void OverdampedMove::solveFromKept(const Column& column, Vectors& twists) {
     const Column* const columns[] = {&column};
-    solveWithJoints(column.wrench, slipsOf(column), true, columns, twists);
+    solveWithJoints(wrenchOf(column), slipsOf(column), true, columns, twists);
     finishSolve(column, twists);
 }
 
@@ -264,7 +272,7 @@ void OverdampedMove::solve(const Column& first, const Column& second, Vectors& t
     wrenches.resize(getNumRows(), 2);
     slips.resize(0, 0);
     for (int k = 0; k < 2; k++) {
-        wrenches.col(k) = columns[k]->wrench.col(0);
+        wrenches.col(k) = wrenchOf(*columns[k]).col(0);
         const Vectors& ofColumn = slipsOf(*columns[k]);
         if (ofColumn.size() == 0) continue;
         if (slips.size() == 0) slips.setZero(ofColumn.rows(), 2);

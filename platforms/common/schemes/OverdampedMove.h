@@ -318,6 +318,7 @@ private:
     void displaceBy(double step, int onlyRow, std::vector<Pose>& poses) const;
     /** The slips of a column; empty: none. */
     const Vectors& slipsOf(const Column& column);
+    const Vectors& wrenchOf(const Column& column);
     /** Solve, with the forces of joints, which are then known. */
     void solveWithJoints(const Vectors& wrenches, const Vectors& slips, bool fromKept,
                          const Column* const* columns, Vectors& twists);
@@ -362,7 +363,7 @@ private:
     std::vector<Eigen::Matrix3d> turnsOfFixed;
     Vectors* holds = nullptr;
     Vectors twistsOfFixed, scaledTwists, slipsOfFixed, forcesOfSolve, wrenchesOfSolve;
-    Vectors slipsOfFlow, slipsOfActive, slipsOfColumn, recordedSlips;
+    Vectors slipsOfFlow, slipsOfActive, slipsOfColumn, wrenchOfColumn, recordedSlips;
     Vectors wrenches, slips;  // of two columns
     const Vectors noSlips;
     long long numDriftFactors = 0;
