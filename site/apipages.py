@@ -166,11 +166,11 @@ def _page_of_large_class(type_, documents):
         text += f'.. rubric:: {title}\n\n'
         text += _table((f':meth:`{each} <{full}.{each}>`', _first_sentence(getattr(type_, each)))
                        for each in members)
-    enumerations = [
-        thing for thing in vars(inspect.getmodule(type_)).values()
-        if inspect.isclass(thing) and issubclass(thing, enum.Enum) and all(
-            hasattr(type_, member.name) for member in thing)
-    ]
+    # A module may have an enumeration under two names.
+    enumerations = list(
+        dict.fromkeys(thing for thing in vars(inspect.getmodule(type_)).values()
+                      if inspect.isclass(thing) and issubclass(thing, enum.Enum) and all(
+                          hasattr(type_, member.name) for member in thing)))
     if enumerations:
         text += _heading('Enumerations', '-')
     for each in enumerations:

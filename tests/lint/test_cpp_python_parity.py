@@ -19,6 +19,7 @@ RESULTS = {
     'getBodyParameters': {'bodyIndex', 'parameters'},
     'getChannelWalls': {'yLow', 'yHigh'},
     'getBackgroundFlow': {'velocity', 'gradient'},
+    'getBodyForceOnFluidParameters': {'body', 'site', 'radius', 'force'},
     'getSinusoidalForceDensity': {'f0', 'forceAxis', 'waveAxis', 'waveVectorIndex'}
 }
 #: Python methods that C++ does not have, each with its reason.

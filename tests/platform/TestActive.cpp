@@ -466,8 +466,9 @@ TEST(Active, TheFlowHasWhatForcesAtSitesDo) {
             const Vector3d W = twists.segment<3>(3);
             expectNear(before, twists.head<3>() + W.cross(body.offsets[blob]), c.tolerance);
         }
-        // Far away a stresslet is left, which falls off with the square of the distance.
-        if (flow.size() == 0) continue;
+        // Far away a stresslet is left, which falls off with the square of the distance. (A body
+        // with a tensor of its own makes the flow of a scaled force, so that a part is left.)
+        if (flow.size() == 0 || c.own) continue;
         EXPECT_LT((4 * flow.col(1) - flow.col(0)).norm(), 0.02 * flow.col(0).norm());
     }
 }
@@ -616,9 +617,9 @@ TEST(Active, ForcesOnTheFluidThatAreRefused) {
             s.fluid->setBodyMobility(0, rowsOf(tensorWithoutSymmetry(1)));
             s.fluid->addBodyForceOnFluid(0, x, 0.3, x);
         },
-        {"force 0 on the fluid (addBodyForceOnFluid()) is that of body 0, which has no particle "
-         "with a hydrodynamic radius",
-         "give one of its particles a radius above 0"});
+        {"force 0 on the fluid (addBodyForceOnFluid()) is that of body 0, none of whose particles "
+         "the "
+         "fluid sees; give one of them a radius above 0"});
     refused(
         [&](ActiveScene& s) {
             s.fluid->setModel(MobilityForce::StokesianDynamics);

@@ -194,7 +194,7 @@ def test_files_with_forces_on_the_fluid_have_the_newer_version():
     assert ' version="2"' in text
     for before, after, message in (('<ForceOnFluid body="3"', '<ForceOnFluid body="-3"',
                                     'the index of its body is -3'),
-                                   ('radius="0.25"', 'radius="-1"',
+                                   ('radius=".25"', 'radius="-1"',
                                     'the radius of its particle is -1 nm'),
                                    ('<Site', '<Place', "the element 'Site' is missing"),
                                    ('<ForcesOnFluid count="2"', '<ForcesOnFluid count="1"',

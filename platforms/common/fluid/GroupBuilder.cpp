@@ -180,8 +180,7 @@ void GroupBuilder::checkForcesOnFluid() const {
         for (int p : particlesOfBodies[b]) particles += force.getParticleRadius(p) > 0;
         if (particles == 0)
             fail(object + "is that of body " + to_string(b) +
-                 ", which has no particle with a hydrodynamic radius and so is not moved by the "
-                 "fluid; give one of its particles a radius above 0");
+                 ", none of whose particles the fluid sees; give one of them a radius above 0");
         if (force.getModel() == MobilityForce::StokesianDynamics)
             fail(object +
                  "is at a site without a surface, which model StokesianDynamics has no lubrication "
