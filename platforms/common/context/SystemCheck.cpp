@@ -313,9 +313,6 @@ static void checkPrescribed(const CustomRigidHIIntegrator& integrator, const Sys
         if (integrator.getBodyHeld(b))
             fail(bodyText(b) + " is held, but " + motion +
                  "its motion; let the body go, or remove it from the force");
-        if (!stock.barostat.empty())
-            fail(motion + "the motion of " + bodyText(b) + ", but the System has a " +
-                 stock.barostat + ", which would move it besides; remove the barostat");
         if (!traits.isOverdamped())
             fail(motion + "the motion of " + bodyText(b) + ", which scheme " + traits.name +
                  " cannot do; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or "

@@ -360,7 +360,7 @@ private:
     int numIterations = 0;
     // Of each column: the energies of the residual now and one iteration before, what the error is
     // relative to, and the energy of slips.
-    VectorXd gradient, before, scale, slipEnergy, twistEnergy;
+    VectorXd gradient, before, scale, slipEnergy, twistEnergy, rounding;
     vector<ConjugateSteps> steps;
 };
 
@@ -373,6 +373,7 @@ void MultiblobSolver::Attempt::begin(bool fromGuess) {
         solver.beginFromGuess(wrenches, slips);
     else
         solver.begin(wrenches, slips, lambda);
+    solver.findRounding(wrenches, rounding);
     findResidual(error);
 }
 
@@ -395,7 +396,10 @@ void MultiblobSolver::Attempt::measure() {
     for (int c = 0; c < columns; c++) {
         gradient[c] = residual.col(c).dot(preconditioned.col(c));
         scale[c] = lambda.col(c).dot(residual.col(c)) + wrenches.col(c).dot(twists.col(c));
-        if (!withSlips) continue;
+        if (!withSlips) {
+            scale[c] = max(scale[c], rounding[c]);
+            continue;
+        }
         const double ofAll = scale[c] + slipEnergy[c] - lambda.col(c).dot(slips.col(c));
         scale[c] = scaleWithSlips(ofAll, twistEnergy[c], slipEnergy[c], solver.numFreeRows,
                                   solver.numBlobRowsTotal);
@@ -543,6 +547,28 @@ double MultiblobSolver::reductionOf(double error) const {
 }
 
 double MultiblobSolver::errorFor(double tolerance) const { return tolerance / reductionOf(1); }
+
+/**
+ * Of each column, the energy that a wrench on fixed components has in free ones by rounding, where
+ * axes turn with the body.
+ */
+void MultiblobSolver::findRounding(const MatrixXd& wrenches, VectorXd& energy) {
+    const double ofRotations = 1e-14;
+    energy.setZero(wrenches.cols());
+    for (const Family& family : families) {
+        const Shape& shape = *family.shape;
+        if (shape.isHeld || shape.fixed == 0) continue;
+        gather(OfBodies, family, wrenches, gatheredTwists);
+        // Nothing resists a rod's rotation about its line.
+        const double least = 1e-9 * shape.friction.diagonal().maxCoeff();
+        for (int row = 0; row < gatheredTwists.rows(); row++) {
+            if (shape.friction(row, row) < least) continue;
+            for (int c = 0; c < gatheredTwists.cols(); c++)
+                energy[c % wrenches.cols()] +=
+                    pow(ofRotations * gatheredTwists(row, c), 2) / shape.friction(row, row);
+        }
+    }
+}
 
 /** Of each column, twists in the norm of the bodies' own friction, squared. */
 void MultiblobSolver::findEnergyOfTwists(VectorXd& energy) {

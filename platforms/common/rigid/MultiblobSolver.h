@@ -174,6 +174,7 @@ private:
     void beginFromGuess(const Eigen::MatrixXd& wrenches_body, const Eigen::MatrixXd& slips_body);
     double reductionOf(double error) const;
     void findEnergyOfTwists(Eigen::VectorXd& energy);
+    void findRounding(const Eigen::MatrixXd& wrenches, Eigen::VectorXd& energy);
 
     std::shared_ptr<Shape> makeShape(const FluidElement& element, const Eigen::MatrixXd& M,
                                      const Eigen::MatrixXd& K, const Eigen::VectorXd& nullTwist);
