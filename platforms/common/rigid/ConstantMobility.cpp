@@ -157,10 +157,12 @@ void ConstantMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
 
 void ConstantMobility::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
     thermalWrench(W, wrenchesOfSolve);
-    if (isFixed)
+    if (isFixed) {
         slips.noalias() = turned(mobility_body, turns[0]) * wrenchesOfSolve;
-    else
+        bodies.getNullTwistsOfFree().turnWithFixed(turns, slips);  // as in multiplyNearby()
+    } else {
         multiply(wrenchesOfSolve, slips);
+    }
 }
 
 Vector3d ConstantMobility::uniformDivergence() const {
