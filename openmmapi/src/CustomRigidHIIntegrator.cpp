@@ -483,17 +483,14 @@ int CustomRigidHIIntegrator::addHinge(int i, const Vec3& anchor_i, int j, const 
 }
 
 int CustomRigidHIIntegrator::addJoint(const JointDefinition& joint) {
-    switch (joint.kind) {
-        case JointDefinition::Ball:
-            return addBallJoint(joint.i, joint.anchor_i, joint.j, joint.anchor_j);
-        case JointDefinition::BallToPoint:
-            return addBallJointToPoint(joint.i, joint.anchor_i, joint.anchor_j);
-        case JointDefinition::Link:
-            return addLink(joint.i, joint.anchor_i, joint.j, joint.anchor_j, joint.length);
-        default:
-            return addHinge(joint.i, joint.anchor_i, joint.j, joint.anchor_j, joint.axis_i,
-                            joint.axis_j);
-    }
+    if (joint.kind == JointDefinition::BallToPoint)
+        return addBallJointToPoint(joint.i, joint.anchor_i, joint.anchor_j);
+    if (joint.kind == JointDefinition::Link)
+        return addLink(joint.i, joint.anchor_i, joint.j, joint.anchor_j, joint.length);
+    if (joint.kind == JointDefinition::Hinge)
+        return addHinge(joint.i, joint.anchor_i, joint.j, joint.anchor_j, joint.axis_i,
+                        joint.axis_j);
+    return addBallJoint(joint.i, joint.anchor_i, joint.j, joint.anchor_j);
 }
 
 int CustomRigidHIIntegrator::getNumJoints() const { return joints.size(); }

@@ -1,7 +1,6 @@
 // For every error that users may make with a CustomBodyMotion, the call throws an OpenMMException
 // that names object, value, bound and remedy. (TestBodyMotions has errors of its values.)
 
-#include <openmm/MonteCarloBarostat.h>
 #include <openmm/VerletIntegrator.h>
 
 #include "HydrodynamicSupport.h"
@@ -130,18 +129,6 @@ TEST(BadMotion, Schemes) {
         {"a CustomBodyMotion (force 1) prescribes the motion of body 1, which "
          "scheme LangevinHI",
          refusal[0]});
-}
-
-TEST(BadMotion, Barostats) {
-    Scene scene(CustomRigidHIIntegrator::TrapezoidalSlip);
-    scene.addMotion(all, {0});
-    scene.fluid->setBoundary(MobilityForce::Periodic);
-    scene.bind();
-    scene.system.addForce(new MonteCarloBarostat(1, 300));
-    scene.expectRefused(
-        {"a CustomBodyMotion (force 1) prescribes the motion of body 0, but the "
-         "System has a MonteCarloBarostat, which would move it besides; remove the "
-         "barostat"});
 }
 
 TEST(BadMotion, NoBodiesAreNoError) {

@@ -666,7 +666,7 @@ TEST(Overdamped, Refused) {
         unseen.addFree(5, 0, Vec3(0, 9, 9));
         expectError([&] { unseen.start(testPlatform()); },
                     {"particle", "is in no body and has hydrodynamic radius 0, so scheme " + s.name,
-                     "mass 0 to hold it"});
+                     "hold it where it is by setParticleHeld()"});
         remover.addMixture(false);
         remover.system.addForce(new CMMotionRemover());
         expectError([&] { remover.start(testPlatform()); },

@@ -150,7 +150,7 @@ def test_a_state_without_integrator_parameters_serves(platform):
 def test_a_state_of_another_version(platform):
     context, _ = make(platform)
     with refused('the State has version 7',
-                 'of the body state, but this library reads versions 1 to 3'):
+                 'of the body state, but this library reads versions 1 to 4'):
         load_xml(
             context,
             re.sub('(<RigidBodyState[^>]*) version="3"', r'\1 version="7"', state_xml(context)))

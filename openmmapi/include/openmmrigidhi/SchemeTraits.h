@@ -59,19 +59,16 @@ struct SchemeTraits {
     constexpr bool omitsDrift() const { return isOverdamped() && *drift == 0; }
     /** Why the scheme cannot have joints between bodies; empty: it can. */
     constexpr const char* whyNoJoints() const {
-        switch (scheme) {
-            case CustomRigidHIIntegrator::FixmanMidpoint:
-            case CustomRigidHIIntegrator::RandomFiniteDifference:
-            case CustomRigidHIIntegrator::TrapezoidalSlip: return "";
-            case CustomRigidHIIntegrator::DriftCorrectorFD:
-            case CustomRigidHIIntegrator::DriftCorrectorRFD: return "its mid-point tears joints";
-            case CustomRigidHIIntegrator::EulerMaruyama:
-                return "without the drift of jointed bodies it samples another measure";
-            default:
-                return hasMomenta       ? "joints with momenta sample another measure"
-                       : isOverdamped() ? "its drift leaves out how joints turn"
-                                        : "joints need the mobility of a fluid";
-        }
+        typedef CustomRigidHIIntegrator RigidHI;
+        if (hasMomenta) return "joints with momenta sample another measure";
+        if (!needsFluid()) return "joints need the mobility of a fluid";
+        if (omitsDrift()) return "without the drift of jointed bodies it samples another measure";
+        if (scheme == RigidHI::DriftCorrectorFD || scheme == RigidHI::DriftCorrectorRFD)
+            return "its mid-point tears joints";
+        const bool hasJoints = scheme == RigidHI::FixmanMidpoint ||
+                               scheme == RigidHI::RandomFiniteDifference ||
+                               scheme == RigidHI::TrapezoidalSlip;
+        return hasJoints ? "" : "its drift leaves out how joints turn";
     }
 };
 

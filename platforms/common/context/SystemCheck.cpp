@@ -313,9 +313,6 @@ static void checkPrescribed(const CustomRigidHIIntegrator& integrator, const Sys
         if (integrator.getBodyHeld(b))
             fail(bodyText(b) + " is held, but " + motion +
                  "its motion; let the body go, or remove it from the force");
-        if (!stock.barostat.empty())
-            fail(motion + "the motion of " + bodyText(b) + ", but the System has a " +
-                 stock.barostat + ", which would move it besides; remove the barostat");
         if (!traits.isOverdamped())
             fail(motion + "the motion of " + bodyText(b) + ", which scheme " + traits.name +
                  " cannot do; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or "
@@ -461,8 +458,9 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
         fail("the System has a MobilityForce, which scheme " + name +
              " would ignore; use LangevinHI or a scheme without momenta, or remove the "
              "MobilityForce");
-    // What joints cannot have is said before what the scheme cannot do without joints either, since
-    // the remedies differ.
+    // What prescribed motion and joints cannot have is said before what the scheme cannot do
+    // without them either, since the remedies differ.
+    checkPrescribed(integrator, stock, traits);
     checkJoints(integrator, stock, traits);
     if (traits.isOverdamped())
         checkOverdamped(integrator, stock, name);
@@ -470,7 +468,6 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
         checkMasses(system, integrator, stock, name);
     if (!traits.hasMomenta) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
     checkHeld(system, integrator, stock);
-    checkPrescribed(integrator, stock, traits);
     if (stock.mobilityForce) checkSlips(*stock.mobilityForce, integrator);
     if (traits.kind == SchemeKind::FluidThermostat) {
         if (stock.hasCMMotionRemover)

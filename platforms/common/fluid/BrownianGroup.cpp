@@ -22,8 +22,6 @@ const int enoughDriftFactors = 50;
  */
 const double surelyDriven = 6, leastTurn = 4 * M_PI;
 
-/** Joints whose bodies do not fit by more than this are refused, as positions that do not fit. */
-const double largestMisfit = 2e-3;  // nm
 const int leastSteps = 100;
 
 }  // namespace
@@ -101,7 +99,7 @@ void BrownianGroup::startStep(const StepSettings& settings, const Surroundings& 
         move->recordHolds(&presentHolds);
     }
     if (joints) {
-        joints->check(move->start, largestMisfit);
+        joints->check(move->start, jointMisfit);
         presentJointForces.setZero(3, joints->getJoints().size());
         move->recordJointForces(&presentJointForces);
     }

@@ -1,6 +1,7 @@
 #ifndef RIGIDHI_BROWNIAN_GROUP_H_
 #define RIGIDHI_BROWNIAN_GROUP_H_
 
+#include <algorithm>
 #include <memory>
 #include <string>
 #include <vector>
@@ -111,11 +112,16 @@ public:
 
     // ---- Joints
     /**
-     * Joints between the elements, and the largest violation that steps leave (nm); null: none.
+     * Joints between the elements; null: none.
+     *
+     * @param tolerance  the largest violation that steps leave, nm
+     * @param misfit     the largest violation with which steps begin, nm, or `tolerance` if this is
+     *     larger
      */
-    void setJoints(const Joints* jointsOfElements, double tolerance) {
+    void setJoints(const Joints* jointsOfElements, double tolerance, double misfit) {
         joints = jointsOfElements;
         jointTolerance = tolerance;
+        jointMisfit = std::max(tolerance, misfit);
     }
     const Joints* getJoints() const { return joints; }
     /** Of the last step, 3 x joints; empty: there was none. */
@@ -183,7 +189,7 @@ private:
     Eigen::MatrixXd presentHolds, lastHolds;  // where some component is fixed
     bool holdsAreKnown = false;
     const Joints* joints = nullptr;
-    double jointTolerance = 0;
+    double jointTolerance = 0, jointMisfit = 0;
     Eigen::MatrixXd presentJointForces, lastJointForces;
     std::vector<Eigen::MatrixXd> ownMobilities;  // of elements, in their frames, for joints
     int stage = 0;

@@ -33,7 +33,7 @@ Fluid::Fluid(const MobilityForce& force, const FluidSettings& settings,
 bool Fluid::isMadeFor(const FluidSettings& wanted) const {
     const FluidSettings& own = contents.settings;
     if (contents.hasWalls() && own.wallRejection != wanted.wallRejection) return false;
-    if (!own.holdsAs(wanted)) return false;
+    if (!own.holdsAs(wanted) || !own.joinsAs(wanted)) return false;
     if (own.scheme == wanted.scheme) return true;
     return none_of(contents.groups.begin(), contents.groups.end(),
                    [](const unique_ptr<FluidGroup>& group) { return group->dependsOnScheme; });

@@ -18,13 +18,14 @@ struct FluidSettings {
     /** What CustomBodyMotions prescribe, by body, the same as long as the Context. */
     std::map<int, PrescribedComponents> prescribed;
     std::vector<JointDefinition> joints;
-    double jointTolerance;
+    double jointTolerance, poseTolerance;
 
     FluidSettings(const CustomRigidHIIntegrator& integrator,
                   const std::map<int, PrescribedComponents>& prescribed,
                   const std::vector<JointDefinition>& joints)
         : wallRejection(integrator.getWallRejection()), scheme(integrator.getScheme()),
-          prescribed(prescribed), joints(joints), jointTolerance(integrator.getJointTolerance()) {
+          prescribed(prescribed), joints(joints), jointTolerance(integrator.getJointTolerance()),
+          poseTolerance(integrator.getPoseTolerance()) {
         for (int b = 0; b < integrator.getNumRigidBodies(); b++)
             if (integrator.getBodyHeld(b)) heldBodies.insert(b);
         for (int p : integrator.getHeldParticles()) heldParticles.insert(p);
@@ -32,6 +33,11 @@ struct FluidSettings {
     /** Whether the same bodies and particles are held. */
     bool holdsAs(const FluidSettings& other) const {
         return heldBodies == other.heldBodies && heldParticles == other.heldParticles;
+    }
+    /** Whether joints, which are the same as long as the Context, have the same tolerances. */
+    bool joinsAs(const FluidSettings& other) const {
+        return joints.empty() ||
+               (jointTolerance == other.jointTolerance && poseTolerance == other.poseTolerance);
     }
 };
 

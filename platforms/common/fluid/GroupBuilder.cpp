@@ -305,7 +305,9 @@ unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& eleme
     }
     makeJoints(*group, bodies);
     chooseStrategies(*group, bodies);
-    if (group->joints) group->brownian->setJoints(group->joints.get(), settings.jointTolerance);
+    if (group->joints)
+        group->brownian->setJoints(group->joints.get(), settings.jointTolerance,
+                                   settings.poseTolerance);
     return group;
 }
 

@@ -186,7 +186,13 @@ void Joints::check(const vector<Pose>& poses, double tolerance) const {
     VectorXd c;
     findErrors(poses, c);
     for (const Joint& joint : joints) {
-        const double error = c.segment(joint.firstRow, joint.numRows()).cwiseAbs().maxCoeff();
+        double error = c.segment(joint.firstRow, joint.numRows()).cwiseAbs().maxCoeff();
+        // Axes of opposite directions meet all conditions of a hinge.
+        if (joint.kind == Joint::Hinge) {
+            const double cosine = (poses[joint.i].rotation() * joint.axis_i)
+                                      .dot(poses[joint.j].rotation() * joint.axis_j);
+            if (cosine < 0) error = acos(max(cosine, -1.0));
+        }
         if (error <= tolerance) continue;
         ostringstream text;
         text

@@ -63,7 +63,10 @@ public:
      */
     void project(const std::vector<Eigen::MatrixXd>& mobilities_body, double tolerance,
                  std::vector<Pose>& poses) const;
-    /** @throws OpenMMException  naming the first joint whose bodies do not fit within this */
+    /**
+     * @throws OpenMMException  naming the first joint whose bodies do not fit within this, or whose
+     *     axes have opposite directions
+     */
     void check(const std::vector<Pose>& poses, double tolerance) const;
     /** The force on i at its anchor, 3 for each joint, of conditions with the forces mu. */
     void forces(const std::vector<Pose>& poses, const Eigen::VectorXd& mu,
