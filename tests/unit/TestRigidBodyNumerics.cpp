@@ -384,6 +384,7 @@ TEST(BodySet, ASnapshotOfOneOrAllBodiesIsRestored) {
                 for (int k = 0; k < 3; k++) {
                     found[b].push_back(bodies.force_lab[k][s]);
                     found[b].push_back(bodies.torque_body[k][s]);
+                    found[b].push_back(bodies.torque_lab[k][s]);
                 }
             }
             return found;

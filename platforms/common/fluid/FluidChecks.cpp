@@ -25,6 +25,7 @@ bool FluidChecks::mayObject() const {
 
 void FluidChecks::checkTorques(const BodySet& bodies, const vector<OpenMM::Vec3>& forces) const {
     Matrix<double, 6, 1> wrench;
+    Vector3d force, torque;
     for (const auto& group : fluid.groups) {
         if (!group->hasNullVectors) continue;
         const auto& elements = group->bodies.getElements();
@@ -32,11 +33,11 @@ void FluidChecks::checkTorques(const BodySet& bodies, const vector<OpenMM::Vec3>
             if (!group->bodies.hasNullVector(e)) continue;
             const int s = bodies.slot(elements[e].body);
             const Matrix3d A = poseOf(bodies, elements[e].body).rotation();
-            wrench.head<3>() =
-                A.transpose() *
-                Vector3d(bodies.force_lab[0][s], bodies.force_lab[1][s], bodies.force_lab[2][s]);
-            wrench.tail<3>() = Vector3d(bodies.torque_body[0][s], bodies.torque_body[1][s],
-                                        bodies.torque_body[2][s]);
+            for (int k = 0; k < 3; k++) {
+                force[k] = bodies.force_lab[k][s];
+                torque[k] = bodies.torque_lab[k][s];
+            }
+            wrench << A.transpose() * force, A.transpose() * torque;
             double siteForces = 0;
             for (int p : fluid.particlesOfBodies[elements[e].body])
                 siteForces += sqrt(forces[p].dot(forces[p]));

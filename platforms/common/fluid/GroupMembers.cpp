@@ -31,13 +31,10 @@ void GroupMembers::readForces(const BodySet& set, const FreeParticles& freeParti
             continue;
         }
         const int s = set.slot(elements[e].body);
-        const scalar::Rotation<double> turn({set.q[0][s], set.q[1][s], set.q[2][s], set.q[3][s]});
-        const auto torque_lab =
-            turn.toLab({set.torque_body[0][s], set.torque_body[1][s], set.torque_body[2][s]});
-        for (int k = 0; k < 3; k++) to[k] = set.force_lab[k][s];
-        to[3] = torque_lab.x;
-        to[4] = torque_lab.y;
-        to[5] = torque_lab.z;
+        for (int k = 0; k < 3; k++) {
+            to[k] = set.force_lab[k][s];
+            to[3 + k] = set.torque_lab[k][s];
+        }
     }
 }
 
@@ -53,17 +50,11 @@ bool GroupMembers::writePoses(const vector<Pose>& poses, BodySet& set,
             continue;
         }
         const int s = set.slot(elements[e].body);
-        const scalar::Rotation<double> before({set.q[0][s], set.q[1][s], set.q[2][s], set.q[3][s]});
-        const auto torque_body = scalar::Rotation<double>(place.q).toBody(
-            before.toLab({set.torque_body[0][s], set.torque_body[1][s], set.torque_body[2][s]}));
         for (int k = 0; k < 3; k++) set.R[k][s] = place.R[k];
         set.q[0][s] = place.q.w;
         set.q[1][s] = place.q.x;
         set.q[2][s] = place.q.y;
         set.q[3][s] = place.q.z;
-        set.torque_body[0][s] = torque_body.x;
-        set.torque_body[1][s] = torque_body.y;
-        set.torque_body[2][s] = torque_body.z;
         sum += place.q.w + place.q.x + place.q.y + place.q.z;
     }
     return isfinite(sum);

@@ -31,8 +31,8 @@ public:
     void readForces(const BodySet& set, const FreeParticles& freeParticles,
                     Eigen::MatrixXd& forces) const;
     /**
-     * Write poses to bodies and free particles. Forces stay those of the poses where they were
-     * evaluated, in the lab frame. @return whether the poses are finite
+     * Write poses to bodies and free particles. Forces and torques (lab) stay those of the poses
+     * where they were evaluated. @return whether the poses are finite
      */
     bool writePoses(const std::vector<Pose>& poses, BodySet& set,
                     std::vector<OpenMM::Vec3>& positions) const;

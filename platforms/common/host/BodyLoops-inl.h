@@ -135,8 +135,7 @@ public:
         if (block.rotor != RotorKind::Point) q = exponential(left) * q * exponential(right);
     }
 
-    /** Add up the forces of the particles: force in the lab frame, torque about the origin in the
-     * body frame. */
+    /** Add up the forces of the particles: force, and torque about the origin. */
     void gatherForces(const double* forces) {
         const int lane = slot % BodySet::blockSize;
         force_lab = {Real(0.0), Real(0.0), Real(0.0)};
@@ -151,6 +150,7 @@ public:
         torque_body = A.toBody(torque_lab);
         storeVector(force_lab, bodies.force_lab, slot);
         storeVector(torque_body, bodies.torque_body, slot);
+        storeVector(torque_lab, bodies.torque_lab, slot);
     }
     /**
      * Momentum and angular momentum from the velocities of the members: p = sum m v and, in the

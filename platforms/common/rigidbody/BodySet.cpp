@@ -107,7 +107,7 @@ void BodySet::makeColumns() {
     const auto add = [&](Column* first, int count) {
         for (int k = 0; k < count; k++) columns.push_back(first + k);
     };
-    for (Column* three : {R, p, l, force_lab, torque_body}) add(three, 3);
+    for (Column* three : {R, p, l, force_lab, torque_body, torque_lab}) add(three, 3);
     add(q, 4);
     const size_t numOfState = columns.size();
     for (Column* three : {inverseMoments, decay_l, noise_l, move_q, noise_q}) add(three, 3);
@@ -225,14 +225,13 @@ void BodySet::setStoredState(int body, const array<double, 13>& v) {
 
 Vec3 BodySet::getForce_lab(int body) const { return read(force_lab, slotOfBody[body]); }
 
-Vec3 BodySet::getTorque_lab(int body) const {
-    return toLab(slotOfBody[body], read(torque_body, slotOfBody[body]));
-}
+Vec3 BodySet::getTorque_lab(int body) const { return read(torque_lab, slotOfBody[body]); }
 
 void BodySet::addForceAndTorque_lab(int body, const Vec3& addedForce_lab,
                                     const Vec3& addedTorque_lab) {
     const int slot = slotOfBody[body];
     write(force_lab, slot, read(force_lab, slot) + addedForce_lab);
+    write(torque_lab, slot, read(torque_lab, slot) + addedTorque_lab);
     write(torque_body, slot, read(torque_body, slot) + toInnerBody(slot, addedTorque_lab));
 }
 
@@ -296,7 +295,7 @@ void BodySet::restore(const Snapshot& snapshot, int body) {
 
 void BodySet::saveForces(Snapshot& snapshot) const {
     const double* forces = force_lab[0].first;  // the torques come next
-    snapshot.values.assign(forces, forces + 6 * stride);
+    snapshot.values.assign(forces, forces + 9 * stride);
 }
 
 void BodySet::restoreForces(const Snapshot& snapshot) {

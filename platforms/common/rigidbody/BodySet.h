@@ -131,8 +131,10 @@ public:
     void saveForces(Snapshot& snapshot) const;
     void restoreForces(const Snapshot& snapshot);
 
-    // [3] and [4] are components. l and torque_body are in the inner body frame.
-    Column R[3], q[4], p[3], l[3], force_lab[3], torque_body[3];
+    // [3] and [4] are components. l and torque_body are in the inner body frame. torque_body is
+    // torque_lab at the pose where the forces were gathered: momenta change in the body frame, and
+    // schemes without momenta solve in the lab frame.
+    Column R[3], q[4], p[3], l[3], force_lab[3], torque_body[3], torque_lab[3];
     Column inverseMass, inverseMoments[3];
     Column decay_p, noise_p, decay_l[3], noise_l[3], move_R, noise_R, move_q[3], noise_q[3];
     std::vector<int> bodyOfSlot;   // -1 for padding
