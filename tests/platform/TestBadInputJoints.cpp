@@ -264,13 +264,13 @@ TEST(BadJoints, FirstPosesThatDoNotFit) {
     };
     Scene ball, link, point, hinge;
     ball.integrator.addBallJoint(0, front + up * gap, 1, back);
-    refused(ball, "ball joint");
+    refused(ball, "a ball of body 0 and body 1");
     link.integrator.addLink(0, front, 1, centre, 1 + gap);
-    refused(link, "link");
+    refused(link, "a link of body 0 and body 1");
     point.integrator.addBallJointToPoint(0, front, front - up * gap);
-    refused(point, "ball joint to a point");
+    refused(point, "a ball of body 0 and a point");
     hinge.integrator.addHinge(0, front, 1, back, up, Vec3(0, gap, sqrt(1 - gap * gap)));
-    refused(hinge, "hinge");
+    refused(hinge, "a hinge of body 0 and body 1");
     // What is not too large is mended by the first step.
     for (Scene* scene : {&ball, &link, &point, &hinge}) {
         scene->integrator.setPoseTolerance(0.011);
@@ -284,7 +284,8 @@ TEST(BadJoints, FirstPosesThatDoNotFit) {
     opposite.start(testPlatform());
     opposite.integrator.setPoseTolerance(1);
     expectError([&] { opposite.integrator.step(1); },
-                {"joint 0 (hinge) is violated by 3.14159 nm (or radians), above 1"});
+                {"joint 0 (a hinge of body 0 and body 1) is violated by 3.14159 nm (or radians), "
+                 "above 1"});
 }
 
 TEST(BadJoints, Redundant) {

@@ -137,7 +137,8 @@ TEST(Joints, WhatDoesNotFitOrFollowsFromOthers) {
     apart.integrator.addBallJoint(0, Vec3(1.9, 0, 0), 1, Vec3(-2, 0, 0));
     apart.start(testPlatform());
     expectError([&] { apart.integrator.step(1); },
-                {"joint 0 (ball joint) is violated by 0.1 nm", "place its bodies so that their"});
+                {"joint 0 (a ball of body 0 and body 1) is violated by 0.1 nm",
+                 "place its bodies so that their"});
     OverdampedScene twice(RigidHI::TrapezoidalSlip);
     twice.addMassless(boomerangKind());
     twice.addMassless(boomerangKind(), Vec3(4, 0, 0));

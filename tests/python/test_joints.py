@@ -236,5 +236,6 @@ def test_a_pulled_link_pulls_with_half_the_force(platform, scheme):
     # Copies of the integrator have the joint too.
     later = openmm.Context(system, copy.copy(integrator), platform)
     later.setPositions([(0, 0, 0), (1.52, 0, 0)])
-    with pytest.raises(openmm.OpenMMException, match=r'joint 0 \(link\) is violated by 0.02 nm'):
+    with pytest.raises(openmm.OpenMMException,
+                       match=r'joint 0 \(a link of body 0 and body 1\) is violated by 0.02 nm'):
         later.getIntegrator().step(1)

@@ -327,6 +327,7 @@ void GroupBuilder::makeJoints(FluidGroup& group, const BodySet& bodies) const {
         const JointDefinition& wanted = settings.joints[k];
         Joint joint;
         joint.index = k;
+        joint.name = jointText(k, wanted);
         joint.i = elementOf(wanted.i);
         if (joint.i < 0) continue;
         joint.j = -1;

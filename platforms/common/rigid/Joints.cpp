@@ -14,12 +14,6 @@ namespace RigidHIPlugin {
 
 namespace {
 
-string nameOf(const Joint& joint) {
-    const char* const kinds[] = {"ball joint", "ball joint to a point", "link", "hinge"};
-    return "CustomRigidHIIntegrator: joint " + to_string(joint.index) + " (" + kinds[joint.kind] +
-           ")";
-}
-
 /** Two axes across an axis, in the frame of i, which determine the rows of a hinge. */
 void axesAcross(const Vector3d& axis, Vector3d across[2]) {
     across[0] = axis.unitOrthogonal();
@@ -130,7 +124,7 @@ void Joints::factorise(const MatrixXd& CNC, MatrixXd& inverse) const {
     for (const Joint& joint : joints)
         if (worst < joint.firstRow + joint.numRows())
             throw OpenMM::OpenMMException(
-                nameOf(joint) +
+                "CustomRigidHIIntegrator: " + joint.name +
                 " has a condition that follows from those of other joints, or on a motion that "
                 "does not exist (two joints at one place, closed loops, bodies that cannot move, "
                 "a ball off the line of a rod of blobs); remove the joint, or use one that leaves "
@@ -196,8 +190,8 @@ void Joints::check(const vector<Pose>& poses, double tolerance) const {
         if (error <= tolerance) continue;
         ostringstream text;
         text
-            << nameOf(joint) << " is violated by " << error << " nm (or radians), above "
-            << tolerance
+            << "CustomRigidHIIntegrator: " << joint.name << " is violated by " << error
+            << " nm (or radians), above " << tolerance
             << "; place its bodies so that their anchors, axes and distance fit, or take a smaller "
                "step";
         throw OpenMM::OpenMMException(text.str());

@@ -2,6 +2,7 @@
 #define RIGIDHI_JOINTS_H_
 
 #include <Eigen/Core>
+#include <string>
 #include <vector>
 
 #include "rigid/CoupledBodies.h"
@@ -14,6 +15,7 @@ struct Joint {
     enum Kind { Ball, BallToPoint, Link, Hinge };
     Kind kind;
     int index;                 // in the integrator
+    std::string name;          // for messages: the kind and the bodies (jointText())
     int i, j;                  // elements; j = -1: a point
     Eigen::Vector3d anchor_i;  // in the frame of i
     Eigen::Vector3d anchor_j;  // in the frame of j, or the point in the lab frame
