@@ -1121,6 +1121,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Get the forces that the joints exerted during the last step.
 
         The share of the noise is as in :meth:`getHoldingWrenches`.
+        A hinge also exerts a torque across its axis, which is not part of the answer.
 
         Returns
         -------

@@ -579,7 +579,8 @@ public:
     /**
      * Get the forces that the joints exerted during the last step, kJ/(mol nm), lab frame: for each
      * joint of the Context the force on its first body, which acts at the anchor. The force on the
-     * second body is the opposite. The share of the noise is as in getHoldingWrenches().
+     * second body is the opposite. The share of the noise is as in getHoldingWrenches(). A hinge
+     * also exerts a torque across its axis, which is not part of the answer.
      */
     std::vector<OpenMM::Vec3> getJointForces() const;
     /** Get the largest distance of a particle from its place at the last fit of poses to positions,
