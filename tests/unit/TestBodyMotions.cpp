@@ -39,8 +39,8 @@ struct Motions : testing::Test {
         forces.emplace_back(new CustomBodyMotion(e[0], e[1], e[2], e[3], e[4], e[5]));
         return *forces.back();
     }
+    /** The implementations of earlier calls stay, because their BodyMotions refer to them. */
     BodyMotions make() {
-        impls.clear();
         vector<ForceImpl*> all;
         for (const auto& force : forces) {
             impls.emplace_back(new CustomBodyMotionImpl(*force));
