@@ -103,7 +103,7 @@ int main(int argc, char** argv) {
     for (const char* name : {"Reference", "CPU"})
         Platform::loadPluginLibrary(string(RIGIDHI_PLUGIN_DIR) + "/libOpenMMRigidHI" + name +
                                     ".so");
-    typedef CustomRigidHIIntegrator I;
+    using I = CustomRigidHIIntegrator;
     const int middle = 1000;
     for (const char* platform : {"CPU", "Reference"}) {
         for (const Shape& shape : shapes)

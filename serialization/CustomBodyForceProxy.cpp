@@ -30,9 +30,8 @@ void* CustomBodyForceProxy::deserialize(const SerializationNode& root) const {
     const StrictNode node(root, className);
     if (node.integer("version") != formatVersion)
         node.wrongValue("version", to_string(formatVersion));
-    unique_ptr<CustomBodyForce> force(new CustomBodyForce(node.text("fx"), node.text("fy"),
-                                                          node.text("fz"), node.text("tx"),
-                                                          node.text("ty"), node.text("tz")));
+    auto force = make_unique<CustomBodyForce>(node.text("fx"), node.text("fy"), node.text("fz"),
+                                              node.text("tx"), node.text("ty"), node.text("tz"));
     readBodyExpressions(node, *force);
     return force.release();
 }

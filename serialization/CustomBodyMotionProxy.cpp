@@ -34,9 +34,8 @@ void* CustomBodyMotionProxy::deserialize(const SerializationNode& root) const {
     const StrictNode node(root, className);
     if (node.integer("version") != formatVersion)
         node.wrongValue("version", to_string(formatVersion));
-    unique_ptr<CustomBodyMotion> force(new CustomBodyMotion(node.text("vx"), node.text("vy"),
-                                                            node.text("vz"), node.text("wx"),
-                                                            node.text("wy"), node.text("wz")));
+    auto force = make_unique<CustomBodyMotion>(node.text("vx"), node.text("vy"), node.text("vz"),
+                                               node.text("wx"), node.text("wy"), node.text("wz"));
     force->setFrame(valueOf(frames, node, "frame"));
     readBodyExpressions(node, *force);
     return force.release();

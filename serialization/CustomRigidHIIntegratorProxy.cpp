@@ -17,7 +17,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-typedef CustomRigidHIIntegrator Integrator;
+using Integrator = CustomRigidHIIntegrator;
 /** The latest version, which is written only for what earlier versions of the library would ignore:
  * bodies and particles that are held, and joints. */
 constexpr int formatVersion = 2;
@@ -227,8 +227,7 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
     const int version = node.integer("version");
     if (version < 1 || version > formatVersion)
         node.wrongValue("version", "1 or " + to_string(formatVersion));
-    unique_ptr<Integrator> integrator(
-        new Integrator(node.number("temperature"), node.number("stepSize")));
+    auto integrator = make_unique<Integrator>(node.number("temperature"), node.number("stepSize"));
     for (const auto& number : numbers)
         if (number.isInOldFiles || node.has(number.name))
             (integrator.get()->*number.set)(node.number(number.name));

@@ -171,7 +171,7 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     const StrictNode node(root, className);
     const int version = node.integer("version");
     if (version < 1 || version > formatVersion) node.wrongValue("version", "1 or 2");
-    unique_ptr<MobilityForce> force(new MobilityForce());
+    auto force = make_unique<MobilityForce>();
     force->setForceGroup(node.integer("forceGroup"));
     force->setName(node.text("name"));
     for (const auto& number : numbers)

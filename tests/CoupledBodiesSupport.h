@@ -10,9 +10,9 @@ namespace RigidHITest {
 /** A group of bodies with all strategies of computation for this group, at the same poses. */
 class TestedBodies {
 public:
-    typedef Eigen::MatrixXd MatrixXd;
-    typedef RigidHIPlugin::BodyMobility BodyMobility;
-    typedef RigidHIPlugin::CoupledBodies CoupledBodies;
+    using MatrixXd = Eigen::MatrixXd;
+    using BodyMobility = RigidHIPlugin::BodyMobility;
+    using CoupledBodies = RigidHIPlugin::CoupledBodies;
 
     TestedBodies(const std::vector<RigidHIPlugin::FluidElement>& elements,
                  const CoupledBodies::ModelFactory& makeModel, bool mayBeConstant = true,

@@ -20,7 +20,7 @@ using RigidHIPlugin::schemeTable;
 using RigidHIPlugin::SchemeTraits;
 using RigidHIPlugin::traitsOf;
 
-typedef CustomRigidHIIntegrator RigidHI;
+using RigidHI = CustomRigidHIIntegrator;
 const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 
 inline std::vector<SchemeTraits> overdampedSchemes() {

@@ -150,8 +150,7 @@ MatrixXd tensorWithoutSymmetry(int seed) {
 
 MatrixXd squareOf(const std::vector<double>& numbers) {
     const int n = std::lround(std::sqrt(numbers.size()));
-    return Eigen::Map<
-        const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> >(
+    return Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(
         numbers.data(), n, n);
 }
 
@@ -221,8 +220,8 @@ void FluidScene::bind() {
 
 void FluidScene::start(OpenMM::Platform& platform, int threadCount) {
     if (isPeriodic()) bind();
-    context.reset(new OpenMM::Context(system, integrator, platform,
-                                      threads(platform.getName(), threadCount)));
+    context = std::make_unique<OpenMM::Context>(system, integrator, platform,
+                                                threads(platform.getName(), threadCount));
     context->setPositions(positions);
     // One site leaves the orientation open.
     if (!bodies.empty()) {

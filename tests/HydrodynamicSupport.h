@@ -97,7 +97,7 @@ struct FluidScene {
     CustomRigidHIIntegrator integrator;
     std::unique_ptr<OpenMM::Context> context;
     std::vector<BodyKind> bodies;
-    std::vector<std::vector<int> > particles;  // of each body
+    std::vector<std::vector<int>> particles;  // of each body
     std::vector<int> freeParticles;
     std::vector<Vec3> positions;  // of all particles
     double side = 13;             // of the cubic box of a periodic fluid; before start()

@@ -15,8 +15,8 @@
 
 namespace RigidHITest {
 
-typedef CustomRigidHIIntegrator RigidHI;
-typedef RigidHI::Scheme Scheme;
+using RigidHI = CustomRigidHIIntegrator;
+using Scheme = RigidHI::Scheme;
 
 const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 

@@ -37,7 +37,7 @@ public:
     void drawField(const RigidHIPlugin::NoiseStream& noise, uint32_t purpose,
                    const RigidHIPlugin::BoxVectors&,
                    std::unique_ptr<RigidHIPlugin::RandomField>& field) const override {
-        if (!field) field.reset(new Field(*this));
+        if (!field) field = std::make_unique<Field>(*this);
         VectorXd& amplitudes = static_cast<Field&>(*field).amplitudes;
         amplitudes.resize(numWaves());
         for (int i = 0; i < numWaves(); i += 2)
@@ -76,7 +76,7 @@ public:
 
 protected:
     std::unique_ptr<RigidHIPlugin::MobilityAt> makePlace() const override {
-        return std::unique_ptr<RigidHIPlugin::MobilityAt>(new Place(*this));
+        return std::make_unique<Place>(*this);
     }
 
 private:

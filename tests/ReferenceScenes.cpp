@@ -263,10 +263,11 @@ ReferenceScene::ReferenceScene(const string& sceneName) : data(readScene(sceneNa
     name = sceneName;
     const double viscosity = data["viscosity"].number;
     const bool wall = data["boundary"].text != "Unbounded";
-    makeModel = [viscosity, wall](const HydrodynamicParticles& particles) {
-        return wall ? unique_ptr<MobilityModel>(
-                          new RotnePragerYamakawaWall(particles, viscosity, NoSlipPlane(0, false)))
-                    : unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, viscosity));
+    makeModel = [viscosity,
+                 wall](const HydrodynamicParticles& particles) -> unique_ptr<MobilityModel> {
+        const NoSlipPlane plane(0, false);
+        if (wall) return make_unique<RotnePragerYamakawaWall>(particles, viscosity, plane);
+        return make_unique<RotnePragerYamakawa>(particles, viscosity);
     };
     const JsonValue &bodies = data["bodies"], &constraints = data["constraints"];
     vector<bool> held(bodies.size());

@@ -30,7 +30,7 @@ struct RandomNumber {
     }
 };
 /** Values of random numbers; all others are 0. */
-typedef std::map<RandomNumber, double> RandomNumbers;
+using RandomNumbers = std::map<RandomNumber, double>;
 
 /** A move whose random numbers a test sets. */
 class TestedMove : public RigidHIPlugin::OverdampedMove {
@@ -54,9 +54,9 @@ protected:
 /** Steps of a scheme that all start from the poses of the scene, with constant wrenches. */
 class TestedStep {
 public:
-    typedef Eigen::VectorXd VectorXd;
-    typedef Eigen::MatrixXd MatrixXd;
-    typedef RigidHIPlugin::CustomRigidHIIntegrator Integrator;
+    using VectorXd = Eigen::VectorXd;
+    using MatrixXd = Eigen::MatrixXd;
+    using Integrator = RigidHIPlugin::CustomRigidHIIntegrator;
 
     TestedStep(Integrator::Scheme which, const PosedBodies& scene,
                RigidHIPlugin::BodyMobility& mobility, double h, double kT)

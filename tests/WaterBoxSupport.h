@@ -62,8 +62,8 @@ struct WaterBox {
         integrator.setRandomNumberSeed(3);
     }
     void start() {
-        context.reset(new OpenMM::Context(system, integrator, testPlatform(),
-                                          threads(testPlatformName(), 2)));
+        context = std::make_unique<OpenMM::Context>(system, integrator, testPlatform(),
+                                                    threads(testPlatformName(), 2));
         context->setPositions(positions);
     }
 };

@@ -39,11 +39,9 @@ extern "C" __attribute__((visibility("default"))) void registerPlatforms() {}
 
 extern "C" __attribute__((visibility("default"))) void registerKernelFactories() {
     PlatformParts parts;
-    parts.arrays = [](ContextImpl& context) {
-        return std::unique_ptr<ContextArrays>(new KernelArrays(context));
-    };
+    parts.arrays = [](ContextImpl& context) { return std::make_unique<KernelArrays>(context); };
     parts.loops = [](ContextImpl& context) {
-        return std::unique_ptr<PlatformLoops>(new ThreadedLoops(hostThreads(context)));
+        return std::make_unique<ThreadedLoops>(hostThreads(context));
     };
     for (int i = 0; i < Platform::getNumPlatforms(); i++) {
         const Platform& platform = Platform::getPlatform(i);

@@ -17,12 +17,12 @@ extern "C" __attribute__((visibility("default"))) void registerPlatforms() {}
 extern "C" __attribute__((visibility("default"))) void registerKernelFactories() {
     PlatformParts parts;
     parts.arrays = [](OpenMM::ContextImpl& context) {
-        return std::unique_ptr<ContextArrays>(new ReferenceArrays(context));
+        return std::make_unique<ReferenceArrays>(context);
     };
     parts.loops = [](OpenMM::ContextImpl& context) {
         const int threads =
             std::stoi(context.getPlatform().getPropertyValue(context.getOwner(), "Threads"));
-        return std::unique_ptr<PlatformLoops>(new ThreadedLoops(threads));
+        return std::make_unique<ThreadedLoops>(threads);
     };
     registerKernel("CPU", "OpenMMRigidHICPU", parts);
 }

@@ -13,10 +13,8 @@ extern "C" __attribute__((visibility("default"))) void registerPlatforms() {}
 extern "C" __attribute__((visibility("default"))) void registerKernelFactories() {
     PlatformParts parts;
     parts.arrays = [](OpenMM::ContextImpl& context) {
-        return std::unique_ptr<ContextArrays>(new ReferenceArrays(context));
+        return std::make_unique<ReferenceArrays>(context);
     };
-    parts.loops = [](OpenMM::ContextImpl&) {
-        return std::unique_ptr<PlatformLoops>(new ScalarLoops());
-    };
+    parts.loops = [](OpenMM::ContextImpl&) { return std::make_unique<ScalarLoops>(); };
     registerKernel("Reference", "OpenMMRigidHIReference", parts);
 }

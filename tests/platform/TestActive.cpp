@@ -261,7 +261,7 @@ TEST(Active, SpinsAreNotSlowed) {
     screw.sites[1] += Vec3(0.05, 0, 0);
     for (bool alone : {false, true}) {
         const auto make = [&](double temperature, bool active) {
-            unique_ptr<ActiveScene> scene(new ActiveScene(rotnePrager, temperature, 0.05));
+            auto scene = make_unique<ActiveScene>(rotnePrager, temperature, 0.05);
             scene->add(screw, Vec3());
             if (!alone) scene->add(sphereKind(0.6), Vec3(0, 0, 60));
             if (active) scene->setSlip(0);
@@ -543,7 +543,7 @@ TEST(Active, ResumesBitForBit) {
     for (auto scheme : {RigidHI::TrapezoidalSlip, RigidHI::DriftCorrectorRFD})
         expectToResumeBitForBit<ActiveScene>(
             [&](int threads) {
-                unique_ptr<ActiveScene> scene(new ActiveScene(rotnePrager, T1, 1e-3, scheme));
+                auto scene = make_unique<ActiveScene>(rotnePrager, T1, 1e-3, scheme);
                 useWall(*scene, MobilityForce::NoSlipWall);
                 addActiveMixture(*scene);
                 scene->push(0, Vec3(0.2, 1.1, 0.3), 0.3, Vec3(2, -1, 3));

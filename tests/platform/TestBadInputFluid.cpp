@@ -448,7 +448,7 @@ TEST(BadFluid, QuestionsWithoutAContextOrPositions) {
     EXPECT_THROW(pair.fluid->applyMobilityInContext(*other.context, vector<double>(12)),
                  OpenMMException);
     EXPECT_THROW(pair.fluid->updateParametersInContext(*other.context), OpenMMException);
-    pair.context.reset(new Context(pair.system, pair.integrator, testPlatform()));
+    pair.context = make_unique<Context>(pair.system, pair.integrator, testPlatform());
     expectError([&] { pair.mobility(); }, {"getMobilityInContext() needs positions"});
     expectError([&] { pair.friction(); }, {"getFrictionInContext() needs positions"});
     expectError([&] { pair.fluid->applyMobilityInContext(*pair.context, vector<double>(12)); },

@@ -16,7 +16,7 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator RigidIntegrator;
+using RigidIntegrator = CustomRigidHIIntegrator;
 
 /** Bodies with explicit mass, moments and four sites. All particles of the System are massless
  * except the first. */
@@ -46,7 +46,7 @@ struct Scene {
         return force;
     }
     void create() {
-        context.reset(new Context(system, integrator, testPlatform()));
+        context = make_unique<Context>(system, integrator, testPlatform());
         context->setPositions(positions);
     }
     vector<double> stateOfBodies() {
@@ -159,7 +159,7 @@ TEST(BodyForces, VelocityDependentForceConvergesWithSecondOrder) {
 
 TEST(BodyForces, TrapEqualsCustomExternalForceOnTheParticle) {
     // The first particle of each body is at its origin.
-    vector<vector<double> > results;
+    vector<vector<double>> results;
     for (const bool ours : {true, false}) {
         Scene scene(0.01, 300);
         scene.integrator.setFriction(2);
@@ -277,7 +277,7 @@ TEST(BodyForces, HonourForceGroups) {
     second->addBody(0, {});
     second->setForceGroup(3);
     scene.create();
-    const vector<pair<int, double> > cases = {
+    const vector<pair<int, double>> cases = {
         {1 << 3, 10}, {1, 1}, {1 | 1 << 3, 11}, {1 << 5, 0}, {-1, 11}};
     for (const auto& c : cases) {
         scene.integrator.setIntegrationForceGroups(c.first);
@@ -304,7 +304,7 @@ TEST(BodyForces, ResumeBitForBit) {
     for (const auto scheme : thermostats())
         for (const bool throughState : {false, true})
             for (const int at : {1, 7}) {
-                vector<vector<double> > results;
+                vector<vector<double>> results;
                 string saved;
                 State state;
                 for (const bool resumed : {false, true}) {
@@ -344,7 +344,7 @@ TEST(BodyForces, ResumeBitForBit) {
 
 TEST(BodyForces, WithoutAnyNothingChanges) {
     // With a CustomBodyForce that acts on no body, results are the same bit for bit as without one.
-    vector<vector<double> > results;
+    vector<vector<double>> results;
     for (const bool idle : {true, false}) {
         Scene scene(0.01, 300);
         for (int b = 0; b < 9; b++) scene.addBody(Vec3(b, 0.5, 0));

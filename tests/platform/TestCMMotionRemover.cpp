@@ -142,8 +142,8 @@ struct OddMasses {
         for (double y : {5.0, 6.0}) positions.push_back(Vec3(0, y, 0));
         if (frequency > 0) system.addForce(new CMMotionRemover(frequency));
         if (other) system.addForce(other);
-        context.reset(
-            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context = make_unique<Context>(system, integrator, testPlatform(),
+                                       threads(testPlatformName(), 1));
         context->setPositions(positions);
         push();
     }

@@ -187,7 +187,7 @@ Vector3d stressletVelocity(const Vector3d& x, double c, const Matrix3d& S, doubl
     return u;
 }
 Matrix3d stressletGradient(const Vector3d& x, double c, const Matrix3d& S, double eta) {
-    typedef complex<double> Complex;
+    using Complex = complex<double>;
     const double tiny = 1e-100;
     Matrix3d gradient;
     for (int m = 0; m < 3; m++) {

@@ -12,7 +12,7 @@ using namespace std;
 
 namespace {
 
-typedef vector<Vec3> Points;
+using Points = vector<Vec3>;
 
 /** The divergences at points by central differences. The flow is read once for all of them, because
  * each reading repeats the last step. */

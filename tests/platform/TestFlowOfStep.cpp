@@ -17,7 +17,7 @@ using namespace std;
 
 namespace {
 
-typedef vector<Vec3> Points;
+using Points = vector<Vec3>;
 
 /** A scene whose forces depend on positions and time, so that evaluations can be told apart. */
 void addChanging(Pushed& scene) {

@@ -16,7 +16,7 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator RigidHI;
+using RigidHI = CustomRigidHIIntegrator;
 const RigidHI::Scheme schemes[] = {RigidHI::LangevinHI, RigidHI::DriftCorrectorFD,
                                    RigidHI::TrapezoidalSlip};
 

@@ -13,7 +13,7 @@ namespace {
 unique_ptr<OverdampedScene> obstacles(RigidHI::Scheme scheme, double temperature, double h,
                                       const function<void(OverdampedScene&)>& change = {},
                                       int threads = 1) {
-    unique_ptr<OverdampedScene> scene(new OverdampedScene(scheme, temperature, h));
+    auto scene = make_unique<OverdampedScene>(scheme, temperature, h);
     scene->fluid->setBoundary(MobilityForce::NoSlipWall);
     scene->addMassless(boomerangKind(), Vec3(0, 0, 4), {{0.8, 0, 0.6, 0}});
     scene->addMassless(sphereKind(0.7), Vec3(3, 0, 3));

@@ -15,7 +15,7 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator::Scheme Scheme;
+using Scheme = CustomRigidHIIntegrator::Scheme;
 const auto A = CustomRigidHIIntegrator::LangevinA, B = CustomRigidHIIntegrator::LangevinB,
            C = CustomRigidHIIntegrator::LangevinC, HI = CustomRigidHIIntegrator::LangevinHI,
            gradient = CustomRigidHIIntegrator::GradientThermostat;
@@ -193,7 +193,7 @@ TEST(HeldMomenta, OthersMoveAsBesideParticlesThatCannotMove) {
 
 TEST(HeldMomenta, HaveNoDegreesOfFreedom) {
     Springs scene(C, 1, Springs::Nothing);
-    typedef map<string, int> Degrees;
+    using Degrees = map<string, int>;
     const Degrees all = {{"translational", 18}, {"rotational1", 4}, {"rotational2", 6},
                          {"rotational3", 6},    {"free", 6},        {"removed", 0},
                          {"total", 40}},
@@ -352,7 +352,7 @@ TEST(HeldMomenta, MassesOfWhatIsHeldDoNotMatter) {
 TEST(HeldMomenta, ResumesBitForBit) {
     for (Scheme scheme : {A, B, C, gradient, HI})
         expectToResumeBitForBit<Springs>(
-            [&](int threadCount) { return unique_ptr<Springs>(new Springs(scheme, threadCount)); },
+            [&](int threadCount) { return make_unique<Springs>(scheme, threadCount); },
             [](Springs& scene) { scene.integrator.step(7); }, 20);
 }
 
@@ -402,7 +402,7 @@ TEST(HeldMomenta, VirtualSitesOfWhatIsHeldStay) {
     addField(scene.system, "3*(x^2+y^2+z^2)");
     scene.integrator.setBodyHeld(0, true);
     scene.integrator.setParticleHeld(8, true);
-    scene.context.reset(new Context(scene.system, scene.integrator, testPlatform()));
+    scene.context = make_unique<Context>(scene.system, scene.integrator, testPlatform());
     scene.context->setPositions(positions);
     scene.context->setVelocitiesToTemperature(T1, 2);
     scene.integrator.step(1);
@@ -468,7 +468,7 @@ TEST(HeldMomenta, TheWatchExpectsNoHeatOfWhatIsHeld) {
     scene.integrator.setScheme(C);
     scene.integrator.setFriction(20);
     scene.integrator.setRotationalFriction(20);
-    scene.context.reset(new Context(scene.system, scene.integrator, testPlatform()));
+    scene.context = make_unique<Context>(scene.system, scene.integrator, testPlatform());
     scene.context->setPositions(scene.positions);
     scene.context->setVelocitiesToTemperature(T1, 3);
     scene.integrator.step(20000);

@@ -22,7 +22,7 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator::Scheme Scheme;
+using Scheme = CustomRigidHIIntegrator::Scheme;
 
 /** A scheme with momenta, in each of the ways in which it may be computed. */
 struct Way {
@@ -128,8 +128,8 @@ struct Waters {
         integrator.setRandomNumberSeed(31);
     }
     void start() {
-        context.reset(
-            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context = make_unique<Context>(system, integrator, testPlatform(),
+                                       threads(testPlatformName(), 1));
         context->setPositions(positions);
         context->setVelocitiesToTemperature(temperature, 3);
     }
@@ -484,15 +484,14 @@ TEST(InertiaScale, ARunGoesOnBitForBit) {
     // factor.
     for (const Way& way : waysWithMomenta()) {
         SCOPED_TRACE(way.name);
-        expectToResumeBitForBit<Mixture>(
-            [&](int) { return unique_ptr<Mixture>(new Mixture(way, 3.3)); },
-            [](Mixture& scene) {
-                scene.integrator.step(3);
-                scene.integrator.setInertiaScale(2.7);
-                scene.integrator.step(2);
-                scene.integrator.setInertiaScale(3.3);
-            },
-            4);
+        expectToResumeBitForBit<Mixture>([&](int) { return make_unique<Mixture>(way, 3.3); },
+                                         [](Mixture& scene) {
+                                             scene.integrator.step(3);
+                                             scene.integrator.setInertiaScale(2.7);
+                                             scene.integrator.step(2);
+                                             scene.integrator.setInertiaScale(3.3);
+                                         },
+                                         4);
     }
 }
 

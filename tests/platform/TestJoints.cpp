@@ -126,7 +126,7 @@ TEST(Joints, TheForceOfALink) {
 TEST(Joints, ResumeBitForBit) {
     for (auto scheme : jointed)
         expectToResumeBitForBit<Chain>(
-            [&](int threads) { return unique_ptr<Chain>(new Chain(scheme, T1, 1e-3, threads)); },
+            [&](int threads) { return make_unique<Chain>(scheme, T1, 1e-3, threads); },
             [](Chain& scene) { scene.integrator.step(3); }, 4);
 }
 

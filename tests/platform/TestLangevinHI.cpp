@@ -308,7 +308,7 @@ TEST_P(EveryModel, OneStepResponseIsTheExponentialOfFrictionOverInertia) {
 TEST(LangevinHI, OneStepOfABodyAloneAndOfPairs) {
     // The scenes take the path for constant friction, the path for spheres only, where the mobility
     // is decomposed and not the friction, and the path for bodies without inertia about a line.
-    const vector<vector<BodyKind> > scenes = {
+    const vector<vector<BodyKind>> scenes = {
         {boomerangKind()},
         {rodKind()},
         {{"sphere off the origin", 1, Vec3(0.4, 0.2, 0.3), {Vec3(0.3, -0.2, 0.1)}, {0.5}}},
@@ -577,8 +577,8 @@ TEST_P(EveryModel, ResumesBitForBit) {
             return;
         }
         if (scene.isPeriodic()) scene.bind();
-        scene.context.reset(new Context(scene.system, scene.integrator, testPlatform(),
-                                        threads(testPlatformName(), 1)));
+        scene.context = make_unique<Context>(scene.system, scene.integrator, testPlatform(),
+                                             threads(testPlatformName(), 1));
     };
     FluidScene once(T1, 0.02), twice(T1, 0.02), third(T1, 0.02), fourth(T1, 0.02);
     make(once, true);

@@ -108,7 +108,7 @@ TEST(LangevinHIAverages, EquilibriumUnderStrongCouplingOfTranslationAndRotation)
         for (int s = 0; s < samples; s++) {
             replicas.scene.integrator.step(20);
             const Snapshot now(replicas.scene);
-            map<string, vector<double> > values;
+            map<string, vector<double>> values;
             for (size_t b = 0; b < now.R.size(); b++) {
                 const BodyKind& kind = replicas.scene.bodies[b];
                 const string body = b % perCopy == 0 ? "boomerang " : "sphere ";
@@ -326,7 +326,7 @@ TEST(LangevinHIAverages, FreeParticlesThatTheFluidDoesNotSeeFeelLangevinC) {
     }
     plain.removeFluid();
     plain.integrator.setScheme(CustomRigidHIIntegrator::LangevinC);
-    vector<vector<Vec3> > x;
+    vector<vector<Vec3>> x;
     for (FluidScene* scene : {&hydrodynamic, &plain}) {
         scene->start(testPlatform());
         scene->integrator.step(30);

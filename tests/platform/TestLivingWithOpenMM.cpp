@@ -97,7 +97,7 @@ TEST(VirtualSites, OfVirtualSitesFollowTheirBodies) {
     integrator.addRigidBody({0, 1, 2, 3});
     unique_ptr<Context> context;
     try {
-        context.reset(new Context(system, integrator, testPlatform()));
+        context = make_unique<Context>(system, integrator, testPlatform());
     } catch (const OpenMMException& error) {
         ASSERT_STREQ(error.what(), "A virtual site cannot depend on another virtual site");
         GTEST_SKIP() << "OpenMM " << Platform::getOpenMMVersion()
@@ -388,8 +388,8 @@ struct ChangeableScene {
             system.addForce(fluid);
         else
             delete fluid;
-        context.reset(
-            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context = make_unique<Context>(system, integrator, testPlatform(),
+                                       threads(testPlatformName(), 1));
         context->setPositions(positions);
         integrator.step(2);
     }

@@ -61,8 +61,8 @@ public:
         system.addForce(force);
         integrator.setScheme(CustomRigidHIIntegrator::LangevinHI);
         integrator.setRandomNumberSeed(5);
-        context.reset(
-            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 2)));
+        context = make_unique<Context>(system, integrator, testPlatform(),
+                                       threads(testPlatformName(), 2));
         context->setPositions(positions);
         context->setVelocitiesToTemperature(1 / boltzmann, 3);
     }

@@ -310,7 +310,7 @@ TEST(Overdamped, SpheresInFluidsWithoutWallsHaveNoDriftTerms) {
 TEST(Overdamped, DriftIsOffOnlyWhereItIsZero) {
     // There is a drift with a sphere off its body's origin, an own tensor, a wall, lubrication, and
     // a multiblob beside a sphere.
-    const vector<pair<string, function<void(OverdampedScene&)> > > changes = {
+    const vector<pair<string, function<void(OverdampedScene&)>>> changes = {
         {"off the origin",
          [](OverdampedScene& scene) {
              BodyKind sphere = sphereKind(0.8);

@@ -17,8 +17,8 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator RigidHI;
-typedef RigidHI::Scheme Scheme;
+using RigidHI = CustomRigidHIIntegrator;
+using Scheme = RigidHI::Scheme;
 
 const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 

@@ -163,7 +163,7 @@ TEST(OverdampedWall, HeightAboveAWall) {
     }
     const double right = first[0] / sum[0], withoutDrift = first[1] / sum[1];
     EXPECT_GT(right - withoutDrift, 0.15);
-    vector<pair<Scheme, RigidHI::NoiseLaw> > cases;
+    vector<pair<Scheme, RigidHI::NoiseLaw>> cases;
     for (const Named& s : schemes)
         if (s.scheme != RigidHI::DriftCorrectorFD)  // three times the cost of DriftCorrectorRFD
             cases.push_back({s.scheme, RigidHI::Gaussian});

@@ -39,8 +39,8 @@ struct Pair {
         system.addForce(pushing);
         integrator.setScheme(CustomRigidHIIntegrator::LangevinHI);
         integrator.setRandomNumberSeed(seed);
-        context.reset(
-            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context = make_unique<Context>(system, integrator, testPlatform(),
+                                       threads(testPlatformName(), 1));
         context->setPositions({Vec3(-1 - gap / 2, 0, 0), Vec3(1 + gap / 2, 0, 0)});
     }
     double gap() {

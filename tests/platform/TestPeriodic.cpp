@@ -14,7 +14,7 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator RigidHI;
+using RigidHI = CustomRigidHIIntegrator;
 const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 
 struct Box {

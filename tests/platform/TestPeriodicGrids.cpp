@@ -9,7 +9,7 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator RigidHI;
+using RigidHI = CustomRigidHIIntegrator;
 
 struct GridModel {
     const char* name;

@@ -167,8 +167,9 @@ TEST(Prescribed, ResumesBitForBit) {
     for (auto scheme : {RigidHI::TrapezoidalSlip, RigidHI::FixmanMidpoint})
         expectToResumeBitForBit<Driven>(
             [&](int threads) {
-                return unique_ptr<Driven>(new Driven(
-                    scheme, T1, 1e-3, {"speed*cos(t)", "", "", "", "t", ""}, true, threads));
+                return make_unique<Driven>(scheme, T1, 1e-3,
+                                           vector<string>{"speed*cos(t)", "", "", "", "t", ""},
+                                           true, threads);
             },
             [](Driven& scene) {
                 scene.integrator.step(3);

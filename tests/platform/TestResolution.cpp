@@ -20,8 +20,8 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator RigidHI;
-typedef RigidHI::Scheme Scheme;
+using RigidHI = CustomRigidHIIntegrator;
+using Scheme = RigidHI::Scheme;
 
 const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 const Vec3 skewLine = Vec3(1, 2, 3) / sqrt(14.0);

@@ -23,7 +23,7 @@ namespace {
 struct Scene {
     System system;
     vector<Vec3> positions;
-    vector<vector<int> > implicitBodies;
+    vector<vector<int>> implicitBodies;
 
     explicit Scene(bool withNonbonded) {
         auto* field = new CustomExternalForce("20*(x^2+y^2+z^2)+sin(5*x)*y");
@@ -89,7 +89,7 @@ struct Scene {
         return Vec3(1.3 * (place % 4), 1.3 * (place / 4 % 4), 1.3 * (place / 16));
     }
     unique_ptr<CustomRigidHIIntegrator> makeIntegrator(int seed) const {
-        unique_ptr<CustomRigidHIIntegrator> integrator(new CustomRigidHIIntegrator(300, 0.002));
+        auto integrator = make_unique<CustomRigidHIIntegrator>(300, 0.002);
         for (const auto& body : implicitBodies) integrator->addRigidBody(body);
         integrator->addRigidBody({explicitParticle}, 5.0, Vec3(0.2, 0.1, 0.15), {Vec3()});
         integrator->setRandomNumberSeed(seed);
@@ -124,8 +124,8 @@ struct Trajectory {
                CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC)
         : integrator(scene.makeIntegrator(seed)) {
         integrator->setScheme(scheme);
-        context.reset(new Context(scene.system, *integrator, testPlatform(),
-                                  threads(testPlatformName(), threadCount)));
+        context = make_unique<Context>(scene.system, *integrator, testPlatform(),
+                                       threads(testPlatformName(), threadCount));
         if (!start) return;
         context->setPositions(scene.positions);
         context->setVelocitiesToTemperature(300, 9);

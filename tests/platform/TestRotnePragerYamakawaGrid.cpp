@@ -10,7 +10,7 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator RigidHI;
+using RigidHI = CustomRigidHIIntegrator;
 
 struct SplitScene : GridScene {
     explicit SplitScene(double temperature = 0, RigidHI::Scheme scheme = RigidHI::DriftCorrectorRFD,

@@ -16,7 +16,7 @@ namespace {
 
 const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 
-typedef CustomRigidHIIntegrator::Scheme Scheme;
+using Scheme = CustomRigidHIIntegrator::Scheme;
 const auto A = CustomRigidHIIntegrator::LangevinA, B = CustomRigidHIIntegrator::LangevinB,
            C = CustomRigidHIIntegrator::LangevinC,
            Gradient = CustomRigidHIIntegrator::GradientThermostat;
@@ -45,8 +45,8 @@ struct Trap {
         system.addForce(well);
         integrator.setScheme(scheme);
         integrator.setRandomNumberSeed(1234);
-        context.reset(
-            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context = make_unique<Context>(system, integrator, testPlatform(),
+                                       threads(testPlatformName(), 1));
         context->setPositions(positions);
         if (traitsOf(scheme).hasMomenta) context->setVelocitiesToTemperature(T1, 5);
     }
@@ -158,8 +158,8 @@ struct Dipoles {
         system.addForce(field);
         integrator.setScheme(scheme);
         integrator.setRandomNumberSeed(77);
-        context.reset(
-            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context = make_unique<Context>(system, integrator, testPlatform(),
+                                       threads(testPlatformName(), 1));
         mt19937 generator(8);
         vector<QuaternionArray> q;
         for (int i = 0; i < copies; i++) q.push_back(randomQuaternion(generator));

@@ -19,7 +19,7 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator::Scheme Scheme;
+using Scheme = CustomRigidHIIntegrator::Scheme;
 const auto A = CustomRigidHIIntegrator::LangevinA, B = CustomRigidHIIntegrator::LangevinB,
            C = CustomRigidHIIntegrator::LangevinC;
 const double T1 = 1 / boltzmann;  // the temperature with kT = 1
@@ -65,8 +65,8 @@ struct Wells {
         system.addConstraint(p, p + 1, 1);
     }
     void start(double temperature = -1) {
-        context.reset(
-            new Context(system, integrator, testPlatform(), threads(testPlatformName(), 1)));
+        context = make_unique<Context>(system, integrator, testPlatform(),
+                                       threads(testPlatformName(), 1));
         context->setPositions(positions);
         context->setVelocitiesToTemperature(
             temperature >= 0 ? temperature : integrator.getTemperature(), 5);

@@ -22,7 +22,7 @@ namespace {
 /** A scene with dense matrices that have enough rows for OpenBLAS to share their products among
  * threads (200 or more). */
 unique_ptr<FluidScene> denseScene(Platform& platform, int seed) {
-    unique_ptr<FluidScene> scene(new FluidScene(300, 0.002));
+    auto scene = make_unique<FluidScene>(300, 0.002);
     scene->integrator.setRandomNumberSeed(seed);
     scene->fluid->setSolver(MobilityForce::Dense);
     for (int i = 0; i < 40; i++)
@@ -58,13 +58,13 @@ Platform& otherPlatform() {
 TEST_F(TwoBlasThreads, ContextsInTwoThreadsGiveWhatEachGivesAlone) {
     // The Contexts may be of two platforms, whose libraries share only the API library.
     for (Platform* second : {&testPlatform(), &otherPlatform()}) {
-        vector<vector<Vec3> > alone = {resultOf(*denseScene(testPlatform(), 1)),
-                                       resultOf(*denseScene(*second, 2))};
+        vector<vector<Vec3>> alone = {resultOf(*denseScene(testPlatform(), 1)),
+                                      resultOf(*denseScene(*second, 2))};
         for (int trial = 0; trial < 3; trial++) {
-            vector<unique_ptr<FluidScene> > scenes;
+            vector<unique_ptr<FluidScene>> scenes;
             scenes.push_back(denseScene(testPlatform(), 1));
             scenes.push_back(denseScene(*second, 2));
-            vector<vector<Vec3> > together(2);
+            vector<vector<Vec3>> together(2);
             vector<thread> threads;
             for (int i = 0; i < 2; i++)
                 threads.emplace_back([&, i] { together[i] = resultOf(*scenes[i]); });

@@ -366,7 +366,7 @@ TEST(Wall, BestKnownAndCrossingAreRefusedWhereverTheyMeet) {
         scene.fluid->addParticle(0.3);
     }
     scene.integrator.addRigidBody({0, 1, 2});
-    scene.context.reset(new Context(scene.system, scene.integrator, testPlatform()));
+    scene.context = make_unique<Context>(scene.system, scene.integrator, testPlatform());
     scene.integrator.setWallRejection(CustomRigidHIIntegrator::Crossing);
     scene.context->setPositions({Vec3(0, 0, 2), Vec3(0.5, 0, 2), Vec3(0, 0.6, 2)});
     expectError([&] { scene.integrator.step(1); }, fragments);
@@ -696,7 +696,7 @@ TEST(Wall, HeightsFollowGibbsAndVelocitiesMaxwell) {
             scene.start(testPlatform(), 2);
             scene.context->setVelocitiesToTemperature(T1, 5);
             scene.integrator.step(100);
-            map<string, vector<double> > sums;
+            map<string, vector<double>> sums;
             const int samples = 60;
             for (int s = 0; s < samples; s++) {
                 scene.integrator.step(10);

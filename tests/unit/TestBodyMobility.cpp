@@ -15,7 +15,7 @@ namespace {
 const double eta = 0.7;
 
 unique_ptr<MobilityModel> makeRpy(const HydrodynamicParticles& particles) {
-    return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, eta));
+    return make_unique<RotnePragerYamakawa>(particles, eta);
 }
 
 FluidElement element(const vector<Vector3d>& sites, const vector<double>& radii) {
@@ -114,7 +114,7 @@ vector<Vector3d> icosphere(int subdivisions) {
         }
     // The faces are the triples of nearest neighbours. They remain so after subdivision, although
     // the edges at vertices with five and with six neighbours then differ a little in length.
-    vector<array<int, 3> > faces;
+    vector<array<int, 3>> faces;
     for (int i = 0; i < 12; i++)
         for (int j = 0; j < i; j++)
             for (int k = 0; k < j; k++) {
@@ -134,7 +134,7 @@ vector<Vector3d> icosphere(int subdivisions) {
             }
             return middle[key];
         };
-        vector<array<int, 3> > finer;
+        vector<array<int, 3>> finer;
         for (const auto& f : faces) {
             const int a = between(f[0], f[1]), b = between(f[1], f[2]), c = between(f[2], f[0]);
             finer.insert(finer.end(),
@@ -435,9 +435,7 @@ public:
     }
 
 protected:
-    unique_ptr<MobilityAt> makePlace() const override {
-        return unique_ptr<MobilityAt>(new Place(*this));
-    }
+    unique_ptr<MobilityAt> makePlace() const override { return make_unique<Place>(*this); }
 
 private:
     class Place : public MobilityAt {
@@ -469,7 +467,7 @@ TEST(BodyMobility, ModelsThatAreNotPositiveDefiniteAreAnError) {
     for (const FluidElement& body : {kinds()[0].element, kinds()[2].element})
         for (bool friction : {false, true}) {
             TestedBodies mobility({body}, [&](const HydrodynamicParticles& particles) {
-                return unique_ptr<MobilityModel>(new Indefinite(particles, friction, false));
+                return make_unique<Indefinite>(particles, friction, false);
             });
             mobility.setPoses({Pose()});
             const bool multiblob = body.particles.size() > 1;
@@ -483,7 +481,7 @@ TEST(BodyMobility, ModelsThatAreNotPositiveDefiniteAreAnError) {
                              "blobs are all at one place"});
         }
     TestedBodies alone({kinds()[0].element}, [](const HydrodynamicParticles& particles) {
-        return unique_ptr<MobilityModel>(new Indefinite(particles, false, true));
+        return make_unique<Indefinite>(particles, false, true);
     });
     alone.byProducts().setPoses({Pose()});
     MatrixXd twists;

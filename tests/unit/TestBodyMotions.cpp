@@ -26,24 +26,24 @@ struct Motions : testing::Test {
     System system;
     CustomRigidHIIntegrator integrator{0, 0.001};
     unique_ptr<Context> context;
-    vector<unique_ptr<CustomBodyMotion> > forces;
-    vector<unique_ptr<ForceImpl> > impls;
+    vector<unique_ptr<CustomBodyMotion>> forces;
+    vector<unique_ptr<ForceImpl>> impls;
     map<string, double> parameters;
     MatrixXd values;
 
     Motions() {
         for (int b = 0; b < 4; b++) integrator.addRigidBody({system.addParticle(1)});
-        context.reset(new Context(system, integrator, platform("Reference")));
+        context = make_unique<Context>(system, integrator, platform("Reference"));
     }
     CustomBodyMotion& add(const vector<string>& e) {
-        forces.emplace_back(new CustomBodyMotion(e[0], e[1], e[2], e[3], e[4], e[5]));
+        forces.push_back(make_unique<CustomBodyMotion>(e[0], e[1], e[2], e[3], e[4], e[5]));
         return *forces.back();
     }
     /** The implementations of earlier calls stay, because their BodyMotions refer to them. */
     BodyMotions make() {
         vector<ForceImpl*> all;
         for (const auto& force : forces) {
-            impls.emplace_back(new CustomBodyMotionImpl(*force));
+            impls.push_back(make_unique<CustomBodyMotionImpl>(*force));
             impls.back()->initialize(Opener().open(*context));
             for (const auto& parameter : impls.back()->getDefaultParameters())
                 parameters.insert(parameter);
@@ -169,7 +169,7 @@ TEST_F(Motions, SpinsAboutTheLineOfARod) {
     rod.sites = {Vec3(0.3, 0, 1), Vec3(0.3, 1.5, 1), Vec3(2, 2, 2), Vec3(0.3, 4, 1)};
     BodyGeometry bent = rod;
     bent.sites[1] = Vec3(0.3, 1.5, 1 + 1e-6);
-    const vector<vector<int> > particles = {{0, 1, 2, 3}};
+    const vector<vector<int>> particles = {{0, 1, 2, 3}};
     MobilityForce fluid;
     for (double radius : {0.5, 0.5, 0.0, 0.5}) fluid.addParticle(radius);
     CustomBodyMotion& force = add({"", "", "", "t", "t", "t"});

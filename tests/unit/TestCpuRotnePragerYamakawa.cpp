@@ -33,9 +33,8 @@ struct Scene {
     optional<NoSlipPlane> wall;
 
     unique_ptr<MobilityModel> reference() const {
-        if (wall)
-            return unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, 0.7, *wall));
-        return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, 0.7));
+        if (wall) return make_unique<RotnePragerYamakawaWall>(particles, 0.7, *wall);
+        return make_unique<RotnePragerYamakawa>(particles, 0.7);
     }
 };
 /** In a small cube many particles overlap, and some are inside others. In a large cube packs hold

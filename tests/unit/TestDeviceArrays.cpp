@@ -126,7 +126,7 @@ public:
             lastArrays = new KernelArrays(context);
             return unique_ptr<ContextArrays>(lastArrays);
         };
-        parts.loops = [](ContextImpl&) { return unique_ptr<PlatformLoops>(new ScalarLoops()); };
+        parts.loops = [](ContextImpl&) { return make_unique<ScalarLoops>(); };
         return new RigidBodyKernel(name, platform, parts);
     }
 };
@@ -213,7 +213,7 @@ struct DeviceScene {
         for (int p = 0; p < numParticles; p++) field->addParticle(p);
         system.addForce(field);
         if (extra) system.addForce(extra);
-        context.reset(new Context(system, integrator, device));
+        context = make_unique<Context>(system, integrator, device);
         context->setPositions(start);
         if (momenta) context->setVelocitiesToTemperature(300, 3);
     }
@@ -476,7 +476,7 @@ TEST(DeviceArrays, AStateIsTakenByAnotherPlatform) {
     const vector<Vec3> bodies = saved.bodies();
     DeviceScene other;
     other.context.reset();
-    other.context.reset(new Context(other.system, other.integrator, platform("Reference")));
+    other.context = make_unique<Context>(other.system, other.integrator, platform("Reference"));
     other.context->setState(state);
     EXPECT_TRUE(sameBits(other.bodies(), bodies));
     // Positions that are changed after loading define the poses.
@@ -513,7 +513,7 @@ struct FarScene {
         auto* bond = new HarmonicBondForce();  // makes the System periodic in any case
         bond->setUsesPeriodicBoundaryConditions(true);
         system.addForce(bond);
-        context.reset(new Context(system, integrator, device));
+        context = make_unique<Context>(system, integrator, device);
         vector<Vec3> start = randomPoses(waterShape(), 2, 0.5, 3);
         for (Vec3& x : start) x += Vec3(0.75, 1.5, 2);
         for (int p = 3; p < 6; p++) start[p] += shift(boxes);

@@ -69,9 +69,7 @@ public:
     bool hasFastProducts(double error) const override { return kind.hasFast && error >= 1e-7; }
 
 protected:
-    unique_ptr<MobilityAt> makePlace() const override {
-        return unique_ptr<MobilityAt>(new RecordingPlace(*this));
-    }
+    unique_ptr<MobilityAt> makePlace() const override { return make_unique<RecordingPlace>(*this); }
 
 private:
     const Kind kind;
@@ -91,7 +89,7 @@ public:
     unique_ptr<MobilityModel> createMobility(const MobilityForce& force, const MobilityScene&,
                                              const HydrodynamicParticles& particles,
                                              bool) override {
-        return unique_ptr<MobilityModel>(new RecordingModel(kind, particles, force.getViscosity()));
+        return make_unique<RecordingModel>(kind, particles, force.getViscosity());
     }
 
 private:
@@ -105,12 +103,8 @@ public:
                                  ContextImpl&) const override {
         const Kind ofLoops = kind;
         PlatformParts parts;
-        parts.arrays = [](ContextImpl& context) {
-            return unique_ptr<ContextArrays>(new ReferenceArrays(context));
-        };
-        parts.loops = [ofLoops](ContextImpl&) {
-            return unique_ptr<PlatformLoops>(new RecordingLoops(ofLoops));
-        };
+        parts.arrays = [](ContextImpl& context) { return make_unique<ReferenceArrays>(context); };
+        parts.loops = [ofLoops](ContextImpl&) { return make_unique<RecordingLoops>(ofLoops); };
         return new RigidBodyKernel(name, platform, parts);
     }
 

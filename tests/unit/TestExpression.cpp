@@ -47,7 +47,7 @@ void expectSame(const string& text, const vector<double>& values) {
         EXPECT_NEAR(value, expected, 1e-13 * max(1.0, abs(expected))) << text;
 }
 
-const vector<vector<double> > points = {
+const vector<vector<double>> points = {
     {0.3, -1.7, 2.4, 0.5, -3}, {0, 0, 1, 1, 2}, {-2, 0.25, -0.1, 3, 1e-3}, {1, 2, 3, -1, 0}};
 
 }  // namespace
@@ -289,7 +289,7 @@ TEST(Expression, FollowsItsValuesAndKnowsWhatItUses) {
 
 TEST(Expression, ErrorsNameWhatIsWrong) {
     const vector<double>& v = points[0];
-    const vector<pair<string, vector<string> > > cases = {
+    const vector<pair<string, vector<string>>> cases = {
         {"x+foo",
          {"there is no variable or parameter 'foo'",
           "the variables and parameters are x, y, z, k, long_name2", "correct the name"}},

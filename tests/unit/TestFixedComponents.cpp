@@ -18,8 +18,8 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator Integrator;
-typedef Integrator::Scheme Scheme;
+using Integrator = CustomRigidHIIntegrator;
+using Scheme = Integrator::Scheme;
 
 /** A way to compute, and the errors that it may have. */
 struct Strategy {
@@ -159,7 +159,7 @@ const vector<Vector3d> threeBlobs = {{-1, 0, 0}, {1.2, 0.5, 0.3}, {0.2, -1.4, 1.
 const double viscosity = 1 / (6 * M_PI);
 
 unique_ptr<MobilityModel> rotnePrager(const HydrodynamicParticles& particles) {
-    return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, viscosity));
+    return make_unique<RotnePragerYamakawa>(particles, viscosity);
 }
 
 PosedBodies named(const string& name, const CoupledBodies::ModelFactory& makeModel) {
@@ -197,14 +197,14 @@ PosedBodies spheresBesideAHeldOne() {
     return s;
 }
 PosedBodies lubricatedAtWall() {
-    PosedBodies s = named("spheres above a wall, one of them held, best known mobilities",
-                          [](const HydrodynamicParticles& particles) {
-                              const NoSlipPlane plane(0, false);
-                              return unique_ptr<MobilityModel>(new SphereWallCongruence(
-                                  particles, viscosity, plane,
-                                  unique_ptr<MobilityModel>(
-                                      new RotnePragerYamakawaWall(particles, viscosity, plane))));
-                          });
+    PosedBodies s =
+        named("spheres above a wall, one of them held, best known mobilities",
+              [](const HydrodynamicParticles& particles) {
+                  const NoSlipPlane plane(0, false);
+                  return make_unique<SphereWallCongruence>(
+                      particles, viscosity, plane,
+                      make_unique<RotnePragerYamakawaWall>(particles, viscosity, plane));
+              });
     s.add(fluidElement(0, {{0, 0, 0}}, {1}), {0, 0, 1.2}).hold();
     s.add(fluidElement(1, {{0, 0, 0}}, {0.8}), {1.9, 0.4, 1.5}, {0.1, 0.4, 0}).fixed = bits({2, 4});
     return s;
@@ -224,10 +224,10 @@ PosedBodies ownTensors() {
     return s;
 }
 PosedBodies stokesianSpheres() {
-    PosedBodies s = named(
-        "spheres with lubrication, one of them held", [](const HydrodynamicParticles& particles) {
-            return unique_ptr<MobilityModel>(new StokesianDynamics(particles, viscosity, true, 0));
-        });
+    PosedBodies s = named("spheres with lubrication, one of them held",
+                          [](const HydrodynamicParticles& particles) {
+                              return make_unique<StokesianDynamics>(particles, viscosity, true, 0);
+                          });
     s.add(fluidElement(0, {{0, 0, 0}}, {1}), {0, 0, 0}).hold();
     s.add(fluidElement(1, {{0.2, 0, -0.1}}, {0.8}), {1.9, 0.4, 0.5}, {0.1, 0.4, 0});
     s.add(fluidElement(2, {{0, 0, 0}}, {0.9}), {0.3, 2.1, 0.4}).fixed = bits({0, 5});
@@ -236,7 +236,7 @@ PosedBodies stokesianSpheres() {
 PosedBodies blobsInAField() {
     PosedBodies s = named("blobs and particles in a fluid with a random field",
                           [](const HydrodynamicParticles& particles) {
-                              return unique_ptr<MobilityModel>(new RandomFieldModel(particles));
+                              return make_unique<RandomFieldModel>(particles);
                           });
     s.add(fluidElement(-1, {{0, 0, 0}}, {0.6}), {-0.6, 1.9, 1.0}).hold();
     s.add(fluidElement(0, threeBlobs, {1, 0.8, 1}), {0, 0, 0}, {0.3, 0.1, -0.5}).fixed =
@@ -246,7 +246,7 @@ PosedBodies blobsInAField() {
 PosedBodies inABox() {
     PosedBodies s =
         named("a body beside a held one in a periodic box", [](const HydrodynamicParticles& p) {
-            return unique_ptr<MobilityModel>(new PeriodicRotnePragerYamakawa(p, viscosity));
+            return make_unique<PeriodicRotnePragerYamakawa>(p, viscosity);
         });
     s.box = {OpenMM::Vec3(7, 0, 0), OpenMM::Vec3(1, 7.5, 0), OpenMM::Vec3(-2, 0.5, 8)};
     s.add(fluidElement(0, {{0, 0, 0}}, {0.7}), {0, 0.3, 0}).hold();

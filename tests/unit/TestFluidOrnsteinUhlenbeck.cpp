@@ -19,8 +19,8 @@ namespace {
 
 const RigidHIPlugin::OneBlasThread singleBlasThread;  // as callers of SymmetricEigen must
 
-typedef Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic> MatrixXl;
-typedef Eigen::Matrix<long double, Eigen::Dynamic, 1> VectorXl;
+using MatrixXl = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
+using VectorXl = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
 
 /** A matrix S whose eigenvectors and eigenvalues are known to all digits of a long double. */
 struct Known {

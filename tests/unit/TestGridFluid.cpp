@@ -74,14 +74,14 @@ MatrixXd latticeSum(const HydrodynamicParticles& particles, const BoxVectors& bo
                         complex<double>(0, -(k[0] * at[p][0] + k[1] * at[p][1] + k[2] * at[p][2])));
                     D.middleCols<3>(particles.firstRow[p]) =
                         phase * exp(-sF * sF * k2 / 2) *
-                        Matrix3d::Identity().cast<complex<double> >();
+                        Matrix3d::Identity().cast<complex<double>>();
                     if (particles.hasTorque[p])
                         D.middleCols<3>(particles.firstRow[p] + 3) =
                             phase * exp(-sT * sT * k2 / 2) * complex<double>(0, 0.5) *
-                            cross.cast<complex<double> >();
+                            cross.cast<complex<double>>();
                 }
                 const Matrix3d P = Matrix3d::Identity() - k * k.transpose() / k2;
-                M += (x == 0 ? 1 : 2) * (D.adjoint() * P.cast<complex<double> >() * D).real() /
+                M += (x == 0 ? 1 : 2) * (D.adjoint() * P.cast<complex<double>>() * D).real() /
                      (eta * volume * k2);
             }
     return M;
@@ -442,7 +442,7 @@ TEST(CpuGridFluid, RoughProductsHaveTheErrorThatTheyPromise) {
     // and channels.
     const HydrodynamicParticles particles = mixture();
     const GridResolution resolution(particles, 1e-4, 0);
-    vector<pair<GridShape, vector<Vec3> > > cases;
+    vector<pair<GridShape, vector<Vec3>>> cases;
     for (const BoxVectors& box :
          {orthogonal(3.1, 2.6, 4.4), orthogonal(1.9, 2.3, 1.85), orthogonal(7, 5, 8)})
         cases.push_back({resolution.shapeFor(box), places(box)});

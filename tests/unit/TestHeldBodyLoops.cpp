@@ -19,7 +19,7 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator::Scheme Scheme;
+using Scheme = CustomRigidHIIntegrator::Scheme;
 const Scheme thermostatSchemes[] = {
     CustomRigidHIIntegrator::LangevinA, CustomRigidHIIntegrator::LangevinB,
     CustomRigidHIIntegrator::LangevinC, CustomRigidHIIntegrator::GradientThermostat};
@@ -29,7 +29,7 @@ struct Loops {
     static const int numBodies = 33;
     vector<bool> held;
     vector<BodyGeometry> geometries;
-    vector<vector<int> > particles;
+    vector<vector<int>> particles;
     BodySet set;
     StepSettings settings;
     vector<double> positions, velocities, forces, lastPositions, lastVelocities;
@@ -38,8 +38,8 @@ struct Loops {
     explicit Loops(bool everyThird, Scheme scheme = CustomRigidHIIntegrator::LangevinC,
                    bool massesAreSites = true) {
         const Vec3 moments[] = {Vec3(0.3, 0.7, 0.5), Vec3(0.4, 0.4, 0), Vec3()};
-        vector<vector<double> > siteMasses(numBodies);
-        vector<vector<bool> > carriesForce(numBodies);
+        vector<vector<double>> siteMasses(numBodies);
+        vector<vector<bool>> carriesForce(numBodies);
         int next = 0;
         for (int b = 0; b < numBodies; b++) {
             BodyGeometry geometry;
@@ -317,7 +317,7 @@ struct FreeScene {
             velocities.emplace_back(0.1 * i, -0.3, 0.2);
             forces.emplace_back(1, -i, 0.5 * i);
         }
-        free.reset(new FreeParticles(system, indices, nullptr));
+        free = make_unique<FreeParticles>(system, indices, nullptr);
         EXPECT_EQ(free->setHeld(held), !held.empty());
         EXPECT_FALSE(free->setHeld(held));
         settings.scheme = scheme;
@@ -424,7 +424,7 @@ TEST(HeldFreeParticles, HaveNoMidStepEnergy) {
 namespace {
 
 unique_ptr<MobilityModel> makeRpy(const HydrodynamicParticles& particles) {
-    return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, 0.7));
+    return make_unique<RotnePragerYamakawa>(particles, 0.7);
 }
 
 }  // namespace
@@ -440,12 +440,12 @@ TEST(HeldMomentumScaling, HasRowsOfOthersOnly) {
             geometries[0] = {1.2, Vec3(0.4, 0.7, 0.5), sites};
             geometries[1] = {0.8, Vec3(0.3, 0.3, 0.2), {Vec3()}};
             geometries[2] = {2, Vec3(0.6, 0.5, 0.7), {Vec3()}};
-            vector<vector<int> > particles = {{0, 1, 2}, {3}, {4}};
+            vector<vector<int>> particles = {{0, 1, 2}, {3}, {4}};
             particles[0].resize(sites.size());
             vector<bool> held;
             for (int b = 0; b < 3; b++) held.push_back(mask >> b & 1);
-            BodySet set(geometries, particles, vector<vector<double> >(3),
-                        vector<vector<bool> >{vector<bool>(3, true), {true}, {true}}, held);
+            BodySet set(geometries, particles, vector<vector<double>>(3),
+                        vector<vector<bool>>{vector<bool>(3, true), {true}, {true}}, held);
             System system;
             for (int i = 0; i < 6; i++) system.addParticle(i == 5 ? 1.7 : 0.0);
             FreeParticles free(system, {5}, nullptr);

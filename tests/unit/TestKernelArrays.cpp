@@ -25,10 +25,8 @@ public:
     KernelImpl* createKernelImpl(string name, const Platform& platform,
                                  ContextImpl&) const override {
         PlatformParts parts;
-        parts.arrays = [](ContextImpl& context) {
-            return unique_ptr<ContextArrays>(new KernelArrays(context));
-        };
-        parts.loops = [](ContextImpl&) { return unique_ptr<PlatformLoops>(new ScalarLoops()); };
+        parts.arrays = [](ContextImpl& context) { return make_unique<KernelArrays>(context); };
+        parts.loops = [](ContextImpl&) { return make_unique<ScalarLoops>(); };
         return new RigidBodyKernel(name, platform, parts);
     }
 };
@@ -70,7 +68,7 @@ vector<Vec3> trajectory(CustomRigidHIIntegrator::Scheme scheme, Platform& on) {
 }  // namespace
 
 TEST(KernelArrays, StepsOnCopiesAreThoseOnTheContextsOwnArrays) {
-    vector<vector<Vec3> > own, copies;
+    vector<vector<Vec3>> own, copies;
     for (auto scheme : thermostats()) own.push_back(trajectory(scheme, platform("Reference")));
     ReferencePlatform withCopies;
     withCopies.registerKernelFactory(IntegrateRigidBodiesKernel::Name(), new FactoryOfCopies());

@@ -24,7 +24,7 @@ const CustomRigidHIIntegrator::Scheme schemes[] = {A, B, C, HI};
  * step and the numbers xi of its two draws. */
 class WellFlow {
 public:
-    typedef array<double, 4> Linear;  // of x, p, xi_0, xi_1
+    using Linear = array<double, 4>;  // of x, p, xi_0, xi_1
     WellFlow(double k, double m, const Thermostat& factors) : k(k), m(m), factors(factors) {}
     void kick(double t) { add(p, -t * k, xOfForces); }
     void drift(double t) {
@@ -61,7 +61,7 @@ struct Well {
     Well(CustomRigidHIIntegrator::Scheme scheme, double k, double m, double gamma, double kT,
          double h) {
         scalar::withThermostat(scheme, [&](auto named) {
-            typedef decltype(named) Scheme;
+            using Scheme = decltype(named);
             BodyInertia inertia;
             inertia.mass = m;
             HeatBath bath;

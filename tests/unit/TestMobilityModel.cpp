@@ -45,9 +45,8 @@ vector<Case> cases(const HydrodynamicParticles& particles) {
     add("RotnePragerYamakawa", new RotnePragerYamakawa(particles, eta), false);
     add("RotnePragerYamakawaWall", new RotnePragerYamakawaWall(particles, eta, wall), true);
     add("BestKnown",
-        new SphereWallCongruence(
-            particles, eta, wall,
-            unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, eta, wall))),
+        new SphereWallCongruence(particles, eta, wall,
+                                 make_unique<RotnePragerYamakawaWall>(particles, eta, wall)),
         true);
     add("CpuRotnePragerYamakawa", new CpuRotnePragerYamakawa(particles, eta), false);
     add("CpuRotnePragerYamakawa at a wall", new CpuRotnePragerYamakawa(particles, eta, {}, wall),
@@ -171,9 +170,7 @@ public:
     }
 
 protected:
-    unique_ptr<MobilityAt> makePlace() const override {
-        return unique_ptr<MobilityAt>(new Place(*this));
-    }
+    unique_ptr<MobilityAt> makePlace() const override { return make_unique<Place>(*this); }
 
 private:
     class Place : public MobilityAt {
@@ -202,7 +199,7 @@ TEST(MobilityModel, TheBoxComesWithThePoses) {
     sphere.sites = {Vector3d::Zero()};
     sphere.radii = {1};
     TestedBodies bodies({sphere}, [](const HydrodynamicParticles& particles) {
-        return unique_ptr<MobilityModel>(new InABox(particles, eta));
+        return make_unique<InABox>(particles, eta);
     });
     bodies.setPoses({Pose()});
     EXPECT_EQ(bodies.mobility()(0, 0), 1);
@@ -227,9 +224,7 @@ TEST(MobilityModel, FlowAtPointsIsKnownOrRefused) {
             }
             void moveTo(const Placement&, bool) override {}
         };
-        unique_ptr<MobilityAt> makePlace() const override {
-            return unique_ptr<MobilityAt>(new At(*this));
-        }
+        unique_ptr<MobilityAt> makePlace() const override { return make_unique<At>(*this); }
     };
     const HydrodynamicParticles particles = threeSpheres();
     const Nowhere model(particles, eta);

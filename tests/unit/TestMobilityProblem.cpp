@@ -36,9 +36,9 @@ struct Spheres {
             poses.push_back(pose);
         }
         const auto model = [](const HydrodynamicParticles& particles) {
-            return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, 1));
+            return make_unique<RotnePragerYamakawa>(particles, 1);
         };
-        bodies.reset(new TestedBodies(elements, model, true, tolerance));
+        bodies = make_unique<TestedBodies>(elements, model, true, tolerance);
         bodies->setPoses(poses);
     }
 };
@@ -135,12 +135,12 @@ struct ManyBodies {
         const auto model = [wall](const HydrodynamicParticles& particles) {
             unique_ptr<MobilityModel> made;
             if (wall)
-                made.reset(new RotnePragerYamakawaWall(particles, 1, NoSlipPlane(0, false)));
+                made = make_unique<RotnePragerYamakawaWall>(particles, 1, NoSlipPlane(0, false));
             else
-                made.reset(new RotnePragerYamakawa(particles, 1));
+                made = make_unique<RotnePragerYamakawa>(particles, 1);
             return made;
         };
-        bodies.reset(new TestedBodies(elements, model, true, tolerance));
+        bodies = make_unique<TestedBodies>(elements, model, true, tolerance);
         bodies->setPoses(poses);
     }
     MatrixXd blobMobility() {
@@ -279,10 +279,10 @@ struct InAField {
     unique_ptr<TestedBodies> bodies;
     RandomFieldModel* model = nullptr;
     InAField() {
-        const vector<vector<Vector3d> > sites = {{{-1, 0, 0}, {1.2, 0.5, 0.3}, {0.2, -1.4, 1.1}},
-                                                 {{0, 0, 0}},
-                                                 {{0, 0, -1}, {0, 0, 1.1}},
-                                                 {{0, 0, 0}}};
+        const vector<vector<Vector3d>> sites = {{{-1, 0, 0}, {1.2, 0.5, 0.3}, {0.2, -1.4, 1.1}},
+                                                {{0, 0, 0}},
+                                                {{0, 0, -1}, {0, 0, 1.1}},
+                                                {{0, 0, 0}}};
         for (int i = 0; i < 4; i++) {
             FluidElement e;
             e.body = i == 3 ? -1 : i;
@@ -297,13 +297,13 @@ struct InAField {
             pose.R += Vector3d(0.2, -0.1 * i, 0.3);
             others.push_back(pose);
         }
-        bodies.reset(new TestedBodies(
+        bodies = make_unique<TestedBodies>(
             elements,
             [&](const HydrodynamicParticles& particles) {
                 model = new RandomFieldModel(particles);
                 return unique_ptr<MobilityModel>(model);
             },
-            true, 1e-10));
+            true, 1e-10);
     }
     Placement placement(const vector<Pose>& at) const {
         vector<Matrix3d> turns;
@@ -417,7 +417,7 @@ TEST(MobilityProblem, OwnTensorsHaveNoField) {
     scene.poses.resize(2);
     scene.elements[0].ownMobility = tensorWithoutSymmetry(1);
     TestedBodies bodies(scene.elements, [&](const HydrodynamicParticles& particles) {
-        return unique_ptr<MobilityModel>(new RandomFieldModel(particles));
+        return make_unique<RandomFieldModel>(particles);
     });
     bodies.setPoses(scene.poses);
     unique_ptr<RandomField> field;
@@ -462,14 +462,15 @@ TEST(MobilityProblem, TheDivergenceOfAFieldIsThatOfItsTwists) {
             pose.q = turned(pose.q, Vector3d(0.4 * i, 1, -0.3));
             poses.push_back(pose);
         }
-        const shared_ptr<GridFluid> fluid(new PlainGridFluid());
-        TestedBodies bodies(elements, [&](const HydrodynamicParticles& particles) {
-            unique_ptr<MobilityModel> periodic(
-                new ForceCouplingGrid(particles, 1, 1e-6, 0, fluid, inChannel));
-            if (!inChannel) return periodic;
-            return unique_ptr<MobilityModel>(
-                new SlipChannel(particles, 1, {-3, 1.7, false}, move(periodic)));
-        });
+        const shared_ptr<GridFluid> fluid = make_shared<PlainGridFluid>();
+        TestedBodies bodies(
+            elements, [&](const HydrodynamicParticles& particles) -> unique_ptr<MobilityModel> {
+                auto periodic =
+                    make_unique<ForceCouplingGrid>(particles, 1, 1e-6, 0, fluid, inChannel);
+                if (!inChannel) return periodic;
+                return make_unique<SlipChannel>(particles, 1, SlipWalls{-3, 1.7, false},
+                                                move(periodic));
+            });
         bodies->setBox({Vec3(5, 0, 0), Vec3(0, 5.5, 0), Vec3(0, 0, 6)});
         BodyMobility& mobility = bodies.byProducts();
         mobility.setPoses(poses);

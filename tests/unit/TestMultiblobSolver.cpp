@@ -58,19 +58,20 @@ struct Layer {
             pose.q = {q[0], q[1], q[2], q[3]};
             poses.push_back(pose);
         }
-        bodies.reset(new CoupledBodies(elements, [threads](const HydrodynamicParticles& particles) {
-            unique_ptr<MobilityModel> model;
-            const auto ranges = [threads](int size, const function<void(int, int)>& task) {
-                for (int t = 0; t < threads; t++)
-                    task(size * t / threads, size * (t + 1) / threads);
-            };
-            if (threads == 0)
-                model.reset(new RotnePragerYamakawa(particles, 1));
-            else
-                model.reset(
-                    new CpuRotnePragerYamakawa(particles, 1, ranges, NoSlipPlane(0, false)));
-            return model;
-        }));
+        bodies =
+            make_unique<CoupledBodies>(elements, [threads](const HydrodynamicParticles& particles) {
+                unique_ptr<MobilityModel> model;
+                const auto ranges = [threads](int size, const function<void(int, int)>& task) {
+                    for (int t = 0; t < threads; t++)
+                        task(size * t / threads, size * (t + 1) / threads);
+                };
+                if (threads == 0)
+                    model = make_unique<RotnePragerYamakawa>(particles, 1);
+                else
+                    model = make_unique<CpuRotnePragerYamakawa>(particles, 1, ranges,
+                                                                NoSlipPlane(0, false));
+                return model;
+            });
     }
     BodyMobility& dense() { return strategies().get(BodyMobility::Dense); }
     BodyMobility& byProducts() { return strategies().get(BodyMobility::Krylov); }
@@ -97,7 +98,7 @@ struct Layer {
 
 private:
     BodyMobilities& strategies() {
-        if (!made) made.reset(new BodyMobilities(*bodies, 1e-6));
+        if (!made) made = make_unique<BodyMobilities>(*bodies, 1e-6);
         return *made;
     }
     unique_ptr<BodyMobilities> made;

@@ -25,7 +25,7 @@ protected:
     const int before = openblas_get_num_threads();
 };
 
-typedef unique_ptr<OneBlasThread> Holder;
+using Holder = unique_ptr<OneBlasThread>;
 
 }  // namespace
 
@@ -49,7 +49,7 @@ TEST_F(TwoThreads, ANumberThatIsSetMeanwhileStays) {
     EXPECT_EQ(openblas_get_num_threads(), 3);
     // The next holder gets its one thread again, and the last one restores what was set.
     openblas_set_num_threads(2);
-    first.reset(new OneBlasThread());
+    first = make_unique<OneBlasThread>();
     openblas_set_num_threads(3);
     Holder second(new OneBlasThread());
     EXPECT_EQ(openblas_get_num_threads(), 1);

@@ -21,8 +21,8 @@ using namespace std;
 
 namespace {
 
-typedef CustomRigidHIIntegrator Integrator;
-typedef scalar::Quaternion<double> Quaternion;
+using Integrator = CustomRigidHIIntegrator;
+using Quaternion = scalar::Quaternion<double>;
 
 const vector<Integrator::Scheme> overdampedSchemes = [] {
     vector<Integrator::Scheme> found;
@@ -57,30 +57,22 @@ struct Scene {
             scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}));
     }
     CoupledBodies::ModelFactory factory() const {
-        return [this](const HydrodynamicParticles& particles) {
-            if (stokesian)
-                return unique_ptr<MobilityModel>(
-                    new StokesianDynamics(particles, viscosity, true, 0));
-            if (field) return unique_ptr<MobilityModel>(new RandomFieldModel(particles));
+        return [this](const HydrodynamicParticles& particles) -> unique_ptr<MobilityModel> {
+            if (stokesian) return make_unique<StokesianDynamics>(particles, viscosity, true, 0);
+            if (field) return make_unique<RandomFieldModel>(particles);
             if (channel)
-                return unique_ptr<MobilityModel>(
-                    new SlipChannel(particles, viscosity, {-1.2, 4.2, false},
-                                    unique_ptr<MobilityModel>(new PeriodicForceCoupling(
-                                        SlipChannel::withImages(particles), viscosity))));
-            if (inBox && gaussians)
-                return unique_ptr<MobilityModel>(new PeriodicForceCoupling(particles, viscosity));
-            if (inBox)
-                return unique_ptr<MobilityModel>(
-                    new PeriodicRotnePragerYamakawa(particles, viscosity));
+                return make_unique<SlipChannel>(particles, viscosity, SlipWalls{-1.2, 4.2, false},
+                                                make_unique<PeriodicForceCoupling>(
+                                                    SlipChannel::withImages(particles), viscosity));
+            if (inBox && gaussians) return make_unique<PeriodicForceCoupling>(particles, viscosity);
+            if (inBox) return make_unique<PeriodicRotnePragerYamakawa>(particles, viscosity);
             const NoSlipPlane plane(0, false);
             if (bestKnown)
-                return unique_ptr<MobilityModel>(
-                    new SphereWallCongruence(particles, viscosity, plane,
-                                             unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(
-                                                 particles, viscosity, plane))));
-            return wall ? unique_ptr<MobilityModel>(
-                              new RotnePragerYamakawaWall(particles, viscosity, plane))
-                        : unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, viscosity));
+                return make_unique<SphereWallCongruence>(
+                    particles, viscosity, plane,
+                    make_unique<RotnePragerYamakawaWall>(particles, viscosity, plane));
+            if (wall) return make_unique<RotnePragerYamakawaWall>(particles, viscosity, plane);
+            return make_unique<RotnePragerYamakawa>(particles, viscosity);
         };
     }
     TestedBodies mobility() const {

@@ -68,7 +68,7 @@ const vector<Vec3> places = {Vec3(0.41, 6.9, 1.2), Vec3(2.15, 0.35, 8.9), Vec3(2
 /** Force coupling by its definition, as a complex sum over all waves, both k and -k. */
 MatrixXd byDefinition(const vector<double>& radii, const vector<Vec3>& x, const BoxVectors& box,
                       double largestWave) {
-    typedef complex<double> Complex;
+    using Complex = complex<double>;
     Matrix3d A;
     for (int k = 0; k < 3; k++) A.col(k) = Vector3d(box[k][0], box[k][1], box[k][2]);
     const Matrix3d B = 2 * M_PI * A.inverse().transpose();

@@ -16,8 +16,8 @@ using namespace RigidHIPlugin;
 using namespace RigidHITest;
 using namespace std;
 
-typedef scalar::Quaternion<double> Quat;
-typedef scalar::Vector3<double> Vector;
+using Quat = scalar::Quaternion<double>;
+using Vector = scalar::Vector3<double>;
 
 namespace {
 

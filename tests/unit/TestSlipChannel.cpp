@@ -32,16 +32,15 @@ const vector<Vec3> places = {Vec3(1, 0.1, 2), Vec3(2.2, -0.5, 3.1), Vec3(8.5, 3.
 
 unique_ptr<MobilityModel> dense(const HydrodynamicParticles& particles,
                                 bool crossingAllowed = false) {
-    return unique_ptr<MobilityModel>(
-        new SlipChannel(particles, eta, {low, high, crossingAllowed},
-                        unique_ptr<MobilityModel>(
-                            new PeriodicForceCoupling(SlipChannel::withImages(particles), eta))));
+    return make_unique<SlipChannel>(
+        particles, eta, SlipWalls{low, high, crossingAllowed},
+        make_unique<PeriodicForceCoupling>(SlipChannel::withImages(particles), eta));
 }
 unique_ptr<MobilityModel> onGrid(const HydrodynamicParticles& particles, double tolerance) {
-    return unique_ptr<MobilityModel>(
-        new SlipChannel(particles, eta, walls,
-                        unique_ptr<MobilityModel>(new ForceCouplingGrid(
-                            particles, eta, tolerance, 0, make_shared<PlainGridFluid>(), true))));
+    return make_unique<SlipChannel>(
+        particles, eta, walls,
+        make_unique<ForceCouplingGrid>(particles, eta, tolerance, 0, make_shared<PlainGridFluid>(),
+                                       true));
 }
 MatrixXd matrixAt(const MobilityModel& model, const vector<Vec3>& positions) {
     MatrixXd M;

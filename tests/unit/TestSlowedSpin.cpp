@@ -15,7 +15,7 @@ namespace {
 const double eta = 0.7;
 
 unique_ptr<MobilityModel> makeRpy(const HydrodynamicParticles& particles) {
-    return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, eta));
+    return make_unique<RotnePragerYamakawa>(particles, eta);
 }
 
 FluidElement element(int body, const vector<Vector3d>& sites, double radius) {

@@ -52,9 +52,8 @@ struct Scene {
         positions.push_back(Vec3(x, y, wall.getHeight() + radius + gap));
     }
     SphereWallCongruence best() const {
-        return SphereWallCongruence(
-            particles, 1, wall,
-            unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, 1, wall)));
+        return SphereWallCongruence(particles, 1, wall,
+                                    make_unique<RotnePragerYamakawaWall>(particles, 1, wall));
     }
     MatrixXd dense() const {
         MatrixXd matrix;
@@ -271,7 +270,7 @@ public:
         mobility.setConstant(1, 1, 29);
     }
     unique_ptr<MobilityModel> forCollectiveModes(const HydrodynamicParticles& s) const override {
-        return unique_ptr<MobilityModel>(new Unusual(s, 31));
+        return make_unique<Unusual>(s, 31);
     }
 
     /** Each kind of product is that of another multiple of the identity. */
@@ -304,9 +303,7 @@ public:
     };
 
 protected:
-    unique_ptr<MobilityAt> makePlace() const override {
-        return unique_ptr<MobilityAt>(new Place(*this));
-    }
+    unique_ptr<MobilityAt> makePlace() const override { return make_unique<Place>(*this); }
 
 private:
     [[noreturn]] static void refuse(const string& what, double value) {
@@ -323,7 +320,7 @@ TEST(SphereWallCongruence, HandsOnWhatItsModelCanDo) {
     scene.add(0.5, false, -1, 0, 0, 0.2);
     scene.add(0.7, true, 0, 3, 0, 0.4);
     const SphereWallCongruence best(scene.particles, 1, scene.wall,
-                                    unique_ptr<MobilityModel>(new Unusual(scene.particles, 1)));
+                                    make_unique<Unusual>(scene.particles, 1));
     const BoxVectors box = {Vec3(41, 0, 0), Vec3(0, 43, 0), Vec3(0, 0, 47)};
     EXPECT_STREQ(best.name(), "Unusual");
     EXPECT_EQ(best.placeInFormulas(0, Vec3(1, 2, 3)), Vec3(1, 2, 10));

@@ -13,7 +13,7 @@ using namespace RigidHIPlugin;
 using namespace RigidHITest;
 using namespace std;
 
-typedef TwoSphereValues<double> Values;
+using Values = TwoSphereValues<double>;
 
 namespace {
 
@@ -201,7 +201,7 @@ TEST(TwoSpheres, ForceTorqueStressletBySurfaceQuadrature) {
     for (int i = 1; i < numPolar; i++) off[i - 1] = i / sqrt(4.0 * i * i - 1);
     Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> gauss;  // Golub and Welsch
     gauss.computeFromTridiagonal(Eigen::VectorXd(diagonal), Eigen::VectorXd(off));
-    typedef Eigen::Matrix<double, 3, 11> Tractions;
+    using Tractions = Eigen::Matrix<double, 3, 11>;
     const Eigen::Vector3d line = Eigen::Vector3d(1, 2, -2) / 3;
     vector<Eigen::Vector3d> points[2];
     vector<Tractions> tractions[2];

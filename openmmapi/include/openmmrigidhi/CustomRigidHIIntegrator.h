@@ -19,7 +19,7 @@
 namespace RigidHIPlugin {
 
 /** A unit quaternion (w, x, y, z) that turns body-frame vectors into lab-frame vectors. */
-typedef std::array<double, 4> QuaternionArray;
+using QuaternionArray = std::array<double, 4>;
 
 /**
  * Integrates rigid bodies, whose orientation is a unit quaternion, under the forces of an ordinary

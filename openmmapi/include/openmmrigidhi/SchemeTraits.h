@@ -59,7 +59,7 @@ struct SchemeTraits {
     constexpr bool omitsDrift() const { return isOverdamped() && *drift == 0; }
     /** Why the scheme cannot have joints between bodies; empty: it can. */
     constexpr const char* whyNoJoints() const {
-        typedef CustomRigidHIIntegrator RigidHI;
+        using RigidHI = CustomRigidHIIntegrator;
         if (hasMomenta) return "joints with momenta sample another measure";
         if (!needsFluid()) return "joints need the mobility of a fluid";
         if (omitsDrift()) return "without the drift of jointed bodies it samples another measure";

@@ -30,7 +30,7 @@ public:
 
 private:
     void setThermostats(Scene& scene);
-    std::optional<std::pair<int, double> >
+    std::optional<std::pair<int, double>>
         adopted;  // the integrator's version of its settings, and its step size
 };
 

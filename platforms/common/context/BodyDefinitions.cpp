@@ -23,8 +23,7 @@ void copyHeld(const CustomRigidHIIntegrator& from, CustomRigidHIIntegrator& to) 
 
 /** An integrator that is bound to no Context, with the scheme, bodies and joints of another. */
 unique_ptr<CustomRigidHIIntegrator> copyDefinitions(const CustomRigidHIIntegrator& from) {
-    unique_ptr<CustomRigidHIIntegrator> to(
-        new CustomRigidHIIntegrator(from.getTemperature(), from.getStepSize()));
+    auto to = make_unique<CustomRigidHIIntegrator>(from.getTemperature(), from.getStepSize());
     to->setScheme(from.getScheme());
     for (int b = 0; b < from.getNumRigidBodies(); b++) {
         vector<int> particles = from.getRigidBodyParticles(b);
@@ -56,8 +55,8 @@ const CustomRigidHIIntegrator& BodyDefinitions::underPresentScheme() {
     return *definitions;
 }
 
-vector<vector<int> > BodyDefinitions::particlesOfBodies() const {
-    vector<vector<int> > result;
+vector<vector<int>> BodyDefinitions::particlesOfBodies() const {
+    vector<vector<int>> result;
     for (int b = 0; b < getNumBodies(); b++) result.push_back(particles(b));
     return result;
 }
@@ -73,7 +72,7 @@ BodyGeometryBuilder BodyDefinitions::builder(int b) const {
 }
 
 void BodyDefinitions::takeFromSystem() {
-    constraints.reset(new ConstraintsOfParticles(system));
+    constraints = make_unique<ConstraintsOfParticles>(system);
     geometries_.resize(getNumBodies());
     for (int b = 0; b < getNumBodies(); b++) {
         const bool known = isKnown(b);
@@ -141,8 +140,8 @@ void BodyDefinitions::checkVirtualSites(int b, const BodyGeometry& g) const {
 
 BodyDefinitions::Bodies BodyDefinitions::build(const vector<BodyGeometry>& geometries) const {
     const int n = getNumBodies();
-    vector<vector<double> > siteMasses(n);
-    vector<vector<bool> > carriesForce(n);
+    vector<vector<double>> siteMasses(n);
+    vector<vector<bool>> carriesForce(n);
     Bodies result;
     result.geometries = geometries;
     result.fits.reserve(n);

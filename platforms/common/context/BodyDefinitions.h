@@ -33,7 +33,7 @@ public:
     const std::vector<int>& particles(int body) const {
         return definitions->getRigidBodyParticles(body);
     }
-    std::vector<std::vector<int> > particlesOfBodies() const;
+    std::vector<std::vector<int>> particlesOfBodies() const;
     /** The joints as they were when the Context was created, in the users' body frames. */
     const std::vector<JointDefinition>& joints() const { return definitions->getJoints(); }
     bool isExplicit(int body) const { return definitions->getRigidBodyIsExplicit(body); }

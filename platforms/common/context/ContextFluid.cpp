@@ -11,7 +11,7 @@ using namespace std;
 namespace RigidHIPlugin {
 
 ContextFluid::ContextFluid(Scene& scene, const MobilityForce* inSystem) : scene(scene) {
-    if (inSystem) parameters.reset(new MobilityForce(*inSystem));
+    if (inSystem) parameters = make_unique<MobilityForce>(*inSystem);
 }
 
 void ContextFluid::check(const MobilityForce& force) const {
@@ -32,11 +32,11 @@ unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries,
     // Settings of the integrator may have been changed since the Context was created.
     checkBoundary(*parameters, scene.integrator);
     checkSlips(*parameters, scene.integrator);
-    unique_ptr<Fluid> made(new Fluid(
+    auto made = make_unique<Fluid>(
         *parameters,
         FluidSettings(scene.integrator, scene.stock.prescribed, scene.definitions.joints()),
         scene.system, scene.definitions.particlesOfBodies(), geometries, bodies,
-        *scene.freeParticles, *scene.loops));
+        *scene.freeParticles, *scene.loops);
     made->setBox(scene.getBox());
     made->checkWave();
     return made;
@@ -122,7 +122,7 @@ void ContextFluid::update(const MobilityForce& force) {
         *parameters = force;
         return;
     }
-    const unique_ptr<MobilityForce> before(new MobilityForce(*parameters));
+    const auto before = make_unique<MobilityForce>(*parameters);
     *parameters = force;
     try {
         rebuild();

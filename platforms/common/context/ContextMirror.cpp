@@ -307,7 +307,7 @@ BodyState ContextMirror::fitted(int b, double& residual) const {
 }
 
 void ContextMirror::takeInPositions() {
-    vector<pair<int, BodyState> > changed;
+    vector<pair<int, BodyState>> changed;
     double residual = 0;
     for (int b = 0; b < scene.bodies.getNumBodies(); b++)
         if (bodyMembersDiffer(b, scene.arrays->positions(), lastPositions))

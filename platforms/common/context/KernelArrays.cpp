@@ -75,7 +75,7 @@ KernelArrays::KernelArrays(ContextImpl& context)
     for (int p = 0; p < n; p++)
         if (system.isVirtualSite(p)) virtualSites.push_back(p);
     const double coarse = 1e-10;
-    if (isPeriodic && rounding_.positions > coarse) images.reset(new PeriodicImages(context));
+    if (isPeriodic && rounding_.positions > coarse) images = make_unique<PeriodicImages>(context);
 }
 
 UpdateStateDataKernel& KernelArrays::kernel() const {

@@ -84,7 +84,7 @@ void addMismatches(const Scene& scene, Warnings& warnings) {
 
 string describeBarostat(const Scene& scene) {
     if (scene.stock.barostat.empty()) return "the System has none";
-    vector<pair<string, string> > pressures;  // name and unit, and parameter of the Context
+    vector<pair<string, string>> pressures;  // name and unit, and parameter of the Context
     for (int i = 0; i < scene.system.getNumForces(); i++) {
         const Force& force = scene.system.getForce(i);
         if (dynamic_cast<const MonteCarloBarostat*>(&force))

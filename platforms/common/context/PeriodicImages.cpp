@@ -19,7 +19,7 @@ namespace {
  */
 class WithinMolecules {
 public:
-    explicit WithinMolecules(const vector<vector<int> >& molecules, int numParticles)
+    explicit WithinMolecules(const vector<vector<int>>& molecules, int numParticles)
         : moleculeOf(numParticles) {
         for (size_t m = 0; m < molecules.size(); m++)
             for (int p : molecules[m]) moleculeOf[p] = m;

@@ -24,7 +24,7 @@ public:
               std::vector<OpenMM::Vec3>& images) const;
 
 private:
-    std::vector<std::vector<int> > molecules;  // empty: nothing is to be moved
+    std::vector<std::vector<int>> molecules;  // empty: nothing is to be moved
 };
 
 }  // namespace RigidHIPlugin

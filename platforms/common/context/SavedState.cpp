@@ -38,15 +38,15 @@ const double consistencyTolerance = 1e-9;
  */
 void deriveUserStates(vector<SavedBody>& bodies, double inertiaScale) {
     vector<BodyGeometry> geometries;
-    vector<vector<int> > particles;
-    vector<vector<bool> > carriesForce;
+    vector<vector<int>> particles;
+    vector<vector<bool>> carriesForce;
     for (const SavedBody& body : bodies) {
         geometries.push_back(body.geometry);
         particles.emplace_back(body.geometry.sites.size());
         iota(particles.back().begin(), particles.back().end(), 0);
         carriesForce.emplace_back(body.geometry.sites.size(), false);
     }
-    BodySet set(geometries, particles, vector<vector<double> >(bodies.size()), carriesForce);
+    BodySet set(geometries, particles, vector<vector<double>>(bodies.size()), carriesForce);
     set.setInertiaScale(inertiaScale);
     for (size_t b = 0; b < bodies.size(); b++) {
         set.setStoredState(b, bodies[b].stored);
@@ -397,9 +397,9 @@ SavedState SavedState::read(istream& checkpoint) {
              " bodies; use another checkpoint");
     for (int b = 0; b < count; b++) {
         SavedBody body;
-        body.stored = reader.get<array<double, 13> >();
+        body.stored = reader.get<array<double, 13>>();
         body.R = Vec3(body.stored[0], body.stored[1], body.stored[2]);
-        body.q = reader.get<array<double, 4> >();
+        body.q = reader.get<array<double, 4>>();
         body.velocity = reader.get<Vec3>();
         body.omega_lab = reader.get<Vec3>();
         body.geometry.mass = reader.get<double>();

@@ -29,7 +29,7 @@ Scene::Scene(ContextImpl& context, const CustomRigidHIIntegrator& integrator,
     stock.prescribed = bodyMotions.getPrescribed();
     checkScheme(system, definitions.underPresentScheme(), stock);
     stock.mobilityForce = fluid.getParameters();
-    freeParticles.reset(new FreeParticles(system, stock.freeParticles, arrays->constraints()));
+    freeParticles = make_unique<FreeParticles>(system, stock.freeParticles, arrays->constraints());
     getBox();  // throws where it is not finite
     definitions.takeFromSystem();
     if (definitions.areAllKnown())

@@ -100,7 +100,7 @@ bool areMassesOfWater(double heavy, double light, double other) {
  * the masses and the symmetry of water.
  */
 void findFreeWaters(const System& system, SystemInventory& stock) {
-    map<int, map<int, double> > tied;  // particle, partner, distance
+    map<int, map<int, double>> tied;  // particle, partner, distance
     for (int i = 0; i < system.getNumConstraints(); i++) {
         int a, b;
         double distance;

@@ -19,7 +19,7 @@ std::string nameOf(const FluidElement& element);
  */
 class BodiesAlone {
 public:
-    typedef std::map<std::vector<double>, std::shared_ptr<const CoupledBodies::Alone>> Shapes;
+    using Shapes = std::map<std::vector<double>, std::shared_ptr<const CoupledBodies::Alone>>;
     BodiesAlone(const CoupledBodies& bodies, std::shared_ptr<Shapes> shapes)
         : bodies(bodies), shapes(shapes) {}
     const CoupledBodies::Alone& of(int element);

@@ -33,7 +33,7 @@ BrownianGroup::BrownianGroup(const GroupMembers& members, BodyMobility& mobility
 
 OverdampedMove& BrownianGroup::theMove() {
     if (!move) {
-        move.reset(new OverdampedMove(*mobility));
+        move = make_unique<OverdampedMove>(*mobility);
         move->setJoints(joints);
     }
     return *move;
@@ -260,7 +260,7 @@ BodyMobility& BrownianGroup::mobilityFor(double doubleEnergy, Scheme of) {
         if (stepOfSlowed != step) {
             if (slowed) costsOfFormerSlowed.add(slowed->mobilities.getCosts());
             move.reset();
-            slowed.reset(new SlowedBodies(bodies, spins, tolerance));
+            slowed = make_unique<SlowedBodies>(bodies, spins, tolerance);
             stepOfSlowed = step;
         }
         wanted = &slowed->mobilities.get(realMobility->getWay());

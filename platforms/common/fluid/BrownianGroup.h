@@ -27,7 +27,7 @@ namespace RigidHIPlugin {
  */
 class BrownianGroup {
 public:
-    typedef CustomRigidHIIntegrator::Scheme Scheme;
+    using Scheme = CustomRigidHIIntegrator::Scheme;
 
     /**
      * @param mobility   that of answers with the real spins, of `members`

@@ -67,8 +67,8 @@ void FlowReader::replay(FluidGroup& group, Answer& result) const {
     BrownianGroup& brownian = *group.brownian;
     const LastStep& last = brownian.getLastStep();
     const OverdampedEntry& entry = overdampedScheme(last.scheme);
-    result.move.reset(
-        new OverdampedMove(brownian.mobilityFor(2 * last.step.kT * last.step.h, last.scheme)));
+    result.move = make_unique<OverdampedMove>(
+        brownian.mobilityFor(2 * last.step.kT * last.step.h, last.scheme));
     OverdampedStep step = last.step;
     step.flow = fluid.getFlow();
     brownian.setTolerance(traitsOf(last.scheme), step);
@@ -94,7 +94,7 @@ void FlowReader::replay(FluidGroup& group, Answer& result) const {
 void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
                               Answer& result) const {
     BrownianGroup& brownian = *group.brownian;
-    result.move.reset(new OverdampedMove(brownian.mobilityFor(0, question.scheme)));
+    result.move = make_unique<OverdampedMove>(brownian.mobilityFor(0, question.scheme));
     OverdampedMove& move = *result.move;
     move.setJoints(brownian.getJoints());
     OverdampedStep step;
@@ -133,7 +133,7 @@ bool FlowReader::findLastStep(const BodySet& bodies, const vector<OpenMM::Vec3>&
     const LastStep& last = group.brownian->getLastStep();
     if (last.scheme != scheme) return false;
     if (answer && answer->isOfLastStep) return true;
-    answer.reset(new Answer());
+    answer = make_unique<Answer>();
     answer->isOfLastStep = true;
     replay(group, *answer);
     double largest = 0, off = 0;
@@ -152,7 +152,7 @@ FlowReader::Answer& FlowReader::find(FluidGroup& group, const FlowQuestion& ques
     if (!question.hasMomenta() &&
         findLastStep(question.bodies, question.positions, question.scheme))
         return *answer;
-    answer.reset(new Answer());
+    answer = make_unique<Answer>();
     Answer& result = *answer;
     if (question.hasMomenta())
         flowOfVelocities(group, question, result);

@@ -151,7 +151,7 @@ string FluidReport::describeAnswers() const {
          : group->bodies.multipliesWithoutIterations()        ? products
                                                               : iterations)++;
     }
-    const auto list = [](const vector<pair<int, string> >& ways) {
+    const auto list = [](const vector<pair<int, string>>& ways) {
         string all;
         for (const auto& way : ways)
             if (way.first > 0)

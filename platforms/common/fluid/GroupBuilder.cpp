@@ -277,14 +277,14 @@ unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& eleme
     const bool mayUseThreads = elementsOfGroups.size() == 1;  // several groups are spread over them
     GridChoice choice, ofSites;  // of the bodies' particles, and with sites of forces
     bool areSites = false;
-    unique_ptr<FluidGroup> group(new FluidGroup(
+    auto group = make_unique<FluidGroup>(
         elements,
         [&](const HydrodynamicParticles& particles) {
             GridChoice& own = areSites ? ofSites : choice;
             areSites = true;
             return makeModel(particles, mayUseThreads, own);
         },
-        force.getSolverTolerance(), shapes));
+        force.getSolverTolerance(), shapes);
     group->gridChoice = choice.text();
     vector<FluidElement> fixed;
     bool isDriven = false;
@@ -294,9 +294,10 @@ unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& eleme
     }
     GridChoice unused;
     if (isDriven)
-        group->wholly.reset(new CoupledBodies(fixed, [&](const HydrodynamicParticles& particles) {
-            return makeModel(particles, mayUseThreads, unused);
-        }));
+        group->wholly =
+            make_unique<CoupledBodies>(fixed, [&](const HydrodynamicParticles& particles) {
+                return makeModel(particles, mayUseThreads, unused);
+            });
     group->dependsOnScheme = choice.isEstimated();
     for (size_t e = 0; e < elements.size(); e++) {
         group->members.freeIndex.push_back(
@@ -350,7 +351,7 @@ void GroupBuilder::makeJoints(FluidGroup& group, const BodySet& bodies) const {
         }
         joints.push_back(joint);
     }
-    if (!joints.empty()) group.joints.reset(new Joints(joints, group.bodies));
+    if (!joints.empty()) group.joints = make_unique<Joints>(joints, group.bodies);
 }
 
 void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) const {
@@ -389,9 +390,9 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
                (wanted || productsOnly || (force.getSolver() == MobilityForce::Auto && large));
     };
     const int particleRows = coupled.getNumParticleRows();
-    group.brownian.reset(new BrownianGroup(
+    group.brownian = make_unique<BrownianGroup>(
         group.members, strategy(takesKrylov(particleRows > largestDenseOverdampedRows)),
-        group.alone, force.getSolverTolerance()));
+        group.alone, force.getSolverTolerance());
     // Answers to users do not depend on inertia. They are computed as with masses that fit the
     // fluid, whatever masses the bodies have.
     int rows = coupled.getNumRows();

@@ -119,13 +119,11 @@ private:
 unique_ptr<Relaxation> makeRelaxation(BodyMobility& mobility, const MomentumScaling& scaling,
                                       double tolerance) {
     switch (mobility.getWay()) {
-        case BodyMobility::Constant:
-            return unique_ptr<Relaxation>(new ConstantRelaxation(mobility, scaling));
-        case BodyMobility::Dense:
-            return unique_ptr<Relaxation>(new DenseRelaxation(mobility, scaling));
+        case BodyMobility::Constant: return make_unique<ConstantRelaxation>(mobility, scaling);
+        case BodyMobility::Dense: return make_unique<DenseRelaxation>(mobility, scaling);
         case BodyMobility::Krylov: break;
     }
-    return unique_ptr<Relaxation>(new KrylovRelaxation(mobility, scaling, tolerance));
+    return make_unique<KrylovRelaxation>(mobility, scaling, tolerance);
 }
 
 void Relaxation::relax(const vector<Pose>& poses, const RelaxationStep& step) {

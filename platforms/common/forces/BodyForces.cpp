@@ -40,7 +40,7 @@ BodyForces::BodyForces(ContextImpl& context) {
     for (size_t i = 0; i < impls.size(); i++) {
         const auto* impl = dynamic_cast<const CustomBodyForceImpl*>(impls[i]);
         if (impl == nullptr) continue;
-        unique_ptr<Force> force(new Force(i, *impl));
+        auto force = make_unique<Force>(i, *impl);
         time = time || force->uses(T, T + 1);
         velocities = velocities || force->uses(V, V + 3);
         forces.push_back(move(force));

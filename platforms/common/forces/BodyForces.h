@@ -51,7 +51,7 @@ private:
     struct Force;
     void setVelocities(const BodySet& bodies, double lookAhead);
     void addOnce(OpenMM::ContextImpl& context, BodySet& bodies, int groups, double t);
-    std::vector<std::unique_ptr<Force> > forces;
+    std::vector<std::unique_ptr<Force>> forces;
     bool time = false, velocities = false;
     BodySet::Snapshot before;            // of the forces, before add()
     std::vector<OpenMM::Vec3> velocity;  // of bodies, that expressions see

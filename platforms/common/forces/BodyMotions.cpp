@@ -74,7 +74,7 @@ BodyMotions::BodyMotions(const vector<OpenMM::ForceImpl*>& impls, int numBodies)
     for (size_t i = 0; i < impls.size(); i++) {
         const auto* impl = dynamic_cast<const CustomBodyMotionImpl*>(impls[i]);
         if (impl == nullptr) continue;
-        unique_ptr<Motion> motion(new Motion(i, *impl));
+        auto motion = make_unique<Motion>(i, *impl);
         for (int b : motion->getBodies()) {
             const auto added = prescribed.insert({b, motion->prescribed});
             if (!added.second)
@@ -111,7 +111,7 @@ void BodyMotions::evaluate(const map<string, double>& parametersOfContext, doubl
 }
 
 void BodyMotions::checkSpins(const vector<BodyGeometry>& geometries,
-                             const vector<vector<int> >& particlesOfBodies,
+                             const vector<vector<int>>& particlesOfBodies,
                              const MobilityForce* fluid) const {
     if (fluid == nullptr) return;
     for (const auto& [b, components] : prescribed) {

@@ -75,14 +75,14 @@ public:
      * @param fluid       null: none
      */
     void checkSpins(const std::vector<BodyGeometry>& geometries,
-                    const std::vector<std::vector<int> >& particlesOfBodies,
+                    const std::vector<std::vector<int>>& particlesOfBodies,
                     const MobilityForce* fluid) const;
     /** For describeEffects(). */
     std::string describe() const;
 
 private:
     struct Motion;
-    std::vector<std::unique_ptr<Motion> > motions;
+    std::vector<std::unique_ptr<Motion>> motions;
     std::map<int, PrescribedComponents> prescribed;
     int numBodies = 0;
     bool time = false;

@@ -29,8 +29,8 @@ double smaller(double x, double y) { return min(x, y); }
 double larger(double x, double y) { return max(x, y); }
 double select(double x, double y, double z) { return x != 0 ? y : z; }
 
-typedef double (*Function1)(double);
-typedef double (*Function2)(double, double);
+using Function1 = double (*)(double);
+using Function2 = double (*)(double, double);
 const map<string, Function1> functions1 = {
     {"sqrt", sqrt},     {"exp", exp},   {"log", log},     {"sin", sin},     {"cos", cos},
     {"sec", sec},       {"csc", csc},   {"tan", tan},     {"cot", cot},     {"asin", asin},
@@ -279,7 +279,7 @@ template <class Piece>
 class Compiler {
 public:
     Compiler(const Parser& parser, const vector<string>& names, const double* values,
-             vector<unique_ptr<Piece> >& pieces, vector<bool>& used)
+             vector<unique_ptr<Piece>>& pieces, vector<bool>& used)
         : parser(parser), names(names), values(values), pieces(pieces), used(used),
           pieceOfDefinition(parser.definitions.size(), -1) {
         for (size_t i = 0; i < names.size(); i++) indexOfName.emplace(names[i], i);
@@ -358,7 +358,7 @@ private:
 
     /** Add a piece that computes a text. @return its index */
     int addPiece(const string& text) {
-        unique_ptr<Piece> piece(new Piece());
+        auto piece = make_unique<Piece>();
         mu::Parser& p = piece->parser;
         p.ClearFun();
         for (size_t i = 0; i < text.size();) {
@@ -412,7 +412,7 @@ private:
     const Parser& parser;
     const vector<string>& names;
     const double* values;
-    vector<unique_ptr<Piece> >& pieces;
+    vector<unique_ptr<Piece>>& pieces;
     vector<bool>& used;
     map<string, int> indexOfName;
     vector<int> pieceOfDefinition;

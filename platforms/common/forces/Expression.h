@@ -38,7 +38,7 @@ public:
 
 private:
     struct Piece;
-    std::vector<std::unique_ptr<Piece> > pieces;  // in the order of evaluation, the result last
+    std::vector<std::unique_ptr<Piece>> pieces;  // in the order of evaluation, the result last
     std::vector<bool> used;
     bool zero = false;
 };

@@ -41,7 +41,7 @@ FreeParticles::FreeParticles(const System& system, const vector<int>& particles,
     if (constraints && numConstraints == system.getNumConstraints()) return;
     // The Context's own constraints would also hold every rigid body's. OpenMM's algorithms
     // therefore get a System made here.
-    constraintSystem.reset(new System());
+    constraintSystem = make_unique<System>();
     for (int i = 0; i < system.getNumParticles(); i++)
         constraintSystem->addParticle(system.getParticleMass(i));
     forEach(
@@ -49,7 +49,7 @@ FreeParticles::FreeParticles(const System& system, const vector<int>& particles,
     for (int i = 0; i < system.getNumForces(); i++)  // they help the constraint matrix to converge
         if (auto* angles = dynamic_cast<const HarmonicAngleForce*>(&system.getForce(i)))
             constraintSystem->addForce(new HarmonicAngleForce(*angles));
-    ownConstraints.reset(new ReferenceConstraints(*constraintSystem));
+    ownConstraints = make_unique<ReferenceConstraints>(*constraintSystem);
     constraints = ownConstraints.get();
 }
 

@@ -96,7 +96,7 @@ MidStepEnergies midStepEnergies(const BodySet& bodies, const StepSettings& setti
 FreeMomentum freeMomentum(const StepSettings& settings, double inertia, double decay,
                           double noise) {
     return scalar::withThermostat(settings.scheme, [&](auto scheme) {
-        typedef decltype(scheme) Scheme;
+        using Scheme = decltype(scheme);
         const auto step = MomentumFlow::wholeStep<Scheme>(decay, noise, settings.h),
                    start = MomentumFlow::upToDrift<Scheme>(decay, noise, settings.h);
         FreeMomentum result;

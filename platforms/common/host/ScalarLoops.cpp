@@ -27,7 +27,7 @@ std::unique_ptr<MobilityModel> ScalarLoops::createMobility(const MobilityForce& 
     own.gridFluid = [&] {
         std::shared_ptr<GridFluid> fluid = gridFluid.lock();
         if (!fluid) {
-            fluid.reset(new PlainGridFluid());
+            fluid = std::make_shared<PlainGridFluid>();
             gridFluid = fluid;
         }
         return fluid;

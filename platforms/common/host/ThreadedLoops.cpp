@@ -85,15 +85,15 @@ std::unique_ptr<MobilityModel> ThreadedLoops::createMobility(const MobilityForce
         std::weak_ptr<GridFluid>& shared = mayUseThreads ? gridFluid : gridFluidOfOne;
         std::shared_ptr<GridFluid> fluid = shared.lock();
         if (!fluid) {
-            fluid.reset(new CpuGridFluid(threads));
+            fluid = std::make_shared<CpuGridFluid>(threads);
             shared = fluid;
         }
         return fluid;
     };
     own.rotnePragerYamakawa = [&](const HydrodynamicParticles& seen, double viscosity,
                                   const std::optional<NoSlipPlane>& wall) {
-        return std::unique_ptr<MobilityModel>(
-            new CpuRotnePragerYamakawa(seen, viscosity, threads, wall, force.getFastSummation()));
+        return std::make_unique<CpuRotnePragerYamakawa>(seen, viscosity, threads, wall,
+                                                        force.getFastSummation());
     };
     return RigidHIPlugin::createMobility(force, scene, particles, own);
 }

@@ -301,7 +301,7 @@ private:
 
 unique_ptr<BodiesInContext> accessToBodies(Scene& scene, ContextMirror& mirror, Stepper& stepper,
                                            const string& platform) {
-    return unique_ptr<BodiesInContext>(new BodyAccess(scene, mirror, stepper, platform));
+    return make_unique<BodyAccess>(scene, mirror, stepper, platform);
 }
 
 }  // namespace RigidHIPlugin

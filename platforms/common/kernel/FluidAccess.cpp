@@ -132,7 +132,7 @@ private:
 }  // namespace
 
 unique_ptr<FluidInContext> accessToFluid(Scene& scene, ContextMirror& mirror, Stepper& stepper) {
-    return unique_ptr<FluidInContext>(new FluidAccess(scene, mirror, stepper));
+    return make_unique<FluidAccess>(scene, mirror, stepper);
 }
 
 }  // namespace RigidHIPlugin

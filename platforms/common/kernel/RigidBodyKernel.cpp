@@ -13,9 +13,9 @@ using namespace std;
 namespace RigidHIPlugin {
 
 void RigidBodyKernel::initialize(ContextImpl& context, const CustomRigidHIIntegrator& integrator) {
-    scene.reset(new Scene(context, integrator, parts.arrays(context), parts.loops(context)));
-    mirror.reset(new ContextMirror(*scene));
-    stepper.reset(new Stepper(context, *scene, *mirror));
+    scene = make_unique<Scene>(context, integrator, parts.arrays(context), parts.loops(context));
+    mirror = make_unique<ContextMirror>(*scene);
+    stepper = make_unique<Stepper>(context, *scene, *mirror);
     bodies = accessToBodies(*scene, *mirror, *stepper, getPlatform().getName());
     fluid = accessToFluid(*scene, *mirror, *stepper);
 }

@@ -51,7 +51,7 @@ private:
     size_t count = 0;
 };
 
-typedef AlignedArrayOf<double> AlignedArray;
+using AlignedArray = AlignedArrayOf<double>;
 
 }  // namespace RigidHIPlugin
 

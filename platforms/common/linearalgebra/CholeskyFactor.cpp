@@ -27,7 +27,7 @@ bool CholeskyFactor::compute(Eigen::MatrixXd& matrix) {
     factor.swap(matrix);
     const int n = factor.rows();
     if (n < lapackRows) {
-        const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd> > small(factor);
+        const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> small(factor);
         return small.info() == Eigen::Success;
     }
     int info = 0;

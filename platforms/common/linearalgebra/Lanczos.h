@@ -81,7 +81,7 @@ public:
      *
      * @param error  InexactProduct::error; 0: the product is to be exact
      */
-    typedef std::function<void(double error, const Eigen::MatrixXd& x, Eigen::MatrixXd& y)> Product;
+    using Product = std::function<void(double error, const Eigen::MatrixXd& x, Eigen::MatrixXd& y)>;
     /** What the tolerance is relative to: each column's own norm, or (not for increments, see
      * apply()) that of their sum. */
     enum Measure { OwnNorm, NormOfSum };

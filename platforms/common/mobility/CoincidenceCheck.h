@@ -48,7 +48,7 @@ public:
                double inOneBody);
 
 private:
-    std::vector<std::pair<double, int> > order;  // particles, sorted along a line
+    std::vector<std::pair<double, int>> order;  // particles, sorted along a line
 };
 
 }  // namespace RigidHIPlugin

@@ -16,7 +16,7 @@ struct FlowSources {
 };
 
 /** Velocities at points, one a column, nm/ps. */
-typedef Eigen::Matrix3Xd Velocities;
+using Velocities = Eigen::Matrix3Xd;
 
 }  // namespace RigidHIPlugin
 

@@ -17,7 +17,7 @@ class MobilityModel;
 struct DrivenFlow;
 
 /** The vectors of a periodic box, nm. Zeros mean that there is no box. */
-typedef std::array<OpenMM::Vec3, 3> BoxVectors;
+using BoxVectors = std::array<OpenMM::Vec3, 3>;
 
 /** Where the particles of a model are. */
 struct Placement {

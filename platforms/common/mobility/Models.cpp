@@ -42,15 +42,15 @@ unique_ptr<MobilityModel> withSphereWallMobility(const MobilityForce& force,
     switch (force.getSphereWallMobility()) {
         case MobilityForce::FromModel: return model;
         case MobilityForce::BestKnown:
-            return unique_ptr<MobilityModel>(
-                new SphereWallCongruence(particles, force.getViscosity(),
-                                         NoSlipPlane(force.getWallHeight(), false), move(model)));
+            return make_unique<SphereWallCongruence>(particles, force.getViscosity(),
+                                                     NoSlipPlane(force.getWallHeight(), false),
+                                                     move(model));
     }
     refuse(force.getModel(), force.getBoundary());
 }
 
 shared_ptr<GridFluid> gridFluid(const PlatformModels& own) {
-    return own.gridFluid ? own.gridFluid() : shared_ptr<GridFluid>(new PlainGridFluid());
+    return own.gridFluid ? own.gridFluid() : make_shared<PlainGridFluid>();
 }
 
 unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force,
@@ -58,11 +58,10 @@ unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force
                                                       const HydrodynamicParticles& particles,
                                                       const PlatformModels& own) {
     if (!scene.onGrid)
-        return unique_ptr<MobilityModel>(
-            new PeriodicRotnePragerYamakawa(particles, force.getViscosity()));
-    return unique_ptr<MobilityModel>(
-        new RotnePragerYamakawaGrid(particles, force.getViscosity(), force.getSolverTolerance(),
-                                    force.getGridSpacing(), gridFluid(own)));
+        return make_unique<PeriodicRotnePragerYamakawa>(particles, force.getViscosity());
+    return make_unique<RotnePragerYamakawaGrid>(particles, force.getViscosity(),
+                                                force.getSolverTolerance(), force.getGridSpacing(),
+                                                gridFluid(own));
 }
 
 unique_ptr<MobilityModel> unboundedRotnePragerYamakawa(const MobilityForce& force,
@@ -70,7 +69,7 @@ unique_ptr<MobilityModel> unboundedRotnePragerYamakawa(const MobilityForce& forc
                                                        const PlatformModels& own) {
     const double eta = force.getViscosity();
     if (own.rotnePragerYamakawa) return own.rotnePragerYamakawa(particles, eta, {});
-    return unique_ptr<MobilityModel>(new RotnePragerYamakawa(particles, eta));
+    return make_unique<RotnePragerYamakawa>(particles, eta);
 }
 
 unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
@@ -86,7 +85,8 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
                 force, particles,
                 own.rotnePragerYamakawa
                     ? own.rotnePragerYamakawa(particles, eta, wall)
-                    : unique_ptr<MobilityModel>(new RotnePragerYamakawaWall(particles, eta, wall)));
+                    : unique_ptr<MobilityModel>(
+                          make_unique<RotnePragerYamakawaWall>(particles, eta, wall)));
         }
         case MobilityForce::Periodic:
             return periodicRotnePragerYamakawa(force, scene, particles, own);
@@ -100,11 +100,11 @@ unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force,
                                                 const HydrodynamicParticles& particles,
                                                 bool inChannel, const PlatformModels& own) {
     if (!scene.onGrid)
-        return unique_ptr<MobilityModel>(new PeriodicForceCoupling(
-            inChannel ? SlipChannel::withImages(particles) : particles, force.getViscosity()));
-    return unique_ptr<MobilityModel>(
-        new ForceCouplingGrid(particles, force.getViscosity(), force.getSolverTolerance(),
-                              force.getGridSpacing(), gridFluid(own), inChannel));
+        return make_unique<PeriodicForceCoupling>(
+            inChannel ? SlipChannel::withImages(particles) : particles, force.getViscosity());
+    return make_unique<ForceCouplingGrid>(particles, force.getViscosity(),
+                                          force.getSolverTolerance(), force.getGridSpacing(),
+                                          gridFluid(own), inChannel);
 }
 
 unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, const MobilityScene& scene,
@@ -115,9 +115,8 @@ unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, const Mobili
     SlipWalls walls;
     force.getChannelWalls(walls.low, walls.high);
     walls.crossingAllowed = scene.crossingAllowed;
-    return unique_ptr<MobilityModel>(
-        new SlipChannel(particles, force.getViscosity(), walls,
-                        periodicForceCoupling(force, scene, particles, true, own)));
+    return make_unique<SlipChannel>(particles, force.getViscosity(), walls,
+                                    periodicForceCoupling(force, scene, particles, true, own));
 }
 
 }  // namespace
@@ -131,11 +130,10 @@ unique_ptr<MobilityModel> createMobility(const MobilityForce& force, const Mobil
     switch (force.getModel()) {
         case MobilityForce::StokesianDynamics:
             if (force.getBoundary() == MobilityForce::Periodic)
-                return unique_ptr<MobilityModel>(
-                    new PeriodicStokesianDynamics(particles, force.getViscosity(),
-                                                  force.getLubrication(), force.getMinimumGap()));
-            return unique_ptr<MobilityModel>(new StokesianDynamics(
-                particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap()));
+                return make_unique<PeriodicStokesianDynamics>(
+                    particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap());
+            return make_unique<StokesianDynamics>(particles, force.getViscosity(),
+                                                  force.getLubrication(), force.getMinimumGap());
         case MobilityForce::ForceCoupling: return forceCoupling(force, scene, particles, own);
         // Particles that do not feel others still feel themselves: the blobs of one body make its
         // tensor. They do not feel images.

@@ -10,11 +10,11 @@ BodyMobility& BodyMobilities::get(BodyMobility::Way way) {
     std::unique_ptr<BodyMobility>& strategy = made[way];
     if (!strategy) {
         if (way == BodyMobility::Constant)
-            strategy.reset(new ConstantMobility(bodies));
+            strategy = std::make_unique<ConstantMobility>(bodies);
         else if (way == BodyMobility::Dense)
-            strategy.reset(new DenseMobility(bodies));
+            strategy = std::make_unique<DenseMobility>(bodies);
         else
-            strategy.reset(new KrylovMobility(bodies, tolerance));
+            strategy = std::make_unique<KrylovMobility>(bodies, tolerance);
     }
     return *strategy;
 }

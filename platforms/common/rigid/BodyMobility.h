@@ -43,7 +43,7 @@ namespace RigidHIPlugin {
  */
 class BodyMobility {
 public:
-    typedef Eigen::MatrixXd MatrixXd;
+    using MatrixXd = Eigen::MatrixXd;
     enum Way { Constant, Dense, Krylov };
 
     explicit BodyMobility(const CoupledBodies& bodies) : bodies(bodies), slipSpace(bodies) {}

@@ -34,7 +34,8 @@ CoupledBodies::CoupledBodies(const vector<FluidElement>& elements, const ModelFa
     : motion(elements), freeMotion(elements, firstRows(motion)), nullTwists(firstRows(motion)),
       nullTwistsOfFree(firstRows(motion)), ownTensors(firstRows(motion)) {
     if (getParticles().size() > 0) model = makeModel(getParticles());
-    if (ForcesOnFluid::areIn(elements)) forcesOnFluid.reset(new ForcesOnFluid(motion, makeModel));
+    if (ForcesOnFluid::areIn(elements))
+        forcesOnFluid = make_unique<ForcesOnFluid>(motion, makeModel);
     findProperties(mayBeConstant);
 }
 

@@ -30,8 +30,8 @@ namespace RigidHIPlugin {
  */
 class CoupledBodies {
 public:
-    typedef std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles&)>
-        ModelFactory;
+    using ModelFactory =
+        std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles&)>;
     /**
      * @param elements       elements that feel each other
      * @param makeModel      makes the model of given particles

@@ -53,8 +53,8 @@ void KrylovMobility::endSolving() {
 
 MultiblobSolver& KrylovMobility::theSolver() {
     if (!solver)
-        solver.reset(
-            new MultiblobSolver(bodies.getMotion(), bodies.getNullTwists(), bodies.getModel()));
+        solver = make_unique<MultiblobSolver>(bodies.getMotion(), bodies.getNullTwists(),
+                                              bodies.getModel());
     return *solver;
 }
 
@@ -304,8 +304,8 @@ void KrylovMobility::applyFunction(Function kind, const MatrixXd& W, MatrixXd& r
                                    Lanczos::Course* course) {
     const Solving timed(*this);
     if (!lanczos)
-        lanczos.reset(
-            new Lanczos(budget.ofIterations(), Lanczos::defaultIterations, wantedTolerance));
+        lanczos = make_unique<Lanczos>(budget.ofIterations(), Lanczos::defaultIterations,
+                                       wantedTolerance);
     findCollectiveModes();
     ScaledFunction function(*this, kind);
     const vector<SpectralFunction> functions(W.cols(), function.ofEigenvalues());

@@ -74,7 +74,7 @@ MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nu
     for (const FluidElement& element : elements)
         if (element.isHeld) heldBlobs += element.particles.size();
     const bool oneBlock = heldBlobs > 0 && heldBlobs <= mostHeldBlobs;
-    vector<shared_ptr<const Shape> > known;
+    vector<shared_ptr<const Shape>> known;
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
         for (int k = 0; k < element.numRows(); k++) numFreeRows += !element.isFixed(k);
@@ -130,7 +130,7 @@ void MultiblobSolver::addUnit(int row, int firstBlobRow, int blobRows, int bodyR
 shared_ptr<MultiblobSolver::Shape> MultiblobSolver::makeShape(const FluidElement& element,
                                                               const MatrixXd& M, const MatrixXd& K,
                                                               const VectorXd& nullTwist) {
-    const shared_ptr<Shape> shape(new Shape());
+    const auto shape = make_shared<Shape>();
     shape->sites = element.sites;
     shape->radii = element.radii;
     shape->spin = element.spin;

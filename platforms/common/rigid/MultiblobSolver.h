@@ -195,10 +195,10 @@ private:
     std::vector<Pose> heldPoses;
     std::vector<Eigen::Matrix3d> turnsOfElements;  // where elements are held
     /** Elements of which some components are fixed: each has a shape of its own. */
-    std::vector<std::pair<int, std::shared_ptr<Shape> > > restricted;
+    std::vector<std::pair<int, std::shared_ptr<Shape>>> restricted;
     int numFreeRows = 0;
     int numRows = 0, numBlobRowsTotal = 0;
-    std::vector<std::shared_ptr<const Shape> > shapes;
+    std::vector<std::shared_ptr<const Shape>> shapes;
     std::vector<Family> families;
     std::vector<Eigen::Matrix3d> turns;  // body to lab
     double growth = 1;                   // of errors of products in the energy norm, at most

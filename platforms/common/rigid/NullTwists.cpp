@@ -13,7 +13,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-typedef Matrix<double, 6, 1> Vector6d;
+using Vector6d = Matrix<double, 6, 1>;
 
 /** Blobs nearer to a line than this, relative to the body's size, are on it: coordinates are rarely
  * given to more digits. */

@@ -17,8 +17,8 @@ namespace RigidHIPlugin {
  */
 class OwnTensors {
 public:
-    typedef Eigen::Matrix<double, 6, 6> Matrix6d;
-    typedef std::vector<Eigen::Matrix3d> Turns;
+    using Matrix6d = Eigen::Matrix<double, 6, 6>;
+    using Turns = std::vector<Eigen::Matrix3d>;
 
     /** @param rows  first row of each element in twists and wrenches */
     explicit OwnTensors(const std::vector<int>& rows) : rows(rows), factors(rows.size()) {}

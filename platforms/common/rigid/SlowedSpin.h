@@ -26,8 +26,8 @@ namespace RigidHIPlugin {
  *            rate. Only the angle itself diffuses more slowly, and forces turn the body less.
  */
 struct SlowedSpin {
-    typedef Eigen::Matrix<double, 6, 1> Vector6d;
-    typedef Eigen::Matrix<double, 6, 6> Matrix6d;
+    using Vector6d = Eigen::Matrix<double, 6, 1>;
+    using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
     Eigen::Vector3d axis = Eigen::Vector3d::Zero();  // e_1, body frame
     Vector6d screw = Vector6d::Zero();               // s = (V, W), body frame, with W = e_1

@@ -106,7 +106,7 @@ private:
     std::string name;
     std::vector<int> massive;  // indices into `particles`
     std::vector<double> masses;
-    std::vector<std::vector<double> >
+    std::vector<std::vector<double>>
         distances;  // between massive members, if constraints fix all of them
     bool fixedByConstraints, hasOtherMassless, massless = false;
 };

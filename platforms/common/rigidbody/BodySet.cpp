@@ -21,9 +21,9 @@ RotorKind rotorKind(const BodyInertia& inertia) {
 
 }  // namespace
 
-BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int> >& particles,
-                 const vector<vector<double> >& siteMasses,
-                 const vector<vector<bool> >& carriesForce, const vector<bool>& held) {
+BodySet::BodySet(const vector<BodyGeometry>& geometries, const vector<vector<int>>& particles,
+                 const vector<vector<double>>& siteMasses, const vector<vector<bool>>& carriesForce,
+                 const vector<bool>& held) {
     const int n = geometries.size();
     inertias.resize(n);
     axisOrder.resize(n);

@@ -76,10 +76,9 @@ public:
      * @param held          whether each body is held; empty: none is
      */
     BodySet(const std::vector<BodyGeometry>& geometries,
-            const std::vector<std::vector<int> >& particles,
-            const std::vector<std::vector<double> >& siteMasses,
-            const std::vector<std::vector<bool> >& carriesForce,
-            const std::vector<bool>& held = {});
+            const std::vector<std::vector<int>>& particles,
+            const std::vector<std::vector<double>>& siteMasses,
+            const std::vector<std::vector<bool>>& carriesForce, const std::vector<bool>& held = {});
     /**
      * Take the states of other bodies with the same geometries, and the forces on them that were
      * gathered last: other bodies may be held.
@@ -169,9 +168,9 @@ private:
     double inertiaScale = 1;
     std::vector<BodyInertia> ownInertias;  // of the geometries, with moments ascending
     std::vector<BodyInertia> inertias;     // of the dynamics: these moments times the inertia scale
-    std::vector<std::array<int, 3> > axisOrder;  // inner axis k is the user's axis axisOrder[k] ...
-    std::vector<std::array<double, 3> > axisSign;   // ... times axisSign[k]
-    std::vector<std::array<double, 4> > frameTurn;  // q_inner = q_user * frameTurn
+    std::vector<std::array<int, 3>> axisOrder;  // inner axis k is the user's axis axisOrder[k] ...
+    std::vector<std::array<double, 3>> axisSign;   // ... times axisSign[k]
+    std::vector<std::array<double, 4>> frameTurn;  // q_inner = q_user * frameTurn
     void makeColumns();
     void setInverseMoments();
     void stop(int slot);

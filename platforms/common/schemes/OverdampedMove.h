@@ -57,7 +57,7 @@ struct FlowOfStep {
  */
 class OverdampedMove {
 public:
-    typedef Eigen::MatrixXd Vectors;
+    using Vectors = Eigen::MatrixXd;
     /** Which of the step's two independent sets of random numbers. */
     enum Draw { First, Second };
 

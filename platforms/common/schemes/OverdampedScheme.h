@@ -19,7 +19,7 @@ namespace RigidHIPlugin {
  */
 class OverdampedScheme {
 public:
-    typedef OverdampedMove::Vectors Vectors;
+    using Vectors = OverdampedMove::Vectors;
     static constexpr double noForces = -1;
     /** Whether the noise is that of the start, and the mobility that of a mid-point (SpinBounds).
      */

@@ -11,7 +11,7 @@ namespace {
 template <class Scheme>
 OverdampedEntry entry() {
     return {vector<double>(Scheme::forcesAt.begin(), Scheme::forcesAt.end()),
-            []() { return unique_ptr<OverdampedScheme>(new Scheme()); },
+            []() -> unique_ptr<OverdampedScheme> { return make_unique<Scheme>(); },
             Scheme::hasMobilityOfMidpoint ? boundsOfMidpoint : boundsOfStart};
 }
 

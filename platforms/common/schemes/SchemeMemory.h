@@ -13,7 +13,7 @@ namespace RigidHIPlugin {
  */
 struct SchemeMemory {
     std::string scheme;  // the name of the scheme
-    std::vector<std::vector<Eigen::MatrixXd> > groups;
+    std::vector<std::vector<Eigen::MatrixXd>> groups;
 };
 
 }  // namespace RigidHIPlugin

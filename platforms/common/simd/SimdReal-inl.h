@@ -21,13 +21,13 @@ namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-typedef HWY_CAPPED(double, BodySet::blockSize) Doubles;
-typedef hn::RebindToUnsigned<Doubles> Words;
-typedef hn::Vec<Doubles> DoubleVec;
-typedef hn::Vec<Words> WordVec;
+using Doubles = HWY_CAPPED(double, BodySet::blockSize);
+using Words = hn::RebindToUnsigned<Doubles>;
+using DoubleVec = hn::Vec<Doubles>;
+using WordVec = hn::Vec<Words>;
 
 struct Pack {
-    typedef double Scalar;
+    using Scalar = double;
     static const int packs = 1;
     DoubleVec v;
     Pack() = default;
@@ -69,12 +69,12 @@ HWY_INLINE bool isFinite(const Pack& x) {
  * digits are enough.
  */
 #if HWY_TARGET == HWY_SCALAR
-typedef hn::Rebind<float, Doubles> Floats;
+using Floats = hn::Rebind<float, Doubles>;
 #else
-typedef hn::Repartition<float, Doubles> Floats;
+using Floats = hn::Repartition<float, Doubles>;
 #endif
 struct SinglePack {
-    typedef float Scalar;
+    using Scalar = float;
     static const int packs = HWY_TARGET == HWY_SCALAR ? 1 : 2;
     hn::Vec<Floats> v;
     SinglePack() = default;

@@ -29,7 +29,7 @@ uint64_t spread(uint64_t x) {
     return (x | x << 2) & 0x1249249249249249ULL;
 }
 
-typedef array<int, 6> FarKey;
+using FarKey = array<int, 6>;
 struct FarKeyHash {
     size_t operator()(const FarKey& key) const {
         size_t hash = 0;

@@ -128,7 +128,7 @@ HWY_NOINLINE void translateLanes(const FarTask<Number>& task, D d) {
     constexpr int rows = FarTask<Number>::rowsAtOnce;
     // Sums, and what is added to them: 32 registers, or 16.
     constexpr int rowsInRegisters = HWY_TARGET <= HWY_AVX3 ? rows : rows / 2;
-    typedef hn::Vec<D> V;
+    using V = hn::Vec<D>;
     const int width = hn::Lanes(d), columns = task.columns, size = task.size;
     const int stride = 4 * width;
     const size_t ofCell = static_cast<size_t>(4) * columns * size;
@@ -485,12 +485,12 @@ FastSum::~FastSum() {}
 
 template <>
 FastSum::Far<float>& FastSum::far<float>() {
-    if (!singleFar) singleFar.reset(new Far<float>());
+    if (!singleFar) singleFar = make_unique<Far<float>>();
     return *singleFar;
 }
 template <>
 FastSum::Far<double>& FastSum::far<double>() {
-    if (!doubleFar) doubleFar.reset(new Far<double>());
+    if (!doubleFar) doubleFar = make_unique<Far<double>>();
     return *doubleFar;
 }
 

@@ -51,7 +51,7 @@ namespace RigidHIPlugin {
 class FastSum {
 public:
     /** Calls task(first, end) for ranges that cover 0 ... count - 1, perhaps on several threads. */
-    typedef std::function<void(int count, const std::function<void(int, int)>& task)> ForRanges;
+    using ForRanges = std::function<void(int count, const std::function<void(int, int)>& task)>;
     struct Accuracy {
         int order;       // P
         double opening;  // of ClusterTree

@@ -10,7 +10,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-typedef complex<double> Complex;
+using Complex = complex<double>;
 
 /**
  * The index of an element: that of the real part of R_n^m, m >= 0. The imaginary part comes next.

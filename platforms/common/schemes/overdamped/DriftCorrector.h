@@ -117,8 +117,8 @@ private:
     double scale = 1;  // nu
 };
 
-typedef DriftCorrector<false> DriftCorrectorFD;
-typedef DriftCorrector<true> DriftCorrectorRFD;
+using DriftCorrectorFD = DriftCorrector<false>;
+using DriftCorrectorRFD = DriftCorrector<true>;
 
 }  // namespace RigidHIPlugin
 

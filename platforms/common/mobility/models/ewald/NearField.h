@@ -10,7 +10,7 @@
 namespace RigidHIPlugin {
 
 /** Calls task(first, end) for ranges that cover 0 ... count - 1, perhaps on several threads. */
-typedef std::function<void(int count, const std::function<void(int, int)>& task)> Ranges;
+using Ranges = std::function<void(int count, const std::function<void(int, int)>& task)>;
 
 /**
  * The functions of NearPair for all pairs of kinds of particles. Where spheres do not overlap, the
@@ -125,17 +125,17 @@ private:
     std::vector<int> kind;
     GridShape box;
 
-    std::vector<OpenMM::Vec3> anchors;                 // not wrapped
-    std::vector<std::array<double, 3> > anchorsInBox;  // the same, in the box
-    std::vector<std::array<double, 3> > offsets;       // of particles from anchors
+    std::vector<OpenMM::Vec3> anchors;                // not wrapped
+    std::vector<std::array<double, 3>> anchorsInBox;  // the same, in the box
+    std::vector<std::array<double, 3>> offsets;       // of particles from anchors
     std::array<int, 3> cells = {0, 0, 0}, depth = {0, 0, 0}, extended = {0, 0, 0};
-    std::vector<int> cellOfParticle;             // x, y and z one after the other
-    std::vector<int> targets;                    // particles in the order of cells
-    std::vector<int> sourceOfTarget;             // each among sources
-    std::vector<int> firstOfCell;                // of extended cells, among sources
-    std::vector<Source> sources;                 // at anchors
-    std::vector<std::array<double, 3> > places;  // of sources, at present
-    std::vector<double> strengths;               // of sources: forces, or forces and torques
+    std::vector<int> cellOfParticle;            // x, y and z one after the other
+    std::vector<int> targets;                   // particles in the order of cells
+    std::vector<int> sourceOfTarget;            // each among sources
+    std::vector<int> firstOfCell;               // of extended cells, among sources
+    std::vector<Source> sources;                // at anchors
+    std::vector<std::array<double, 3>> places;  // of sources, at present
+    std::vector<double> strengths;              // of sources: forces, or forces and torques
     std::vector<Block> blocks;
 };
 

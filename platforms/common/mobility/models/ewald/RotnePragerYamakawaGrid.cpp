@@ -281,7 +281,7 @@ EwaldSplitting RotnePragerYamakawaGrid::splittingFor(const BoxVectors& box) cons
 
 const EwaldSplitting& RotnePragerYamakawaGrid::findSplitting(const BoxVectors& box) const {
     if (!lastSplitting || lastBox != box) {
-        lastSplitting.reset(new EwaldSplitting(kinds, tolerance, spacing, box));
+        lastSplitting = std::make_unique<EwaldSplitting>(kinds, tolerance, spacing, box);
         lastBox = box;
     }
     return *lastSplitting;
@@ -290,7 +290,7 @@ const EwaldSplitting& RotnePragerYamakawaGrid::findSplitting(const BoxVectors& b
 std::shared_ptr<const SplitBox> RotnePragerYamakawaGrid::inBox(const BoxVectors& box) const {
     const std::lock_guard<std::mutex> lock(mutex);
     if (!lastInBox || lastInBox->box != box)
-        lastInBox.reset(new SplitBox(kinds, findSplitting(box), box));
+        lastInBox = std::make_unique<SplitBox>(kinds, findSplitting(box), box);
     return lastInBox;
 }
 
@@ -311,7 +311,7 @@ void RotnePragerYamakawaGrid::takeUnshared(std::shared_ptr<SplitParts>& parts) c
     if (kept && kept != parts && kept.use_count() == 1)
         parts = kept;
     else
-        parts.reset(new SplitParts(particles, viscosity, kinds, *fluid));
+        parts = std::make_unique<SplitParts>(particles, viscosity, kinds, *fluid);
 }
 
 void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Placement& placement,
@@ -379,12 +379,12 @@ void RotnePragerYamakawaGrid::checkWave(const BoxVectors& box, int axis, int per
 void RotnePragerYamakawaGrid::drawField(const NoiseStream& noise, uint32_t purpose,
                                         const BoxVectors& box,
                                         std::unique_ptr<RandomField>& field) const {
-    if (!field) field.reset(new Field(*this));
+    if (!field) field = std::make_unique<Field>(*this);
     static_cast<Field&>(*field).draw(noise, purpose, box);
 }
 
 std::unique_ptr<MobilityAt> RotnePragerYamakawaGrid::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new RotnePragerYamakawaGridAt(*this));
+    return std::make_unique<RotnePragerYamakawaGridAt>(*this);
 }
 
 }  // namespace RigidHIPlugin

@@ -31,7 +31,7 @@ SplitBox::SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& sp
     for (const EwaldKind& kind : kinds)
         for (const bool ofTorques : {false, true}) {
             if (ofTorques && kind.torques == 0) continue;
-            factors.emplace_back(new GridFactors(splitting.shape, [&](double k) {
+            factors.push_back(std::make_unique<GridFactors>(splitting.shape, [&](double k) {
                 const WaveFactors f = overSurfaces().waveFactors(kind.radius, k);
                 // The Gaussian's factor and the square root of H are multiplied in one exponential,
                 // because each alone may be too large or too small for a number.

@@ -24,7 +24,7 @@ public:
      * The factors of channels. For each kind of particles: those of forces and then, if the kind
      * has torques, those of torques.
      */
-    std::vector<std::unique_ptr<const GridFactors> > factors;
+    std::vector<std::unique_ptr<const GridFactors>> factors;
 };
 
 }  // namespace RigidHIPlugin

@@ -16,7 +16,7 @@ namespace RigidHIPlugin {
  */
 class SplitParts {
 public:
-    typedef Eigen::MatrixXd MatrixXd;
+    using MatrixXd = Eigen::MatrixXd;
     SplitParts(const HydrodynamicParticles& particles, double viscosity,
                const std::vector<EwaldKind>& kinds, GridFluid& fluid);
     void setBox(const std::shared_ptr<const SplitBox>& newBox);

@@ -31,7 +31,7 @@ void WaveField::setBox(const SplitBox& box) {
         for (int p : these.particles)
             these.asPoints.add(radiusOfForceEnvelope(box.splitting.width), false,
                                particles.systemIndex[p], -1);
-        these.stencils.reset(new GridStencils(these.asPoints, box.resolution));
+        these.stencils = std::make_unique<GridStencils>(these.asPoints, box.resolution);
         these.stencils->layOut(shape);
     }
     channels.clear();

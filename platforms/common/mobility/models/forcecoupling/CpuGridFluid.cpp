@@ -28,7 +28,7 @@ public:
                  double* results);
 
 private:
-    typedef GridScratch<T> Scratch;
+    using Scratch = GridScratch<T>;
     GridWork<T> work() const;
     void prepare(const GridChannel* channels, int count);
     /** Call task(i, scratch) for i = 0 ... count - 1. Each range of them has its own scratch. */
@@ -44,11 +44,11 @@ private:
     GridPlans<T> plans[3];
     AlignedArrayOf<T> waveNumbers, keeps, halfTurns;  // GridWork
     std::vector<int> waveIndices;
-    std::vector<ChannelWork<T> > parts;                    // of the present product or field
-    std::vector<std::array<AlignedArrayOf<T>, 3> > modes;  // of channels
-    std::vector<double> averages;                          // a slice after the other
+    std::vector<ChannelWork<T>> parts;                    // of the present product or field
+    std::vector<std::array<AlignedArrayOf<T>, 3>> modes;  // of channels
+    std::vector<double> averages;                         // a slice after the other
     std::mutex scratchMutex;
-    std::vector<std::unique_ptr<Scratch> > free;
+    std::vector<std::unique_ptr<Scratch>> free;
 };
 
 template <typename T>
@@ -192,7 +192,7 @@ void GridEngine<T>::forEach(int count, const Task& task) {
             }
         }
         if (!scratch) {
-            scratch.reset(new Scratch);
+            scratch = std::make_unique<Scratch>();
             const size_t alongY = (size_t)modesAtOnce * modeWidth * layout.numRows,
                          alongZ = (size_t)slabWidth * layout.shape.size[2];
             scratch->slab.resize(3 * layout.slabNumbers());
@@ -255,7 +255,7 @@ CpuGridFluid::~CpuGridFluid() {}
 
 std::unique_ptr<ModeNoise> CpuGridFluid::modeNoise(const NoiseStream& noise,
                                                    uint32_t purpose) const {
-    return std::unique_ptr<ModeNoise>(new SimdModeNoise(noise, purpose));
+    return std::make_unique<SimdModeNoise>(noise, purpose);
 }
 
 namespace {
@@ -266,9 +266,9 @@ GridChannel withoutFactors(const GridStencils& stencils) { return {&stencils, nu
 }  // namespace
 
 template <typename T>
-GridEngine<T>& CpuGridFluid::engineOf(std::unique_ptr<GridEngine<T> >& engine,
+GridEngine<T>& CpuGridFluid::engineOf(std::unique_ptr<GridEngine<T>>& engine,
                                       const GridStencils& stencils, int channels) {
-    if (!engine) engine.reset(new GridEngine<T>(threads, seconds));
+    if (!engine) engine = std::make_unique<GridEngine<T>>(threads, seconds);
     held = channels * memory(stencils.getShape());
     return *engine;
 }

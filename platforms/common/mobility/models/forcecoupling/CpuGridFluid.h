@@ -12,7 +12,7 @@ template <typename T>
 class GridEngine;
 
 /** Calls task(first, end) for ranges that cover 0 ... count - 1, on several threads. */
-typedef std::function<void(int count, const std::function<void(int, int)>& task)> GridThreads;
+using GridThreads = std::function<void(int count, const std::function<void(int, int)>& task)>;
 
 /**
  * A GridFluid with SIMD and threads, in double precision. Products are in single precision for
@@ -58,12 +58,12 @@ protected:
 private:
     /** The engine, which is made when it is first used, for that many channels. */
     template <typename T>
-    GridEngine<T>& engineOf(std::unique_ptr<GridEngine<T> >& engine, const GridStencils& stencils,
+    GridEngine<T>& engineOf(std::unique_ptr<GridEngine<T>>& engine, const GridStencils& stencils,
                             int channels = 1);
 
     const GridThreads threads;
-    std::unique_ptr<GridEngine<double> > exact;
-    std::unique_ptr<GridEngine<float> > single;
+    std::unique_ptr<GridEngine<double>> exact;
+    std::unique_ptr<GridEngine<float>> single;
 };
 
 /** CounterModeNoise by packs of modes. The numbers are the same to a few roundings. */

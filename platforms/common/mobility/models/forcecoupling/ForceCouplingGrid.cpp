@@ -194,7 +194,7 @@ void ForceCouplingGrid::checkWave(const BoxVectors& box, int axis, int periods) 
 
 void ForceCouplingGrid::drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                                   std::unique_ptr<RandomField>& field) const {
-    if (!field) field.reset(new Field(*this));
+    if (!field) field = std::make_unique<Field>(*this);
     // Groups of one Context have the same modes, but each group has its own numbers: those of its
     // first particle.
     NoiseStream own = noise;
@@ -208,7 +208,7 @@ void ForceCouplingGrid::ownMobility(const HydrodynamicParticles& body,
 }
 
 std::unique_ptr<MobilityAt> ForceCouplingGrid::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new ForceCouplingGridAt(*this));
+    return std::make_unique<ForceCouplingGridAt>(*this);
 }
 
 }  // namespace RigidHIPlugin

@@ -53,7 +53,7 @@ void GridFluid::draw(const std::vector<GridChannel>& channels, double viscosity,
 }
 
 std::unique_ptr<ModeNoise> GridFluid::modeNoise(const NoiseStream& noise, uint32_t purpose) const {
-    return std::unique_ptr<ModeNoise>(new CounterModeNoise(noise, purpose));
+    return std::make_unique<CounterModeNoise>(noise, purpose);
 }
 
 void GridFluid::average(const GridField& field, const GridStencils& stencils,

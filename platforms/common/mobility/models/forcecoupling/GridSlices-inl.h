@@ -26,7 +26,7 @@ struct PlaneWeights {
     PlaneWeights(const double* weights, double factor) {
         for (int i = 0; i < slabWidth; i++) numbers[i] = static_cast<T>(factor * weights[i]);
     }
-    HWY_INLINE hn::Vec<SlabLanes<T> > pack(int lane) const {
+    HWY_INLINE hn::Vec<SlabLanes<T>> pack(int lane) const {
         return hn::Load(SlabLanes<T>(), numbers + lane);
     }
 };
@@ -35,7 +35,7 @@ struct PlaneWeights {
 template <typename T>
 void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice, const double* F,
                  const GridLayout& layout, const GridSlab<T>& slab) {
-    typedef GridStencils Weights;
+    using Weights = GridStencils;
     const SlabLanes<T> d;
     const int width = hn::Lanes(d), p = slice.particle;
     const GridStencils::Stencil& s = stencils[p];
@@ -116,7 +116,7 @@ HWY_INLINE double overPlanes(const double* weights, const T* sums) {
 template <typename T>
 void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
                   const GridLayout& layout, const GridSlab<T>& slab, double* V) {
-    typedef GridStencils Weights;
+    using Weights = GridStencils;
     const SlabLanes<T> d;
     const int width = hn::Lanes(d), p = slice.particle;
     const GridStencils::Stencil& s = stencils[p];
@@ -195,7 +195,7 @@ void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice
 template <typename T>
 void averageGradientSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
                           const GridLayout& layout, const GridSlab<T>& slab, double* gradients) {
-    typedef GridStencils Weights;
+    using Weights = GridStencils;
     const SlabLanes<T> d;
     const int width = hn::Lanes(d), p = slice.particle;
     const GridStencils::Stencil& s = stencils[p];

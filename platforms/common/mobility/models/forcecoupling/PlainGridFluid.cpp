@@ -12,7 +12,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-typedef GridStencils::Kind Kind;
+using Kind = GridStencils::Kind;
 
 /**
  * Call visit(node, i, j, k) for all nodes of a stencil. i, j and k are the indices of its weights

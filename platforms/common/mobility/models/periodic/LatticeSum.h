@@ -107,7 +107,7 @@ private:
     };
     /** Images of one pair, in lanes. */
     static constexpr int numLanes = 8;
-    typedef Eigen::Array<double, numLanes, 1> Lanes;
+    using Lanes = Eigen::Array<double, numLanes, 1>;
 
     double estimateCost(double inverseSplitting) const;
     void chooseSplitting();

@@ -125,7 +125,7 @@ PeriodicRotnePragerYamakawa::PeriodicRotnePragerYamakawa(const HydrodynamicParti
 const Spreading& PeriodicRotnePragerYamakawa::spreading() const { return overSurfaces(); }
 
 std::unique_ptr<MobilityAt> PeriodicRotnePragerYamakawa::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new LatticeSumAt(*this));
+    return std::make_unique<LatticeSumAt>(*this);
 }
 
 PeriodicForceCoupling::PeriodicForceCoupling(const HydrodynamicParticles& particles,
@@ -135,7 +135,7 @@ PeriodicForceCoupling::PeriodicForceCoupling(const HydrodynamicParticles& partic
 const Spreading& PeriodicForceCoupling::spreading() const { return overGaussians(); }
 
 std::unique_ptr<MobilityAt> PeriodicForceCoupling::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new LatticeSumAt(*this));
+    return std::make_unique<LatticeSumAt>(*this);
 }
 
 void PeriodicForceCoupling::ownMobility(const HydrodynamicParticles& body,

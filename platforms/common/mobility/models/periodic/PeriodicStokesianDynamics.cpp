@@ -242,7 +242,7 @@ std::string PeriodicStokesianDynamics::objection(const Placement& placement) con
 }
 
 std::unique_ptr<MobilityAt> PeriodicStokesianDynamics::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new PeriodicStokesianDynamicsAt(*this));
+    return std::make_unique<PeriodicStokesianDynamicsAt>(*this);
 }
 
 }  // namespace RigidHIPlugin

@@ -48,7 +48,7 @@ HWY_BEFORE_NAMESPACE();
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {
 
-typedef RotnePragerYamakawaArrays Arrays;
+using Arrays = RotnePragerYamakawaArrays;
 
 /** A pack of targets i with all their data. */
 struct Targets {
@@ -260,8 +260,7 @@ std::unique_ptr<MobilityModel> CpuRotnePragerYamakawa::forCollectiveModes(
     const HydrodynamicParticles& spheres) const {
     std::optional<NoSlipPlane> plane;
     if (wall) plane.emplace(wall->getHeight(), true);
-    return std::unique_ptr<MobilityModel>(
-        new CpuRotnePragerYamakawa(spheres, viscosity, forRanges, plane));
+    return std::make_unique<CpuRotnePragerYamakawa>(spheres, viscosity, forRanges, plane);
 }
 
 bool CpuRotnePragerYamakawa::hasFastProducts(double error) const {
@@ -274,7 +273,7 @@ std::string CpuRotnePragerYamakawa::describeFastProducts(double error) const {
 }
 
 std::unique_ptr<MobilityAt> CpuRotnePragerYamakawa::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new CpuRotnePragerYamakawaAt(*this));
+    return std::make_unique<CpuRotnePragerYamakawaAt>(*this);
 }
 
 CpuRotnePragerYamakawaAt::CpuRotnePragerYamakawaAt(const CpuRotnePragerYamakawa& model)
@@ -461,7 +460,8 @@ void CpuRotnePragerYamakawaAt::placesInFormulas(std::vector<OpenMM::Vec3>& posit
 FastSum& CpuRotnePragerYamakawaAt::sumHere(const FastSum::Accuracy& accuracy) {
     Fast& own = fast[accuracy.order];
     if (!own.sum)
-        own.sum.reset(new FastSum(particles, model.wall.has_value(), accuracy, model.forRanges));
+        own.sum =
+            std::make_unique<FastSum>(particles, model.wall.has_value(), accuracy, model.forRanges);
     if (!own.isHere) {
         std::vector<OpenMM::Vec3> positions;
         std::vector<double> weights;
@@ -478,7 +478,8 @@ FastSum& CpuRotnePragerYamakawaAt::sumNearby(const FastSum::Accuracy& accuracy) 
     if (!own.sum) {
         FastSum::Accuracy inDoubles = accuracy;
         inDoubles.floats = 0;
-        own.sum.reset(new FastSum(particles, model.wall.has_value(), inDoubles, model.forRanges));
+        own.sum = std::make_unique<FastSum>(particles, model.wall.has_value(), inDoubles,
+                                            model.forRanges);
     }
     if (!own.isHere) {
         std::vector<OpenMM::Vec3> positions;

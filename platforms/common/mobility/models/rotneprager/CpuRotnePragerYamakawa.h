@@ -33,7 +33,7 @@ namespace RigidHIPlugin {
 class CpuRotnePragerYamakawa : public MobilityModel {
 public:
     /** Calls task(first, end) for ranges that cover 0 ... count - 1, on several threads. */
-    typedef std::function<void(int count, const std::function<void(int, int)>& task)> ForRanges;
+    using ForRanges = std::function<void(int count, const std::function<void(int, int)>& task)>;
 
     /**
      * @param forRanges  called only for work that is worth waking threads for; it should divide any

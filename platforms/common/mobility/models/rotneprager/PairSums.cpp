@@ -26,14 +26,14 @@ HWY_BEFORE_NAMESPACE();
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {
 
-typedef PairSumArrays Arrays;
+using Arrays = PairSumArrays;
 
 /** What differs between sums in double and in single precision. */
 template <class Real>
 struct Precision;
 template <>
 struct Precision<Pack> {
-    typedef Doubles Tag;
+    using Tag = Doubles;
     static const int places = 3;  // numbers of a position
     static const int block = 16;  // targets whose sums are kept in lanes at once
     static const int lanes = 8;   // of the widest pack
@@ -50,7 +50,7 @@ struct Precision<Pack> {
 };
 template <>
 struct Precision<SinglePack> {
-    typedef Floats Tag;
+    using Tag = Floats;
     static const int places = 6;
     static const int block = 32;
     static const int lanes = 16;
@@ -101,9 +101,9 @@ HWY_INLINE double sumOfLanes(const float* x) {
 /** Some targets, copied so that one register finds everything, with the lanes of their sums. */
 template <class Number, int columns, bool torque>
 struct Targets {
-    typedef Number Real;
-    typedef typename Real::Scalar Scalar;
-    typedef Precision<Real> Kind;
+    using Real = Number;
+    using Scalar = typename Real::Scalar;
+    using Kind = Precision<Real>;
     static const int size = Kind::block, rows = torque ? 6 : 3;
     HWY_ALIGN Scalar sums[columns * rows][size][Kind::lanes];
     Scalar place[Kind::places][size], third[size], load[columns * rows][size];
@@ -177,8 +177,8 @@ HWY_INLINE void getVector(const typename Real::Scalar* from, std::size_t stride,
 /** A pack of sources. */
 template <class Number>
 struct SourcePlaces {
-    typedef Number Real;
-    typedef Precision<Real> Kind;
+    using Real = Number;
+    using Kind = Precision<Real>;
     Real place[Kind::places], third, contact2;
 
     /** @param radius  contact with none of this radius is missed */
@@ -263,7 +263,7 @@ struct Choice {
     hn::Mask<typename Precision<Real>::Tag> taken, far;
     /** @param numbers  diagonal: of sources as targets are counted; taken are those behind i */
     HWY_INLINE Choice(const Real& distance2, const Real& contact2, int i, const Real& numbers) {
-        typedef typename Precision<Real>::Tag Tag;
+        using Tag = typename Precision<Real>::Tag;
         far = hn::Gt(distance2.v, contact2.v);
         taken = diagonal ? hn::Gt(numbers.v, hn::Set(Tag(), static_cast<typename Real::Scalar>(i)))
                          : hn::Eq(contact2.v, contact2.v);
@@ -284,8 +284,8 @@ HWY_INLINE Real numbersOf(const T& targets, int slot) {
  */
 template <class Number, bool wall>
 struct Distances {
-    typedef Number Real;
-    typedef Precision<Real> Kind;
+    using Real = Number;
+    using Kind = Precision<Real>;
     HWY_ALIGN typename Real::Scalar inverse[Kind::block][Kind::lanes];  // 0: overlap, or no pair
     HWY_ALIGN
     typename Real::Scalar image[wall ? Kind::block : 1]
@@ -295,7 +295,7 @@ struct Distances {
 /** What is found ahead for one pack. */
 template <class Real, bool wall, bool diagonal, class T>
 struct Ahead {
-    typedef typename Precision<Real>::Tag Tag;
+    using Tag = typename Precision<Real>::Tag;
     const T& targets;
     SourcePlaces<Real> sources;
     Real numbers;
@@ -350,7 +350,7 @@ HWY_NOINLINE PairMobility<Real> exactPairMobility(const Arrays& arrays, int targ
 template <class Real, int columns, bool torque_i, bool torque_j, bool diagonal>
 HWY_NOINLINE void addNearPairs(const Arrays& arrays, Targets<Real, columns, torque_i>& targets,
                                int slot, double* sums, std::size_t stride) {
-    typedef typename Precision<Real>::Tag Tag;
+    using Tag = typename Precision<Real>::Tag;
     const SourcePlaces<Real> sources(arrays, slot, targets.largestRadius);
     const Real numbers = numbersOf<Real>(targets, slot);
     LinearAndAngular<Real, columns> loads_j;
@@ -390,7 +390,7 @@ HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>
                           int slot, double* sums, std::size_t stride,
                           const Distances<Real, wall>& distances, int next,
                           Distances<Real, wall>& nextDistances) {
-    typedef Targets<Real, columns, torque_i> T;
+    using T = Targets<Real, columns, torque_i>;
     const SourcePlaces<Real> sources(arrays, slot, targets.largestRadius);
     Ahead<Real, wall, false, T> ahead(arrays, targets, next, nextDistances);
     LinearAndAngular<Real, columns> loads_j, v_j;
@@ -457,7 +457,7 @@ HWY_NOINLINE void addSelf(const Arrays& arrays, int first, int end, double* sums
 template <class Real, bool wall, int columns, bool torque_i, bool torque_j>
 void addRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* second,
                double* firstSums, double* secondSums, std::size_t stride) {
-    typedef Targets<Real, columns, torque_i> Block;
+    using Block = Targets<Real, columns, torque_i>;
     const int width = lanes(Real(0.0));
     Distances<Real, wall> both[2];
     for (int start = first.first; start < first.end; start += Block::size) {
@@ -511,7 +511,7 @@ void addPairsOfRanges(const Arrays& arrays, const SlotRange& first, const SlotRa
                       double* firstSums, double* secondSums, std::size_t stride) {
     withFlags(
         [&](auto single, auto wall, auto two, auto torque_i, auto torque_j) {
-            typedef std::conditional_t<single, SinglePack, Pack> Real;
+            using Real = std::conditional_t<single, SinglePack, Pack>;
             if constexpr (torque_i || !torque_j)
                 addRanges<Real, wall, two ? 2 : 1, torque_i, torque_j>(
                     arrays, first, second, firstSums, secondSums, stride);

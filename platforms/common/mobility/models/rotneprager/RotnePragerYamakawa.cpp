@@ -11,7 +11,7 @@ using namespace scalar;
 
 namespace {
 
-typedef Vector3<double> Vector;
+using Vector = Vector3<double>;
 
 Vector separation(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 
@@ -121,12 +121,12 @@ RotnePragerYamakawa::RotnePragerYamakawa(const HydrodynamicParticles& particles,
     : MobilityModel(particles, viscosity, traitsInFreeFluid()) {}
 
 std::unique_ptr<MobilityAt> RotnePragerYamakawa::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new RotnePragerYamakawaAt(*this));
+    return std::make_unique<RotnePragerYamakawaAt>(*this);
 }
 
 std::unique_ptr<MobilityModel> RotnePragerYamakawa::forCollectiveModes(
     const HydrodynamicParticles& spheres) const {
-    return std::unique_ptr<MobilityModel>(new RotnePragerYamakawa(spheres, viscosity));
+    return std::make_unique<RotnePragerYamakawa>(spheres, viscosity);
 }
 
 }  // namespace RigidHIPlugin

@@ -22,7 +22,7 @@ namespace RIGIDHI_TARGET {
 template <class Real, class Pairs>
 HWY_INLINE PairMobility<Real> roundedPairs(Pairs pairs) {
     constexpr int packs = Real::packs;
-    typedef decltype(pairs(0).ttI) Pack;
+    using Pack = decltype(pairs(0).ttI);
     Pack ttI[packs], ttR[packs], tr[packs], rt[packs], rrI[packs], rrR[packs];
     for (int k = 0; k < packs; k++) {
         const PairMobility<Pack> m = pairs(k);

@@ -313,7 +313,7 @@ void StokesianDynamicsAt::dense(MatrixXd& mobility) {
 }  // namespace
 
 std::unique_ptr<MobilityAt> StokesianDynamics::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new StokesianDynamicsAt(*this));
+    return std::make_unique<StokesianDynamicsAt>(*this);
 }
 
 }  // namespace RigidHIPlugin

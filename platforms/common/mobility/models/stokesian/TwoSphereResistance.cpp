@@ -41,7 +41,7 @@ template <class Real, int m>
 class Bispherical {
 public:
     static constexpr int numUnknowns = m == 0 ? 6 : 8, numMotions = 2 * (m + 1);
-    typedef Eigen::Matrix<Real, numMotions, numMotions> Resistance;
+    using Resistance = Eigen::Matrix<Real, numMotions, numMotions>;
 
     Bispherical(Real alpha, Real beta, int maxOrder) : xi{alpha, beta}, maxOrder(maxOrder) {}
 
@@ -74,8 +74,8 @@ private:
         X = 4,
         Y = 6
     };  // first of the two coefficients of Q, v_z, v_x + i v_y, v_x - i v_y
-    typedef Eigen::Matrix<Real, numUnknowns, numUnknowns> Block;
-    typedef Eigen::Matrix<Real, numUnknowns, numMotions> Columns;
+    using Block = Eigen::Matrix<Real, numUnknowns, numUnknowns>;
+    using Columns = Eigen::Matrix<Real, numUnknowns, numMotions>;
     struct Equations {
         Block lower = Block::Zero(), same = Block::Zero(), upper = Block::Zero();
         Columns right = Columns::Zero();

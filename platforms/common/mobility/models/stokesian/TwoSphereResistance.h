@@ -104,7 +104,7 @@ public:
     }
 
 private:
-    typedef TwoSphereValues<double> Values;
+    using Values = TwoSphereValues<double>;
     static constexpr int numCoefficients = 56;
 
     Values singularTerms(double u) const;

@@ -14,7 +14,7 @@ using namespace scalar;
 
 namespace {
 
-typedef Vector3<double> Vector;
+using Vector = Vector3<double>;
 
 /** Rows `row` ... row + 2 of a column, times a factor. */
 Vector rows(const Eigen::MatrixXd& m, int row, int column, double factor) {
@@ -197,12 +197,12 @@ void addWallFlowAt(const HydrodynamicParticles& particles, const std::vector<Vec
 
 std::unique_ptr<MobilityModel> RotnePragerYamakawaWall::forCollectiveModes(
     const HydrodynamicParticles& spheres) const {
-    return std::unique_ptr<MobilityModel>(
-        new RotnePragerYamakawaWall(spheres, viscosity, NoSlipPlane(wall.getHeight(), true)));
+    return std::make_unique<RotnePragerYamakawaWall>(spheres, viscosity,
+                                                     NoSlipPlane(wall.getHeight(), true));
 }
 
 std::unique_ptr<MobilityAt> RotnePragerYamakawaWall::makePlace() const {
-    return std::unique_ptr<MobilityAt>(new RotnePragerYamakawaWallAt(*this, wall));
+    return std::make_unique<RotnePragerYamakawaWallAt>(*this, wall);
 }
 
 }  // namespace RigidHIPlugin

@@ -239,14 +239,13 @@ void SlipChannel::drawField(const NoiseStream& noise, uint32_t purpose, const Bo
                             std::unique_ptr<RandomField>& field) const {
     if (!traits.hasOwnRandomField) return;
     checkBox(box);
-    if (!field) field.reset(new Field(*this));
+    if (!field) field = std::make_unique<Field>(*this);
     static_cast<Field&>(*field).draw(noise, purpose, twice(box));
 }
 
 std::unique_ptr<MobilityAt> SlipChannel::makePlace() const {
-    if (periodic->getTraits().isMirrored)
-        return std::unique_ptr<MobilityAt>(new PlaceInMirrored(*this));
-    return std::unique_ptr<MobilityAt>(new PlaceOfImages(*this));
+    if (periodic->getTraits().isMirrored) return std::make_unique<PlaceInMirrored>(*this);
+    return std::make_unique<PlaceOfImages>(*this);
 }
 
 }  // namespace RigidHIPlugin

@@ -74,7 +74,7 @@ const ResistanceFit approaching = {
      -0.0277442602601, 0.05160059398, -0.00955507334377, -0.00451062312776},
     {-0.2, -0.247288328454, -0.262564991369, -0.0767399741612}};
 
-typedef array<array<double, 2>, 2> Matrix2;
+using Matrix2 = array<array<double, 2>, 2>;
 
 /**
  * The square root of a symmetric positive definite matrix, by the theorem of Cayley and Hamilton:
@@ -290,7 +290,7 @@ string SphereWallCongruence::objection(const Placement& placement) const {
 }
 
 unique_ptr<MobilityAt> SphereWallCongruence::makePlace() const {
-    return unique_ptr<MobilityAt>(new SphereWallCongruenceAt(*this, wall, *model));
+    return make_unique<SphereWallCongruenceAt>(*this, wall, *model);
 }
 
 }  // namespace RigidHIPlugin
