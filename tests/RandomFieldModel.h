@@ -14,10 +14,10 @@ namespace RigidHITest {
  * Particles move with the flow at their centres and turn with half its curl. B has a row for each
  * velocity and a column for each wave. So M = B B^T, and the field is B times random numbers.
  */
-class RandomFieldModel : public RigidHIPlugin::MobilityModel {
+class RandomFieldModel : public RigidHIPlugin::MobilityModel, public RigidHIPlugin::FieldOfModel {
 public:
     explicit RandomFieldModel(const RigidHIPlugin::HydrodynamicParticles& particles)
-        : MobilityModel(particles, 1, traitsOfField()) {
+        : MobilityModel(particles, 1, RigidHIPlugin::MobilityTraits("RandomFieldModel")) {
         std::mt19937 random(3);
         std::normal_distribution<double> normal;
         for (int i = 0; i < 12; i++) {
@@ -29,14 +29,11 @@ public:
             }
         }
     }
-    static RigidHIPlugin::MobilityTraits traitsOfField() {
-        RigidHIPlugin::MobilityTraits traits("RandomFieldModel");
-        traits.hasOwnRandomField = true;
-        return traits;
-    }
-    void drawField(const RigidHIPlugin::NoiseStream& noise, uint32_t purpose,
-                   const RigidHIPlugin::BoxVectors&,
-                   std::unique_ptr<RigidHIPlugin::RandomField>& field) const override {
+    const FieldOfModel* randomField() const override { return this; }
+    bool isLocal() const override { return true; }
+    void draw(const RigidHIPlugin::NoiseStream& noise, uint32_t purpose,
+              const RigidHIPlugin::BoxVectors&,
+              std::unique_ptr<RigidHIPlugin::RandomField>& field) const override {
         if (!field) field = std::make_unique<Field>(*this);
         VectorXd& amplitudes = static_cast<Field&>(*field).amplitudes;
         amplitudes.resize(numWaves());

@@ -185,7 +185,7 @@ def test_switches_have_no_default():
 MADE_FROM_ANOTHER = {
     'platforms/common/mobility/models/wall/SphereWall': {
         'friction': 'the friction is the inverse of the matrix',
-        'drawField': 'there is no field',
+        'randomField': 'a field would have the covariance of the other model',
         'acceptsNearby': 'the default asks objection()',
     },
     'platforms/common/mobility/models/wall/SlipChannel': {
@@ -200,14 +200,19 @@ MADE_FROM_ANOTHER = {
 
 @pytest.mark.parametrize('source', MADE_FROM_ANOTHER)
 def test_models_made_from_another_hand_everything_on(source):
-    """A new virtual method of models needs a line there, or a reason here. Traits are copied."""
+    """A new virtual method of models needs a line there, or a reason here. Traits are copied.
+
+    Facets are handed on as they are, unless the model makes its own from those of the other model.
+    """
+    own_facets = 'OfModel {' in read(source + '.h')
     virtuals = {
         name
-        for header in ('MobilityModel', 'MobilityAt')
+        for header in ['MobilityModel', 'MobilityAt'] + ['ModelFacets']*own_facets
         for name in re.findall(r'^    virtual [^;{]*?(?<!~)\b(\w+)\(',
                                read(f'platforms/common/mobility/{header}.h'), flags=re.M)
     }
-    assert {'placeInFormulas', 'multiply', 'getGridSeconds'} <= virtuals
+    assert {'placeInFormulas', 'multiply', 'randomField'} <= virtuals
+    assert {'checkWave', 'isLocal'} <= virtuals or not own_facets
     handed = set(
         re.findall(r'\b(\w+)\([^;{}]*\)(?: const)? override',
                    read(source + '.h') + read(source + '.cpp')))

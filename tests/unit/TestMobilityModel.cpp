@@ -122,9 +122,16 @@ TEST(MobilityModel, TraitsAreWhatTheMatricesDo) {
         EXPECT_EQ(turn < eps, c.model->getTraits().isIsotropic) << c.name << " " << turn;
         EXPECT_EQ(c.model->getTraits().isHomogeneous, !c.atWall);
         EXPECT_EQ(c.model->getTraits().isIsotropic, !c.atWall && !c.inBox);
+        EXPECT_EQ(c.model->box() != nullptr, c.inBox);
+        const GridOfModel* grid = c.model->grid();
+        EXPECT_EQ(grid != nullptr, c.model->getTraits().isMatrixFree);
+        if (grid) {
+            EXPECT_EQ(grid->describe(first.box).find("a grid of"), 0u);
+        }
         unique_ptr<RandomField> field;
-        c.model->drawField(NoiseStream(), NoiseStream::FirstDraw, first.box, field);
-        EXPECT_EQ(field != nullptr, c.model->getTraits().hasOwnRandomField);
+        if (c.model->randomField())
+            c.model->randomField()->draw(NoiseStream(), NoiseStream::FirstDraw, first.box, field);
+        EXPECT_EQ(field != nullptr, grid != nullptr);
         EXPECT_NE(string(c.model->name()), "");
     }
 }

@@ -397,7 +397,8 @@ TEST(MobilityProblem, SchemesTakeTheModelsOwnField) {
     move.thermalSlip(again);
     EXPECT_TRUE(first == again);
     unique_ptr<RandomField> field;
-    scene.model->drawField(step.noise, NoiseStream::ParticleFirstDraw, BoxVectors(), field);
+    scene.model->randomField()->draw(step.noise, NoiseStream::ParticleFirstDraw, BoxVectors(),
+                                     field);
     field->slipsAt(scene.placement(scene.poses), false, expected);
     EXPECT_TRUE(first == expected);
     field->slipsAt(scene.placement(scene.others), false, expected);

@@ -148,8 +148,10 @@ TEST(SlipChannel, TraitsAreThoseOfItsModelExceptForTheWalls) {
     }
     const MobilityTraits &onGrid = model->getTraits(), &asMatrix = ofImages->getTraits();
     EXPECT_TRUE(onGrid.isMatrixFree && onGrid.isAnchored && onGrid.hasProducts);
-    EXPECT_TRUE(onGrid.hasOwnRandomField && onGrid.fieldIsLocal);
-    EXPECT_FALSE(asMatrix.isMatrixFree || asMatrix.hasProducts || asMatrix.hasOwnRandomField);
+    EXPECT_FALSE(asMatrix.isMatrixFree || asMatrix.hasProducts);
+    ASSERT_TRUE(model->grid() && model->randomField());
+    EXPECT_TRUE(model->randomField()->isLocal());
+    EXPECT_FALSE(ofImages->grid() || ofImages->randomField());
 }
 
 TEST(SlipChannel, TheRandomFieldHasTheCovarianceOfProducts) {
@@ -165,7 +167,7 @@ TEST(SlipChannel, TheRandomFieldHasTheCovarianceOfProducts) {
     noise.seed = 11;
     for (int i = 0; i < samples; i++) {
         noise.step = i;
-        model->drawField(noise, NoiseStream::ParticleFirstDraw, box, field);
+        model->randomField()->draw(noise, NoiseStream::ParticleFirstDraw, box, field);
         field->slipsAt({places, box}, false, slips);
         sum += slips * slips.transpose() / samples;
     }
@@ -180,7 +182,7 @@ TEST(SlipChannel, GradientsAreThoseOfTheField) {
     const HydrodynamicParticles particles = mixture();
     const auto model = onGrid(particles, 1e-4);
     unique_ptr<RandomField> field;
-    model->drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, box, field);
+    model->randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, box, field);
     ASSERT_TRUE(field->hasGradients());
     MatrixXd slips, gradients, ahead, behind;
     field->slipsAt({places, box}, false, slips);

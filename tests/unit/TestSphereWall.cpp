@@ -228,7 +228,7 @@ TEST(SphereWallCongruence, BlobsStayAsTheModelSays) {
 namespace {
 
 /** A model whose traits are all unusual, and whose answers tell who was asked. */
-class Unusual : public MobilityModel {
+class Unusual : public MobilityModel, BoxOfModel, GridOfModel, FieldOfModel {
 public:
     Unusual(const HydrodynamicParticles& particles, double viscosity)
         : MobilityModel(particles, viscosity, traits()) {}
@@ -240,7 +240,6 @@ public:
         traits.hasProducts = false;
         traits.hasSinglePrecision = traits.isMatrixFree = traits.isMadeFromFriction = true;
         traits.rowsWorthIterations = 17;
-        traits.hasOwnRandomField = true;
         return traits;
     }
     string objection(const Placement& placement) const override {
@@ -254,13 +253,19 @@ public:
         factors.s = radius * k;
         return factors;
     }
-    double fluidVolume(const BoxVectors&) const override { return 19; }
+    const BoxOfModel* box() const override { return this; }
+    const GridOfModel* grid() const override { return this; }
+    const FieldOfModel* randomField() const override { return this; }
+    double volume(const BoxVectors&) const override { return 19; }
     void checkWave(const BoxVectors&, int axis, int) const override { refuse("wave", axis); }
-    void checkBox(const BoxVectors& box) const override { refuse("box", box[0][0]); }
+    void check(const BoxVectors& box) const override { refuse("box", box[0][0]); }
     string describe(const BoxVectors&) const override { return "described"; }
+    bool isLocal() const override { return false; }
+    void draw(const NoiseStream&, uint32_t, const BoxVectors&,
+              unique_ptr<RandomField>&) const override {}
     bool hasFastProducts(double error) const override { return error == 0.25; }
     string describeFastProducts(double) const override { return "fast"; }
-    GridSeconds getGridSeconds() const override {
+    GridSeconds getSeconds() const override {
         GridSeconds seconds;
         seconds.transforms = 23;
         return seconds;
@@ -335,16 +340,17 @@ TEST(SphereWallCongruence, HandsOnWhatItsModelCanDo) {
     // The factors say otherwise.
     EXPECT_TRUE(traits.mayObject);
     EXPECT_FALSE(traits.holdsNearby || traits.isHomogeneous || traits.isIsotropic);
-    EXPECT_FALSE(traits.isDivergenceFree || traits.isMadeFromFriction || traits.hasOwnRandomField);
+    EXPECT_FALSE(traits.isDivergenceFree || traits.isMadeFromFriction);
+    EXPECT_EQ(best.randomField(), nullptr);
     EXPECT_EQ(best.waveFactors(2, 3).s, 6);
-    EXPECT_EQ(best.fluidVolume(box), 19);
-    expectError([&] { best.checkWave(box, 2, 1); }, {"no such wave: 2"});
-    expectError([&] { best.checkBox(box); }, {"no such box: 41"});
-    EXPECT_EQ(best.describe(box), "described");
+    EXPECT_EQ(best.box()->volume(box), 19);
+    expectError([&] { best.box()->checkWave(box, 2, 1); }, {"no such wave: 2"});
+    expectError([&] { best.box()->check(box); }, {"no such box: 41"});
+    EXPECT_EQ(best.grid()->describe(box), "described");
     EXPECT_TRUE(best.hasFastProducts(0.25));
     EXPECT_FALSE(best.hasFastProducts(0.5));
     EXPECT_EQ(best.describeFastProducts(0.25), "fast");
-    EXPECT_EQ(best.getGridSeconds().transforms, 23);
+    EXPECT_EQ(best.grid()->getSeconds().transforms, 23);
     MatrixXd own;
     best.ownMobility(scene.particles, scene.positions, own);
     EXPECT_EQ(own(0, 0), 29);

@@ -212,12 +212,12 @@ TEST(SplitEwald, ProductsHaveTheTolerance) {
             const double error =
                 normOf(scaled(0.5 * (M + M.transpose()) - exact, scene.particles)) / norm;
             EXPECT_LE(error, tolerance)
-                << scene.what << ", " << model.describe(scene.placement.box);
+                << scene.what << ", " << model.grid()->describe(scene.placement.box);
             EXPECT_LE(
                 normOf(root.asDiagonal() * (0.5 * (M + M.transpose()) - exact) * root.asDiagonal()),
                 tolerance * normInBox)
                 << scene.what << " beside mobilities in the box, "
-                << model.describe(scene.placement.box);
+                << model.grid()->describe(scene.placement.box);
             EXPECT_LE((M - M.transpose()).norm(), 1e-14 * M.norm())
                 << scene.what << " " << tolerance;
             worst = max(worst, error / tolerance);
@@ -486,7 +486,8 @@ TEST(SplitEwald, FieldsAreThoseOfWavesAndARootOfPairs) {
         SplitScene split(scene, tolerance, plainFluid());
         const RotnePragerYamakawaGrid model(particles, eta, tolerance, 0, split.fluid);
         unique_ptr<RandomField> field;
-        model.drawField(noise, NoiseStream::ParticleFirstDraw, scene.placement.box, field);
+        model.randomField()->draw(noise, NoiseStream::ParticleFirstDraw, scene.placement.box,
+                                  field);
         MatrixXd slips, again, others;
         field->slipsAt(scene.placement, false, slips);
 
@@ -554,7 +555,8 @@ TEST(SplitEwald, FlowsOfFieldsHaveTheSlipsForAverages) {
     for (double tolerance : {1e-3, 1e-6}) {
         const RotnePragerYamakawaGrid model(particles, eta, tolerance, 0, plainFluid());
         unique_ptr<RandomField> field;
-        model.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, scene.placement.box, field);
+        model.randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw,
+                                  scene.placement.box, field);
         MatrixXd slips;
         field->slipsAt(scene.placement, false, slips);
         VectorXd averages = VectorXd::Zero(particles.numRows);
@@ -592,7 +594,7 @@ TEST(SplitEwald, AmplitudesOfFieldsAreThoseOfTheirFlows) {
     const BoxVectors& box = scene.placement.box;
     const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, plainFluid());
     unique_ptr<RandomField> field;
-    model.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, box, field);
+    model.randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, box, field);
     MatrixXd slips;
     field->slipsAt(scene.placement, false, slips);
     const int number = 28;
@@ -644,7 +646,8 @@ TEST(SplitEwald, FieldsAndProductsShareNoResults) {
     for (int round = 0; round < 2; round++)
         for (const Placement* placement :
              vector<const Placement*>{&scene.placement, &other, &smaller}) {
-            model.drawField(NoiseStream(), NoiseStream::ParticleFirstDraw, placement->box, field);
+            model.randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, placement->box,
+                                      field);
             field->slipsAt(*placement, false, slips);
             model.place(a, *placement);
             a->multiply(forces, velocities);

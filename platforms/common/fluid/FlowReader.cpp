@@ -210,7 +210,7 @@ FluidGroup& FlowReader::groupWithWave(const char* method, int forceAxis, int wav
     FluidGroup& group = onlyGroup(method);
     const BoxVectors& box = fluid.box;
     const MobilityModel& model = group.bodies.getModel();
-    if (!(model.fluidVolume(box) > 0))
+    if (!model.box())
         fail(method, "the flow has no Fourier modes with the boundary " +
                          string(boundaryName(force.getBoundary())) + "; ask with the boundary " +
                          namesIn(boundaryTable, " or ",
@@ -222,7 +222,7 @@ FluidGroup& FlowReader::groupWithWave(const char* method, int forceAxis, int wav
                          ", and in a " + boundary.name +
                          " both must be along the walls; give the axes " +
                          boundary.axesAlongWalls());
-    model.checkWave(box, waveAxis, waveVectorIndex);
+    model.box()->checkWave(box, waveAxis, waveVectorIndex);
     wave.forceAxis = forceAxis;
     wave.waveAxis = waveAxis;
     wave.k = 2 * M_PI * waveVectorIndex / box[waveAxis][waveAxis];
@@ -236,7 +236,7 @@ array<double, 2> FlowReader::flowMode(int forceAxis, int waveAxis, int waveVecto
     DrivenFlow wave;
     FluidGroup& group =
         groupWithWave("getFlowModeInContext()", forceAxis, waveAxis, waveVectorIndex, wave);
-    const double volume = group.bodies.getModel().fluidVolume(fluid.box);
+    const double volume = group.bodies.getModel().box()->volume(fluid.box);
     Answer& made = find(group, question);
     const double unit = 2 / (force.getViscosity() * wave.k * wave.k * volume);
     array<double, 2> amplitudes = {0, 0};

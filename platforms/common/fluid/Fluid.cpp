@@ -70,16 +70,17 @@ void Fluid::checkBox() {
             fail(text.str());
         }
     for (const auto& group : contents.groups)
-        if (group->bodies.hasModel()) group->bodies.getModel().checkBox(contents.box);
+        if (const BoxOfModel* box = group->box()) box->check(contents.box);
     checkWave();
     boxIsChecked = true;
 }
 
 void Fluid::checkWave() const {
     const UserFlow& flow = contents.userFlow;
+    if (!flow.hasWave()) return;
     for (const auto& group : contents.groups)
-        if (flow.hasWave() && group->bodies.hasModel())
-            group->bodies.getModel().checkWave(contents.box, flow.waveAxis, flow.waveVectorIndex);
+        if (const BoxOfModel* box = group->box())
+            box->checkWave(contents.box, flow.waveAxis, flow.waveVectorIndex);
 }
 
 }  // namespace RigidHIPlugin

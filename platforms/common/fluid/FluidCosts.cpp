@@ -20,7 +20,7 @@ GridSeconds FluidCosts::getGridSeconds() const {
     // Models of several groups share a grid, and each reports the grid's times.
     GridSeconds seconds;
     for (const auto& group : fluid.groups)
-        if (group->bodies.hasModel()) seconds.raise(group->bodies.getModel().getGridSeconds());
+        if (const GridOfModel* grid = group->grid()) seconds.raise(grid->getSeconds());
     seconds.add(gridSecondsBefore);
     return seconds;
 }

@@ -43,6 +43,12 @@ struct FluidGroup {
     std::string gridChoice;        // how Auto chose between matrices and a grid; empty: it did not
     bool dependsOnScheme = false;  // whether it would choose anew for another scheme
 
+    /** What the group's model has; null where it lacks that, and where there is no model. */
+    const BoxOfModel* box() const { return bodies.hasModel() ? bodies.getModel().box() : nullptr; }
+    const GridOfModel* grid() const {
+        return bodies.hasModel() ? bodies.getModel().grid() : nullptr;
+    }
+
     /** Read the poses of the elements into `poses`. */
     const std::vector<Pose>& readPoses(const BodySet& set,
                                        const std::vector<OpenMM::Vec3>& positions) {

@@ -86,11 +86,10 @@ string FluidReport::describe(const SchemeTraits& scheme) const {
         text << " in a periodic box, where bodies feel neither others nor images, as if unbounded";
     const FluidGroup* largest = findLargest();
     if (largest && largest->bodies.hasModel()) {
-        const string grid = largest->bodies.getModel().describe(fluid.box);
-        if (!grid.empty()) text << " on " << grid;
+        const GridOfModel* grid = largest->grid();
+        if (grid) text << " on " << grid->describe(fluid.box);
         if (!largest->gridChoice.empty())
-            text << (grid.empty() ? " by matrices of lattice sums (" : " (") << largest->gridChoice
-                 << ")";
+            text << (grid ? " (" : " by matrices of lattice sums (") << largest->gridChoice << ")";
     }
     text << ", " << counted(numSeen(fluid.groupOfBody), "body", "bodies") << " and "
          << counted(numSeen(fluid.groupOfFree), "free particle", "free particles") << "; ";

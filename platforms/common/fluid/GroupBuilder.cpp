@@ -250,7 +250,8 @@ void GroupBuilder::checkModels() const {
         if (particles.size() == 0) continue;
         GridChoice choice;
         const auto model = makeModel(particles, false, choice);
-        if (flow.hasWave()) model->checkWave(defaultBox, flow.waveAxis, flow.waveVectorIndex);
+        if (flow.hasWave() && model->box())
+            model->box()->checkWave(defaultBox, flow.waveAxis, flow.waveVectorIndex);
         // The tensor of one element in a uniform fluid is constant, so that no solve is ever
         // needed.
         const bool isAlone = entry.second.size() == 1 && model->getTraits().isHomogeneous &&

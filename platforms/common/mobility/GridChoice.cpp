@@ -42,7 +42,7 @@ const SchemeWork workOfRequest(1, 1, 0, 1);
 /**
  * The work of a step of a scheme, with that of the drifts that there are.
  *
- * @param isLocal      whether the random field on a grid is one flow (MobilityTraits::fieldIsLocal)
+ * @param isLocal      whether the random field on a grid is one flow (FieldOfModel::isLocal())
  * @param numDrifting  bodies with a stochastic drift
  */
 SchemeWork workOf(const SchemeTraits& scheme, bool isLocal, int numDrifting) {

@@ -7,11 +7,9 @@
 #include <vector>
 
 #include "mobility/DrivenFlow.h"
-#include "mobility/GridSeconds.h"
 #include "mobility/MobilityAt.h"
 #include "mobility/MobilityTraits.h"
-#include "mobility/RandomField.h"
-#include "random/CounterNoise.h"
+#include "mobility/ModelFacets.h"
 
 namespace RigidHIPlugin {
 
@@ -91,18 +89,6 @@ public:
     void place(std::unique_ptr<MobilityAt>& at, const Placement& placement) const;
     void placeNear(std::unique_ptr<MobilityAt>& at, const Placement& placement) const;
 
-    // ---- Noise
-    /**
-     * Draw the model's own random field, if it has one (MobilityTraits::hasOwnRandomField).
-     * Otherwise nothing is done.
-     *
-     * @param purpose  of the random numbers; with the noise's seed and step it determines the
-     *     numbers
-     * @param field  that of an earlier draw of this model, whose memory is reused, or null
-     */
-    virtual void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
-                           std::unique_ptr<RandomField>& field) const {}
-
     // ---- A flow that is present without particles
     /**
      * The velocities of particles that follow a flow, and the angular velocities where there are
@@ -116,18 +102,6 @@ public:
      * force and torque. Default: those of waves much longer than the radius.
      */
     virtual WaveFactors waveFactors(double radius, double k) const { return {}; }
-    /**
-     * The volume of the fluid in the box, nm^3; between the walls where there are walls; 0: the
-     * fluid is unbounded. Because M is symmetric, the flow of sources contains a wave sin(kx) along
-     * the direction a with the amplitude 2/(eta k^2 V) times the power of the sources on a flow of
-     * unit amplitude.
-     */
-    virtual double fluidVolume(const BoxVectors& box) const { return 0; }
-    /**
-     * @throws OpenMMException if a wave of so many periods along an axis of the box is too short
-     *     for the model. Default: no wave is too short.
-     */
-    virtual void checkWave(const BoxVectors& box, int axis, int periods) const {}
 
     // ---- Where the model has a mobility
     /**
@@ -149,24 +123,20 @@ public:
         return position;
     }
 
-    // ---- The box, and the grid in it
-    /**
-     * @throws OpenMMException  if the model cannot have such a box. The message names the box and
-     *     the remedy. Default: the model accepts every box.
-     */
-    virtual void checkBox(const BoxVectors& box) const {}
-    /** A description of the model in a box, for describeEffects(). Default: nothing. */
-    virtual std::string describe(const BoxVectors& box) const { return {}; }
+    // ---- What some models have and others lack: null where the model lacks it
+    /** The periodic box. */
+    virtual const BoxOfModel* box() const { return nullptr; }
+    /** The grid that the fluid is solved on. */
+    virtual const GridOfModel* grid() const { return nullptr; }
+    /** Random fields, which take the place of square roots of M. */
+    virtual const FieldOfModel* randomField() const { return nullptr; }
+
+    // ---- Products that take less time than sums over all pairs
     /** Whether MobilityAt::multiply() makes products of such an error in less time than a sum over
      * all pairs takes. Default: it does not. */
     virtual bool hasFastProducts(double error) const { return false; }
     /** How it makes these products, for describeEffects(). Empty where it has none. */
     virtual std::string describeFastProducts(double error) const { return {}; }
-    /**
-     * The time that a grid has taken so far, together with models that share it. Default: there is
-     * no grid.
-     */
-    virtual GridSeconds getGridSeconds() const { return {}; }
 
     // ---- A body by itself
     /**

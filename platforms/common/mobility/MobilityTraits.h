@@ -79,19 +79,6 @@ struct MobilityTraits {
      * shells of 642 blobs near a wall, at a tolerance of 1e-6.
      */
     double rowsWorthIterations = 1750;
-
-    // ---- Noise
-    /**
-     * Whether MobilityModel::drawField() gives noise that costs less than square roots of M. If
-     * not, square roots are computed.
-     */
-    bool hasOwnRandomField = false;
-    /**
-     * Whether the velocity that a particle takes from the random field depends on its own position
-     * only, so that the field is one flow. If not, the velocities at each placement have the
-     * covariance M there, but divergences are found as for square roots of M.
-     */
-    bool fieldIsLocal = true;
 };
 
 }  // namespace RigidHIPlugin

@@ -15,11 +15,11 @@ struct Placement;
 
 /**
  * A model's own random flow, of unit temperature and time. It is drawn once
- * (MobilityModel::drawField()) and stays the same wherever it is evaluated.
+ * (FieldOfModel::draw()) and stays the same wherever it is evaluated.
  *
  * The velocities of particles at a placement ("slips", random surface velocities) have the
  * covariance M there. Velocities at two placements have the covariance that M would have between
- * the particles of both, if the field is local (MobilityTraits::fieldIsLocal). So what schemes
+ * the particles of both, if the field is local (FieldOfModel::isLocal()). So what schemes
  * difference between placements changes with the positions alone, not with new random numbers.
  */
 class RandomField {

@@ -179,14 +179,14 @@ FlowSources BodyMobility::flowSources(const MatrixXd& forces, const DrivenFlow* 
 bool BodyMobility::drawField(const NoiseStream& noise, uint32_t purpose,
                              unique_ptr<RandomField>& field) const {
     if (!slipsAreOfField()) return false;
-    bodies.getModel().drawField(noise, purpose, bodies.getBox(), field);
+    bodies.getModel().randomField()->draw(noise, purpose, bodies.getBox(), field);
     return true;
 }
 
 void BodyMobility::slipsOf(RandomField& field, MatrixXd& slips) {
     BodiesAt& here = particlesHere();
     field.slipsAt(here.getPlacement(), here.isNearby(), slips);
-    costs.roots += !bodies.getModel().getTraits().fieldIsLocal;
+    costs.roots += !bodies.getModel().randomField()->isLocal();
 }
 
 double BodyMobility::divergenceOf(RandomField& field) {

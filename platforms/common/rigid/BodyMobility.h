@@ -187,11 +187,11 @@ public:
                    std::unique_ptr<RandomField>& field) const;
     /** Whether drawField() gives one. */
     bool slipsAreOfField() const {
-        return !slipSpace.areOfBodies() && bodies.getModel().getTraits().hasOwnRandomField;
+        return !slipSpace.areOfBodies() && bodies.getModel().randomField();
     }
     /** Whether divergenceOf() gives the divergence of such slips: the field is one flow. */
     bool divergenceIsOfField() const {
-        return slipsAreOfField() && bodies.getModel().getTraits().fieldIsLocal &&
+        return slipsAreOfField() && bodies.getModel().randomField()->isLocal() &&
                !bodies.getFreeMotion().turnsWithBodies();
     }
     /** Slips of a field of the model's at the poses set last: one column of covariance M. */

@@ -38,7 +38,7 @@ public:
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override {
-        model.checkBox(placement.box);
+        model.box()->check(placement.box);
         // A nearby placement is near the placement before, where the anchors must be.
         if (nearby) prepare();
         next = placement;
@@ -85,7 +85,7 @@ public:
         }
     }
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& newBox) {
-        model.checkBox(newBox);
+        model.box()->check(newBox);
         box = newBox;
         inBox = model.inBox(box);
         // Groups of one Context have the same modes, but each group has its own numbers: those of
@@ -254,8 +254,6 @@ MobilityTraits traitsOnGrid() {
     traits.isAnchored = true;
     traits.isHomogeneous = traits.isDivergenceFree = true;
     traits.isMatrixFree = true;
-    traits.hasOwnRandomField = true;
-    traits.fieldIsLocal = false;
     return traits;
 }
 
@@ -336,7 +334,7 @@ void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Pla
     if (!nearby) kept = parts;
 }
 
-void RotnePragerYamakawaGrid::checkBox(const BoxVectors& box) const {
+void RotnePragerYamakawaGrid::check(const BoxVectors& box) const {
     checkBoxOfGrid(name(), box);
     if (spacing > 0) checkSizeOfGrid(name(), box, spacing);
     const EwaldSplitting splitting = splittingFor(box);
@@ -376,9 +374,9 @@ void RotnePragerYamakawaGrid::checkWave(const BoxVectors& box, int axis, int per
     checkPeriodicWave(box, axis, periods);
 }
 
-void RotnePragerYamakawaGrid::drawField(const NoiseStream& noise, uint32_t purpose,
-                                        const BoxVectors& box,
-                                        std::unique_ptr<RandomField>& field) const {
+void RotnePragerYamakawaGrid::draw(const NoiseStream& noise, uint32_t purpose,
+                                   const BoxVectors& box,
+                                   std::unique_ptr<RandomField>& field) const {
     if (!field) field = std::make_unique<Field>(*this);
     static_cast<Field&>(*field).draw(noise, purpose, box);
 }

@@ -38,7 +38,7 @@ class SplitParts;
  * Limits:    At most `mostRadii` different radii. The mobility is pairwise and has no lubrication
  *            near contact.
  */
-class RotnePragerYamakawaGrid : public MobilityModel {
+class RotnePragerYamakawaGrid : public MobilityModel, BoxOfModel, GridOfModel, FieldOfModel {
 public:
     /** Each radius has transforms and modes of its own. */
     static constexpr int mostRadii = 8;
@@ -50,16 +50,10 @@ public:
     RotnePragerYamakawaGrid(const HydrodynamicParticles& particles, double viscosity,
                             double tolerance, double spacing,
                             const std::shared_ptr<GridFluid>& fluid);
-    void checkBox(const BoxVectors& box) const override;
-    std::string describe(const BoxVectors& box) const override;
-    void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
-                   std::unique_ptr<RandomField>& field) const override;
-    double fluidVolume(const BoxVectors& box) const override {
-        return box[0][0] * box[1][1] * box[2][2];
-    }
+    const BoxOfModel* box() const override { return this; }
+    const GridOfModel* grid() const override { return this; }
+    const FieldOfModel* randomField() const override { return this; }
     WaveFactors waveFactors(double radius, double k) const override;
-    void checkWave(const BoxVectors& box, int axis, int periods) const override;
-    GridSeconds getGridSeconds() const override { return fluid->getSeconds(); }
 
     const std::vector<EwaldKind>& getKinds() const { return kinds; }
     double getTolerance() const { return tolerance; }
@@ -80,6 +74,16 @@ protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
 
 private:
+    void check(const BoxVectors& box) const override;
+    double volume(const BoxVectors& box) const override {
+        return box[0][0] * box[1][1] * box[2][2];
+    }
+    void checkWave(const BoxVectors& box, int axis, int periods) const override;
+    std::string describe(const BoxVectors& box) const override;
+    GridSeconds getSeconds() const override { return fluid->getSeconds(); }
+    bool isLocal() const override { return false; }
+    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+              std::unique_ptr<RandomField>& field) const override;
     const EwaldSplitting& findSplitting(const BoxVectors& box) const;
     void takeUnshared(std::shared_ptr<SplitParts>& parts) const;
     const double tolerance, spacing;

@@ -38,7 +38,7 @@ public:
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override {
-        model.checkBox(placement.box);
+        model.box()->check(placement.box);
         // A nearby placement is near the placement before, where the anchors must be.
         if (nearby) prepare();
         next = placement;
@@ -67,7 +67,7 @@ public:
     explicit Field(const ForceCouplingGrid& model)
         : model(model), stencils(model.getParticles(), model.getResolution()) {}
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& newBox) {
-        model.checkBox(newBox);
+        model.box()->check(newBox);
         box = newBox;
         ofDraw = noise;
         purposeOfDraw = purpose;
@@ -133,7 +133,6 @@ MobilityTraits traitsOnGrid(bool mirrored, bool singlePrecision) {
     traits.isMirrored = mirrored;
     traits.hasSinglePrecision = singlePrecision;
     traits.isMatrixFree = true;
-    traits.hasOwnRandomField = true;
     return traits;
 }
 
@@ -164,7 +163,7 @@ GridShape ForceCouplingGrid::shapeFor(const BoxVectors& box) const {
     return shape;
 }
 
-void ForceCouplingGrid::checkBox(const BoxVectors& box) const {
+void ForceCouplingGrid::check(const BoxVectors& box) const {
     checkBoxOfGrid(name(), box);
     checkSizeOfGrid(name(), box, resolution.getSpacing());
     const GridShape shape = shapeFor(box);
@@ -192,8 +191,8 @@ void ForceCouplingGrid::checkWave(const BoxVectors& box, int axis, int periods) 
                                   ", or a finer grid by setGridSpacing()");
 }
 
-void ForceCouplingGrid::drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
-                                  std::unique_ptr<RandomField>& field) const {
+void ForceCouplingGrid::draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+                             std::unique_ptr<RandomField>& field) const {
     if (!field) field = std::make_unique<Field>(*this);
     // Groups of one Context have the same modes, but each group has its own numbers: those of its
     // first particle.

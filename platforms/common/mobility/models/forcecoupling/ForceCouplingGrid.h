@@ -26,7 +26,7 @@ namespace RigidHIPlugin {
  * Reference: Yeo, Maxey, J. Comput. Phys. 229, 2401 (2010); Westwood, Delmotte, Keaveny, J. Comput.
  *            Phys. 467, 111437 (2022).
  */
-class ForceCouplingGrid : public MobilityModel {
+class ForceCouplingGrid : public MobilityModel, BoxOfModel, GridOfModel, FieldOfModel {
 public:
     /**
      * @param tolerance  of products
@@ -39,16 +39,10 @@ public:
     ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance,
                       double spacing, const std::shared_ptr<GridFluid>& fluid,
                       bool mirrored = false);
-    void checkBox(const BoxVectors& box) const override;
-    std::string describe(const BoxVectors& box) const override;
-    double fluidVolume(const BoxVectors& box) const override {
-        return box[0][0] * box[1][1] * box[2][2];
-    }
+    const BoxOfModel* box() const override { return this; }
+    const GridOfModel* grid() const override { return this; }
+    const FieldOfModel* randomField() const override { return this; }
     WaveFactors waveFactors(double radius, double k) const override;
-    void checkWave(const BoxVectors& box, int axis, int periods) const override;
-    GridSeconds getGridSeconds() const override { return fluid->getSeconds(); }
-    void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
-                   std::unique_ptr<RandomField>& field) const override;
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override;
 
@@ -60,6 +54,16 @@ protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
 
 private:
+    void check(const BoxVectors& box) const override;
+    double volume(const BoxVectors& box) const override {
+        return box[0][0] * box[1][1] * box[2][2];
+    }
+    void checkWave(const BoxVectors& box, int axis, int periods) const override;
+    std::string describe(const BoxVectors& box) const override;
+    GridSeconds getSeconds() const override { return fluid->getSeconds(); }
+    bool isLocal() const override { return true; }
+    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+              std::unique_ptr<RandomField>& field) const override;
     const GridResolution resolution;
     const std::shared_ptr<GridFluid> fluid;
 };

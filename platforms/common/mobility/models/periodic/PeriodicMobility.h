@@ -17,7 +17,7 @@ namespace RigidHIPlugin {
  * when they are turned. The mean velocity of fluid and bodies is zero: a uniform force density
  * balances the sum of the forces.
  */
-class PeriodicMobility : public MobilityModel {
+class PeriodicMobility : public MobilityModel, BoxOfModel {
 public:
     /** @throws OpenMMException for more rows than `largestRows` */
     PeriodicMobility(const HydrodynamicParticles& particles, double viscosity, const char* name,
@@ -26,13 +26,16 @@ public:
     WaveFactors waveFactors(double radius, double k) const override {
         return spreading().waveFactors(radius, k);
     }
-    void checkWave(const BoxVectors& box, int axis, int periods) const override;
-    double fluidVolume(const BoxVectors& box) const override { return Lattice(box).getVolume(); }
+    const BoxOfModel* box() const override { return this; }
     /**
      * Why the particles have no mobility in this box at all, which is so where images of two
      * particles of one radius coincide; empty where they have a mobility.
      */
     std::string coincidence(const Placement& placement, const Lattice& lattice) const;
+
+private:
+    double volume(const BoxVectors& box) const override { return Lattice(box).getVolume(); }
+    void checkWave(const BoxVectors& box, int axis, int periods) const override;
 };
 
 /**

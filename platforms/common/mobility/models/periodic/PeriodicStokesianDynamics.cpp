@@ -216,7 +216,7 @@ WaveFactors PeriodicStokesianDynamics::waveFactors(double radius, double k) cons
     return overSurfaces().waveFactors(radius, k);
 }
 
-double PeriodicStokesianDynamics::fluidVolume(const BoxVectors& box) const {
+double PeriodicStokesianDynamics::volume(const BoxVectors& box) const {
     return Lattice(box).getVolume();
 }
 

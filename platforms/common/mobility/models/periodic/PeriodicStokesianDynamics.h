@@ -21,17 +21,20 @@ namespace RigidHIPlugin {
  * Cost:      That of StokesianDynamics, and 20 us a pair for the lattice sums.
  * Limits:    Those of StokesianDynamics. Spheres must not touch their own images.
  */
-class PeriodicStokesianDynamics : public StokesianDynamics {
+class PeriodicStokesianDynamics : public StokesianDynamics, BoxOfModel {
 public:
     PeriodicStokesianDynamics(const HydrodynamicParticles& particles, double viscosity,
                               bool lubrication, double minimumGap);
     std::string objection(const Placement& placement) const override;
     WaveFactors waveFactors(double radius, double k) const override;
-    double fluidVolume(const BoxVectors& box) const override;
-    void checkWave(const BoxVectors& box, int axis, int periods) const override;
+    const BoxOfModel* box() const override { return this; }
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
+
+private:
+    double volume(const BoxVectors& box) const override;
+    void checkWave(const BoxVectors& box, int axis, int periods) const override;
 };
 
 }  // namespace RigidHIPlugin

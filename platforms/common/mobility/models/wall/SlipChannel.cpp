@@ -104,7 +104,7 @@ class Field : public RandomField {
 public:
     explicit Field(const SlipChannel& model) : model(model) {}
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& twice) {
-        model.inPeriodicBox().drawField(noise, purpose, twice, mirrored);
+        model.inPeriodicBox().randomField()->draw(noise, purpose, twice, mirrored);
     }
     void slipsAt(const Placement& placement, bool nearby, MatrixXd& slips) override {
         model.toTwice(placement, inTwice);
@@ -132,11 +132,9 @@ private:
 
 namespace {
 
-/** There are walls, anywhere, and images double the matrix. A mirrored field is one flow. */
+/** There are walls, anywhere, and images double the matrix. */
 MobilityTraits betweenWalls(MobilityTraits traits) {
     traits.mayObject = traits.holdsNearby = true;
-    traits.hasOwnRandomField = traits.hasOwnRandomField && traits.isMirrored;
-    traits.fieldIsLocal = true;
     traits.isHomogeneous = traits.isIsotropic = traits.isDivergenceFree = false;
     traits.isMirrored = false;
     traits.isMadeFromFriction = traits.hasStresslets = false;
@@ -163,7 +161,7 @@ BoxVectors SlipChannel::twice(const BoxVectors& box) const {
 }
 
 void SlipChannel::toTwice(const Placement& placement, Placement& inBox) const {
-    checkBox(placement.box);
+    check(placement.box);
     inBox.box = twice(placement.box);
     inBox.positions = placement.positions;
     for (Vec3& x : inBox.positions) x[1] -= walls.low;
@@ -219,7 +217,7 @@ bool SlipChannel::acceptsNearby(const Placement& placement) const {
     return true;
 }
 
-void SlipChannel::checkBox(const BoxVectors& box) const {
+void SlipChannel::check(const BoxVectors& box) const {
     const auto fail = [](const std::string& problem) {
         throw OpenMM::OpenMMException("MobilityForce: SlipChannel needs a periodic box " + problem);
     };
@@ -232,13 +230,12 @@ void SlipChannel::checkBox(const BoxVectors& box) const {
              " nm, and the walls are at " + text(walls.low) + " and " + text(walls.high) +
              " nm; bring the walls nearer to each other by setChannelWalls(), or make the box "
              "larger");
-    periodic->checkBox(twice(box));
+    periodic->box()->check(twice(box));
 }
 
-void SlipChannel::drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
-                            std::unique_ptr<RandomField>& field) const {
-    if (!traits.hasOwnRandomField) return;
-    checkBox(box);
+void SlipChannel::draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+                       std::unique_ptr<RandomField>& field) const {
+    check(box);
     if (!field) field = std::make_unique<Field>(*this);
     static_cast<Field&>(*field).draw(noise, purpose, twice(box));
 }

@@ -35,7 +35,7 @@ struct SlipWalls {
  *            channel's own width.
  * Limits:    Boxes with edges along the axes, whose y edge is longer than the channel is wide.
  */
-class SlipChannel : public MobilityModel {
+class SlipChannel : public MobilityModel, BoxOfModel, GridOfModel, FieldOfModel {
 public:
     /**
      * @param inPeriodicBox  the periodic model: of the particles themselves where it is mirrored
@@ -49,7 +49,7 @@ public:
     /**
      * The same placement in the box of twice the width, where y counts from the lower wall.
      *
-     * @throws OpenMMException as checkBox()
+     * @throws OpenMMException as BoxOfModel::check()
      */
     void toTwice(const Placement& placement, Placement& inBox) const;
     std::vector<OpenMM::Vec3> inTwice(const std::vector<OpenMM::Vec3>& points) const;
@@ -67,18 +67,11 @@ public:
     WaveFactors waveFactors(double radius, double k) const override {
         return periodic->waveFactors(radius, k);
     }
-    void checkWave(const BoxVectors& box, int axis, int periods) const override {
-        periodic->checkWave(twice(box), axis, periods);
-    }
-    double fluidVolume(const BoxVectors& box) const override {
-        return 0.5 * periodic->fluidVolume(twice(box));
-    }
-    GridSeconds getGridSeconds() const override { return periodic->getGridSeconds(); }
-    void drawField(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
-                   std::unique_ptr<RandomField>& field) const override;
-    void checkBox(const BoxVectors& box) const override;
-    std::string describe(const BoxVectors& box) const override {
-        return periodic->describe(twice(box));
+    const BoxOfModel* box() const override { return this; }
+    const GridOfModel* grid() const override { return periodic->grid() ? this : nullptr; }
+    /** A mirrored field is one flow. */
+    const FieldOfModel* randomField() const override {
+        return periodic->getTraits().isMirrored && periodic->randomField() ? this : nullptr;
     }
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override {
@@ -89,6 +82,20 @@ protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
 
 private:
+    void check(const BoxVectors& box) const override;
+    double volume(const BoxVectors& box) const override {
+        return 0.5 * periodic->box()->volume(twice(box));
+    }
+    void checkWave(const BoxVectors& box, int axis, int periods) const override {
+        periodic->box()->checkWave(twice(box), axis, periods);
+    }
+    std::string describe(const BoxVectors& box) const override {
+        return periodic->grid()->describe(twice(box));
+    }
+    GridSeconds getSeconds() const override { return periodic->grid()->getSeconds(); }
+    bool isLocal() const override { return true; }
+    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+              std::unique_ptr<RandomField>& field) const override;
     BoxVectors twice(const BoxVectors& box) const;
     /** Whether particle i is at least this far from both walls. */
     bool isWithin(const Placement& placement, int i, double distance) const;

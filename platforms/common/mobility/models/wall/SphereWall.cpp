@@ -257,15 +257,14 @@ void SphereWallCongruenceAt::dense(Eigen::MatrixXd& mobility) {
 namespace {
 
 /**
- * B depends on the heights of spheres above the wall and on nothing else. A random field and the
- * friction are made from M.
+ * B depends on the heights of spheres above the wall and on nothing else. The friction is made
+ * from M. There is no random field, because one would have the covariance M.
  */
 MobilityTraits withFactors(MobilityTraits traits) {
     traits.mayObject = true;
     traits.holdsNearby = false;
     traits.isHomogeneous = traits.isIsotropic = traits.isDivergenceFree = false;
     traits.isMadeFromFriction = false;
-    traits.hasOwnRandomField = false;
     return traits;
 }
 

@@ -58,13 +58,8 @@ public:
     WaveFactors waveFactors(double radius, double k) const override {
         return model->waveFactors(radius, k);
     }
-    void checkWave(const BoxVectors& box, int axis, int periods) const override {
-        model->checkWave(box, axis, periods);
-    }
-    double fluidVolume(const BoxVectors& box) const override { return model->fluidVolume(box); }
-    void checkBox(const BoxVectors& box) const override { model->checkBox(box); }
-    std::string describe(const BoxVectors& box) const override { return model->describe(box); }
-    GridSeconds getGridSeconds() const override { return model->getGridSeconds(); }
+    const BoxOfModel* box() const override { return model->box(); }
+    const GridOfModel* grid() const override { return model->grid(); }
     bool hasFastProducts(double error) const override { return model->hasFastProducts(error); }
     std::unique_ptr<MobilityModel> forCollectiveModes(
         const HydrodynamicParticles& spheres) const override {
