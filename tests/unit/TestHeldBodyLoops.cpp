@@ -286,8 +286,8 @@ TEST(HeldBodyLoops, ForcesOnHeldBodiesAreNoMidStepMomenta) {
         if (loops.held[b]) {
             const int s = all.set.slot(b);
             for (int k = 0; k < 3; k++)
-                all.set.p[k][s] = all.set.l[k][s] = all.set.force_lab[k][s] =
-                    all.set.torque_body[k][s] = 0;
+                all.set.p[k][s] = all.set.l[k][s] = all.set.force_lab[k][s] = all.set.torque[k][s] =
+                    0;
             all.set.setThermostat(b, Thermostat());
         }
     const MidStepEnergies others = midStepEnergies(all.set, all.settings);

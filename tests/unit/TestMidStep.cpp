@@ -225,8 +225,8 @@ TEST(MidStep, SumsOverBodiesOfEveryKind) {
                 momentum[i] += add(bodies.p[i][s], bodies.force_lab[i][s], factors.decay_p,
                                    factors.noise_p, inertia.mass, translational);
                 if (inertia.isLive(i))
-                    add(bodies.l[i][s], bodies.torque_body[i][s], factors.decay_l[i],
-                        factors.noise_l[i], inertia.moments[i], rotational);
+                    add(bodies.l[i][s], bodies.torque[i][s], factors.decay_l[i], factors.noise_l[i],
+                        inertia.moments[i], rotational);
             }
         }
         StepSettings settings;

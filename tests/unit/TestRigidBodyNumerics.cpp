@@ -383,7 +383,7 @@ TEST(BodySet, ASnapshotOfOneOrAllBodiesIsRestored) {
                 const int s = bodies.slot(b);
                 for (int k = 0; k < 3; k++) {
                     found[b].push_back(bodies.force_lab[k][s]);
-                    found[b].push_back(bodies.torque_body[k][s]);
+                    found[b].push_back(bodies.torque[k][s]);
                 }
             }
             return found;
@@ -409,6 +409,43 @@ TEST(BodySet, ASnapshotOfOneOrAllBodiesIsRestored) {
         EXPECT_EQ(all(), withForces) << n;
         for (int b = 0; b < n; b++) EXPECT_EQ(bodies.inverseMass[bodies.slot(b)], 0.2);
     }
+}
+
+TEST(BodySet, TorquesAreInTheFrameOfTheScheme) {
+    const vector<BodyGeometry> geometries(2, {5, Vec3(1, 2, 2.5), {Vec3()}});
+    BodySet bodies(geometries, vector<vector<int>>(2, {0}), vector<vector<double>>(2),
+                   vector<vector<bool>>(2, {true}));
+    const auto turn = [&](double angle) {
+        for (int b = 0; b < 2; b++) {
+            BodyState state = bodies.getState(b);
+            state.q = {cos(angle), 0, 0, sin(angle)};
+            bodies.setState(b, state);
+        }
+    };
+    const Vec3 first(1, 2, 3), second(-2, 0.5, 1);
+    const auto expectTorque = [&](const Vec3& torque) {
+        for (int b = 0; b < 2; b++) {
+            const Vec3 error = bodies.getTorque_lab(b) - (b + 1) * torque;
+            EXPECT_LT(sqrt(error.dot(error)), 1e-14) << b;
+        }
+    };
+    const auto add = [&](const Vec3& torque) {
+        for (int b = 0; b < 2; b++) bodies.addForceAndTorque_lab(b, Vec3(), (b + 1) * torque);
+    };
+    turn(0.4);
+    add(first);
+    expectTorque(first);
+    bodies.keepTorquesInLab(true);
+    expectTorque(first);
+    turn(1.1);  // the torque stays
+    expectTorque(first);
+    add(second);
+    expectTorque(first + second);
+    bodies.keepTorquesInLab(false);
+    expectTorque(first + second);
+    turn(1.1 + M_PI / 4);  // the torque turns with the body, a quarter turn about z
+    const Vec3 sum = first + second;
+    expectTorque(Vec3(-sum[1], sum[0], sum[2]));
 }
 
 TEST(GradientThermostat, TwoQuaternionProductsAreTheMatrixExponentialOfThePaper) {

@@ -43,6 +43,7 @@ Warnings AdoptedSettings::adopt(Scene& scene) {
     // The watch forgets what it found when it adopts the settings.
     Warnings warnings = findWarnings(scene);
     if (!traits().isOverdamped()) setThermostats(scene);
+    scene.bodies.keepTorquesInLab(traits().isOverdamped());
     scene.watch.adopt(scene);
     return warnings;
 }

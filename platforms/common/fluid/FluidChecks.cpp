@@ -24,23 +24,20 @@ bool FluidChecks::mayObject() const {
 }
 
 void FluidChecks::checkTorques(const BodySet& bodies, const vector<OpenMM::Vec3>& forces) const {
-    Matrix<double, 6, 1> wrench;
+    Matrix<double, 6, 1> wrench_body;
     for (const auto& group : fluid.groups) {
         if (!group->hasNullVectors) continue;
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++) {
             if (!group->bodies.hasNullVector(e) || !elements[e].isWhollyFree()) continue;
-            const int s = bodies.slot(elements[e].body);
-            const Matrix3d A = poseOf(bodies, elements[e].body).rotation();
-            wrench.head<3>() =
-                A.transpose() *
-                Vector3d(bodies.force_lab[0][s], bodies.force_lab[1][s], bodies.force_lab[2][s]);
-            wrench.tail<3>() = Vector3d(bodies.torque_body[0][s], bodies.torque_body[1][s],
-                                        bodies.torque_body[2][s]);
+            const int b = elements[e].body;
+            const Matrix3d A = poseOf(bodies, b).rotation();
+            wrench_body << A.transpose() * toEigen(bodies.getForce_lab(b)),
+                A.transpose() * toEigen(bodies.getTorque_lab(b));
             double siteForces = 0;
             for (int p : fluid.particlesOfBodies[elements[e].body])
                 siteForces += sqrt(forces[p].dot(forces[p]));
-            group->checkTorque(e, wrench, siteForces);
+            group->checkTorque(e, wrench_body, siteForces);
         }
     }
 }

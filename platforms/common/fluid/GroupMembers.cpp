@@ -30,14 +30,12 @@ void GroupMembers::readForces(const BodySet& set, const FreeParticles& freeParti
             for (int k = 0; k < 3; k++) to[k] = force[k];
             continue;
         }
-        const int s = set.slot(elements[e].body);
-        const scalar::Rotation<double> turn({set.q[0][s], set.q[1][s], set.q[2][s], set.q[3][s]});
-        const auto torque_lab =
-            turn.toLab({set.torque_body[0][s], set.torque_body[1][s], set.torque_body[2][s]});
-        for (int k = 0; k < 3; k++) to[k] = set.force_lab[k][s];
-        to[3] = torque_lab.x;
-        to[4] = torque_lab.y;
-        to[5] = torque_lab.z;
+        const OpenMM::Vec3 force = set.getForce_lab(elements[e].body),
+                           torque = set.getTorque_lab(elements[e].body);
+        for (int k = 0; k < 3; k++) {
+            to[k] = force[k];
+            to[3 + k] = torque[k];
+        }
     }
 }
 
@@ -53,17 +51,11 @@ bool GroupMembers::writePoses(const vector<Pose>& poses, BodySet& set,
             continue;
         }
         const int s = set.slot(elements[e].body);
-        const scalar::Rotation<double> before({set.q[0][s], set.q[1][s], set.q[2][s], set.q[3][s]});
-        const auto torque_body = scalar::Rotation<double>(place.q).toBody(
-            before.toLab({set.torque_body[0][s], set.torque_body[1][s], set.torque_body[2][s]}));
         for (int k = 0; k < 3; k++) set.R[k][s] = place.R[k];
         set.q[0][s] = place.q.w;
         set.q[1][s] = place.q.x;
         set.q[2][s] = place.q.y;
         set.q[3][s] = place.q.z;
-        set.torque_body[0][s] = torque_body.x;
-        set.torque_body[1][s] = torque_body.y;
-        set.torque_body[2][s] = torque_body.z;
         sum += place.q.w + place.q.x + place.q.y + place.q.z;
     }
     return isfinite(sum);

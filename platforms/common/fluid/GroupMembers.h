@@ -41,8 +41,8 @@ public:
      */
     bool readPrescribed(const Eigen::MatrixXd* values, Eigen::MatrixXd& ofElements) const;
     /**
-     * Write poses to bodies and free particles. Forces stay those of the poses where they were
-     * evaluated, in the lab frame. @return whether the poses are finite
+     * Write poses to bodies and free particles. Forces and torques (lab) stay those of the poses
+     * where they were evaluated. @return whether the poses are finite
      */
     bool writePoses(const std::vector<Pose>& poses, BodySet& set,
                     std::vector<OpenMM::Vec3>& positions) const;

@@ -112,8 +112,7 @@ bool BodyForces::add(ContextImpl& context, BodySet& bodies, int groups, double t
     bool finite = true;
     for (int k = 0; k < 3; k++)
         for (size_t s = 0; s < bodies.bodyOfSlot.size(); s++)
-            finite =
-                finite && isfinite(bodies.force_lab[k][s]) && isfinite(bodies.torque_body[k][s]);
+            finite = finite && isfinite(bodies.force_lab[k][s]) && isfinite(bodies.torque[k][s]);
     return finite;
 }
 

@@ -69,7 +69,7 @@ public:
         inverseMass = loadScalar<Real>(bodies.inverseMass, slot);
         inverseMoments = loadVector<Real>(bodies.inverseMoments, slot);
         force_lab = loadVector<Real>(bodies.force_lab, slot);
-        torque_body = loadVector<Real>(bodies.torque_body, slot);
+        torque = loadVector<Real>(bodies.torque, slot);
     }
     void storePose() {
         renormalise(q);
@@ -88,9 +88,9 @@ public:
     void kick(double t) {
         p += Real(t) * force_lab;
         if (block.rotor == RotorKind::General)
-            l += Real(t) * torque_body;
+            l += Real(t) * torque;
         else if (block.rotor == RotorKind::Linear)
-            l += Real(t) * Vector3<Real>{Real(0.0), torque_body.y, torque_body.z};
+            l += Real(t) * Vector3<Real>{Real(0.0), torque.y, torque.z};
     }
     /** R <- R + t p/m; free rotation over t. */
     void drift(double t) {
@@ -121,7 +121,7 @@ public:
     /** The step of the gradient thermostat (GradientThermostat-inl.h). */
     void gradientMove(int draw) {
         const Vector3<Real> move_q = loadVector<Real>(bodies.move_q, slot);
-        const Vector3<Real> turn_body = multiply(move_q, torque_body);
+        const Vector3<Real> turn_body = multiply(move_q, torque);
         Vector3<Real> right = turn_body;
         R += loadScalar<Real>(bodies.move_R, slot) * force_lab;
         const Vector3<Real> left = Rotation<Real>(q).toLab(turn_body);
@@ -136,7 +136,7 @@ public:
     }
 
     /** Add up the forces of the particles: force in the lab frame, torque about the origin in the
-     * body frame. */
+     * frame of BodySet::torquesAreInLab(). */
     void gatherForces(const double* forces) {
         const int lane = slot % BodySet::blockSize;
         force_lab = {Real(0.0), Real(0.0), Real(0.0)};
@@ -148,9 +148,9 @@ public:
             force_lab += force;
             torque_lab += cross(A.toLab(site(s, lane)), force);
         }
-        torque_body = A.toBody(torque_lab);
+        torque = bodies.torquesAreInLab() ? torque_lab : A.toBody(torque_lab);
         storeVector(force_lab, bodies.force_lab, slot);
-        storeVector(torque_body, bodies.torque_body, slot);
+        storeVector(torque, bodies.torque, slot);
     }
     /**
      * Momentum and angular momentum from the velocities of the members: p = sum m v and, in the
@@ -197,11 +197,10 @@ public:
     bool poseIsFinite() const { return isFinite(R.x + R.y + R.z + q.w + q.x + q.y + q.z); }
     bool momentaAreFinite() const { return isFinite(p.x + p.y + p.z + l.x + l.y + l.z); }
     bool forcesAreFinite() const {
-        return isFinite(force_lab.x + force_lab.y + force_lab.z + torque_body.x + torque_body.y +
-                        torque_body.z);
+        return isFinite(force_lab.x + force_lab.y + force_lab.z + torque.x + torque.y + torque.z);
     }
 
-    Vector3<Real> R, p, l, force_lab, torque_body, inverseMoments;
+    Vector3<Real> R, p, l, force_lab, torque, inverseMoments;
     Quaternion<Real> q;
     Real inverseMass;
     long long randomNumbers = 0;

@@ -56,9 +56,8 @@ MidStepEnergies energiesOf(const BodySet& bodies, double h) {
         for (int k = 0; k < 3; k++) {
             add<Part, Scheme>(bodies.p[k], bodies.force_lab[k], bodies.decay_p, bodies.noise_p,
                               bodies.inverseMass, h, slot, translational, &momentum[k]);
-            add<Part, Scheme>(bodies.l[k], bodies.torque_body[k], bodies.decay_l[k],
-                              bodies.noise_l[k], bodies.inverseMoments[k], h, slot, rotational,
-                              nullptr);
+            add<Part, Scheme>(bodies.l[k], bodies.torque[k], bodies.decay_l[k], bodies.noise_l[k],
+                              bodies.inverseMoments[k], h, slot, rotational, nullptr);
         }
     }
     MidStepEnergies result;

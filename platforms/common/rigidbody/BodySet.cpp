@@ -113,7 +113,7 @@ void BodySet::makeColumns() {
     const auto add = [&](Column* first, int count) {
         for (int k = 0; k < count; k++) columns.push_back(first + k);
     };
-    for (Column* three : {R, p, l, force_lab, torque_body}) add(three, 3);
+    for (Column* three : {R, p, l, force_lab, torque}) add(three, 3);
     add(q, 4);
     const size_t numOfState = columns.size();
     for (Column* three : {inverseMoments, decay_l, noise_l, move_q, noise_q}) add(three, 3);
@@ -250,14 +250,25 @@ void BodySet::setStoredState(int body, const array<double, 13>& v) {
 Vec3 BodySet::getForce_lab(int body) const { return read(force_lab, slotOfBody[body]); }
 
 Vec3 BodySet::getTorque_lab(int body) const {
-    return toLab(slotOfBody[body], read(torque_body, slotOfBody[body]));
+    const int slot = slotOfBody[body];
+    return torquesInLab ? read(torque, slot) : toLab(slot, read(torque, slot));
+}
+
+void BodySet::keepTorquesInLab(bool inLab) {
+    if (torquesInLab == inLab) return;
+    torquesInLab = inLab;
+    for (int slot : slotOfBody)
+        write(torque, slot,
+              inLab ? toLab(slot, read(torque, slot)) : toInnerBody(slot, read(torque, slot)));
 }
 
 void BodySet::addForceAndTorque_lab(int body, const Vec3& addedForce_lab,
                                     const Vec3& addedTorque_lab) {
     const int slot = slotOfBody[body];
     write(force_lab, slot, read(force_lab, slot) + addedForce_lab);
-    write(torque_body, slot, read(torque_body, slot) + toInnerBody(slot, addedTorque_lab));
+    write(
+        torque, slot,
+        read(torque, slot) + (torquesInLab ? addedTorque_lab : toInnerBody(slot, addedTorque_lab)));
 }
 
 Vec3 BodySet::getAngularVelocity_lab(int body) const {

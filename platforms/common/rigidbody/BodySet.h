@@ -118,6 +118,12 @@ public:
     /** Force (lab) and torque (lab) on a body as gathered last. */
     OpenMM::Vec3 getForce_lab(int body) const;
     OpenMM::Vec3 getTorque_lab(int body) const;
+    /**
+     * Keep torques in the lab frame, where schemes without momenta solve, or in the inner body
+     * frame, where momenta change. Default: in the body frame. The present torques are turned.
+     */
+    void keepTorquesInLab(bool inLab);
+    bool torquesAreInLab() const { return torquesInLab; }
     /** Add a force and a torque (lab) to those of a body. */
     void addForceAndTorque_lab(int body, const OpenMM::Vec3& force_lab,
                                const OpenMM::Vec3& torque_lab);
@@ -144,8 +150,9 @@ public:
     void saveForces(Snapshot& snapshot) const;
     void restoreForces(const Snapshot& snapshot);
 
-    // [3] and [4] are components. l and torque_body are in the inner body frame.
-    Column R[3], q[4], p[3], l[3], force_lab[3], torque_body[3];
+    // [3] and [4] are components. l is in the inner body frame, and so is `torque`, unless
+    // torquesAreInLab().
+    Column R[3], q[4], p[3], l[3], force_lab[3], torque[3];
     Column inverseMass, inverseMoments[3];
     Column decay_p, noise_p, decay_l[3], noise_l[3], move_R, noise_R, move_q[3], noise_q[3];
     std::vector<int> bodyOfSlot;   // -1 for padding
@@ -165,6 +172,7 @@ private:
     size_t stride = 0, stateSize = 0;  // from one column to the next; of what a step changes
     std::vector<int> slotOfBody;
     int numHeld = 0;
+    bool torquesInLab = false;
     double inertiaScale = 1;
     std::vector<BodyInertia> ownInertias;  // of the geometries, with moments ascending
     std::vector<BodyInertia> inertias;     // of the dynamics: these moments times the inertia scale
