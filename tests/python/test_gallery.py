@@ -26,6 +26,7 @@ SHORT = {
     'roller': ['--rollers', '4', '--duration', '10'],
     'saving_and_resuming': ['--steps', '40'],
     'sedimenting_cluster': ['--steps', '1'],
+    'squirmers': ['--duration', '0.5', '--points', '9', '--animation', '--frames', '3'],
     'towing': ['--steps', '60', '--windows', '2', '--animation', '--frames', '3'],
     'two_colloids': ['--steps', '40'],
 }
@@ -230,6 +231,42 @@ def test_recorded_pulls_fluctuate_as_the_friction_says():
         frictions.append(friction[0, 0])
     # The two frictions are farther apart than the errors.
     assert frictions[0] > 1.3*frictions[1]
+
+
+def test_squirmers_swim_as_theory_says():
+    module = script('squirmers')
+    # Beside the far limits are terms of relative order 1/distance^2.
+    distances = np.array([8.0, 16.0])
+    extra = module.pairs(distances, B2=3.0) - module.pairs(distances, B2=0.0)
+    np.testing.assert_allclose(extra[:, 0], -3/(2*distances**2), rtol=0.03)
+    assert abs(extra[1, 0]*2*16**2/3 + 1) < abs(extra[0, 0]*2*8**2/3 + 1)/3
+    away = module.walls(distances, module.ALONG, (0, 1))[:, 2]
+    np.testing.assert_allclose(away, 3/(16*distances**2), rtol=0.03)
+    # Values of an independent program, as in tests/python/test_active.py.
+    np.testing.assert_allclose(
+        module.pairs([3])[0, [0, 2, 4]], (-0.161106, 0.657629, -0.001612), atol=1e-6)
+
+
+def test_the_flow_of_a_squirmer_is_that_of_theory_far_away():
+    module = script('squirmers')
+    errors = [module.errorOfFlow(r, -2.0, 42) for r in (2, 4, 8)]
+    # The stresslet of the shell is exact, and its source dipole, of relative order 1/r, is not.
+    assert errors[0] < 0.12 and errors[1] < 0.6*errors[0] and errors[2] < 0.6*errors[1]
+    # The exact flow has no slip beside that of the surface, which moves with 2/3 B1 upwards.
+    normals = np.random.default_rng(1).normal(size=(50, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    cosine = normals[:, 2:]
+    surface = (1 - 2*cosine)*(cosine*normals - (0, 0, 1)) + (0, 0, 2/3)
+    np.testing.assert_allclose(module.theory(normals, -2.0), surface, atol=1e-12)
+
+
+def test_pushers_meet_and_pullers_part():
+    module = script('squirmers')
+    path = module.race(4.0, 2.0, step=0.1, quiet=True)
+    gap = np.linalg.norm(path[:, :, 1, :3] - path[:, :, 0, :3], axis=-1)
+    time = 0.1*(len(path) - 1)
+    for change, B2 in zip(gap[-1] - gap[0], module.KINDS.values()):
+        assert abs(change - ((64 + 3*B2*time)**(1/3) - 4)) < 0.01 + 0.06*abs(change)
 
 
 def test_spheres_on_a_ring_go_as_fast_as_their_tensors_say():
