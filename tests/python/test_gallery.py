@@ -19,6 +19,7 @@ SHORT = {
     'boomerang_at_a_wall': ['--replicas', '2', '--steps', '20', '--walkers', '20'],
     'driven_dipoles': ['--duration', '4'],
     'ions_in_water': ['--edge', '1.9', '--samples', '1'],
+    'jointed_chain': ['--replicas', '2', '--steps', '100', '--animation', '--frames', '3'],
     'own_tensors': [],
     'pillars': ['--replicas', '2', '--steps', '100', '--walkers', '20'],
     'replicas': ['--replicas', '2', '--length', '10'],
@@ -267,6 +268,38 @@ def test_pushers_meet_and_pullers_part():
     time = 0.1*(len(path) - 1)
     for change, B2 in zip(gap[-1] - gap[0], module.KINDS.values()):
         assert abs(change - ((64 + 3*B2*time)**(1/3) - 4)) < 0.01 + 0.06*abs(change)
+
+
+def test_jointed_chains_are_ideal_and_diffuse_as_their_mobility_says():
+    """Errors are those of the spread of replicas; 5 of them in 7 comparisons, with a fixed seed."""
+    module = script('jointed_chain')
+    diffusion = {}
+    for name, factor in module.FACTORS.items():
+        centres, u, short, gap = module.run(factor, replicas=24, steps=1500, quiet=True)
+        cosines = (u[:, :, 1:]*u[:, :, :-1]).sum(axis=-1)
+        for values, expected in (((cosines**2).mean(axis=2), 1/3), ((u.sum(axis=2)**2).sum(axis=-1),
+                                                                    module.RODS)):
+            mean, error = module.overReplicas(values)
+            assert error < 0.08*expected and abs(mean - expected) < 5*error
+        value, error = (each[0] for each in module.diffusion(centres, [1]))
+        assert error < 0.03*value and abs(value - short.mean()) < 5*error
+        # Joints hold to their tolerance.
+        assert gap < 1.01e-10
+        diffusion[name] = short.mean()
+    alone = module.KT/(3*module.RODS*module.FRICTION)
+    assert abs(diffusion['without interactions']/alone - 1) < 0.005
+    # Joints and rods take a few per cent of what Kirkwood's formula has.
+    assert 0.94 < diffusion['with interactions']/module.kirkwood() < 0.995
+
+
+def test_the_density_of_the_ends_of_a_chain():
+    module = script('jointed_chain')
+    r = np.linspace(0, 4, 4001)
+    for n in (3, 4):
+        density = module.endToEnd(r, n)
+        assert abs(np.trapz(density, r) - 1) < 1e-5 and abs(np.trapz(density*r**2, r) - n) < 1e-4
+    # Two unit vectors have the density r/2.
+    np.testing.assert_allclose(module.endToEnd(r[1:2000], 2), r[1:2000]/2, rtol=1e-12)
 
 
 def test_spheres_on_a_ring_go_as_fast_as_their_tensors_say():
