@@ -21,10 +21,13 @@ SHORT = {
     'ions_in_water': ['--edge', '1.9', '--samples', '1'],
     'jointed_chain': ['--replicas', '2', '--steps', '100', '--animation', '--frames', '3'],
     'own_tensors': [],
-    'pillars': ['--replicas', '2', '--steps', '100', '--walkers', '20'],
+    'pillars': [
+        '--replicas', '2', '--steps', '100', '--walkers', '20', '--cells', '2', '--passage-steps',
+        '20', '--animation', '--frames', '3'
+    ],
     'replicas': ['--replicas', '2', '--length', '10'],
     'ring_of_driven_spheres': ['--duration', '10'],
-    'roller': ['--rollers', '4', '--duration', '10'],
+    'roller': ['--rollers', '4', '--duration', '10', '--animation', '--frames', '3'],
     'saving_and_resuming': ['--steps', '40'],
     'sedimenting_cluster': ['--steps', '1'],
     'squirmers': ['--duration', '0.5', '--points', '9', '--animation', '--frames', '3'],
@@ -183,6 +186,26 @@ def test_pillars_stay_and_slow_the_boomerang():
     assert 0.75 < mobilities[0]/mobilities[1] < 0.9
 
 
+def test_passages_take_as_long_as_theory_says_without_pillars():
+    """Without pillars and without a fluid the mean time out of a square is a known series."""
+    module = script('pillars')
+    replicas = 32
+    integrator, context = module.scene('FreeDraining', replicas, places=module.CELL)
+    fluid = MobilityForce.cast(context.getSystem().getForce(1))
+    mobility = np.asarray(fluid.getMobilityInContext(context))[-6:-3, -6:-3]
+    context.setParameter('kT', 0)  # of the repulsion
+    D = module.KT*np.trace(mobility)/3
+    step = integrator.getStepSize()._value
+    times = np.concatenate(
+        module.passages(integrator, context, replicas, 3000, 0.583*np.sqrt(2*D*step), quiet=True))
+    m, n = np.meshgrid(np.arange(1, 200, 2), np.arange(1, 200, 2))
+    signs = (-1)**((m + n - 2) // 2)
+    theory = (16*signs/(m*n*(m*m + n*n))).sum()*module.LATTICE**2/(np.pi**4*D)
+    # The spread of such times is 0.77 of their mean, and 4 standard errors are allowed.
+    assert len(times) > 150
+    assert abs(step*times.mean()/theory - 1) < 4*0.77/np.sqrt(len(times))
+
+
 def test_rollers_go_as_fast_as_the_closed_form_says():
     module = script('roller')
     heights = np.array([1.05, 1.5, 3.0])
@@ -192,6 +215,19 @@ def test_rollers_go_as_fast_as_the_closed_form_says():
     exact = module.speeds(heights[1:], exact=True)
     assert (exact < 0.9*module.theory(heights[1:])).all()
     np.testing.assert_allclose(module.speeds(heights[1:], blobs=162), exact, rtol=0.05)
+
+
+def test_pairs_of_rollers_gain_what_the_far_limit_says():
+    """Beside the far limit are terms of relative order (height/distance)^2."""
+    module = script('roller')
+    distances, alone = [100.0, 200.0], module.theory(1.5)
+    both = module.pairs(distances, (1, 0, 0))
+    np.testing.assert_allclose(both[:, 0], both[:, 1], rtol=1e-7)
+    error = (both[:, 0] - alone)/module.farPair(distances) - 1
+    assert abs(error[0]) < 0.005 and abs(error[1]) < 0.3*abs(error[0])
+    # Side by side the gain decays with the power 5 of the distance.
+    beside = module.pairs([20.0, 40.0], (0, 1, 0))[:, 0] - alone
+    assert 25 < beside[0]/beside[1] < 35
 
 
 def test_rollers_carry_each_other_and_stay_at_their_height():
