@@ -273,7 +273,7 @@ def report(found):
             cells += [f'{still["sphere"][k, axis]:.4f}', f'{still[series][k]:.4f}']
         print(f'| {height:g} | {" | ".join(cells)} |')
     line = found['force_against_speed']
-    print('\nforce/speed: {} fN s/μm, without noise {:.4f}'.format(
+    print('\nforce/speed: {} fN s/μm, without noise {:.2f}'.format(
         recording.brackets(line['slope'], line['slope_error']), line['friction']))
     print('\n| time, s | spread along, fN | variance/expected: along | towards | torque |\n'
           '|---|---|---|---|---|')

@@ -1,7 +1,9 @@
 """Shortened examples of the gallery run, and the physics in their results is right."""
 import importlib.util
+import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -55,6 +57,38 @@ def test_script_runs_and_draws(name, tmp_path):
     assert finished.returncode == 0, finished.stderr
     assert finished.stdout and (tmp_path/'picture.png').stat().st_size > 1000
     assert ('--animation' in SHORT[name]) == (tmp_path/'animation.gif').exists()
+
+
+def saved(value):
+    """What a JSON has, with arrays and whole numbers as keys."""
+    if isinstance(value, dict):
+        return {int(k) if k.isdigit() else k: saved(v) for k, v in value.items()}
+    if isinstance(value, list) and not any(isinstance(v, dict) for v in value):
+        return np.array(value)
+    return [saved(v) for v in value] if isinstance(value, list) else value
+
+
+@pytest.mark.parametrize('name', ('jointed_chain', 'squirmers', 'towing'))
+def test_pages_have_the_numbers_of_their_results(name, capsys):
+    """Every number with decimals that the script reports is on its page, apart from signs."""
+    script(name).report(saved(json.loads((EXAMPLES/name/'results.json').read_text())))
+    number = re.compile(r'\d+\.\d+(?:\(\d+\))?')
+    said = set(number.findall(capsys.readouterr().out))
+    page = set(number.findall((EXAMPLES/name/'README.md').read_text(encoding='utf-8')))
+    assert len(said) > 10 and said <= page, sorted(said - page)
+
+
+def test_the_page_of_pillars_has_the_numbers_of_its_results():
+    module = script('pillars')
+    found = json.loads((EXAMPLES/'pillars'/'results.json').read_text())
+    page = (EXAMPLES/'pillars'/'README.md').read_text(encoding='utf-8')
+    for note in module.MODELS.values():
+        rows, passages = found[note], found[note]['passages']
+        brackets = module.recording.brackets
+        numbers = [brackets(*each) for each in zip(rows['msd_over_4t_um2_per_s'], rows['error'])]
+        assert f'| {note} | {" | ".join(numbers)} |' in page
+        mean = brackets(passages['mean_s'], passages['error'])
+        assert f'| {note} | {passages["number"]} | {mean} |' in page
 
 
 def test_bodies_above_a_wall_stay_there():
