@@ -226,7 +226,10 @@ def measure(quiet=False):
             'vz_of_B2': walls(heights, ALONG, (0, 1), blobs)[:, 2],
             'vz_towards': walls(heights, DOWNWARDS, (1, 0), blobs)[:, 2]
         }
-        found['flow']['blobs'][blobs] = [errorOfFlow(r, 3.0, blobs) for r in found['flow']['r']]
+        found['flow']['blobs'][blobs] = {
+            name: [errorOfFlow(r, KINDS[name], blobs) for r in found['flow']['r']]
+            for name in ('puller', 'neutral')
+        }
     return found
 
 
@@ -244,10 +247,13 @@ def report(found):
         values = ', '.join(f'{shell["vz_of_B2"][k]:.5f}' for shell in shells.values())
         print(f'| {height:g} | {values} | {found["wall"]["far_limit"][k]:.5f} | '
               f'{shells[162]["vx_of_B1"][k]:.4f} | {shells[162]["vz_towards"][k]:.4f} |')
-    print('\n| distance | error of the flow with 12, 42, 162 blobs |\n|---|---|')
+    print('\n| distance | error of the flow with 12, 42, 162 blobs: puller | neutral |\n'
+          '|---|---|---|')
     for k, r in enumerate(found['flow']['r']):
-        print('| {:g} | {} |'.format(
-            r, ', '.join(f'{100*shell[k]:.2g} %' for shell in found['flow']['blobs'].values())))
+        cells = (', '.join(f'{100*shell[name][k]:.1f} %'
+                           for shell in found['flow']['blobs'].values())
+                 for name in ('puller', 'neutral'))
+        print(f'| {r:g} | {" | ".join(cells)} |')
 
 
 def drawFlow(path, points=61, blobs=162):
