@@ -85,7 +85,7 @@ def test_every_public_method_is_in_a_guide_or_documented_reference():
 
 
 def test_pictures_are_not_huge():
-    for name in git_files('*.png'):
+    for name in git_files('*.png', '*.gif'):
         assert pathlib.Path(ROOT/name).stat().st_size < 1_000_000, f'{name} is larger than 1 MB'
 
 

@@ -1,7 +1,9 @@
 """Shortened examples of the gallery run, and the physics in their results is right."""
 import importlib.util
+import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -19,13 +21,19 @@ SHORT = {
     'boomerang_at_a_wall': ['--replicas', '2', '--steps', '20', '--walkers', '20'],
     'driven_dipoles': ['--duration', '4'],
     'ions_in_water': ['--edge', '1.9', '--samples', '1'],
+    'jointed_chain': ['--replicas', '2', '--steps', '100', '--animation', '--frames', '3'],
     'own_tensors': [],
-    'pillars': ['--replicas', '2', '--steps', '100', '--walkers', '20'],
+    'pillars': [
+        '--replicas', '2', '--steps', '100', '--walkers', '20', '--cells', '2', '--passage-steps',
+        '20', '--animation', '--frames', '3'
+    ],
     'replicas': ['--replicas', '2', '--length', '10'],
     'ring_of_driven_spheres': ['--duration', '10'],
-    'roller': ['--rollers', '4', '--duration', '10'],
+    'roller': ['--rollers', '4', '--duration', '10', '--animation', '--frames', '3'],
     'saving_and_resuming': ['--steps', '40'],
     'sedimenting_cluster': ['--steps', '1'],
+    'squirmers': ['--duration', '0.5', '--points', '9', '--animation', '--frames', '3'],
+    'towing': ['--steps', '60', '--windows', '2', '--animation', '--frames', '3'],
     'two_colloids': ['--steps', '40'],
 }
 
@@ -48,6 +56,39 @@ def test_script_runs_and_draws(name, tmp_path):
                               capture_output=True, text=True, timeout=300)
     assert finished.returncode == 0, finished.stderr
     assert finished.stdout and (tmp_path/'picture.png').stat().st_size > 1000
+    assert ('--animation' in SHORT[name]) == (tmp_path/'animation.gif').exists()
+
+
+def saved(value):
+    """What a JSON has, with arrays and whole numbers as keys."""
+    if isinstance(value, dict):
+        return {int(k) if k.isdigit() else k: saved(v) for k, v in value.items()}
+    if isinstance(value, list) and not any(isinstance(v, dict) for v in value):
+        return np.array(value)
+    return [saved(v) for v in value] if isinstance(value, list) else value
+
+
+@pytest.mark.parametrize('name', ('jointed_chain', 'squirmers', 'towing'))
+def test_pages_have_the_numbers_of_their_results(name, capsys):
+    """Every number with decimals that the script reports is on its page, apart from signs."""
+    script(name).report(saved(json.loads((EXAMPLES/name/'results.json').read_text())))
+    number = re.compile(r'\d+\.\d+(?:\(\d+\))?')
+    said = set(number.findall(capsys.readouterr().out))
+    page = set(number.findall((EXAMPLES/name/'README.md').read_text(encoding='utf-8')))
+    assert len(said) > 10 and said <= page, sorted(said - page)
+
+
+def test_the_page_of_pillars_has_the_numbers_of_its_results():
+    module = script('pillars')
+    found = json.loads((EXAMPLES/'pillars'/'results.json').read_text())
+    page = (EXAMPLES/'pillars'/'README.md').read_text(encoding='utf-8')
+    for note in module.MODELS.values():
+        rows, passages = found[note], found[note]['passages']
+        brackets = module.recording.brackets
+        numbers = [brackets(*each) for each in zip(rows['msd_over_4t_um2_per_s'], rows['error'])]
+        assert f'| {note} | {" | ".join(numbers)} |' in page
+        mean = brackets(passages['mean_s'], passages['error'])
+        assert f'| {note} | {passages["number"]} | {mean} |' in page
 
 
 def test_bodies_above_a_wall_stay_there():
@@ -179,6 +220,26 @@ def test_pillars_stay_and_slow_the_boomerang():
     assert 0.75 < mobilities[0]/mobilities[1] < 0.9
 
 
+def test_passages_take_as_long_as_theory_says_without_pillars():
+    """Without pillars and without a fluid the mean time out of a square is a known series."""
+    module = script('pillars')
+    replicas = 32
+    integrator, context = module.scene('FreeDraining', replicas, places=module.CELL)
+    fluid = MobilityForce.cast(context.getSystem().getForce(1))
+    mobility = np.asarray(fluid.getMobilityInContext(context))[-6:-3, -6:-3]
+    context.setParameter('kT', 0)  # of the repulsion
+    D = module.KT*np.trace(mobility)/3
+    step = integrator.getStepSize()._value
+    times = np.concatenate(
+        module.passages(integrator, context, replicas, 3000, 0.583*np.sqrt(2*D*step), quiet=True))
+    m, n = np.meshgrid(np.arange(1, 200, 2), np.arange(1, 200, 2))
+    signs = (-1)**((m + n - 2) // 2)
+    theory = (16*signs/(m*n*(m*m + n*n))).sum()*module.LATTICE**2/(np.pi**4*D)
+    # The spread of such times is 0.77 of their mean, and 4 standard errors are allowed.
+    assert len(times) > 150
+    assert abs(step*times.mean()/theory - 1) < 4*0.77/np.sqrt(len(times))
+
+
 def test_rollers_go_as_fast_as_the_closed_form_says():
     module = script('roller')
     heights = np.array([1.05, 1.5, 3.0])
@@ -190,11 +251,131 @@ def test_rollers_go_as_fast_as_the_closed_form_says():
     np.testing.assert_allclose(module.speeds(heights[1:], blobs=162), exact, rtol=0.05)
 
 
+def test_pairs_of_rollers_gain_what_the_far_limit_says():
+    """Beside the far limit are terms of relative order (height/distance)^2."""
+    module = script('roller')
+    distances, alone = [100.0, 200.0], module.theory(1.5)
+    both = module.pairs(distances, (1, 0, 0))
+    np.testing.assert_allclose(both[:, 0], both[:, 1], rtol=1e-7)
+    error = (both[:, 0] - alone)/module.farPair(distances) - 1
+    assert abs(error[0]) < 0.005 and abs(error[1]) < 0.3*abs(error[0])
+    # Side by side the gain decays with the power 5 of the distance.
+    beside = module.pairs([20.0, 40.0], (0, 1, 0))[:, 0] - alone
+    assert 25 < beside[0]/beside[1] < 35
+
+
 def test_rollers_carry_each_other_and_stay_at_their_height():
     module = script('roller')
     path = module.crowd(6, duration=20)
     speeds = (path[-1] - path[0])[:, 0]/20
     assert speeds.min() > 1.1*module.theory(1.5)
+
+
+def test_towed_shells_have_the_drag_of_spheres():
+    module = script('towing')
+    heights = np.array([1.1, 1.5, 3, 8])
+    sphere = module.drags(heights, 1, exact=True)
+    np.testing.assert_allclose(sphere[:, 1], module.brenner(heights), rtol=1e-7)
+    # Faxén's series omits the power 6 of radius/height.
+    error = np.abs(sphere[:, 0]/module.faxen(heights) - 1)
+    assert (error < 0.2/heights**6).all()
+    shell = module.drags(heights, 42)
+    np.testing.assert_allclose(shell[1:], sphere[1:], rtol=0.005)
+    # The lowest blob of this shell would reach through the wall.
+    assert np.isnan(shell[0]).all()
+
+
+def test_recorded_pulls_fluctuate_as_the_friction_says():
+    """Variances of 6000 normal numbers have errors of 1.8 %; seeds are fixed."""
+    module = script('towing')
+    holds, friction = module.pull([0, 5], 3000, blobs=12, quiet=True)
+    expected = 2*module.KT*np.diag(friction)/module.MILLISECOND
+    found = holds.var(axis=0).mean(axis=0)
+    np.testing.assert_allclose(found, expected, rtol=4*np.sqrt(2/6000))
+    mean = holds[:, 1, 0].mean() - 5*module.SPEED*friction[0, 0]
+    assert abs(mean) < 4*np.sqrt(expected[0]/3000)
+    frictions = []
+    for state in ('held', 'free'):
+        averages, friction = module.beside(state, windows=400, blobs=12, quiet=True)
+        expected = 2*module.KT*np.diag(friction)/(0.5*module.MILLISECOND)
+        np.testing.assert_allclose(averages.var(axis=0), expected, rtol=4*np.sqrt(2/1600))
+        frictions.append(friction[0, 0])
+    # The two frictions are farther apart than the errors.
+    assert frictions[0] > 1.3*frictions[1]
+
+
+def test_squirmers_swim_as_theory_says():
+    module = script('squirmers')
+    # Beside the far limits are terms of relative order 1/distance^2.
+    distances = np.array([8.0, 16.0])
+    extra = module.pairs(distances, B2=3.0) - module.pairs(distances, B2=0.0)
+    np.testing.assert_allclose(extra[:, 0], -3/(2*distances**2), rtol=0.03)
+    assert abs(extra[1, 0]*2*16**2/3 + 1) < abs(extra[0, 0]*2*8**2/3 + 1)/3
+    away = module.walls(distances, module.ALONG, (0, 1))[:, 2]
+    np.testing.assert_allclose(away, 3/(16*distances**2), rtol=0.03)
+    # Values of an independent program, as in tests/python/test_active.py.
+    np.testing.assert_allclose(
+        module.pairs([3])[0, [0, 2, 4]], (-0.161106, 0.657629, -0.001612), atol=1e-6)
+
+
+def test_the_flow_of_a_squirmer_is_that_of_theory_far_away():
+    module = script('squirmers')
+    errors = [module.errorOfFlow(r, -2.0, 42) for r in (2, 4, 8)]
+    # The stresslet of the shell is exact, and its source dipole, of relative order 1/r, is not.
+    assert errors[0] < 0.12 and errors[1] < 0.6*errors[0] and errors[2] < 0.6*errors[1]
+    # The source dipole is that of a neutral squirmer. Its flow is too weak by the same part at all
+    # distances, by 25 % with 42 blobs and 14 % with 162.
+    point = np.array([[0, 0, 20.0]])
+    for blobs, part in ((42, 0.7499), (162, 0.8565)):
+        found = module.flow(point, 0.0, blobs)[0, 2]/module.theory(point, 0.0)[0, 2]
+        assert abs(found - part) < 1e-3
+    # The exact flow has no slip beside that of the surface, which moves with 2/3 B1 upwards.
+    normals = np.random.default_rng(1).normal(size=(50, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    cosine = normals[:, 2:]
+    surface = (1 - 2*cosine)*(cosine*normals - (0, 0, 1)) + (0, 0, 2/3)
+    np.testing.assert_allclose(module.theory(normals, -2.0), surface, atol=1e-12)
+
+
+def test_pushers_meet_and_pullers_part():
+    module = script('squirmers')
+    path = module.race(4.0, 2.0, step=0.1, quiet=True)
+    gap = np.linalg.norm(path[:, :, 1, :3] - path[:, :, 0, :3], axis=-1)
+    time = 0.1*(len(path) - 1)
+    for change, B2 in zip(gap[-1] - gap[0], module.KINDS.values()):
+        assert abs(change - ((64 + 3*B2*time)**(1/3) - 4)) < 0.01 + 0.06*abs(change)
+
+
+def test_jointed_chains_are_ideal_and_diffuse_as_their_mobility_says():
+    """Errors are those of the spread of replicas; 5 of them in 7 comparisons, with a fixed seed."""
+    module = script('jointed_chain')
+    diffusion = {}
+    for name, factor in module.FACTORS.items():
+        centres, u, short, gap = module.run(factor, replicas=24, steps=1500, quiet=True)
+        cosines = (u[:, :, 1:]*u[:, :, :-1]).sum(axis=-1)
+        for values, expected in (((cosines**2).mean(axis=2), 1/3), ((u.sum(axis=2)**2).sum(axis=-1),
+                                                                    module.RODS)):
+            mean, error = module.overReplicas(values)
+            assert error < 0.08*expected and abs(mean - expected) < 5*error
+        value, error = (each[0] for each in module.diffusion(centres, [1]))
+        assert error < 0.03*value and abs(value - short.mean()) < 5*error
+        # Joints hold to their tolerance.
+        assert gap < 1.01e-10
+        diffusion[name] = short.mean()
+    alone = module.KT/(3*module.RODS*module.FRICTION)
+    assert abs(diffusion['without interactions']/alone - 1) < 0.005
+    # Joints and rods take a few per cent of what Kirkwood's formula has.
+    assert 0.94 < diffusion['with interactions']/module.kirkwood() < 0.995
+
+
+def test_the_density_of_the_ends_of_a_chain():
+    module = script('jointed_chain')
+    r = np.linspace(0, 4, 4001)
+    for n in (3, 4):
+        density = module.endToEnd(r, n)
+        assert abs(np.trapz(density, r) - 1) < 1e-5 and abs(np.trapz(density*r**2, r) - n) < 1e-4
+    # Two unit vectors have the density r/2.
+    np.testing.assert_allclose(module.endToEnd(r[1:2000], 2), r[1:2000]/2, rtol=1e-12)
 
 
 def test_spheres_on_a_ring_go_as_fast_as_their_tensors_say():
