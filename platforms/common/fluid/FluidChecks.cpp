@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "rigidbody/BodyPoses.h"
+#include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;
 using namespace std;
