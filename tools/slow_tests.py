@@ -47,8 +47,9 @@ def ctest_times(build, label, only):
     list of (float, str)
         seconds of each test, and its name
     """
+    named = ['-R', only] if only else []  # an empty expression is that of no test
     listed = subprocess.run(
-        ['ctest', '--test-dir', build, '-L', label, '-R', only, '--show-only=json-v1'], check=True,
+        ['ctest', '--test-dir', build, '-L', label, *named, '--show-only=json-v1'], check=True,
         capture_output=True, text=True)
     times = []
     for test in tqdm(json.loads(listed.stdout)['tests'], desc='Tests'):
