@@ -1,14 +1,21 @@
 #!/usr/bin/env python3
 """Purcell's swimmer: three links, two hinges with motors, and a stroke that is not reciprocal.
 
-    python3 run.py                     # about a minute; draws picture.png
+    python3 run.py                     # about a minute; draws picture.png and writes results.json
+    python3 run.py --animation         # draws animation.gif, too
 """
 import argparse
+import sys
+from pathlib import Path
 
 import numpy as np
 import openmm
+import tqdm
 
 from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce, app
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]/'validation'/'common'))
+import recording  # noqa: E402
 
 #: Of a link: blobs along it, and the distance of its two rows, in radii of a blob, 0.5 nm. Hinges
 #: are halfway between the last blobs of two links.
@@ -21,7 +28,6 @@ AMPLITUDE, RATE = np.pi/3, 1e-2
 PURCELL = [(-1, 0), (0, -1), (1, 0), (0, 1)]
 #: One hinge opens and closes, as a scallop does.
 SCALLOP = [(-1, 0), (1, 0)]
-PART = 2*AMPLITUDE/RATE
 #: K, of the swimmers in noise; and frames of a part of a stroke in paths.
 TEMPERATURE, FRAMES = 300, 8
 UP = (0, 0, 1)
@@ -61,13 +67,16 @@ class Swimmers:
         of the integrator in a part of a stroke
     joined : bool
         whether there are hinges and motors
+    amplitude : float
+        rad
     """
-    def __init__(self, number, temperature, steps, seed=1, joined=True):
+    def __init__(self, number, temperature, steps, seed=1, joined=True, amplitude=AMPLITUDE):
         system, self.fluid = openmm.System(), MobilityForce()
         fluid = self.fluid
         fluid.setViscosity(602)  # water, dalton/(nm ps)
         self.steps = steps
-        self.integrator = integrator = CustomRigidHIIntegrator(temperature, PART/steps)
+        self.step = 2*amplitude/RATE/steps
+        self.integrator = integrator = CustomRigidHIIntegrator(temperature, self.step)
         integrator.setScheme(integrator.TrapezoidalSlip)
         integrator.setRandomNumberSeed(seed)
         end = np.array((LENGTH/2, 0, 0))
@@ -83,7 +92,7 @@ class Swimmers:
         system.addForce(fluid)
         self.context = openmm.Context(system, integrator,
                                       openmm.Platform.getPlatformByName('Reference'))
-        self.context.setPositions(np.concatenate(number*[pose(AMPLITUDE, AMPLITUDE)]))
+        self.context.setPositions(np.concatenate(number*[pose(amplitude, amplitude)]))
         self.work = 0.0  # of all motors, kJ/mol
 
     def centres(self):
@@ -100,12 +109,12 @@ class Swimmers:
         for _ in range(round(part*self.steps)):
             self.integrator.step(1)
             torques = self.integrator.getHingeMotorTorques()._value
-            self.work += torques @ rates*PART/self.steps
+            self.work += torques @ rates*self.step
 
-    def swim(self, strokes, parts=PURCELL):
+    def swim(self, strokes, parts=PURCELL, quiet=True):
         """The centres of the links (frames, swimmers, 3, 3) before and after frames of strokes."""
         path = [self.centres()]
-        for _ in range(strokes):
+        for _ in tqdm.trange(strokes, desc='strokes', disable=quiet):
             for signs in parts:
                 for _ in range(FRAMES):
                     self.turn(signs, part=1/FRAMES)
@@ -139,7 +148,7 @@ def alone(friction, first, second, turn):
     return velocity
 
 
-def stroke(friction, parts=PURCELL, steps=50):
+def stroke(friction, parts=PURCELL, steps=50, amplitude=AMPLITUDE):
     """Where the middle link is after a stroke, (x, y, angle), without joints: RK4 in time.
 
     `friction` gives the matrix (9, 9) of the links at angles (first, second, turn), for x, y and
@@ -149,7 +158,7 @@ def stroke(friction, parts=PURCELL, steps=50):
         x, y, turn, first, second = state
         return np.array([*alone(friction(first, second, turn), first, second, turn)(rates), *rates])
 
-    state, h = np.array([0, 0, 0, AMPLITUDE, AMPLITUDE]), PART/steps
+    state, h = np.array([0, 0, 0, amplitude, amplitude]), 2*amplitude/RATE/steps
     for signs in parts:
         rates = RATE*np.array(signs)
         for _ in range(steps):
@@ -188,88 +197,147 @@ def resistiveForces(ratio=2.0):
     return friction
 
 
-def picture(plt, quiet, noisy, file):
-    """The middle link's way without noise, and swimmers with noise after each stroke."""
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout='constrained')
-    for (name, path), parts in zip(quiet.items(), (PURCELL, SCALLOP)):
-        axes[0].plot(
-            np.arange(len(path))/FRAMES/len(parts), -path[:, 1, 0]/LENGTH, label=f'{name} stroke')
-    axes[0].set(xlabel='strokes', ylabel='way of the middle link / length of a link')
+def measure(strokes, swimmers, steps, quiet=True):
+    """Everything that report() and picture() need; ways are in lengths of a link.
+
+    The swimmer goes along -x, which counts as ahead.
+    """
+    def way(path):
+        """Of the only swimmer in (frames, 1, 3, 3)."""
+        return -(path - path[0])[:, 0, 1, 0]/LENGTH
+
+    blobs = frictionOfBlobs()
+    found = {'steps': [], 'ways': [], 'works': []}
+    for number in (8, 16, 32):
+        swimmer = Swimmers(1, 0, number)
+        found['steps'].append(4*number)
+        found['ways'].append(way(swimmer.swim(1))[-1])
+        found['works'].append(swimmer.work)
+    found['exact'] = -stroke(blobs)[0]/LENGTH
+    found['slender'] = -stroke(resistiveForces(2))[0]/LENGTH
+    scallop = way(Swimmers(1, 0, steps).swim(1, SCALLOP))
+    found['scallop'] = {'way': scallop[-1], 'farthest': np.abs(scallop).max()}
+    angles = np.radians(np.arange(10, 100, 10))
+    found['amplitudes'] = {
+        'degrees': np.degrees(angles),
+        'ways': [way(Swimmers(1, 0, steps, amplitude=a).swim(1))[-1] for a in angles],
+        'exact': [-stroke(blobs, steps=20, amplitude=a)[0]/LENGTH for a in angles],
+        'slender': [-stroke(resistiveForces(2), amplitude=a)[0]/LENGTH for a in angles]
+    }
+    found['paths'] = {
+        name: way(Swimmers(1, 0, steps).swim(strokes, parts))
+        for name, parts in (('Purcell', PURCELL), ('scallop', SCALLOP))
+    }
+    path = Swimmers(swimmers, TEMPERATURE, steps).swim(strokes, quiet=quiet)
+    after = ((path - path[0])[::FRAMES*len(PURCELL), :, 1, :2]*(-1, 1)/LENGTH)
+    found['noise'] = {
+        'swimmers': swimmers,
+        'strokes': strokes,
+        'after_each_stroke': after,
+        'mean': after[-1, :, 0].mean(),
+        'error': after[-1, :, 0].std(ddof=1)/np.sqrt(swimmers),
+        'spread': after[-1].std(axis=0, ddof=1)
+    }
+    return found
+
+
+def report(found):
+    print('| | way of a stroke / length of a link |\n|---|---|')
+    for steps, way in zip(found['steps'], found['ways']):
+        print(f"| Purcell's stroke, {steps} steps | {way:.5f} |")
+    print(f"| the same, exact in time, without joints | {found['exact']:.5f} |")
+    print(f"| links that are slender, by resistive force theory | {found['slender']:.5f} |")
+    print(f"| the scallop's stroke | {abs(found['scallop']['way']):.5f} |")
+    noise = found['noise']
+    way = recording.brackets(noise['mean']/noise['strokes'], noise['error']/noise['strokes'])
+    print(f"| {noise['swimmers']} swimmers at {TEMPERATURE} K, mean of {noise['strokes']} strokes "
+          f'| {way} |')
+    print(f"work of the motors in a stroke: {found['works'][-1]:.1f} kJ/mol")
+    print(f"the scallop is away by {found['scallop']['farthest']:.3f} at most")
+    print('spread of the ways after {} strokes: {:.2f} ahead, {:.2f} aside'.format(
+        noise['strokes'], *noise['spread']))
+
+
+def picture(found, file):
+    """The way without noise over time and over the amplitude, and swimmers with noise."""
+    plt = recording.pyplot()
+    figure, axes = plt.subplot_mosaic([[0, 1], [2, 2]], figsize=(9, 6.6), layout='constrained')
+    for (name, path), parts in zip(found['paths'].items(), (PURCELL, SCALLOP)):
+        axes[0].plot(np.arange(len(path))/FRAMES/len(parts), path, label=f'{name} stroke')
+    axes[0].set(xlabel='strokes', ylabel='way / length of a link', title='the middle link')
     axes[0].legend()
-    after = ((noisy[:, :, 1] - noisy[0, :, 1])[::FRAMES*len(PURCELL), :, :2]/LENGTH)
-    axes[1].plot(after[:, :, 0], after[:, :, 1], color='0.8', linewidth=0.8)
-    axes[1].plot(*after[-1].T, '.', color='tab:orange', label='ends with noise')
-    path = quiet['Purcell'][:, 1, :2]/LENGTH
-    axes[1].plot(*path[::FRAMES*len(PURCELL)].T, 'o-', color='tab:blue', markersize=4,
-                 label='after each stroke, without noise')
-    axes[1].set(xlabel='x / length of a link', ylabel='y / length of a link', aspect='equal',
-                title='middle links after each stroke')
-    axes[1].legend(fontsize=8)
-    figure.savefig(file, dpi=110)
+    by = found['amplitudes']
+    axes[1].plot(by['degrees'], by['slender'], color='0.6', label='slender links')
+    axes[1].plot(by['degrees'], by['exact'], color='tab:blue', label='blobs, without joints')
+    axes[1].plot(by['degrees'], by['ways'], 'o', color='tab:blue', label='blobs, with motors')
+    axes[1].set(xlabel='amplitude / degrees', ylabel='way of a stroke / length of a link')
+    axes[1].legend()
+    after = np.asarray(found['noise']['after_each_stroke'])
+    axes[2].plot(after[:, :, 0], after[:, :, 1], color='0.8', linewidth=0.8)
+    axes[2].plot(*after[-1].T, '.', color='tab:orange', label='ends with noise')
+    way = found['paths']['Purcell'][::FRAMES*len(PURCELL)]
+    axes[2].plot(way, 0*way, 'o-', color='tab:blue', markersize=4, label='without noise')
+    axes[2].set(xlabel='ahead / length of a link', ylabel='aside / length of a link',
+                aspect='equal', title='middle links after each stroke')
+    axes[2].legend(fontsize=8)
+    figure.savefig(file, dpi=90)
+    plt.close(figure)
 
 
-def animate(plt, swimmer, strokes, file):
-    """Frames of the swimmer without noise, with the path of its middle."""
+def animation(steps, file, frames=64):
+    """Two strokes without noise, with the path of the middle link."""
     from matplotlib.animation import FuncAnimation, PillowWriter
+    plt = recording.pyplot()
     figure, axes = plt.subplots(figsize=(4.2, 2.6), layout='constrained')
+    swimmer = Swimmers(1, 0, steps)
     places = []
-    for _ in range(strokes):
-        for signs in PURCELL:
-            for _ in range(FRAMES):
-                swimmer.turn(signs, part=1/FRAMES)
-                places.append(swimmer.sites())
-    places = np.array(places)/LENGTH
+    for signs in 2*PURCELL:
+        for _ in range(FRAMES):
+            swimmer.turn(signs, part=1/FRAMES)
+            places.append(swimmer.sites())
+    places = np.array(places)*(-1, 1, 1)/LENGTH
     count = places.shape[1] // 3
-    blobs = [[plt.Circle((0, 0), RADIUS/LENGTH, color=color) for _ in range(count)]
-             for color in ('tab:blue', 'tab:gray', 'tab:orange')]
-    for blob in sum(blobs, []):
-        axes.add_patch(blob)
+    blobs = [
+        axes.add_patch(plt.Circle((0, 0), RADIUS/LENGTH, color=color))
+        for color in ('tab:orange', 'tab:gray', 'tab:blue') for _ in range(count)
+    ]
     way, = axes.plot([], [], 'k', linewidth=1)
-    axes.set(xlim=(-1.9, 1.6), ylim=(-0.9, 1.2), aspect='equal', xlabel='x / length of a link')
+    axes.set(xlim=(-1.5, 1.9), ylim=(-0.7, 1.1), aspect='equal', xlabel='ahead / length of a link')
 
     def draw(frame):
-        for blob, place in zip(sum(blobs, []), places[frame]):
+        now = round(frame/max(1, frames - 1)*(len(places) - 1))
+        for blob, place in zip(blobs, places[now]):
             blob.center = place[:2]
-        middle = places[:frame + 1, count:2*count].mean(axis=1)
+        middle = places[:now + 1, count:2*count].mean(axis=1)
         way.set_data(middle[:, 0], middle[:, 1])
 
-    FuncAnimation(figure, draw, len(places)).save(file, PillowWriter(fps=20), dpi=70)
+    FuncAnimation(figure, draw, frames).save(file, PillowWriter(fps=16), dpi=80)
+    plt.close(figure)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--strokes', type=int, default=6, help='of each swimmer (default 6)')
-    parser.add_argument('--swimmers', type=int, default=32, help='with noise (default 32)')
-    parser.add_argument('--steps', type=int, default=40, help='of a part of a stroke (default 40)')
+    parser.add_argument('--swimmers', type=int, default=64, help='with noise (default 64)')
+    parser.add_argument('--steps', type=int, default=16, help='of a part of a stroke (default 16)')
     parser.add_argument('--picture', default='picture.png',
                         help='file to draw (default picture.png)')
-    parser.add_argument('--animation', default='',
-                        help='file of the animation, such as swimmer.gif (default: none)')
+    parser.add_argument('--results', default='results.json', type=Path,
+                        help='file for the numbers (default results.json)')
+    parser.add_argument('--animation', nargs='?', const='animation.gif',
+                        help='draw an animation, too (animation.gif)')
+    parser.add_argument('--frames', type=int, default=64, help='of the animation (default 64)')
     arguments = parser.parse_args()
     if arguments.steps < 1 or arguments.steps % FRAMES:
         parser.error(f'--steps is {arguments.steps}; give a multiple of {FRAMES}')
-    import matplotlib
-    matplotlib.use('Agg')
-    import matplotlib.pyplot as plt
-    quiet = {}
-    for name, parts in (('Purcell', PURCELL), ('scallop', SCALLOP)):
-        swimmer = Swimmers(1, 0, arguments.steps)
-        quiet[name] = swimmer.swim(arguments.strokes, parts)[:, 0]
-        way = (quiet[name][-1] - quiet[name][0])[1]/arguments.strokes/LENGTH
-        print(f'{name} stroke: {way.round(6)} links a stroke, with the work '
-              f'{swimmer.work/arguments.strokes:.1f} kJ/mol')
-    for name, friction in (('without joints, exact in time',
-                            frictionOfBlobs()), ('resistive forces, ratio 2', resistiveForces(2)),
-                           ('resistive forces, ratio 1', resistiveForces(1))):
-        print(f'{name}: {(stroke(friction)[:2]/LENGTH).round(6)} links a stroke')
-    noisy = Swimmers(arguments.swimmers, TEMPERATURE, arguments.steps).swim(arguments.strokes)
-    ways = (noisy[-1] - noisy[0])[:, 1, :2]/LENGTH
-    error = ways.std(axis=0, ddof=1)/np.sqrt(len(ways))
-    print(f'with noise, {len(ways)} swimmers after {arguments.strokes} strokes: '
-          f'{ways.mean(axis=0).round(3)} links, errors {error.round(3)}')
-    picture(plt, quiet, noisy, arguments.picture)
+    found = measure(arguments.strokes, arguments.swimmers, arguments.steps, quiet=False)
+    report(found)
+    picture(found, arguments.picture)
+    recording.save(arguments.results.parent, arguments.results.name, {
+        **found, 'run': recording.provenance(arguments)
+    })
     if arguments.animation:
-        animate(plt, Swimmers(1, 0, arguments.steps), 2, arguments.animation)
+        animation(arguments.steps, arguments.animation, arguments.frames)
 
 
 if __name__ == '__main__':

@@ -1,7 +1,9 @@
 """Shortened examples of the gallery run, and the physics in their results is right."""
 import importlib.util
+import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -18,7 +20,9 @@ SHORT = {
     'bodies_above_a_wall': ['--steps', '3'],
     'boomerang_at_a_wall': ['--replicas', '2', '--steps', '20', '--walkers', '20'],
     'driven_dipoles': ['--duration', '4'],
-    'hinged_swimmer': ['--strokes', '1', '--swimmers', '2', '--steps', '8'],
+    'hinged_swimmer': [
+        '--strokes', '1', '--swimmers', '2', '--steps', '8', '--animation', '--frames', '3'
+    ],
     'ions_in_water': ['--edge', '1.9', '--samples', '1'],
     'own_tensors': [],
     'pillars': ['--replicas', '2', '--steps', '100', '--walkers', '20'],
@@ -196,6 +200,16 @@ def test_rollers_carry_each_other_and_stay_at_their_height():
     path = module.crowd(6, duration=20)
     speeds = (path[-1] - path[0])[:, 0]/20
     assert speeds.min() > 1.1*module.theory(1.5)
+
+
+def test_the_page_of_the_swimmer_has_the_numbers_of_its_results(capsys):
+    """Every number with decimals that the script reports is on its page."""
+    module = script('hinged_swimmer')
+    module.report(json.loads((EXAMPLES/'hinged_swimmer'/'results.json').read_text()))
+    number = re.compile(r'\d+\.\d+(?:\(\d+\))?')
+    said = set(number.findall(capsys.readouterr().out))
+    page = (EXAMPLES/'hinged_swimmer'/'README.md').read_text(encoding='utf-8')
+    assert len(said) > 8 and said <= set(number.findall(page)), said
 
 
 def test_a_swimmer_goes_as_far_as_without_joints():
