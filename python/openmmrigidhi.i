@@ -225,7 +225,7 @@ void setOpenMMException(const char* message) {
 %typemap(in, numinputs=0) double& mass (double value), double& gamma (double value),
                double& Gamma (double value), double& yLow (double value),
                double& yHigh (double value), double& f0 (double value),
-               double& radius (double value)
+               double& radius (double value), double& rate (double value)
     "$1 = &value;"
 %typemap(argout) std::vector<int>& particles, std::vector<OpenMM::Vec3>& sitePositions {
     $result = SWIG_AppendOutput($result, toBuffer($1->data(), $1->size()));
@@ -234,11 +234,12 @@ void setOpenMMException(const char* message) {
     $result = SWIG_AppendOutput($result, toBuffer($1, 1));
 }
 %typemap(argout) double& mass, double& gamma, double& Gamma, double& yLow, double& yHigh,
-                 double& f0, double& radius {
+                 double& f0, double& radius, double& rate {
     $result = SWIG_AppendOutput($result, PyFloat_FromDouble(*$1));
 }
 %typemap(in, numinputs=0) int& bodyIndex (int value), int& body (int value), int& forceAxis (int value),
-               int& waveAxis (int value), int& waveVectorIndex (int value) "$1 = &value;"
+               int& waveAxis (int value), int& waveVectorIndex (int value),
+               int& hinge (int value) "$1 = &value;"
 %typemap(in, numinputs=0) std::vector<double>& parameters (std::vector<double> value),
                std::vector<double>& gradient (std::vector<double> value) "$1 = &value;"
 %typemap(in, numinputs=0) OpenMM::Vec3& velocity (OpenMM::Vec3 value),
@@ -247,7 +248,8 @@ void setOpenMMException(const char* message) {
 %typemap(argout) OpenMM::Vec3& velocity, OpenMM::Vec3& site, OpenMM::Vec3& force {
     $result = SWIG_AppendOutput($result, toBuffer($1, 1));
 }
-%typemap(argout) int& bodyIndex, int& body, int& forceAxis, int& waveAxis, int& waveVectorIndex {
+%typemap(argout) int& bodyIndex, int& body, int& forceAxis, int& waveAxis, int& waveVectorIndex,
+                 int& hinge {
     $result = SWIG_AppendOutput($result, PyLong_FromLong(*$1));
 }
 %typemap(argout) std::vector<double>& parameters, std::vector<double>& gradient {
@@ -394,6 +396,11 @@ public:
                  const OpenMM::Vec3& axis_i, const OpenMM::Vec3& axis_j);
     int getNumJoints() const;
     const JointDefinition& getJointParameters(int index) const;
+    int addHingeMotor(int hinge, double rate);
+    int getNumHingeMotors() const;
+    void getHingeMotorParameters(int index, int& hinge, double& rate) const;
+    double getHingeMotorRate(int index) const;
+    void setHingeMotorRate(int index, double rate);
     double getJointTolerance() const;
     void setJointTolerance(double tolerance);
 
@@ -435,6 +442,7 @@ public:
     std::vector<OpenMM::Vec3> computeParticleHoldingForces() const;
     std::vector<OpenMM::Vec3> getParticleHoldingForces() const;
     std::vector<OpenMM::Vec3> getJointForces() const;
+    std::vector<double> getHingeMotorTorques() const;
     double getPoseResidual() const;
 
     double computeTranslationalKineticEnergy() const;

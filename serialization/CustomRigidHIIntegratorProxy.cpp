@@ -19,7 +19,7 @@ namespace {
 
 using Integrator = CustomRigidHIIntegrator;
 /** The latest version, which is written only for what earlier versions of the library would ignore:
- * bodies and particles that are held, and joints. */
+ * bodies and particles that are held, joints, and their motors. */
 constexpr int formatVersion = 2;
 
 EnumNames<Integrator::Scheme> namesOfSchemes() {
@@ -220,6 +220,13 @@ void CustomRigidHIIntegratorProxy::serialize(const void* object, SerializationNo
     joints.setIntProperty("count", integrator.getNumJoints());
     for (const JointDefinition& joint : integrator.getJoints())
         writeJoint(joints.createChildNode("Joint"), joint);
+    if (integrator.getNumHingeMotors() == 0) return;
+    SerializationNode& motors = node.createChildNode("HingeMotors");
+    motors.setIntProperty("count", integrator.getNumHingeMotors());
+    for (const HingeMotorDefinition& motor : integrator.getHingeMotors())
+        motors.createChildNode("HingeMotor")
+            .setIntProperty("hinge", motor.hinge)
+            .setDoubleProperty("rate", motor.rate);
 }
 
 void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) const {
@@ -249,14 +256,20 @@ void* CustomRigidHIIntegratorProxy::deserialize(const SerializationNode& root) c
     for (const SerializationNode& body : bodies.children())
         readBody(StrictNode(body, "CustomRigidHIIntegrator"), *integrator, version);
     if (version >= 2) readHeldParticles(node.child("HeldParticles"), *integrator);
-    // Only files with joints have this element.
-    for (const SerializationNode& child : node.children()) {
-        if (child.getName() != "Joints") continue;
-        const StrictNode joints(child, "CustomRigidHIIntegrator");
-        joints.checkChildren("count");
-        for (const SerializationNode& joint : joints.children())
-            integrator->addJoint(readJoint(StrictNode(joint, "CustomRigidHIIntegrator")));
-    }
+    // Only files with joints, or with motors, have these elements.
+    const auto forChildren = [&](const char* name, const auto& add) {
+        for (const SerializationNode& child : node.children()) {
+            if (child.getName() != name) continue;
+            const StrictNode list(child, "CustomRigidHIIntegrator");
+            list.checkChildren("count");
+            for (const SerializationNode& item : list.children())
+                add(StrictNode(item, "CustomRigidHIIntegrator"));
+        }
+    };
+    forChildren("Joints", [&](const StrictNode& joint) { integrator->addJoint(readJoint(joint)); });
+    forChildren("HingeMotors", [&](const StrictNode& motor) {
+        integrator->addHingeMotor(motor.integer("hinge"), motor.number("rate"));
+    });
     return integrator.release();
 }
 

@@ -232,6 +232,11 @@ MatrixXd PosedBodies::constraints(const vector<Pose>& at) const {
             rows.back().segment<3>(firstRow(joint.i) + 3) = -u;
             rows.back().segment<3>(firstRow(joint.j) + 3) = u;
         }
+        if (!joint.hasMotor()) continue;
+        const Vector3d h = A_i * joint.axis_i;
+        rows.push_back(VectorXd::Zero(numRows()));
+        rows.back().segment<3>(firstRow(joint.i) + 3) = -h;
+        rows.back().segment<3>(firstRow(joint.j) + 3) = h;
     }
     MatrixXd C(rows.size(), numRows());
     for (size_t i = 0; i < rows.size(); i++) C.row(i) = rows[i];
@@ -303,6 +308,8 @@ ReferenceScene::ReferenceScene(const string& sceneName) : data(readScene(sceneNa
     for (const JsonValue& constraint : constraints.list)
         if (constraint["type"].text == "component")
             addFixedComponent(constraint, values);
+        else if (constraint["type"].text == "motor")
+            addMotor(constraint);
         else if (constraint["type"].text != "held")
             addJoint(constraint);
     if (any_of(values.begin(), values.end(), [](double v) { return v != 0; }))
@@ -352,6 +359,20 @@ void ReferenceScene::addJoint(const JsonValue& constraint) {
     if (type != "link" && type != "hinge" && type != "ball")
         throw runtime_error(name + ": there is no joint of the type " + type);
     joints.push_back(joint);
+}
+
+/** Of a hinge that comes before it in the file, about the axis of the hinge. */
+void ReferenceScene::addMotor(const JsonValue& constraint) {
+    for (Joint& joint : joints)
+        if (joint.kind == Joint::Hinge && joint.i == elementOfBody[constraint["i"].number] &&
+            joint.j == elementOfBody[constraint["j"].number] &&
+            constraint["hi"].vector3() == joint.axis_i) {
+            joint.motor = motorRates.size();
+            motorRates.conservativeResize(joint.motor + 1);
+            motorRates[joint.motor] = constraint["value"].number;
+            return;
+        }
+    throw runtime_error(name + ": there is no hinge for a motor");
 }
 
 namespace {

@@ -37,6 +37,7 @@ struct PosedBodies {
     std::vector<RigidHIPlugin::FluidElement> elements;
     std::vector<RigidHIPlugin::Pose> poses;
     std::vector<RigidHIPlugin::Joint> joints;
+    Eigen::VectorXd motorRates;  // of motors of joints
     RigidHIPlugin::CoupledBodies::ModelFactory makeModel;
     RigidHIPlugin::BoxVectors box = {};
     bool mayBeConstant = true;
@@ -54,7 +55,7 @@ struct PosedBodies {
     std::vector<RigidHIPlugin::Pose> posesAfter(const Eigen::VectorXd& twist) const;
     /**
      * Rows of conditions on twists, C U = b, at any poses: of fixed components, in the order of
-     * components, then of joints.
+     * components, then of joints, of which a motor's is the last.
      */
     Eigen::MatrixXd constraints(const std::vector<RigidHIPlugin::Pose>& at) const;
 };
@@ -84,6 +85,7 @@ struct ReferenceScene : public PosedBodies {
 private:
     void addFixedComponent(const JsonValue& constraint, std::vector<double>& values);
     void addJoint(const JsonValue& constraint);
+    void addMotor(const JsonValue& constraint);
 
     std::vector<int> bodyRows, particleRows;  // in the file, of each row here
 };

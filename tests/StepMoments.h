@@ -66,6 +66,7 @@ public:
         if (!scene.joints.empty()) move.setJoints(&joints);
         step.h = h;
         step.kT = kT;
+        step.motorRates = scene.motorRates;
         step.difference = 1e-5;
         move.start = scene.poses;
         if (scene.wrenches.size() > 0) move.force = scene.wrenches;

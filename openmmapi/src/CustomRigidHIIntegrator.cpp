@@ -403,6 +403,12 @@ void checkAxis(const Vec3& axis, const string& object, const string& quantity) {
              "give the direction of the hinge in the body frame, with any length but 0");
 }
 
+void checkRate(double rate, const char* method) {
+    if (!isfinite(rate))
+        fail(method, "rate is " + text(rate) + " rad/ps", "it must be finite",
+             "give a finite rate of either sign");
+}
+
 /**
  * The unit vector along an axis that is finite and not 0, for components of any size. Unit vectors
  * stay as they are, to the last bit, so that copies are the same.
@@ -504,6 +510,57 @@ const JointDefinition& CustomRigidHIIntegrator::getJointParameters(int index) co
 }
 
 const vector<JointDefinition>& CustomRigidHIIntegrator::getJoints() const { return joints; }
+
+int CustomRigidHIIntegrator::addHingeMotor(int hinge, double rate) {
+    const char* const method = "addHingeMotor()";
+    if (hinge < 0 || hinge >= getNumJoints())
+        fail(method, "joint index " + text(hinge) + " is out of range",
+             "there are " + text(joints.size()) + " joints, counted from 0",
+             "add the hinge first or correct the index");
+    const string name = jointText(hinge, joints[hinge]);
+    if (joints[hinge].kind != JointDefinition::Hinge)
+        fail(method, name + " is no hinge", "a motor turns bodies about the axis of a hinge",
+             "give an index that addHinge() returned");
+    for (size_t m = 0; m < motors.size(); m++)
+        if (motors[m].hinge == hinge)
+            fail(method, name + " has motor " + text(m) + " already", "a hinge has one motor",
+                 "change its rate by setHingeMotorRate()");
+    checkRate(rate, method);
+    motors.push_back({hinge, rate});
+    settingsVersion++;
+    return getNumHingeMotors() - 1;
+}
+
+int CustomRigidHIIntegrator::getNumHingeMotors() const { return motors.size(); }
+
+void CustomRigidHIIntegrator::checkMotorIndex(int index, const char* method) const {
+    if (index < 0 || index >= getNumHingeMotors())
+        fail(method, "motor index " + text(index) + " is out of range",
+             "there are " + text(motors.size()) + " motors, counted from 0",
+             "add the motor first or correct the index");
+}
+
+void CustomRigidHIIntegrator::getHingeMotorParameters(int index, int& hinge, double& rate) const {
+    checkMotorIndex(index, "getHingeMotorParameters()");
+    hinge = motors[index].hinge;
+    rate = motors[index].rate;
+}
+
+double CustomRigidHIIntegrator::getHingeMotorRate(int index) const {
+    checkMotorIndex(index, "getHingeMotorRate()");
+    return motors[index].rate;
+}
+
+void CustomRigidHIIntegrator::setHingeMotorRate(int index, double rate) {
+    checkMotorIndex(index, "setHingeMotorRate()");
+    checkRate(rate, "setHingeMotorRate()");
+    motors[index].rate = rate;
+    settingsVersion++;
+}
+
+const vector<HingeMotorDefinition>& CustomRigidHIIntegrator::getHingeMotors() const {
+    return motors;
+}
 
 double CustomRigidHIIntegrator::getJointTolerance() const { return jointTolerance; }
 
@@ -742,6 +799,10 @@ vector<Vec3> CustomRigidHIIntegrator::getParticleHoldingForces() const {
 
 vector<Vec3> CustomRigidHIIntegrator::getJointForces() const {
     return boundKernel("getJointForces()").getBodies().getJointForces();
+}
+
+vector<double> CustomRigidHIIntegrator::getHingeMotorTorques() const {
+    return boundKernel("getHingeMotorTorques()").getBodies().getHingeMotorTorques();
 }
 
 double CustomRigidHIIntegrator::getPoseResidual() const {

@@ -717,6 +717,87 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             joint['length'] = _units.LENGTH.attach(joint['length'])
         return joint
 
+    def addHingeMotor(self, hinge: int, rate: Number) -> int:
+        """Add a motor to a hinge: it turns the second body about the axis, relative to the first.
+
+        The rate of the rotation, by the right hand, is prescribed, and the motor exerts whatever
+        torque this needs. A rate of 0 locks the hinge. The motor becomes part of a Context when it
+        is created.
+
+        In each step the angle of the hinge grows by rate times step size, as exactly as anchors
+        have their places (:meth:`setJointTolerance`), with noise too. The other motions have the
+        noise and the drift that belong to bodies with this motor.
+
+        Parameters
+        ----------
+        hinge : int
+            index of the joint, as :meth:`addHinge` returned it
+        rate : float or Quantity
+            rad/ps, of either sign
+
+        Returns
+        -------
+        int
+            index of the motor
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if the index is out of range, if the joint is no hinge or has a motor already, or if the
+            rate is not finite
+        """
+        return super().addHingeMotor(
+            _units.integer(hinge, _where('addHingeMotor'), 'hinge'),
+            self._number(rate, _units.ANGULAR_VELOCITY, 'addHingeMotor', 'rate'))
+
+    def getNumHingeMotors(self) -> int:
+        """Get the number of motors."""
+        return super().getNumHingeMotors()
+
+    def getHingeMotorParameters(self, index: int) -> tuple[int, unit.Quantity]:
+        """Get the pair (hinge, rate) of a motor: the index of its joint, and a Quantity in rad/ps.
+
+        Parameters
+        ----------
+        index : int
+            index of the motor
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if the index is out of range
+        """
+        hinge, rate = super().getHingeMotorParameters(self._index(index, 'getHingeMotorParameters'))
+        return hinge, _units.ANGULAR_VELOCITY.attach(rate)
+
+    def getHingeMotorRate(self, index: int) -> unit.Quantity:
+        """Get the rate of a motor, a Quantity in rad/ps."""
+        return _units.ANGULAR_VELOCITY.attach(super().getHingeMotorRate(
+            self._index(index, 'getHingeMotorRate')))
+
+    def setHingeMotorRate(self, index: int, rate: Number) -> None:
+        """Set the rate of a motor, rad/ps.
+
+        The rate may be changed between steps and is constant during a step: for a rate that depends
+        on time give the mean over the step, or the value at its middle. XML has the rate, but
+        checkpoints and States do not.
+
+        Parameters
+        ----------
+        index : int
+            index of the motor
+        rate : float or Quantity
+            rad/ps, of either sign
+
+        Raises
+        ------
+        openmm.OpenMMException
+            if the index is out of range, or if the rate is not finite
+        """
+        super().setHingeMotorRate(
+            self._index(index, 'setHingeMotorRate'),
+            self._number(rate, _units.ANGULAR_VELOCITY, 'setHingeMotorRate', 'rate'))
+
     def getJointTolerance(self) -> unit.Quantity:
         """Get the tolerance of joints, a Quantity in nm."""
         return _units.LENGTH.attach(super().getJointTolerance())
@@ -724,8 +805,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setJointTolerance(self, tolerance: Number) -> None:
         """Set the distance that every anchor has from its place at most after each step, nm.
 
-        The default is 1e-10. Axes of hinges have the same number of radians. The setting may be
-        changed between steps.
+        The default is 1e-10. Axes of hinges have the same number of radians, as have the turns of
+        motors during a step. The setting may be changed between steps.
         """
         super().setJointTolerance(
             self._number(tolerance, _units.LENGTH, 'setJointTolerance', 'tolerance'))
@@ -1121,7 +1202,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Get the forces that the joints exerted during the last step.
 
         The share of the noise is as in :meth:`getHoldingWrenches`.
-        A hinge also exerts a torque across its axis, which is not part of the answer.
+        A hinge also exerts a torque across its axis, which is not part of the answer, and its motor
+        one about the axis, which :meth:`getHingeMotorTorques` has.
 
         Returns
         -------
@@ -1130,6 +1212,20 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             acts at the anchor. The force on the second body is the opposite.
         """
         return _units.FORCE.attach(_units.array(super().getJointForces(), 3))
+
+    def getHingeMotorTorques(self) -> unit.Quantity:
+        """Get the torques that the motors exerted during the last step.
+
+        Without noise, torque times rate is the power of the motor. With noise the torque fluctuates
+        as :meth:`getHoldingWrenches` do.
+
+        Returns
+        -------
+        Quantity of shape (m,)
+            kJ/mol; for each motor of the Context the torque about the axis of its hinge on the
+            second body. The torque on the first body is the opposite.
+        """
+        return _units.ENERGY.attach(_units.array(super().getHingeMotorTorques()))
 
     def getPoseResidual(self) -> unit.Quantity:
         """Get the largest distance of a particle from its place in its body, a Quantity in nm.

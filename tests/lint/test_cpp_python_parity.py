@@ -16,6 +16,7 @@ CLASSES = ['CustomBodyForce', 'CustomBodyMotion', 'CustomRigidHIIntegrator', 'Mo
 RESULTS = {
     'getRigidBodyParameters': {'particles', 'mass', 'principalMoments', 'sitePositions'},
     'getBodyFriction': {'gamma', 'Gamma'},
+    'getHingeMotorParameters': {'hinge', 'rate'},
     'getBodyParameters': {'bodyIndex', 'parameters'},
     'getChannelWalls': {'yLow', 'yHigh'},
     'getBackgroundFlow': {'velocity', 'gradient'},

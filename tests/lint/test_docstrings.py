@@ -97,6 +97,7 @@ WITHOUT_UNIT = {
         'getHeldParticles': 'indices',
         'getNumJoints': 'a number of joints',
         'getJointParameters': 'a dict, some of whose values have units',
+        'getNumHingeMotors': 'a number of motors',
         'computeHoldingWrenches': 'rows of mixed dimension',
         'getHoldingWrenches': 'rows of mixed dimension',
         'getRandomNumberSeed': 'an integer',
@@ -179,6 +180,9 @@ UNITS = {
         'computeParticleHoldingForces': unit.kilojoule_per_mole/unit.nanometer,
         'getParticleHoldingForces': unit.kilojoule_per_mole/unit.nanometer,
         'getJointForces': unit.kilojoule_per_mole/unit.nanometer,
+        'getHingeMotorParameters': (None, unit.radian/unit.picosecond),
+        'getHingeMotorRate': unit.radian/unit.picosecond,
+        'getHingeMotorTorques': unit.kilojoule_per_mole,
         'getJointTolerance': unit.nanometer,
         'getRigidBodyParameters': (None, unit.dalton, unit.dalton*unit.nanometer**2,
                                    unit.nanometer),
@@ -228,10 +232,10 @@ SQUARES = {'getBodyMobility': 6, 'getMobilityInContext': 12, 'getFrictionInConte
 NEEDS_INDEX = {
     'getRigidBodyParameters', 'getRigidBodyParticles', 'getRigidBodyIsExplicit',
     'getRigidBodyGeometryIsKnown', 'getBodyFriction', 'getBodyHasOwnFriction', 'getBodyHeld',
-    'getParticleHeld', 'getJointParameters', 'getParticleRadius', 'getBodyHasOwnTensor',
-    'getBodyTensorIsFriction', 'getBodyMobility', 'getBodySlip', 'getBodyForceOnFluidParameters',
-    'getPerBodyParameterName', 'getGlobalParameterName', 'getGlobalParameterDefaultValue',
-    'getBodyParameters'
+    'getParticleHeld', 'getJointParameters', 'getHingeMotorParameters', 'getHingeMotorRate',
+    'getParticleRadius', 'getBodyHasOwnTensor', 'getBodyTensorIsFriction', 'getBodyMobility',
+    'getBodySlip', 'getBodyForceOnFluidParameters', 'getPerBodyParameterName',
+    'getGlobalParameterName', 'getGlobalParameterDefaultValue', 'getBodyParameters'
 }
 
 #: All getters of all classes: (class, method).
@@ -273,6 +277,8 @@ def scene():
     fluid.addBodyForceOnFluid(0, (0, 0, 1), 0.1, (1, 0, 0))
     fluid.setBodySlip(0, np.ones((3, 3)))  # which LangevinHI refuses
     integrator.addBallJoint(0, (0, 0, 0), 1, (0, 0, 0))  # for the next Context
+    hinge = integrator.addHinge(0, (0, 0, 0), 1, (0, 0, 0), (0, 0, 1), (0, 0, 1))
+    integrator.addHingeMotor(hinge, 1)
     motion = openmmrigidhi.CustomBodyMotion('k*t', 'g')
     motion.addGlobalParameter('k', 1)
     motion.addPerBodyParameter('g')

@@ -47,6 +47,7 @@ VALUES = {
         'setDriftCorrectorScaling': (Integrator.Whole,),
         'setFiniteDifferenceStep': (1e-4/3,),
         'setJointTolerance': (1e-8/3,),
+        'setHingeMotorRate': (0, -1/3),
         'setBodyFriction': (1, 0.1, 1/3),
         'setBodyHeld': (1, True),
         'setParticleHeld': (8, True),
@@ -112,10 +113,10 @@ ELSEWHERE = {
 }
 #: Setters whose getter takes the setter's first argument.
 INDEXED = {
-    'setBodyFriction', 'setBodyHeld', 'setParticleHeld', 'setRigidBodyParameters',
-    'setParticleRadius', 'setBodyMobility', 'setBodySlip', 'setBodyForceOnFluidParameters',
-    'setExpression', 'setPerBodyParameterName', 'setGlobalParameterName',
-    'setGlobalParameterDefaultValue', 'setBodyParameters'
+    'setBodyFriction', 'setBodyHeld', 'setParticleHeld', 'setHingeMotorRate',
+    'setRigidBodyParameters', 'setParticleRadius', 'setBodyMobility', 'setBodySlip',
+    'setBodyForceOnFluidParameters', 'setExpression', 'setPerBodyParameterName',
+    'setGlobalParameterName', 'setGlobalParameterDefaultValue', 'setBodyParameters'
 }
 SETTERS = sorted(
     (cls, name) for cls in CLASSES for name in dir(CLASSES[cls]) if name.startswith('set'))
@@ -144,6 +145,8 @@ def fresh(cls):
     integrator = Integrator(300, 0.001)
     integrator.addRigidBody([0, 1, 2], 5.0, (1, 1, 1), [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)])
     integrator.addRigidBody([5, 6, 7])
+    integrator.addHingeMotor(integrator.addHinge(0, (0, 0, 0), 1, (0, 0, 0), (0, 0, 1), (0, 0, 1)),
+                             1)
     return integrator
 
 

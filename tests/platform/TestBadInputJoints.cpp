@@ -356,3 +356,127 @@ TEST(BadJoints, JointsStayWithTheirBodies) {
     ASSERT_EQ(scene.integrator.getNumJoints(), 1);
     EXPECT_EQ(scene.integrator.getJointParameters(0).anchor_j, back);
 }
+
+TEST(BadHingeMotors, Definitions) {
+    Scene scene;
+    RigidHI& integrator = scene.integrator;
+    integrator.addLink(0, front, 1, centre, 1);
+    integrator.addHinge(1, front, 2, back, up, up);
+    for (int bad : {-1, 2})
+        expectError([&] { integrator.addHingeMotor(bad, 1); },
+                    {"CustomRigidHIIntegrator: addHingeMotor(): joint index " + to_string(bad) +
+                         " is out of range; there are 2 joints, counted from 0",
+                     "add the hinge first or correct the index"});
+    expectError([&] { integrator.addHingeMotor(0, 1); },
+                {"addHingeMotor(): joint 0 (a link of body 0 and body 1) is no hinge; a motor "
+                 "turns bodies about the axis of a hinge",
+                 "give an index that addHinge() returned"});
+    for (double bad : {numeric_limits<double>::quiet_NaN(), HUGE_VAL, -HUGE_VAL})
+        expectError([&] { integrator.addHingeMotor(1, bad); },
+                    {"addHingeMotor(): rate is ", " rad/ps; it must be finite",
+                     "give a finite rate of either sign"});
+    EXPECT_EQ(integrator.getNumHingeMotors(), 0);
+    EXPECT_EQ(integrator.addHingeMotor(1, -0.25), 0);
+    expectError([&] { integrator.addHingeMotor(1, 1); },
+                {"addHingeMotor(): joint 1 (a hinge of body 1 and body 2) has motor 0 already; a "
+                 "hinge has one motor",
+                 "change its rate by setHingeMotorRate()"});
+    expectError([&] { integrator.setHingeMotorRate(0, HUGE_VAL); },
+                {"setHingeMotorRate(): rate is ", "it must be finite"});
+    int hinge = 7;
+    double rate = 7;
+    for (int bad : {-1, 1}) {
+        const string index = "(): motor index " + to_string(bad) +
+                             " is out of range; there are 1 motors, counted from 0";
+        expectError([&] { integrator.setHingeMotorRate(bad, 1); }, {"setHingeMotorRate" + index});
+        expectError([&] { integrator.getHingeMotorRate(bad); }, {"getHingeMotorRate" + index});
+        expectError(
+            [&] { integrator.getHingeMotorParameters(bad, hinge, rate); },
+            {"getHingeMotorParameters" + index, "add the motor first or correct the index"});
+    }
+    expectError([&] { integrator.getHingeMotorTorques(); },
+                {"getHingeMotorTorques()", "needs a Context"});
+    integrator.getHingeMotorParameters(0, hinge, rate);
+    EXPECT_EQ(hinge, 1);
+    EXPECT_EQ(rate, -0.25);
+    EXPECT_EQ(integrator.getHingeMotorRate(0), -0.25);
+    integrator.setHingeMotorRate(0, 3);
+    EXPECT_EQ(integrator.getHingeMotorRate(0), 3);
+}
+
+/** Motors are those of the time when the Context was created; their rates are those of now. */
+TEST(BadHingeMotors, LaterMotorsWaitForTheNextContext) {
+    Scene scene;
+    RigidHI& integrator = scene.integrator;
+    integrator.addHinge(0, front, 1, back, up, up);
+    integrator.addHinge(1, front, 2, back, up, up);
+    integrator.addHingeMotor(1, 2);
+    scene.start(testPlatform());
+    integrator.addHingeMotor(0, 2);
+    integrator.setStepSize(0.01);
+    integrator.step(1);
+    EXPECT_EQ(integrator.getHingeMotorTorques().size(), 1u);
+    EXPECT_NEAR(
+        2 * atan2(integrator.getBodyOrientations()[2][3], integrator.getBodyOrientations()[2][0]) -
+            2 * atan2(integrator.getBodyOrientations()[1][3],
+                      integrator.getBodyOrientations()[1][0]),
+        0.02, 1e-9);
+    integrator.setHingeMotorRate(0, -1);
+    integrator.step(1);
+    EXPECT_NEAR(
+        2 * atan2(integrator.getBodyOrientations()[2][3], integrator.getBodyOrientations()[2][0]) -
+            2 * atan2(integrator.getBodyOrientations()[1][3],
+                      integrator.getBodyOrientations()[1][0]),
+        0.01, 1e-9);
+    scene.context->reinitialize(true);
+    integrator.step(1);
+    EXPECT_EQ(integrator.getHingeMotorTorques().size(), 2u);
+}
+
+/** Nothing resists the rotation of a line of particles about itself, so that no joint may do it. */
+TEST(BadJoints, RodsThatAreTurnedAboutTheirLine) {
+    const Vec3 end(0, 0, 1), beside(0.5, 0, 1), along(0, 0, 1), across(1, 0, 0);
+    const auto expectRefused = [&](const string& joint, const auto& add, bool refused = true) {
+        OverdampedScene scene(RigidHI::TrapezoidalSlip);
+        BodyKind rod = sphereKind(0.4);
+        rod.sites = {Vec3(0, 0, -1), Vec3(0, 0, 0), Vec3(0, 0, 1)};
+        rod.radii = {0.4, 0.4, 0.4};
+        scene.addMassless(rod, Vec3(0, 0, -1));
+        scene.addMassless(boomerangKind(), Vec3(0, 0, 3));
+        add(scene.integrator);
+        const auto run = [&] {
+            scene.start(testPlatform());
+            scene.integrator.step(1);
+        };
+        if (refused)
+            expectError(run, {"CustomRigidHIIntegrator: joint 0 (" + joint + ") ",
+                              "turns body 0 about the line of its hydrodynamic particles, which "
+                              "nothing resists; put the anchor and the axis on this line and leave "
+                              "the motor out, or give the body particles off the line"});
+        else
+            run();
+    };
+    const Vec3 other(0, 0, -3);
+    expectRefused("a ball of body 0 and body 1", [&](RigidHI& integrator) {
+        integrator.addBallJoint(0, beside, 1, other + across * 0.5);
+    });
+    expectRefused("a link of body 0 and body 1",
+                  [&](RigidHI& integrator) { integrator.addLink(0, beside, 1, across * 0.5, 3); });
+    expectRefused("a hinge of body 0 and body 1", [&](RigidHI& integrator) {
+        integrator.addHinge(0, end, 1, other, across, across);
+    });
+    expectRefused("a hinge of body 0 and body 1", [&](RigidHI& integrator) {
+        integrator.addHinge(0, end, 1, other, along, along);
+        integrator.addHingeMotor(0, 1);
+    });
+    for (bool isHinge : {false, true})
+        expectRefused(
+            "",
+            [&](RigidHI& integrator) {
+                if (isHinge)
+                    integrator.addHinge(0, end, 1, other, along, along);
+                else
+                    integrator.addBallJoint(0, end, 1, other);
+            },
+            false);
+}

@@ -1,5 +1,7 @@
 // Bodies that are joined by balls, links and hinges, by the public API.
 
+#include <limits>
+
 #include "OverdampedSupport.h"
 
 using namespace OpenMM;
@@ -13,10 +15,13 @@ const vector<Scheme> jointed = {RigidHI::FixmanMidpoint, RigidHI::TrapezoidalSli
 
 string nameOf(Scheme scheme) { return RigidHIPlugin::traitsOf(scheme).name; }
 
+const double noMotor = numeric_limits<double>::quiet_NaN();
+
 /** Three boomerangs in a row: a ball, then a hinge, and a link to a sphere. */
 struct Chain : OverdampedScene {
+    /** @param rate  of a motor in the hinge */
     Chain(Scheme scheme, double temperature, double h, int threads = 1,
-          MobilityForce::Solver solver = MobilityForce::Dense)
+          MobilityForce::Solver solver = MobilityForce::Dense, double rate = noMotor)
         : OverdampedScene(scheme, temperature, h) {
         fluid->setSolver(solver);
         fluid->setSolverTolerance(1e-9);
@@ -27,6 +32,7 @@ struct Chain : OverdampedScene {
         integrator.addBallJoint(0, Vec3(2, 0, 0.3), 1, Vec3(-2, 0, 0.3));
         integrator.addHinge(1, Vec3(2, 0.2, 0), 2, Vec3(-2, 0.2, 0), Vec3(0, 0, 1), Vec3(0, 0, 1));
         integrator.addLink(2, Vec3(), 3, Vec3(), 3);
+        if (!isnan(rate)) integrator.addHingeMotor(1, rate);
         addWells("0.3*(x-4)^2 + 0.2*(y-1)^2 + 0.1*z^2 + 0.2*x*y");
         start(testPlatform(), threads);
     }
@@ -41,6 +47,12 @@ struct Chain : OverdampedScene {
         worst = max(worst, (at(1, {2, 0.2, 0}) - at(2, {-2, 0.2, 0})).norm());
         worst = max(worst, (turn(q[1]).col(2) - turn(q[2]).col(2)).norm());
         return max(worst, abs((at(2, {0, 0, 0}) - at(3, {0, 0, 0})).norm() - 3));
+    }
+    /** The angle of the hinge, from -pi to pi; it begins with 0. */
+    double angle() {
+        const auto q = integrator.getBodyOrientations();
+        const Matrix3d relative = turn(q[1]).transpose() * turn(q[2]);
+        return atan2(relative(1, 0), relative(0, 0));
     }
     static Matrix3d turn(const QuaternionArray& q) {
         return Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
@@ -91,18 +103,19 @@ TEST(Joints, MatricesAndProductsTakeTheSameStep) {
 
 /** At T = 0 the orders are those without joints: 1 and 2. */
 TEST(Joints, OrdersWithoutNoise) {
-    for (auto scheme : jointed) {
-        const auto end = [&](int n) {
-            Chain scene(scheme, 0, 0.2 / n);
-            scene.integrator.step(n);
-            return scene.state();
-        };
-        const VectorXd exact = end(256);
-        const double coarse = (end(8) - exact).norm(), fine = (end(16) - exact).norm();
-        const double order = log2(coarse / fine);
-        EXPECT_NEAR(order, RigidHIPlugin::traitsOf(scheme).coldOrder, 0.35)
-            << nameOf(scheme) << " " << coarse;
-    }
+    for (double rate : {noMotor, 6.0})
+        for (auto scheme : jointed) {
+            const auto end = [&](int n) {
+                Chain scene(scheme, 0, 0.2 / n, 1, MobilityForce::Dense, rate);
+                scene.integrator.step(n);
+                return scene.state();
+            };
+            const VectorXd exact = end(256);
+            const double coarse = (end(8) - exact).norm(), fine = (end(16) - exact).norm();
+            const double order = log2(coarse / fine);
+            EXPECT_NEAR(order, RigidHIPlugin::traitsOf(scheme).coldOrder, 0.35)
+                << nameOf(scheme) << " " << coarse << ", rate " << rate;
+        }
 }
 
 /** A sphere that hangs on a link from a point of a held body: its weight is the link's force. */
@@ -124,10 +137,14 @@ TEST(Joints, TheForceOfALink) {
 }
 
 TEST(Joints, ResumeBitForBit) {
-    for (auto scheme : jointed)
-        expectToResumeBitForBit<Chain>(
-            [&](int threads) { return make_unique<Chain>(scheme, T1, 1e-3, threads); },
-            [](Chain& scene) { scene.integrator.step(3); }, 4);
+    for (double rate : {noMotor, 6.0})
+        for (auto scheme : jointed)
+            expectToResumeBitForBit<Chain>(
+                [&](int threads) {
+                    return make_unique<Chain>(scheme, T1, 1e-3, threads, MobilityForce::Dense,
+                                              rate);
+                },
+                [](Chain& scene) { scene.integrator.step(3); }, 4);
 }
 
 TEST(Joints, WhatDoesNotFitOrFollowsFromOthers) {
@@ -153,4 +170,106 @@ TEST(Joints, AreSaid) {
     EXPECT_EQ(scene.integrator.getEffects()["joints"],
               "on: 1 ball, 1 link, 1 hinge; configurations have the measure of infinitely stiff "
               "springs; projected to 1e-10 nm after each step");
+    Chain driven(RigidHI::TrapezoidalSlip, T1, 1e-3, 1, MobilityForce::Dense, 2);
+    EXPECT_EQ(driven.integrator.getEffects()["joints"].substr(0, 37),
+              "on: 1 ball, 1 link, 1 hinge, 1 motor;");
+}
+
+// ---- Motors
+
+/** The angle grows by rate times step size, with noise or without, and at any rate. */
+TEST(HingeMotors, TurnByTheirRate) {
+    for (auto scheme : jointed)
+        for (double temperature : {0.0, T1}) {
+            SCOPED_TRACE(nameOf(scheme) + " at " + to_string(temperature));
+            Chain scene(scheme, temperature, 1e-3, 1, MobilityForce::Dense, -8);
+            const VectorXd before = scene.state();
+            scene.integrator.step(50);
+            EXPECT_NEAR(scene.angle(), -0.4, 1e-9);
+            EXPECT_LT(scene.violation(), 3e-10);
+            EXPECT_GT((scene.state() - before).norm(), 0.1);
+            // The rate may change between steps. Of 0 it locks the hinge.
+            scene.integrator.setHingeMotorRate(0, 0);
+            scene.integrator.step(20);
+            EXPECT_NEAR(scene.angle(), -0.4, 2e-9);
+            scene.integrator.setHingeMotorRate(0, 1000);
+            scene.integrator.step(10);
+            EXPECT_NEAR(remainder(scene.angle() - 9.6, 2 * M_PI), 0, 3e-9);
+            EXPECT_LT(scene.violation(), 3e-10);
+        }
+}
+
+/** Without a motor the hinge of the same scene turns otherwise, so that the motor does something.
+ */
+TEST(HingeMotors, AreNoPartOfOtherHinges) {
+    Chain scene(RigidHI::TrapezoidalSlip, T1, 1e-3);
+    scene.integrator.step(50);
+    EXPECT_GT(abs(scene.angle()), 1e-3);
+    EXPECT_TRUE(scene.integrator.getHingeMotorTorques().empty());
+}
+
+TEST(HingeMotors, TheMobilityObeysThem) {
+    Chain scene(RigidHI::TrapezoidalSlip, 0, 1e-3, 1, MobilityForce::Dense, 5);
+    const MatrixXd N = scene.mobility();
+    EXPECT_LT((N.row(6 + 5) - N.row(12 + 5)).norm(), 1e-12 * N.norm());
+    const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(N);
+    EXPECT_GT(eigen.eigenvalues()[0], -1e-13 * N.norm());
+    int zeros = 0;
+    for (int i = 0; i < 24; i++) zeros += abs(eigen.eigenvalues()[i]) < 1e-12 * N.norm();
+    EXPECT_EQ(zeros, 3 + 6 + 1);
+}
+
+TEST(HingeMotors, MatricesAndProductsTakeTheSameStep) {
+    for (auto scheme : jointed) {
+        Chain dense(scheme, 0, 1e-3, 1, MobilityForce::Dense, 6),
+            products(scheme, 0, 1e-3, 1, MobilityForce::MatrixFree, 6);
+        dense.integrator.step(3);
+        products.integrator.step(3);
+        EXPECT_LT((dense.state() - products.state()).norm(), 1e-7) << nameOf(scheme);
+    }
+}
+
+/**
+ * Two equal spheres on the axis of a hinge, at the distance r, turn by half of the rate each way.
+ * In the model their mobilities about the axis are 1/(8 pi eta a^3) and 1/(8 pi eta r^3).
+ */
+TEST(HingeMotors, TheTorqueOfTwoSpheresOnTheAxis) {
+    const double a = 0.5, r = 1.7, rate = 3, h = 1e-3;
+    for (auto scheme : jointed) {
+        SCOPED_TRACE(nameOf(scheme));
+        OverdampedScene scene(scheme, 0, h);
+        scene.addMassless(sphereKind(a), Vec3());
+        scene.addMassless(sphereKind(a), Vec3(0, 0, r));
+        const int hinge = scene.integrator.addHinge(0, Vec3(0, 0, r / 2), 1, Vec3(0, 0, -r / 2),
+                                                    Vec3(0, 0, 1), Vec3(0, 0, 1));
+        EXPECT_EQ(scene.integrator.addHingeMotor(hinge, rate), 0);
+        scene.start(testPlatform());
+        scene.integrator.step(1);
+        const double eta = scene.fluid->getViscosity();
+        const double torque = 4 * M_PI * eta * rate / (1 / (a * a * a) - 1 / (r * r * r));
+        ASSERT_EQ(scene.integrator.getHingeMotorTorques().size(), 1u);
+        EXPECT_NEAR(scene.integrator.getHingeMotorTorques()[0], torque, 1e-9 * torque);
+        const Vec3 force = scene.integrator.getJointForces()[0];
+        EXPECT_LT(sqrt(force.dot(force)), 1e-9 * torque);
+        const auto q = scene.integrator.getBodyOrientations();
+        EXPECT_NEAR(2 * atan2(q[0][3], q[0][0]), -rate * h / 2, 1e-12);
+        EXPECT_NEAR(2 * atan2(q[1][3], q[1][0]), rate * h / 2, 1e-12);
+    }
+}
+
+/** The flow of the last step is the one with the rates of that step, in a restored Context too. */
+TEST(HingeMotors, TheFlowOfTheLastStepHasItsRates) {
+    const vector<Vec3> points = {Vec3(1, 2, 3), Vec3(9, -2, 1)};
+    Chain scene(RigidHI::TrapezoidalSlip, 0, 1e-3, 1, MobilityForce::Dense, 6);
+    scene.integrator.step(2);
+    const auto before = scene.fluid->getFlowInContext(*scene.context, points);
+    stringstream saved;
+    scene.context->createCheckpoint(saved);
+    scene.integrator.setHingeMotorRate(0, -60);
+    EXPECT_TRUE(sameBits(scene.fluid->getFlowInContext(*scene.context, points), before));
+    scene.integrator.step(1);
+    EXPECT_FALSE(sameBits(scene.fluid->getFlowInContext(*scene.context, points), before));
+    Chain later(RigidHI::TrapezoidalSlip, 0, 1e-3, 1, MobilityForce::Dense, -60);
+    later.context->loadCheckpoint(saved);
+    EXPECT_TRUE(sameBits(later.fluid->getFlowInContext(*later.context, points), before));
 }

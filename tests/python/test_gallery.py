@@ -20,6 +20,9 @@ SHORT = {
     'bodies_above_a_wall': ['--steps', '3'],
     'boomerang_at_a_wall': ['--replicas', '2', '--steps', '20', '--walkers', '20'],
     'driven_dipoles': ['--duration', '4'],
+    'hinged_swimmer': [
+        '--strokes', '1', '--swimmers', '2', '--steps', '8', '--animation', '--frames', '3'
+    ],
     'ions_in_water': ['--edge', '1.9', '--samples', '1'],
     'jointed_chain': ['--replicas', '2', '--steps', '100', '--animation', '--frames', '3'],
     'own_tensors': [],
@@ -376,6 +379,38 @@ def test_the_density_of_the_ends_of_a_chain():
         assert abs(np.trapz(density, r) - 1) < 1e-5 and abs(np.trapz(density*r**2, r) - n) < 1e-4
     # Two unit vectors have the density r/2.
     np.testing.assert_allclose(module.endToEnd(r[1:2000], 2), r[1:2000]/2, rtol=1e-12)
+
+
+def test_the_page_of_the_swimmer_has_the_numbers_of_its_results(capsys):
+    """Every number with decimals that the script reports is on its page."""
+    module = script('hinged_swimmer')
+    module.report(json.loads((EXAMPLES/'hinged_swimmer'/'results.json').read_text()))
+    number = re.compile(r'\d+\.\d+(?:\(\d+\))?')
+    said = set(number.findall(capsys.readouterr().out))
+    page = (EXAMPLES/'hinged_swimmer'/'README.md').read_text(encoding='utf-8')
+    assert len(said) > 8 and said <= set(number.findall(page)), said
+
+
+def test_a_swimmer_goes_as_far_as_without_joints():
+    module = script('hinged_swimmer')
+    exact = module.stroke(module.frictionOfBlobs())
+    # Resistive force theory of slender links is near, and without a difference of the frictions
+    # along and across a link nothing swims.
+    slender = module.stroke(module.resistiveForces(2))
+    assert 0.5 < exact[0]/slender[0] < 0.8 and slender[0] < -module.LENGTH/6
+    np.testing.assert_allclose(module.stroke(module.resistiveForces(1))[:2], 0, atol=1e-9)
+    errors = []
+    for steps in (8, 16):
+        swimmer = module.Swimmers(1, 0, steps)
+        path = swimmer.swim(1)[:, 0, 1]
+        errors.append(np.linalg.norm((path[-1] - path[0])[:2] - exact[:2]))
+        assert swimmer.work > 0
+    # Without noise the scheme is of second order, so the error at half the step is a quarter.
+    assert errors[0] < 5e-3 and errors[1] < 0.35*errors[0], errors
+    # The scallop's stroke is the same forwards and backwards and leads back, although it has led
+    # away.
+    path = module.Swimmers(1, 0, 16).swim(1, module.SCALLOP)[:, 0, 1]
+    assert np.abs(path[-1] - path[0]).max() < 1e-4 < 0.2 < np.abs(path[8] - path[0]).max()
 
 
 def test_spheres_on_a_ring_go_as_fast_as_their_tensors_say():

@@ -165,6 +165,66 @@ def test_damaged_files_are_refused(before, after, message):
         openmm.XmlSerializer.deserialize(text.replace(before, after))
 
 
+# ---- Motors --------------------------------------------------------------------------------------
+
+
+def with_motors():
+    integrator = make(('Link', 'Hinge', 'Hinge'))
+    assert integrator.addHingeMotor(2, -1/3) == 0
+    assert integrator.addHingeMotor(hinge=1, rate=360*unit.degree/unit.nanosecond) == 1
+    return integrator
+
+
+def test_motors_are_what_was_given():
+    integrator = with_motors()
+    assert integrator.getNumHingeMotors() == 2
+    per_ps = unit.radian/unit.picosecond
+    assert integrator.getHingeMotorParameters(0) == (2, -1/3*per_ps)
+    hinge, rate = integrator.getHingeMotorParameters(1)
+    assert hinge == 1 and rate.unit == per_ps
+    assert rate._value == pytest.approx(2e-3*np.pi, rel=1e-15)
+    integrator.setHingeMotorRate(index=1, rate=2/unit.picosecond)
+    assert integrator.getHingeMotorRate(1) == 2*per_ps
+    where = 'CustomRigidHIIntegrator.'
+    for call, message in ((lambda: integrator.addHingeMotor(1.5, 1), 'addHingeMotor: hinge: '),
+                          (lambda: integrator.addHingeMotor(0, 1*unit.kelvin),
+                           'addHingeMotor: rate: got a quantity in kelvin'),
+                          (lambda: integrator.setHingeMotorRate(0, 'fast'),
+                           "setHingeMotorRate: rate: got 'fast'"),
+                          (lambda: integrator.getHingeMotorRate(None),
+                           'getHingeMotorRate: index: got None'),
+                          (lambda: integrator.getHingeMotorParameters('0'),
+                           "getHingeMotorParameters: index: got '0'")):
+        with pytest.raises(TypeError, match=re.escape(where + message)):
+            call()
+    assert integrator.getNumHingeMotors() == 2
+
+
+@pytest.mark.parametrize('way', COPIES)
+def test_motors_survive(way):
+    integrator = with_motors()
+    result = COPIES[way](integrator)
+    for index in range(2):
+        assert result.getHingeMotorParameters(index) == integrator.getHingeMotorParameters(index)
+    assert xml(result) == xml(integrator)
+    assert 'HingeMotors' not in xml(make())
+
+
+@pytest.mark.parametrize(
+    'before, after, message',
+    [(' hinge="2"', ' hinge="0"', 'joint 0 (a link of body 0 and body 1) is no hinge'),
+     (' hinge="2"', ' hinge="3"', 'addHingeMotor(): joint index 3 is out of range'),
+     (' hinge="2"', ' hinge="1"', 'joint 1 (a hinge of body 1 and body 2) has motor 0 already'),
+     (' hinge="2"', '', "property 'hinge' is missing"),
+     (' rate="-.3333333333333333"', '', "property 'rate' is missing"),
+     ('<HingeMotors count="2">', '<HingeMotors count="3">', 'it has 2 elements; there must be 3')])
+def test_damaged_motors_are_refused(before, after, message):
+    text = xml(with_motors())
+    assert before in text
+    with pytest.raises(openmm.OpenMMException, match=re.escape(message)):
+        openmm.XmlSerializer.deserialize(text.replace(before, after))
+
+
 # ---- What refuses joints -------------------------------------------------------------------------
 
 
@@ -239,3 +299,38 @@ def test_a_pulled_link_pulls_with_half_the_force(platform, scheme):
     with pytest.raises(openmm.OpenMMException,
                        match=r'joint 0 \(a link of body 0 and body 1\) is violated by 0.02 nm'):
         later.getIntegrator().step(1)
+
+
+def test_a_motor_turns_its_bodies(platform):
+    """By the right hand about the axis, in opposite directions, and with a torque that has a
+    unit."""
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    integrator = CustomRigidHIIntegrator(300, 0.01)
+    integrator.setScheme('FixmanMidpoint')
+    for particle in range(2):
+        system.addParticle(0)
+        fluid.addParticle(0.5)
+        integrator.addRigidBody([particle], 0, (0, 0, 0), [(0, 0, 0)])
+    system.addForce(fluid)
+    hinge = integrator.addHinge(0, (0, 0, 0.6), 1, (0, 0, -0.6), (0, 0, 1), (0, 0, 1))
+    motor = integrator.addHingeMotor(hinge, 5)
+    context = openmm.Context(system, integrator, platform)
+    context.setPositions([(0, 0, 0), (0, 0, 1.2)])
+
+    def angle():
+        """Of the second body relative to the first, about their common axis."""
+        first, second = integrator.getBodyOrientations()
+        between = np.array([
+            first @ second,
+            *(first[0]*second[1:] - second[0]*first[1:] - np.cross(first[1:], second[1:]))
+        ])
+        assert np.allclose(between[1:3], 0, rtol=0, atol=1e-9)
+        return 2*np.arctan2(between[3], between[0])
+
+    integrator.step(20)
+    np.testing.assert_allclose(angle(), 1, rtol=0, atol=1e-8)
+    torques = integrator.getHingeMotorTorques()
+    assert torques.shape == (1,) and torques.unit == unit.kilojoule_per_mole
+    integrator.setHingeMotorRate(motor, -5)
+    integrator.step(10)
+    np.testing.assert_allclose(angle(), 0.5, rtol=0, atol=1e-8)

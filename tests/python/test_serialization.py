@@ -117,7 +117,8 @@ def test_every_setter_is_in_the_list_of_properties():
     """
     others = {
         'setBodyPositions', 'setBodyOrientations', 'setBodyVelocities', 'setBodyAngularVelocities',
-        'setRigidBodyParameters', 'setBodyFriction', 'setBodyHeld', 'setParticleHeld'
+        'setRigidBodyParameters', 'setBodyFriction', 'setBodyHeld', 'setParticleHeld',
+        'setHingeMotorRate'
     }
     setters = {name for name in dir(CustomRigidHIIntegrator) if name.startswith('set')}
     assert setters - others == {setter for setter, _, _ in PROPERTIES}

@@ -75,6 +75,11 @@ struct Expected {
                         b[numFixed] = scene.velocities(scene.firstRow(e) + k, 0);
                     numFixed++;
                 }
+        int row = numFixed;
+        for (const Joint& joint : scene.joints) {
+            row += joint.numRows();
+            if (joint.hasMotor()) b[row - 1] = scene.motorRates[joint.motor];
+        }
         if (scene.wrenches.size() > 0) F = scene.wrenches.col(0);
         velocities = forces.transpose() * b;
         velocities += Nc * (F - friction * velocities);
@@ -139,11 +144,14 @@ VectorXd divergences(const PosedBodies& scene, MatrixXd Expected::*part = &Expec
     return sum;
 }
 
-/** The same from the file, except that files do not have the part of joints in holds by itself. */
+/**
+ * The same from the file, except that files do not have the part of joints in holds by itself, and
+ * those with motors have no derivatives.
+ */
 VectorXd divergenceOfFile(const ReferenceScene& scene) {
     const int n = scene.numRows();
     VectorXd found = scene.joints.empty() ? VectorXd(2 * n) : divergences(scene);
-    found.head(n) = scene.ofBodies("divNc");
+    if (scene.data.has("divNc")) found.head(n) = scene.ofBodies("divNc");
     if (scene.joints.empty()) found.tail(n) = scene.ofBodies("divHold");
     return found;
 }
@@ -241,6 +249,38 @@ PosedBodies blobsInAField() {
     s.add(fluidElement(-1, {{0, 0, 0}}, {0.6}), {-0.6, 1.9, 1.0}).hold();
     s.add(fluidElement(0, threeBlobs, {1, 0.8, 1}), {0, 0, 0}, {0.3, 0.1, -0.5}).fixed =
         bits({1, 3});
+    return s;
+}
+/** A ball between a held body and another, and a hinge with a motor to a third. */
+PosedBodies tiedToAHeldOne() {
+    PosedBodies s = named("bodies that are joined to each other and to a held one", rotnePrager);
+    s.add(fluidElement(0, threeBlobs, {0.9, 0.8, 1}), {0, 0, 0}, {0.3, 0.1, -0.5}).hold();
+    for (int b = 1; b < 3; b++)
+        s.add(fluidElement(b, threeBlobs, {0.7, 0.8, 0.6}), {2.7 * b, 0.8 * b, 0.5},
+              {0.4 * b, -0.2, 0.7});
+    // In the frame of an element, a point or a direction of the lab.
+    const auto inFrame = [&](int e, const Vector3d& x) {
+        return Vector3d(s.poses[e].rotation().transpose() * x);
+    };
+    const auto anchor = [&](int e, const Vector3d& x) { return inFrame(e, x - s.poses[e].R); };
+    const Vector3d first(1.5, 0.9, 0.2), second(4.2, 1, -0.3), axis(0.6, 0, 0.8);
+    Joint ball;
+    ball.kind = Joint::Ball;
+    ball.i = 1;
+    ball.j = 0;
+    ball.anchor_i = anchor(1, first);
+    ball.anchor_j = anchor(0, first);
+    Joint hinge;
+    hinge.kind = Joint::Hinge;
+    hinge.i = 1;
+    hinge.j = 2;
+    hinge.anchor_i = anchor(1, second);
+    hinge.anchor_j = anchor(2, second);
+    hinge.axis_i = inFrame(1, axis);
+    hinge.axis_j = inFrame(2, axis);
+    hinge.motor = 0;
+    s.joints = {ball, hinge};
+    s.motorRates = VectorXd::Constant(1, -0.7);
     return s;
 }
 PosedBodies inABox() {
@@ -360,18 +400,55 @@ struct TestedScene {
 };
 const vector<Scheme> withJoints = {Integrator::FixmanMidpoint, Integrator::RandomFiniteDifference,
                                    Integrator::TrapezoidalSlip};
-const vector<TestedScene> testedScenes = {
-    {"held_body", allSchemes},           {"held_body_wall", allSchemes},
-    {"held_sphere", allSchemes},         {"held_sphere_wall", allSchemes},
-    {"held_particles", allSchemes},      {"held_particles_wall", allSchemes},
-    {"lab_components", allSchemes},      {"lab_components_wall", allSchemes},
-    {"moving_body", allSchemes},         {"moving_body_wall", allSchemes},
-    {"rollers_wall", allSchemes},        {"body_components", allSchemes},
-    {"body_components_wall", allSchemes}};
+const vector<TestedScene> testedScenes = {{"held_body", allSchemes},
+                                          {"held_body_wall", allSchemes},
+                                          {"held_sphere", allSchemes},
+                                          {"held_sphere_wall", allSchemes},
+                                          {"held_particles", allSchemes},
+                                          {"held_particles_wall", allSchemes},
+                                          {"lab_components", allSchemes},
+                                          {"lab_components_wall", allSchemes},
+                                          {"moving_body", allSchemes},
+                                          {"moving_body_wall", allSchemes},
+                                          {"rollers_wall", allSchemes},
+                                          {"body_components", allSchemes},
+                                          {"body_components_wall", allSchemes},
+                                          {"ball_link", withJoints},
+                                          {"ball_link_wall", withJoints},
+                                          {"hinge_link", withJoints},
+                                          {"hinge_link_wall", withJoints},
+                                          {"pendulum", withJoints},
+                                          {"pendulum_wall", withJoints},
+                                          {"chain_of_spheres", withJoints},
+                                          {"motor", withJoints},
+                                          {"motor_wall", withJoints}};
 
 }  // namespace
 
 // ---- The problem of the bodies
+
+/** The forces of conditions in the file are, in this order, those of its joints and motors. */
+void checkJointForces(const ReferenceScene& scene, const Joints& joints, const MatrixXd& found,
+                      double tolerance) {
+    if (scene.joints.empty() || !scene.data.has("multipliers")) return;
+    int numOfHeld = 0;  // come first
+    for (const JsonValue& constraint : scene.data["constraints"].list)
+        if (constraint["type"].text == "held") numOfHeld += 6;
+    const VectorXd mu = scene.data["multipliers"].column().tail(joints.getNumRows());
+    ASSERT_EQ(scene.data["multipliers"].size(), numOfHeld + joints.getNumRows());
+    const double size = mu.cwiseAbs().maxCoeff();
+    for (size_t k = 0; k < scene.joints.size(); k++) {
+        const Joint& joint = joints.getJoints()[k];
+        const double torque = joint.hasMotor() ? mu[joint.motorRow()] : 0;
+        EXPECT_NEAR(found(3, k), torque, tolerance * size);
+        const Vector3d force = found.col(k).head<3>();
+        if (joint.kind == Joint::Link) {
+            EXPECT_NEAR(force.norm(), abs(mu[joint.firstRow]), tolerance * size);
+        } else {
+            EXPECT_LT(error(force, mu.segment<3>(joint.firstRow), size), tolerance);
+        }
+    }
+}
 
 /** N_c, velocities, forces of particles and holds have the values of the files. */
 void checkProblem(const ReferenceScene& scene, const Strategy& strategy) {
@@ -379,8 +456,10 @@ void checkProblem(const ReferenceScene& scene, const Strategy& strategy) {
     auto bodies = scene.bodies(strategy.tolerance);
     BodyMobility& mobility = strategyOf(bodies, strategy);
     const int n = scene.numRows();
-    const MatrixXd Nc = scene.matrix("Nc"), identity = MatrixXd::Identity(n, n);
     const Expected expected(scene, bodies, scene.poses);
+    // Files with motors have velocities and forces of conditions only.
+    const MatrixXd Nc = scene.data.has("Nc") ? scene.matrix("Nc") : expected.Nc,
+                   identity = MatrixXd::Identity(n, n);
     EXPECT_LT(error(expected.Nc, Nc), 1e-12);
     EXPECT_LT(error(expected.velocities, scene.ofBodies("U")), 1e-12);
     EXPECT_LT(error(expected.all, scene.ofBodies("hold")), 1e-12);
@@ -405,7 +484,11 @@ void checkProblem(const ReferenceScene& scene, const Strategy& strategy) {
     move.recordHolds(&holds);
     const Joints joints(scene.joints, *bodies);
     if (!scene.joints.empty()) move.setJoints(&joints);
-    move.begin(OverdampedStep());
+    MatrixXd jointForces = MatrixXd::Zero(4, scene.joints.size());
+    move.recordJointForces(&jointForces);
+    OverdampedStep step;
+    step.motorRates = scene.motorRates;
+    move.begin(step);
     move.atStart();
     found.resize(n, n);
     for (int k = 0; k < n; k++) {
@@ -417,7 +500,12 @@ void checkProblem(const ReferenceScene& scene, const Strategy& strategy) {
     move.solve(move.velocity(1, move.force), twists);
     EXPECT_LT(error(twists, scene.ofBodies("U")), strategy.error);
     mobility.getBlobForces(lambda);
-    EXPECT_LT(error(lambda, scene.ofParticles("blobForces")), strategy.error);
+    if (scene.data.has("blobForces")) {
+        EXPECT_LT(error(lambda, scene.ofParticles("blobForces")), strategy.error);
+    }
+    mobility.totalWrenches(scene.poses, lambda, total);
+    EXPECT_LT(error(total, scene.wrenches + expected.all), strategy.error);
+    checkJointForces(scene, joints, jointForces, strategy.error);
     EXPECT_LT(error(holds, expected.holds, expected.all.cwiseAbs().maxCoeff()), strategy.error);
 }
 
@@ -437,6 +525,7 @@ TEST(FixedComponents, ScenesOfFilesHaveTheirPosesAfterAStep) {
             // The values of T-S with joints are those before the projection.
             const ReferenceScene scene(tested.name);
             SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
+            if (!scene.data.has("TS_T0")) continue;
             auto bodies = scene.bodies();
             TestedStep step(scheme, scene, bodies.byMatrices(), scene.data["h"].number, 0);
             const auto expected =
@@ -502,6 +591,7 @@ TEST(FixedComponents, ASphereBesideAHeldOne) {
 TEST(FixedComponents, DivergencesAreThoseOfTheFiles) {
     for (const TestedScene& tested : testedScenes) {
         const ReferenceScene scene(tested.name);
+        if (!scene.data.has("divNc")) continue;
         const int n = scene.numRows();
         const VectorXd found = divergences(scene, &Expected::response),
                        ofN = scene.ofBodies("divNc"), ofHold = scene.ofBodies("divHold");
@@ -531,6 +621,11 @@ TEST(FixedComponents, StepsMatrixFree) {
         checkMean(scene, divergenceOfFile(scene), matrixFree);
         checkCovariance(scene, matrixFree);
     }
+    for (const char* name : {"hinge_link", "motor_wall"}) {
+        const ReferenceScene scene(name);
+        checkMean(scene, divergenceOfFile(scene), matrixFree, withJoints);
+        checkCovariance(scene, matrixFree, withJoints);
+    }
     checkSteps(driven(spheresBesideAHeldOne()), matrixFree);
     checkSteps(driven(blobsInAField()), matrixFree);
     checkSteps(driven(rod({2, 3, 4}, {0.4, -0.7, 0.3})), matrixFree);
@@ -547,6 +642,13 @@ TEST(FixedComponents, LubricatedSpheresAtAWall) { checkSteps(driven(lubricatedAt
 TEST(FixedComponents, OwnTensors) { checkSteps(driven(ownTensors())); }
 TEST(FixedComponents, SpheresOfStokesianDynamics) { checkSteps(driven(stokesianSpheres())); }
 TEST(FixedComponents, InAFluidWithARandomField) { checkSteps(driven(blobsInAField())); }
+TEST(FixedComponents, JoinedToAHeldBody) {
+    const PosedBodies scene = driven(tiedToAHeldOne());
+    const VectorXd divergence = divergences(scene);
+    EXPECT_GT(divergence.tail(scene.numRows()).norm(), 0.02);
+    checkMean(scene, divergence, byMatrices, withJoints);
+    checkCovariance(scene, byMatrices, withJoints);
+}
 TEST(FixedComponents, InAPeriodicBox) { checkSteps(driven(inABox())); }
 
 /** One body alone, whose tensor is known once, and the same body by matrices at every pose. */

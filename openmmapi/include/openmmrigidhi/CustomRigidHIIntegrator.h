@@ -394,11 +394,53 @@ public:
     int addJoint(const JointDefinition& joint);
     /** @private The definitions of all joints. */
     const std::vector<JointDefinition>& getJoints() const;
+    /**
+     * Add a motor to a hinge: it turns the second body relative to the first about the axis of the
+     * hinge, by the right hand, at a prescribed rate and with whatever torque this needs. A rate
+     * of 0 locks the hinge. The motor becomes part of a Context when it is created.
+     *
+     * In each step the angle of the hinge grows by rate times step size, as exactly as anchors have
+     * their places (setJointTolerance()), with noise too. The other motions have the noise and the
+     * drift that belong to bodies with this motor.
+     *
+     * @param hinge  index of the joint, as addHinge() returned it
+     * @param rate   rad/ps, of either sign
+     * @return index of the motor
+     * @throws OpenMMException if the index is out of range, if the joint is no hinge or has a motor
+     *     already, or if the rate is not finite
+     */
+    int addHingeMotor(int hinge, double rate);
+    /** Get the number of motors. */
+    int getNumHingeMotors() const;
+    /**
+     * Get the definition of a motor.
+     *
+     * @param index       index of the motor
+     * @param[out] hinge  index of the joint
+     * @param[out] rate   rad/ps
+     * @throws OpenMMException if the index is out of range
+     */
+    void getHingeMotorParameters(int index, int& hinge, double& rate) const;
+    /** Get the rate of a motor, rad/ps. @throws OpenMMException if the index is out of range */
+    double getHingeMotorRate(int index) const;
+    /**
+     * Set the rate of a motor, rad/ps. It may be changed between steps and is constant during a
+     * step: for a rate that depends on time give the mean over the step, or the value at its
+     * middle.
+     *
+     * @param index  index of the motor
+     * @param rate   rad/ps, of either sign
+     * @throws OpenMMException if the index is out of range, or if the rate is not finite
+     */
+    void setHingeMotorRate(int index, double rate);
+    /** @private The definitions of all motors. */
+    const std::vector<HingeMotorDefinition>& getHingeMotors() const;
     /** Get the tolerance of joints, nm. */
     double getJointTolerance() const;
     /**
      * Set the tolerance of joints: the distance from its place, in nm, that every anchor has at
-     * most after each step. The default is 1e-10. Axes of hinges have the same number of radians.
+     * most after each step. The default is 1e-10. Axes of hinges have the same number of radians,
+     * as have the turns of motors during a step.
      * The setting may be changed between steps.
      * @throws OpenMMException if not positive and finite
      */
@@ -580,9 +622,17 @@ public:
      * Get the forces that the joints exerted during the last step, kJ/(mol nm), lab frame: for each
      * joint of the Context the force on its first body, which acts at the anchor. The force on the
      * second body is the opposite. The share of the noise is as in getHoldingWrenches(). A hinge
-     * also exerts a torque across its axis, which is not part of the answer.
+     * also exerts a torque across its axis, which is not part of the answer, and its motor one
+     * about the axis, which getHingeMotorTorques() has.
      */
     std::vector<OpenMM::Vec3> getJointForces() const;
+    /**
+     * Get the torques that the motors exerted during the last step, kJ/mol: for each motor of the
+     * Context the torque about the axis of its hinge on the second body. The torque on the first
+     * body is the opposite. Without noise, torque times rate is the power of the motor. With noise
+     * the torque fluctuates as getHoldingWrenches() do.
+     */
+    std::vector<double> getHingeMotorTorques() const;
     /** Get the largest distance of a particle from its place at the last fit of poses to positions,
      * nm. */
     double getPoseResidual() const;
@@ -710,6 +760,7 @@ private:
     };
     void checkBodyIndex(int index, const char* method) const;
     int appendJoint(const JointDefinition& joint, const char* method);
+    void checkMotorIndex(int index, const char* method) const;
     void checkParticles(const std::vector<int>& particles, int index) const;
     void checkGeometry(const std::vector<int>& particles, double mass,
                        const OpenMM::Vec3& principalMoments,
@@ -735,6 +786,7 @@ private:
     std::unordered_map<int, int> bodyOfParticle;
     std::set<int> heldParticles;
     std::vector<JointDefinition> joints;
+    std::vector<HingeMotorDefinition> motors;
     /**
      * Whether the kernel exists: it does not before a Context is created, after the Context is
      * gone, and after a failed creation.

@@ -41,6 +41,8 @@ unique_ptr<CustomRigidHIIntegrator> copyDefinitions(const CustomRigidHIIntegrato
     }
     copyHeld(from, *to);
     for (const JointDefinition& joint : from.getJoints()) to->addJoint(joint);
+    for (const HingeMotorDefinition& motor : from.getHingeMotors())
+        to->addHingeMotor(motor.hinge, motor.rate);
     return to;
 }
 
@@ -53,6 +55,12 @@ const CustomRigidHIIntegrator& BodyDefinitions::underPresentScheme() {
     definitions->setScheme(integrator.getScheme());
     copyHeld(integrator, *definitions);
     return *definitions;
+}
+
+vector<HingeMotorDefinition> BodyDefinitions::motors() const {
+    vector<HingeMotorDefinition> result = definitions->getHingeMotors();
+    for (size_t m = 0; m < result.size(); m++) result[m].rate = integrator.getHingeMotors()[m].rate;
+    return result;
 }
 
 vector<vector<int>> BodyDefinitions::particlesOfBodies() const {

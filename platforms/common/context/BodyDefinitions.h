@@ -36,6 +36,8 @@ public:
     std::vector<std::vector<int>> particlesOfBodies() const;
     /** The joints as they were when the Context was created, in the users' body frames. */
     const std::vector<JointDefinition>& joints() const { return definitions->getJoints(); }
+    /** Their motors of that time, with the rates that the integrator has now. */
+    std::vector<HingeMotorDefinition> motors() const;
     bool isExplicit(int body) const { return definitions->getRigidBodyIsExplicit(body); }
     bool isKnown(int body) const { return definitions->getRigidBodyGeometryIsKnown(body); }
     bool areAllKnown() const;

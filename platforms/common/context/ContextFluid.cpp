@@ -14,12 +14,16 @@ ContextFluid::ContextFluid(Scene& scene, const MobilityForce* inSystem) : scene(
     if (inSystem) parameters = make_unique<MobilityForce>(*inSystem);
 }
 
+FluidSettings ContextFluid::settings() const {
+    return FluidSettings(scene.integrator, scene.stock.prescribed, scene.definitions.joints(),
+                         scene.definitions.motors());
+}
+
 void ContextFluid::check(const MobilityForce& force) const {
     checkBoundary(force, scene.integrator);
     checkSlips(force, scene.integrator);
-    Fluid::check(
-        force, FluidSettings(scene.integrator, scene.stock.prescribed, scene.definitions.joints()),
-        scene.system, scene.definitions.particlesOfBodies(), *scene.freeParticles, *scene.loops);
+    Fluid::check(force, settings(), scene.system, scene.definitions.particlesOfBodies(),
+                 *scene.freeParticles, *scene.loops);
 }
 
 void ContextFluid::check() const {
@@ -32,11 +36,9 @@ unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries,
     // Settings of the integrator may have been changed since the Context was created.
     checkBoundary(*parameters, scene.integrator);
     checkSlips(*parameters, scene.integrator);
-    auto made = make_unique<Fluid>(
-        *parameters,
-        FluidSettings(scene.integrator, scene.stock.prescribed, scene.definitions.joints()),
-        scene.system, scene.definitions.particlesOfBodies(), geometries, bodies,
-        *scene.freeParticles, *scene.loops);
+    auto made = make_unique<Fluid>(*parameters, settings(), scene.system,
+                                   scene.definitions.particlesOfBodies(), geometries, bodies,
+                                   *scene.freeParticles, *scene.loops);
     made->setBox(scene.getBox());
     made->checkWave();
     return made;
@@ -77,8 +79,11 @@ void ContextFluid::rebuild() {
 }
 
 void ContextFluid::adoptSettings() {
-    if (fluid && !fluid->isMadeFor(FluidSettings(scene.integrator, scene.stock.prescribed,
-                                                 scene.definitions.joints())))
+    if (!fluid) return;
+    const FluidSettings wanted = settings();
+    if (fluid->isMadeFor(wanted))
+        fluid->setMotorRates(wanted.motors);
+    else
         rebuild();
 }
 

@@ -52,6 +52,7 @@ public:
     void adoptSettings();
 
 private:
+    FluidSettings settings() const;
     void check(const MobilityForce& force) const;
     void rebuild();
     std::unique_ptr<Fluid> make(const std::vector<BodyGeometry>& geometries,

@@ -148,6 +148,8 @@ private:
             if (numbers[kind] > 0)
                 text += (text.empty() ? "" : ", ") +
                         counted(numbers[kind], names[kind][0], names[kind][1]);
+        const int motors = scene.definitions.motors().size();
+        if (motors > 0) text += ", " + counted(motors, "motor", "motors");
         set("joints", !joints.empty(),
             joints.empty()
                 ? "no bodies are joined"

@@ -91,6 +91,7 @@ void BrownianGroup::startStep(const StepSettings& settings, const Surroundings& 
     own.driftFactorScalesAll = settings.driftCorrectorScaling == CustomRigidHIIntegrator::Whole;
     own.noise.attempt = attempt;
     own.difference = differenceOf(settings.traits(), settings.difference);
+    own.motorRates = motorRates;
     setTolerance(settings.traits(), own);
     members.readPoses(set, positions, move->start);
     move->begin(own);
@@ -100,7 +101,9 @@ void BrownianGroup::startStep(const StepSettings& settings, const Surroundings& 
     }
     if (joints) {
         joints->check(move->start, jointMisfit);
-        presentJointForces.setZero(3, joints->getJoints().size());
+        joints->findAngles(move->start, anglesOfMotors);
+        joints->turnBy(settings.h * motorRates, anglesOfMotors);
+        presentJointForces.setZero(4, joints->getJoints().size());
         move->recordJointForces(&presentJointForces);
     }
     presentIsRemembered = around.stepIsRemembered;
@@ -144,7 +147,7 @@ bool BrownianGroup::runStage(int wanted, const StepSettings& settings, const Sur
         if (ownMobilities.empty())
             for (size_t e = 0; e < bodies.getElements().size(); e++)
                 ownMobilities.push_back(alone.of(e).mobility);
-        joints->project(ownMobilities, jointTolerance, move->present);
+        joints->project(ownMobilities, jointTolerance, anglesOfMotors, move->present);
     }
     if (stage == entry.numStages() && presentIsRemembered) {
         present.end = move->present;

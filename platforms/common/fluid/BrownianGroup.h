@@ -124,7 +124,13 @@ public:
         jointMisfit = std::max(tolerance, misfit);
     }
     const Joints* getJoints() const { return joints; }
-    /** Of the last step, 3 x joints; empty: there was none. */
+    /** The rates of all motors of the Context from the next step on. */
+    void setMotorRates(const std::vector<HingeMotorDefinition>& motors) {
+        motorRates.resize(motors.size());
+        for (size_t m = 0; m < motors.size(); m++) motorRates[m] = motors[m].rate;
+    }
+    const Eigen::VectorXd& getMotorRates() const { return motorRates; }
+    /** Of the last step, as Joints::forces(); empty: there was none. */
     const Eigen::MatrixXd& getJointForces() const { return lastJointForces; }
 
     // ---- Drift and differences
@@ -191,6 +197,7 @@ private:
     const Joints* joints = nullptr;
     double jointTolerance = 0, jointMisfit = 0;
     Eigen::MatrixXd presentJointForces, lastJointForces;
+    Eigen::VectorXd motorRates, anglesOfMotors;  // of the Context; of joints, where the step ends
     std::vector<Eigen::MatrixXd> ownMobilities;  // of elements, in their frames, for joints
     int stage = 0;
     uint32_t attempt = 0;

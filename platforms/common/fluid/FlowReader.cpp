@@ -99,6 +99,7 @@ void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
     move.setJoints(brownian.getJoints());
     OverdampedStep step;
     step.flow = fluid.getFlow();
+    step.motorRates = brownian.getMotorRates();
     brownian.getMobility().setTolerance(force.getSolverTolerance());
     group.members.readPoses(question.bodies, question.positions, move.start);
     move.begin(step);

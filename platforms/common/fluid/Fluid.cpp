@@ -39,6 +39,11 @@ bool Fluid::isMadeFor(const FluidSettings& wanted) const {
                    [](const unique_ptr<FluidGroup>& group) { return group->dependsOnScheme; });
 }
 
+void Fluid::setMotorRates(const vector<HingeMotorDefinition>& motors) {
+    for (const auto& group : contents.groups)
+        if (group->joints) group->brownian->setMotorRates(motors);
+}
+
 void Fluid::continueFrom(const Fluid& before) {
     costs.continueFrom(before.costs);
     memory.continueFrom(before.memory);

@@ -37,6 +37,8 @@ public:
                       const FreeParticles& freeParticles, PlatformLoops& loops);
     /** Whether the fluid is made for these settings, or for others that make no difference. */
     bool isMadeFor(const FluidSettings& wanted) const;
+    /** The rates of motors from the next step on. */
+    void setMotorRates(const std::vector<HingeMotorDefinition>& motors);
     /**
      * Go on from where another fluid of this Context stopped, with its costs and the memory of the
      * scheme.

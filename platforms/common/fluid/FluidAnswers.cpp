@@ -55,9 +55,20 @@ MatrixXd FluidAnswers::jointForcesOfLastStep(int numJoints) const {
         if (!group->joints) continue;
         const MatrixXd& own = group->brownian->getJointForces();
         for (int k = 0; k < own.cols(); k++)
-            forces.col(group->joints->getJoints()[k].index) = own.col(k);
+            forces.col(group->joints->getJoints()[k].index) = own.col(k).head<3>();
     }
     return forces;
+}
+
+void FluidAnswers::motorTorquesOfLastStep(vector<double>& torques) const {
+    for (const auto& group : fluid.groups) {
+        if (!group->joints) continue;
+        const MatrixXd& own = group->brownian->getJointForces();
+        for (int k = 0; k < own.cols(); k++) {
+            const Joint& joint = group->joints->getJoints()[k];
+            if (joint.hasMotor()) torques[joint.motor] = own(3, k);
+        }
+    }
 }
 
 MatrixXd FluidAnswers::friction(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
@@ -182,6 +193,7 @@ FluidAnswers::Holds FluidAnswers::holdsNow(const FlowQuestion& question) const {
         move.setJoints(brownian.getJoints());
         OverdampedStep step;
         step.flow = fluid.getFlow();
+        step.motorRates = brownian.getMotorRates();
         group->members.readPoses(question.bodies, question.positions, move.start);
         move.begin(step);
         move.force = brownian.readForces(question.bodies, question.freeParticles);

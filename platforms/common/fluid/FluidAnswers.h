@@ -42,6 +42,8 @@ public:
 
     /** The force of each joint on its first body at the anchor in the last step, 3 x joints. */
     Eigen::MatrixXd jointForcesOfLastStep(int numJoints) const;
+    /** The torque of each motor on its second body in the last step. */
+    void motorTorquesOfLastStep(std::vector<double>& torques) const;
 
 private:
     /** N, and N with joints, in a group. */

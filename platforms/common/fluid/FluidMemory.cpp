@@ -113,8 +113,12 @@ void FluidMemory::setLastStep(const SchemeMemory& saved) {
     for (const auto& group : fluid.groups) group->brownian->forgetLastStep();
     const SchemeTraits* const scheme = schemeOfLastStep(saved);
     if (!scheme) return;
-    for (size_t g = 0; g < fluid.groups.size(); g++)
-        fluid.groups[g]->brownian->setLastStep(stepOf(saved.groups[g], scheme->scheme));
+    for (size_t g = 0; g < fluid.groups.size(); g++) {
+        BrownianGroup& group = *fluid.groups[g]->brownian;
+        const LastStep last = stepOf(saved.groups[g], scheme->scheme);
+        // With other motors it cannot be done again.
+        if (last.step.motorRates.size() == group.getMotorRates().size()) group.setLastStep(last);
+    }
 }
 
 /** Call action(rows in the group, rows in the vector of all bodies and then all free particles). */

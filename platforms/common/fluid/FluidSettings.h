@@ -18,13 +18,17 @@ struct FluidSettings {
     /** What CustomBodyMotions prescribe, by body, the same as long as the Context. */
     std::map<int, PrescribedComponents> prescribed;
     std::vector<JointDefinition> joints;
+    /** Which motors there are is the same as long as the Context; their rates may change. */
+    std::vector<HingeMotorDefinition> motors;
     double jointTolerance, poseTolerance;
 
     FluidSettings(const CustomRigidHIIntegrator& integrator,
                   const std::map<int, PrescribedComponents>& prescribed,
-                  const std::vector<JointDefinition>& joints)
+                  const std::vector<JointDefinition>& joints,
+                  const std::vector<HingeMotorDefinition>& motors)
         : wallRejection(integrator.getWallRejection()), scheme(integrator.getScheme()),
-          prescribed(prescribed), joints(joints), jointTolerance(integrator.getJointTolerance()),
+          prescribed(prescribed), joints(joints), motors(motors),
+          jointTolerance(integrator.getJointTolerance()),
           poseTolerance(integrator.getPoseTolerance()) {
         for (int b = 0; b < integrator.getNumRigidBodies(); b++)
             if (integrator.getBodyHeld(b)) heldBodies.insert(b);

@@ -307,9 +307,11 @@ unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& eleme
     }
     makeJoints(*group, bodies);
     chooseStrategies(*group, bodies);
-    if (group->joints)
+    if (group->joints) {
         group->brownian->setJoints(group->joints.get(), settings.jointTolerance,
                                    settings.poseTolerance);
+        group->brownian->setMotorRates(settings.motors);
+    }
     return group;
 }
 
@@ -350,6 +352,8 @@ void GroupBuilder::makeJoints(FluidGroup& group, const BodySet& bodies) const {
             joint.axis_i = inner(wanted.i, wanted.axis_i).normalized();
             joint.axis_j = inner(wanted.j, wanted.axis_j).normalized();
         }
+        for (size_t m = 0; m < settings.motors.size(); m++)
+            if (settings.motors[m].hinge == joint.index) joint.motor = m;
         joints.push_back(joint);
     }
     if (!joints.empty()) group.joints = make_unique<Joints>(joints, group.bodies);

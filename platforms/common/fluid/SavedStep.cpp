@@ -27,14 +27,15 @@ vector<Pose> toPoses(const MatrixXd& numbers) {
     return poses;
 }
 
-const int numNumbersOfStep = 18;
+const int numNumbersOfStep = 18;  // and then the rates of motors
 
 /** The numbers of a step, but poses and forces. */
 MatrixXd toMatrix(const OverdampedStep& step, const BoxVectors& box) {
-    MatrixXd numbers(numNumbersOfStep, 1);
-    numbers << step.h, step.kT, step.difference, step.driftFactorScalesAll, step.noise.seed,
-        double(step.noise.step), step.noise.attempt, step.noise.law, step.noise.field,
-        toEigen(box[0]), toEigen(box[1]), toEigen(box[2]);
+    MatrixXd numbers(numNumbersOfStep + step.motorRates.size(), 1);
+    numbers.col(0).head(numNumbersOfStep) << step.h, step.kT, step.difference,
+        step.driftFactorScalesAll, step.noise.seed, double(step.noise.step), step.noise.attempt,
+        step.noise.law, step.noise.field, toEigen(box[0]), toEigen(box[1]), toEigen(box[2]);
+    numbers.col(0).tail(step.motorRates.size()) = step.motorRates;
     return numbers;
 }
 
@@ -51,6 +52,7 @@ OverdampedStep toStep(const MatrixXd& numbers) {
                      : numbers(7) == 2 ? NoiseStream::TwoPoint
                                        : NoiseStream::Gaussian;
     step.noise.field = numbers(8);
+    step.motorRates = numbers.col(0).tail(numbers.rows() - numNumbersOfStep);
     return step;
 }
 
@@ -77,7 +79,7 @@ bool areOfAStep(const vector<MatrixXd>& numbers, const OverdampedEntry& scheme, 
     const int numStages = scheme.numStages(), numMemories = scheme.make()->memory().size();
     const int count = numbers.size(), numWithoutPrescribed = 3 + numStages + numMemories;
     if (count != numWithoutPrescribed && count != numWithoutPrescribed + numStages) return false;
-    if (numbers[0].size() != numNumbersOfStep) return false;
+    if (numbers[0].rows() < numNumbersOfStep || numbers[0].cols() != 1) return false;
     for (int i = 0; i < (int)numbers.size(); i++) {
         bool fits = numbers[i].allFinite();
         if (i == 1 || i == 2)

@@ -143,6 +143,14 @@ public:
         return result;
     }
 
+    vector<double> getHingeMotorTorques() override {
+        prepareFluid("getHingeMotorTorques()");
+        vector<double> torques(scene.definitions.motors().size());
+        if (!torques.empty() && scene.fluid)
+            scene.fluid->getAnswers().motorTorquesOfLastStep(torques);
+        return torques;
+    }
+
     double computeTranslationalKineticEnergy() override {
         if (!hasMomenta() || !mirror.hasPositions()) return 0;
         mirror.takeInVelocitiesIfChanged();

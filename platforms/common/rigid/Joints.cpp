@@ -27,7 +27,58 @@ Joints::Joints(const vector<Joint>& jointsToUse, const CoupledBodies& bodies)
     for (Joint& joint : joints) {
         joint.firstRow = numRows;
         numRows += joint.numRows();
+        checkRods(joint);
     }
+}
+
+/** The rotation of a free rod about its line leaves all blobs where they are. */
+void Joints::checkRods(const Joint& joint) const {
+    const double rounding = 1e-9;
+    for (int e : {joint.i, joint.j}) {
+        if (e < 0 || !bodies.hasNullVector(e) || !bodies.getElements()[e].isWhollyFree()) continue;
+        const VectorXd& twist = bodies.getNullTwists().inBody(e);
+        const Vector3d V = twist.head<3>(), W = twist.tail<3>(),
+                       a = e == joint.i ? joint.anchor_i : joint.anchor_j,
+                       h = e == joint.i ? joint.axis_i : joint.axis_j;
+        const bool turns = (V + W.cross(a)).norm() > rounding * (1 + a.norm()) * W.norm() ||
+                           h.cross(W).norm() > rounding * W.norm() || joint.hasMotor();
+        if (turns)
+            throw OpenMM::OpenMMException(
+                "CustomRigidHIIntegrator: " + joint.name +
+                (joint.hasMotor() ? " with a motor" : "") + " turns body " +
+                to_string(bodies.getElements()[e].body) +
+                " about the line of its hydrodynamic particles, which nothing resists; put the "
+                "anchor and the axis on this line and leave the motor out, or give the body "
+                "particles off the line");
+    }
+}
+
+void Joints::findRightSides(const VectorXd& rates, VectorXd& b) const {
+    b.resize(0);
+    for (const Joint& joint : joints) {
+        if (!joint.hasMotor()) continue;
+        if (b.size() == 0) b.setZero(numRows);
+        b[joint.motorRow()] = rates[joint.motor];
+    }
+}
+
+void Joints::findAngles(const vector<Pose>& poses, VectorXd& angles) const {
+    angles.setZero(joints.size());
+    for (size_t k = 0; k < joints.size(); k++) {
+        const Joint& joint = joints[k];
+        if (!joint.hasMotor()) continue;
+        Vector3d across_i[2], across_j[2];
+        axesAcross(joint.axis_i, across_i);
+        axesAcross(joint.axis_j, across_j);
+        const Vector3d f =
+            poses[joint.i].rotation().transpose() * (poses[joint.j].rotation() * across_j[0]);
+        angles[k] = atan2(f.dot(across_i[1]), f.dot(across_i[0]));
+    }
+}
+
+void Joints::turnBy(const VectorXd& turns, VectorXd& angles) const {
+    for (size_t k = 0; k < joints.size(); k++)
+        if (joints[k].hasMotor()) angles[k] += turns[joints[k].motor];
 }
 
 bool Joints::concerns(int element) const {
@@ -42,8 +93,10 @@ Vector3d Joints::anchor(const Joint& joint, bool second, const vector<Pose>& pos
                   : Vector3d(poses[joint.i].rotation() * joint.anchor_i);
 }
 
-void Joints::findErrors(const vector<Pose>& poses, VectorXd& c) const {
-    c.resize(numRows);
+void Joints::findErrors(const vector<Pose>& poses, const VectorXd* angles, VectorXd& c) const {
+    c.setZero(numRows);
+    VectorXd here;
+    if (angles) findAngles(poses, here);
     for (const Joint& joint : joints) {
         const Vector3d x_i = poses[joint.i].R + anchor(joint, false, poses),
                        x_j = joint.j < 0 ? joint.anchor_j
@@ -59,6 +112,9 @@ void Joints::findErrors(const vector<Pose>& poses, VectorXd& c) const {
         const Matrix3d A_i = poses[joint.i].rotation();
         const Vector3d h_j = poses[joint.j].rotation() * joint.axis_j;
         for (int k = 0; k < 2; k++) c[joint.firstRow + 3 + k] = h_j.dot(A_i * across[k]);
+        if (!angles || !joint.hasMotor()) continue;
+        const int k = &joint - joints.data();
+        c[joint.motorRow()] = remainder(here[k] - (*angles)[k], 2 * M_PI);
     }
 }
 
@@ -94,6 +150,10 @@ void Joints::findRows(const vector<Pose>& poses, MatrixXd& C) const {
             C.block<1, 3>(joint.firstRow + 3 + k, bodies.firstRow(joint.i) + 3) -= u.transpose();
             C.block<1, 3>(joint.firstRow + 3 + k, bodies.firstRow(joint.j) + 3) += u.transpose();
         }
+        if (!joint.hasMotor()) continue;
+        const Vector3d h_i = A_i * joint.axis_i;
+        C.block<1, 3>(joint.motorRow(), bodies.firstRow(joint.i) + 3) -= h_i.transpose();
+        C.block<1, 3>(joint.motorRow(), bodies.firstRow(joint.j) + 3) += h_i.transpose();
     }
 }
 
@@ -146,14 +206,14 @@ void Joints::moveBy(const VectorXd& twists, vector<Pose>& poses) const {
 }
 
 void Joints::project(const vector<MatrixXd>& mobilities_body, double tolerance,
-                     vector<Pose>& poses) const {
+                     const VectorXd& angles, vector<Pose>& poses) const {
     const int most = 20;
     VectorXd c;
     MatrixXd C, own = MatrixXd::Zero(bodies.getNumRows(), bodies.getNumRows()), inverse;
     for (int iteration = 0; iteration < most; iteration++) {
-        findErrors(poses, c);
+        findErrors(poses, &angles, c);
         if (!c.allFinite()) return;  // the step says so itself
-        if (c.cwiseAbs().maxCoeff() <= tolerance) return;
+        if (c.cwiseAbs().maxCoeff() <= tolerance) break;
         findRows(poses, C);
         for (size_t e = 0; e < poses.size(); e++) {
             const FluidElement& element = bodies.getElements()[e];
@@ -173,12 +233,12 @@ void Joints::project(const vector<MatrixXd>& mobilities_body, double tolerance,
         factorise(C * along, inverse);
         moveBy(-along * (inverse * c), poses);
     }
-    check(poses, tolerance);
+    check(poses, tolerance, &angles);
 }
 
-void Joints::check(const vector<Pose>& poses, double tolerance) const {
+void Joints::check(const vector<Pose>& poses, double tolerance, const VectorXd* angles) const {
     VectorXd c;
-    findErrors(poses, c);
+    findErrors(poses, angles, c);
     for (const Joint& joint : joints) {
         double error = c.segment(joint.firstRow, joint.numRows()).cwiseAbs().maxCoeff();
         // Axes of opposite directions meet all conditions of a hinge.
@@ -199,16 +259,17 @@ void Joints::check(const vector<Pose>& poses, double tolerance) const {
 }
 
 void Joints::forces(const vector<Pose>& poses, const VectorXd& mu, MatrixXd& forces_lab) const {
-    forces_lab.setZero(3, joints.size());
+    forces_lab.setZero(4, joints.size());
     for (size_t k = 0; k < joints.size(); k++) {
         const Joint& joint = joints[k];
+        if (joint.hasMotor()) forces_lab(3, k) = mu[joint.motorRow()];
         if (joint.kind != Joint::Link) {
-            forces_lab.col(k) = mu.segment<3>(joint.firstRow);
+            forces_lab.col(k).head<3>() = mu.segment<3>(joint.firstRow);
             continue;
         }
         const Vector3d r = poses[joint.i].R + anchor(joint, false, poses) - poses[joint.j].R -
                            anchor(joint, true, poses);
-        forces_lab.col(k) = mu[joint.firstRow] * r.normalized();
+        forces_lab.col(k).head<3>() = mu[joint.firstRow] * r.normalized();
     }
 }
 

@@ -22,14 +22,17 @@ struct Joint {
     // Of a hinge: unit vectors in the frames of i and j.
     Eigen::Vector3d axis_i = Eigen::Vector3d::Zero(), axis_j = Eigen::Vector3d::Zero();
     double length = 0;  // of a link, nm
+    int motor = -1;     // of a hinge, in the integrator; -1: none
     int firstRow = 0;   // of its conditions
 
-    int numRows() const { return kind == Link ? 1 : kind == Hinge ? 5 : 3; }
+    bool hasMotor() const { return motor >= 0; }
+    int numRows() const { return kind == Link ? 1 : kind == Hinge ? (hasMotor() ? 6 : 5) : 3; }
+    int motorRow() const { return firstRow + 5; }
 };
 
 /**
- * The conditions of joints on poses, c(Q) = 0, and on twists, C U = 0, where C are the derivatives
- * of c along twists.
+ * The conditions of joints on poses, c(Q) = 0, and on twists, C U = b, where C are the derivatives
+ * of c along twists. b has the rates of motors and is 0 otherwise.
  *
  * Equation:  with the mobility N of bodies without joints (N_c where some are held),
  *            N_J = N - N C^T (C N C^T)^-1 C N,   mu = (C N C^T)^-1 (b - C N F),
@@ -37,10 +40,15 @@ struct Joint {
  * Rows:      ball    V_i + W_i x a_i - (the same of j), three components
  *            link    e.(V_i + W_i x a_i - ...), e the direction from j's anchor to i's
  *            hinge   a ball, and (W_j - W_i).(h_j x f_k) for two axes f_k of i across its axis
+ *            motor   (W_j - W_i).h_i
  * Measure:   what schemes sample is that of infinitely stiff springs (THEORY.md).
  */
 class Joints {
 public:
+    /**
+     * @throws OpenMMException  if a joint or motor turns a free rod of blobs about its line, which
+     *     nothing resists
+     */
     Joints(const std::vector<Joint>& joints, const CoupledBodies& bodies);
     const std::vector<Joint>& getJoints() const { return joints; }
     int getNumRows() const { return numRows; }
@@ -48,8 +56,21 @@ public:
 
     /** C at poses: a row for each condition, a column for each row of twists. */
     void findRows(const std::vector<Pose>& poses, Eigen::MatrixXd& C) const;
-    /** c at poses: nm, and for the axes of hinges the cosines of angles that are right. */
-    void findErrors(const std::vector<Pose>& poses, Eigen::VectorXd& c) const;
+    /** b from the rates of all motors of the integrator; empty where no joint here has one. */
+    void findRightSides(const Eigen::VectorXd& rates, Eigen::VectorXd& b) const;
+    /**
+     * The angles of motors: of the second body relative to the first, about the axis, from some
+     * reference; an entry for each joint, which is 0 for one without motor.
+     */
+    void findAngles(const std::vector<Pose>& poses, Eigen::VectorXd& angles) const;
+    /** Add to the angles of motors what they turn by, which has an entry for each motor. */
+    void turnBy(const Eigen::VectorXd& turns, Eigen::VectorXd& angles) const;
+    /**
+     * c at poses: nm, for the axes of hinges the cosines of angles that are right, and for motors
+     * the differences from these angles; null: motors have no error.
+     */
+    void findErrors(const std::vector<Pose>& poses, const Eigen::VectorXd* angles,
+                    Eigen::VectorXd& c) const;
     /**
      * Factorise C N C^T. @throws OpenMMException  naming the joint, where a condition follows from
      * the others or cannot be met
@@ -61,20 +82,26 @@ public:
      * of the projection does not matter for what is sampled.
      *
      * @param mobilities_body  of the elements by themselves, in their frames
+     * @param angles           to which motors turn: findAngles()
      * @throws OpenMMException if that fails, naming the joint
      */
     void project(const std::vector<Eigen::MatrixXd>& mobilities_body, double tolerance,
-                 std::vector<Pose>& poses) const;
+                 const Eigen::VectorXd& angles, std::vector<Pose>& poses) const;
     /**
      * @throws OpenMMException  naming the first joint whose bodies do not fit within this, or whose
      *     axes have opposite directions
      */
-    void check(const std::vector<Pose>& poses, double tolerance) const;
-    /** The force on i at its anchor, 3 for each joint, of conditions with the forces mu. */
+    void check(const std::vector<Pose>& poses, double tolerance,
+               const Eigen::VectorXd* angles = nullptr) const;
+    /**
+     * The force on i at its anchor, and below it the torque of a motor on j about the axis: 4 for
+     * each joint, of conditions with the forces mu.
+     */
     void forces(const std::vector<Pose>& poses, const Eigen::VectorXd& mu,
                 Eigen::MatrixXd& forces_lab) const;
 
 private:
+    void checkRods(const Joint& joint) const;
     Eigen::Vector3d anchor(const Joint& joint, bool second, const std::vector<Pose>& poses) const;
     void moveBy(const Eigen::VectorXd& twists, std::vector<Pose>& poses) const;
 

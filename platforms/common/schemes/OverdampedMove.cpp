@@ -52,6 +52,7 @@ void OverdampedMove::begin(const OverdampedStep& step) {
     differenceStep_ = step.difference;
     driftFactorScalesAll_ = step.driftFactorScalesAll;
     flow = step.flow;
+    if (joints) joints->findRightSides(step.motorRates, rightSides);
     randomNumbers = 0;
     differencesHaveEnded = false;
     present = start;
@@ -214,7 +215,11 @@ void OverdampedMove::solveWithJoints(const Vectors& wrenches, const Vectors& sli
     for (int k = 0; k < twists.cols(); k++)
         if (prescribed && columns[k]->givesVelocity)
             twistsOfWrenches.col(k) += findPrescribed(mobility.posesHere()).col(0);
-    mu = -inverseOfCNC * (C * twistsOfWrenches);
+    mu = C * twistsOfWrenches;
+    if (rightSides.size() > 0)
+        for (int k = 0; k < mu.cols(); k++)
+            if (columns[k]->givesVelocity) mu.col(k) -= rightSides;
+    mu = -inverseOfCNC * mu;
     wrenchesWithJoints = wrenches + C.transpose() * mu;
     // Once more, so that the forces of particles are those with joints.
     solveThese(wrenchesWithJoints);
@@ -242,7 +247,7 @@ void OverdampedMove::recordHold(const Column& solved, int column) {
     if (joints)
         wrenchesOfSolve -= C.transpose() * mu.col(column);  // not what holds fixed components
     *holds += solved.weight * (wrenchesOfSolve - wrenchOf(solved).col(0));
-    if (solved.axisForces) *holds += solved.weight * solved.axisFactor * *solved.axisForces;
+    if (solved.axisForces) *holds += solved.weight * solved.axisFactor * axisForcesOfFixed;
 }
 
 const OverdampedMove::Vectors& OverdampedMove::findPrescribed(const vector<Pose>& at) {
@@ -493,6 +498,7 @@ void OverdampedMove::drawAxisForces(Vectors& forces) {
     setTurns(backward, turnsOfFixed);
     free.motionOfFixed(turnsOfFixed, along, atOtherEnd);
     forces -= atOtherEnd;
+    axisForcesOfFixed = forces / centralStep;
     if (joints) {
         Vectors C_there;
         joints->findRows(forward, C_there);

@@ -21,6 +21,7 @@ struct OverdampedStep {
     NoiseStream noise;
     bool driftFactorScalesAll = false;  // setDriftCorrectorScaling(Whole)
     const DrivenFlow* flow = nullptr;   // null: none
+    Eigen::VectorXd motorRates;         // of all motors of the integrator; empty: none
 };
 
 /**
@@ -75,9 +76,9 @@ public:
      * FreeMotion::motionOfFixed(). null: they are at rest.
      */
     void prescribe(const Vectors* velocitiesOfFixed) { prescribed = velocitiesOfFixed; }
-    /** Joints between the elements; null: none. To be set before the step. */
+    /** Joints between the elements; null: none. To be set before begin(). */
     void setJoints(const Joints* jointsOfElements) { joints = jointsOfElements; }
-    /** Add up the forces of joints in the step, 3 x joints (Joints::forces()); null: do not. */
+    /** Add up the forces of joints in the step, 4 x joints (Joints::forces()); null: do not. */
     void recordJointForces(Vectors* forces) { jointForces = forces; }
     /**
      * Add up in `holds` the wrenches that hold fixed components in the step, of whose mean each
@@ -111,8 +112,8 @@ public:
 
     public:
         /**
-         * Note that the wrench has a multiple of drawAxisForces(). What holds the body exerts it,
-         * so that it counts as a part of the wrench that holds.
+         * Note that the wrench has a multiple of drawAxisForces(). What holds the body, or a joint,
+         * exerts it. The part of fixed components counts as a part of the wrench that holds.
          */
         Column& including(double factor, const Vectors& forces) {
             axisFactor = factor;
@@ -358,8 +359,10 @@ private:
     const Joints* joints = nullptr;
     Vectors* jointForces = nullptr;
     bool responseIsKnown = false;  // of joints, at the poses set last
+    Eigen::VectorXd rightSides;    // of joints; empty: all 0
     Vectors C, N_CT, inverseOfCNC, mu, wrenchesWithJoints, twistsOfWrenches, forcesOfJoints;
     bool endsAreFound = false;  // of the difference along the present directions
+    Vectors axisForcesOfFixed;  // of drawAxisForces(), without those of joints
     std::vector<Eigen::Matrix3d> turnsOfFixed;
     Vectors* holds = nullptr;
     Vectors twistsOfFixed, scaledTwists, slipsOfFixed, forcesOfSolve, wrenchesOfSolve;

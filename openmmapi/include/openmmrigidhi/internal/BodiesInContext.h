@@ -44,6 +44,7 @@ public:
     virtual std::vector<OpenMM::Vec3> computeParticleHoldingForces() = 0;
     virtual std::vector<OpenMM::Vec3> getParticleHoldingForces() = 0;
     virtual std::vector<OpenMM::Vec3> getJointForces() = 0;
+    virtual std::vector<double> getHingeMotorTorques() = 0;
     virtual double getPoseResidual() = 0;
 
     virtual double computeTranslationalKineticEnergy() = 0;

@@ -39,6 +39,14 @@ struct JointDefinition {
     double length = 0;
 };
 
+/** A motor of CustomRigidHIIntegrator, as its user defined it. */
+struct HingeMotorDefinition {
+    /** The index of the joint, which is a hinge. */
+    int hinge = -1;
+    /** The angular velocity of the second body relative to the first, about the axis, rad/ps. */
+    double rate = 0;
+};
+
 /** The kinds by their numbers, as in XML and in Python. */
 constexpr const char* jointKindNames[] = {"Ball", "BallToPoint", "Link", "Hinge"};
 
