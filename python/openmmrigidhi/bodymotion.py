@@ -40,9 +40,9 @@ class CustomBodyMotion(_copies.Copies, _Base):
     - per-body parameters, which have a value for each body that was added;
     - global parameters, which are parameters of the Context (``context.setParameter``).
 
-    Only schemes without momenta in a fluid take prescribed motion. Other schemes can hold bodies
-    (``integrator.setBodyHeld``). The force groups of OpenMM have no meaning here, and there is no
-    energy.
+    Schemes without momenta in a fluid take any prescribed components, and LangevinHI those of whole
+    bodies. Other schemes can hold bodies (``integrator.setBodyHeld``). The force groups of OpenMM
+    have no meaning here, and there is no energy.
 
     A wrong type raises TypeError, and a wrong shape ValueError. Everything else that is refused
     raises openmm.OpenMMException. Each message names the object, the value, the bound and the

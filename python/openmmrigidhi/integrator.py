@@ -1150,7 +1150,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def computeHoldingWrenches(self) -> Array:
         """Get the wrenches that hold the bodies at the present poses, without noise.
 
-        The fluid and all forces on a held body together exert the opposite of its wrench.
+        The fluid and all forces on a held body together exert the opposite of its wrench. Under
+        LangevinHI they are for the present velocities of the other bodies.
 
         Returns
         -------
@@ -1163,8 +1164,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def getHoldingWrenches(self) -> Array:
         """Get the wrenches that held the bodies during the last step, with the share of the noise.
 
-        Only schemes without momenta in a fluid have them. Their variance is inversely proportional
-        to the step size.
+        Only schemes in a fluid have them. Their variance is inversely proportional to the step
+        size.
 
         Returns
         -------

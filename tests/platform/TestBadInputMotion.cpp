@@ -126,9 +126,18 @@ TEST(BadMotion, Schemes) {
     Scene scene(CustomRigidHIIntegrator::LangevinHI);
     scene.addMotion({"", "", "0", "1", "", ""}, {1});
     scene.expectRefused(
-        {"a CustomBodyMotion (force 1) prescribes the motion of body 1, which "
-         "scheme LangevinHI",
-         refusal[0]});
+        {"a CustomBodyMotion (force 1) prescribes vz, wx of body 1, but scheme LangevinHI takes "
+         "prescribed motion of whole bodies only",
+         "prescribe the other components too ('0': at rest), or use a scheme without momenta in a "
+         "fluid, such as TrapezoidalSlip"});
+    // The setter of an integrator that is in use knows nothing of it; the next step does.
+    Scene later;
+    later.addMotion(spin, {0});
+    later.start(testPlatform());
+    later.integrator.step(1);
+    later.integrator.setScheme(CustomRigidHIIntegrator::LangevinHI);
+    expectError([&] { later.integrator.step(1); },
+                {"prescribes wy of body 0, but scheme LangevinHI takes"});
 }
 
 TEST(BadMotion, NoBodiesAreNoError) {

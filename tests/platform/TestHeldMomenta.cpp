@@ -277,6 +277,32 @@ TEST(HeldMomenta, FlagsThatNothingSawAreNone) {
     Snapshot(scene).expectSameBits(Snapshot(other), "taken back");
 }
 
+/** Without a fluid forces alone are held, and steps do not record them. */
+TEST(HeldMomenta, OnlyStepsInAFluidRecordHolds) {
+    for (Scheme scheme : {A, B, C, gradient}) {
+        Springs scene(scheme);
+        scene.integrator.step(2);
+        const auto now = scene.integrator.computeHoldingWrenches();
+        EXPECT_GT(abs(now[6 * 4]), 1e-3);
+        expectError([&] { scene.integrator.getHoldingWrenches(); },
+                    {"getHoldingWrenches() is for schemes in a fluid, not for ",
+                     "whose steps do not record what holds bodies; use the method that computes "
+                     "it at the present poses"});
+    }
+    // At temperature 0 those of a short step are those of its velocities.
+    Springs scene(HI, 1, Springs::Some, 1e-5);
+    scene.integrator.setTemperature(0);
+    scene.integrator.step(3);
+    const auto last = scene.integrator.getHoldingWrenches(),
+               now = scene.integrator.computeHoldingWrenches();
+    const auto lastForces = scene.integrator.getParticleHoldingForces(),
+               forces = scene.integrator.computeParticleHoldingForces();
+    for (size_t i = 0; i < now.size(); i++) EXPECT_NEAR(last[i], now[i], 1e-3) << i;
+    const int p = scene.freeParticles[1];
+    EXPECT_GT(norm(forces[p]), 0.1);
+    EXPECT_LT(norm(lastForces[p] - forces[p]), 1e-3);
+}
+
 TEST(HeldMomenta, VelocitiesOfWhatIsHeldAreAlwaysZero) {
     for (Scheme scheme : {A, B, C, HI}) {
         Springs scene(scheme), other(scheme);

@@ -28,8 +28,8 @@ namespace RigidHIPlugin {
  *   - per-body parameters, with a value for each body that was added;
  *   - global parameters, which are parameters of the Context.
  *
- * Only schemes without momenta in a fluid take prescribed motion. Other schemes can hold bodies
- * (CustomRigidHIIntegrator::setBodyHeld()).
+ * Schemes without momenta in a fluid take any prescribed components, and LangevinHI those of whole
+ * bodies. Other schemes can hold bodies (CustomRigidHIIntegrator::setBodyHeld()).
  *
  * The force groups of OpenMM have no meaning for a CustomBodyMotion, and it has no energy.
  *

@@ -38,7 +38,7 @@ Warnings AdoptedSettings::adopt(Scene& scene) {
     kT = BOLTZ * integrator.getTemperature();
     difference = integrator.getFiniteDifferenceStep();
     driftCorrectorScaling = integrator.getDriftCorrectorScaling();
-    fluidCouplesBodies = hydrodynamic && scene.fluid->getMomenta().couplesBodies();
+    needsMiddle = hydrodynamic && scene.fluid->getMomenta().needsMiddle();
     adopted = wanted;
     // The watch forgets what it found when it adopts the settings.
     Warnings warnings = findWarnings(scene);

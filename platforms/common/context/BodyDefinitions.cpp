@@ -146,7 +146,8 @@ void BodyDefinitions::checkVirtualSites(int b, const BodyGeometry& g) const {
     }
 }
 
-BodyDefinitions::Bodies BodyDefinitions::build(const vector<BodyGeometry>& geometries) const {
+BodyDefinitions::Bodies BodyDefinitions::build(const vector<BodyGeometry>& geometries,
+                                               const vector<bool>& withoutMomenta) const {
     const int n = getNumBodies();
     vector<vector<double>> siteMasses(n);
     vector<vector<bool>> carriesForce(n);
@@ -165,9 +166,7 @@ BodyDefinitions::Bodies BodyDefinitions::build(const vector<BodyGeometry>& geome
         result.fits.emplace_back(geometries[b], masses, isVirtual);
         if (result.fits.back().massesMakeTheBody(geometries[b], masses)) siteMasses[b] = masses;
     }
-    vector<bool> held;
-    for (int b = 0; b < n; b++) held.push_back(integrator.getBodyHeld(b));
-    result.set = BodySet(geometries, particlesOfBodies(), siteMasses, carriesForce, held);
+    result.set = BodySet(geometries, particlesOfBodies(), siteMasses, carriesForce, withoutMomenta);
     return result;
 }
 

@@ -77,7 +77,9 @@ public:
         std::vector<PoseFit> fits;
         BodySet set;
     };
-    Bodies build(const std::vector<BodyGeometry>& geometries) const;
+    /** @param withoutMomenta  of each body: BodySet's `held` */
+    Bodies build(const std::vector<BodyGeometry>& geometries,
+                 const std::vector<bool>& withoutMomenta) const;
     /** Exchange the present geometries and fits for others. */
     void exchange(Bodies& others);
 

@@ -40,7 +40,7 @@ Scene::Scene(ContextImpl& context, const CustomRigidHIIntegrator& integrator,
 }
 
 void Scene::build(const vector<BodyGeometry>& geometries) {
-    BodyDefinitions::Bodies newBodies = definitions.build(geometries);
+    BodyDefinitions::Bodies newBodies = definitions.build(geometries, withoutMomenta());
     bodyMotions.checkSpins(geometries, definitions.particlesOfBodies(), fluid.getParameters());
     unique_ptr<Fluid> newFluid = fluid.make(newBodies);
     const auto exchange = [&] {
@@ -77,14 +77,29 @@ void Scene::adoptInertia() {
         traitsOf(integrator.getScheme()).hasMomenta ? integrator.getInertiaScale() : 1);
 }
 
-/** Hold what the integrator holds. Users may change this between steps. */
+/**
+ * The bodies whose momenta are not state: those that are held and, under LangevinHI, those that
+ * CustomBodyMotions move.
+ */
+vector<bool> Scene::withoutMomenta() const {
+    const bool moves =
+        traitsOf(integrator.getScheme()).kind == SchemeKind::FluidThermostat && bodyMotions.isOn();
+    vector<bool> result;
+    for (int b = 0; b < definitions.getNumBodies(); b++)
+        result.push_back(integrator.getBodyHeld(b) ||
+                         (moves && bodyMotions.getPrescribed().count(b) > 0));
+    return result;
+}
+
+/** Hold what the integrator holds. Users may change this, and the scheme, between steps. */
 void Scene::adoptHeld() {
     if (adoptedHeld == integrator.getSettingsVersion()) return;
     bool isNew = freeParticles->setHeld(integrator.getHeldParticles()), areOthers = false;
+    const vector<bool> wanted = withoutMomenta();
     for (int b = 0; built && b < bodies.getNumBodies(); b++)
-        areOthers = areOthers || bodies.isHeld(b) != integrator.getBodyHeld(b);
+        areOthers = areOthers || bodies.isHeld(b) != wanted[b];
     if (areOthers) {
-        BodySet others = definitions.build(definitions.geometries()).set;
+        BodySet others = definitions.build(definitions.geometries(), wanted).set;
         others.takeStates(bodies);
         swap(bodies, others);
         isNew = true;

@@ -104,6 +104,7 @@ public:
 
 private:
     void adoptHeld();
+    std::vector<bool> withoutMomenta() const;
     bool built = false;
     long long changes = 0;
     int heldChanges = 0;

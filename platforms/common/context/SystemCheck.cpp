@@ -313,10 +313,17 @@ static void checkPrescribed(const CustomRigidHIIntegrator& integrator, const Sys
         if (integrator.getBodyHeld(b))
             fail(bodyText(b) + " is held, but " + motion +
                  "its motion; let the body go, or remove it from the force");
-        if (!traits.isOverdamped())
+        if (traits.isOverdamped()) continue;
+        if (traits.kind != SchemeKind::FluidThermostat)
             fail(motion + "the motion of " + bodyText(b) + ", which scheme " + traits.name +
                  " cannot do; use a scheme without momenta in a fluid, such as TrapezoidalSlip, or "
                  "hold the body by setBodyHeld()");
+        if (!components.areAll())
+            fail(motion + components.names() + " of " + bodyText(b) + ", but scheme " +
+                 traits.name +
+                 " takes prescribed motion of whole bodies only; prescribe the other components "
+                 "too ('0': at rest), or use a scheme without momenta in a fluid, such as "
+                 "TrapezoidalSlip");
     }
 }
 

@@ -1,11 +1,10 @@
 #include "fluid/BrownianGroups.h"
 
-#include <openmm/OpenMMException.h>
-
 #include <algorithm>
 #include <functional>
 
 #include "fluid/FlowReader.h"
+#include "fluid/FluidChecks.h"
 #include "linearalgebra/OneBlasThread.h"
 
 using namespace std;
@@ -18,7 +17,10 @@ void BrownianGroups::begin(CustomRigidHIIntegrator::Scheme wanted) {
 }
 
 void BrownianGroups::end() {
-    for (const auto& group : fluid.groups) group->brownian->end();
+    for (const auto& group : fluid.groups) {
+        group->brownian->end();
+        if (group->holds) group->holds->forget();
+    }
 }
 
 int BrownianGroups::nextStage() const {
@@ -67,12 +69,7 @@ BrownianGroups::Rejections BrownianGroups::takeBackRejected(
     for (const auto& group : fluid.groups) {
         if (group->objection.empty()) continue;
         const string ofMotion = group->objectionToWhollyFixed(bodies, positions);
-        if (!ofMotion.empty())
-            throw OpenMM::OpenMMException(
-                "CustomRigidHIIntegrator: a prescribed motion leads to where the fluid has no "
-                "mobility, which no noise can mend: " +
-                ofMotion +
-                "; change the expressions of the CustomBodyMotion, or move what is in its way");
+        if (!ofMotion.empty()) refusePrescribedMotion(ofMotion);
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++)
             if (elements[e].isFree())

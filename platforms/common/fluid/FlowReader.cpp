@@ -118,7 +118,7 @@ void FlowReader::flowOfVelocities(FluidGroup& group, const FlowQuestion& questio
                                   Answer& result) const {
     const BodySet& bodies = question.bodies;
     MatrixXd twists, forces;
-    group.members.readTwists(bodies, question.velocities, twists);
+    group.members.readTwists(bodies, question.velocities, question.prescribed, twists);
     BodyMobility& mobility = group.brownian->mobilityFor(0, question.scheme);
     mobility.setTolerance(force.getSolverTolerance());
     const vector<Pose>& poses = group.readPoses(bodies, question.positions);

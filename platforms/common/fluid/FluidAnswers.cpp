@@ -169,6 +169,7 @@ FluidAnswers::Holds FluidAnswers::noHolds(int numParticles) const {
 }
 
 bool FluidAnswers::knowsHoldsOfLastStep() const {
+    fluid.findHolds();
     for (const auto& group : fluid.groups)
         if (group->bodies.getFreeMotion().any() && !group->brownian->getHolds()) return false;
     return true;
@@ -200,7 +201,8 @@ FluidAnswers::Holds FluidAnswers::holdsNow(const FlowQuestion& question) const {
         move.atStart();
         MatrixXd own = MatrixXd::Zero(group->bodies.getNumRows(), 1), twists, forces;
         if (question.hasMomenta()) {
-            group->members.readTwists(question.bodies, question.velocities, twists);
+            group->members.readTwists(question.bodies, question.velocities, question.prescribed,
+                                      twists);
             mobility.forcesOfTwists(twists, fluid.getFlow(), forces);
             mobility.totalWrenches(move.start, forces, own);
             own -= move.force;

@@ -1,5 +1,7 @@
 #include "fluid/FluidChecks.h"
 
+#include <openmm/OpenMMException.h>
+
 #include <cmath>
 
 #include "rigidbody/BodyPoses.h"
@@ -16,6 +18,22 @@ string FluidChecks::objection(const BodySet& bodies, const vector<OpenMM::Vec3>&
         if (!text.empty()) return text;
     }
     return {};
+}
+
+string FluidChecks::objectionToWhollyFixed(const BodySet& bodies,
+                                           const vector<OpenMM::Vec3>& positions) const {
+    for (const auto& group : fluid.groups) {
+        const string text = group->objectionToWhollyFixed(bodies, positions);
+        if (!text.empty()) return text;
+    }
+    return {};
+}
+
+void refusePrescribedMotion(const string& objection) {
+    throw OpenMM::OpenMMException(
+        "CustomRigidHIIntegrator: a prescribed motion leads to where the fluid has no mobility, "
+        "which no noise can mend: " +
+        objection + "; change the expressions of the CustomBodyMotion, or move what is in its way");
 }
 
 bool FluidChecks::mayObject() const {

@@ -8,6 +8,9 @@
 
 namespace RigidHIPlugin {
 
+/** @throws OpenMMException for an objection to bodies that are held or wholly prescribed */
+[[noreturn]] void refusePrescribedMotion(const std::string& objection);
+
 /** Whether steps can go on from the present poses and forces. */
 class FluidChecks {
 public:
@@ -16,6 +19,12 @@ public:
      * Why the model has no mobility at the present poses, naming particles; empty where it has one.
      */
     std::string objection(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
+    /**
+     * Likewise for what is held or wholly prescribed by itself, if something is prescribed: no
+     * noise can change this.
+     */
+    std::string objectionToWhollyFixed(const BodySet& bodies,
+                                       const std::vector<OpenMM::Vec3>& positions) const;
     /** Whether objection() can ever return a reason. */
     bool mayObject() const;
     /**

@@ -3,6 +3,7 @@
 #include <sstream>
 
 #include "fluid/GroupBuilder.h"
+#include "linearalgebra/OneBlasThread.h"
 
 using namespace std;
 
@@ -43,6 +44,7 @@ FluidContents::FluidContents(const MobilityForce& forceToUse, const FluidSetting
 }
 
 void FluidContents::setBox(const BoxVectors& newBox) {
+    findHolds();  // of a step in the box that was
     box = newBox;
     for (const auto& group : groups) {
         group->bodies.setBox(box);
@@ -50,6 +52,12 @@ void FluidContents::setBox(const BoxVectors& newBox) {
     }
     flow = userFlow.inBox(box);
     isDriven = !flow.isZero();
+}
+
+void FluidContents::findHolds() const {
+    const OneBlasThread single;
+    for (const auto& group : groups)
+        if (group->holds) group->holds->find();
 }
 
 void FluidContents::forGroups(int count, double operations, const function<void(int)>& task) const {

@@ -64,6 +64,8 @@ struct FluidContents {
      * data of steps are kept.
      */
     bool hasOneFlow() const { return groups.size() == 1 && !isFreeDraining(); }
+    /** Find what held fixed components in the last step, where steps leave this to be found. */
+    void findHolds() const;
     /**
      * Call task(i) for i = 0 ... count - 1, each for a group, in threads where that is faster.
      * @param operations  arithmetic operations of all tasks, roughly

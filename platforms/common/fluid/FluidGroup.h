@@ -8,6 +8,7 @@
 #include "fluid/BodiesAlone.h"
 #include "fluid/BrownianGroup.h"
 #include "fluid/GroupMembers.h"
+#include "fluid/MomentumHolds.h"
 #include "fluid/Relaxation.h"
 #include "rigid/BodyMobilities.h"
 #include "schemes/OverdampedSchemes.h"
@@ -35,6 +36,7 @@ struct FluidGroup {
     std::unique_ptr<Joints> joints;            // null: none
     std::unique_ptr<Relaxation> relaxation;    // for LangevinHI; null if it is a thermostat
     std::unique_ptr<BrownianGroup> brownian;   // for schemes without momenta
+    std::unique_ptr<MomentumHolds> holds;      // of LangevinHI; null: no component is fixed
     std::string objection;              // against the poses after the last stage without momenta
     BodyMobility* answering = nullptr;  // for requests of users
     /** Elements that are held or wholly prescribed, by themselves; null: none is prescribed. */

@@ -139,6 +139,7 @@ static int numRowsOfAll(const FluidContents& fluid) {
 
 /** In the order of bodies and free particles, which does not depend on what is held. */
 SchemeMemory FluidMemory::getHolds() const {
+    fluid.findHolds();
     MatrixXd all = MatrixXd::Zero(numRowsOfAll(fluid), 1);
     bool any = false;
     for (const auto& group : fluid.groups) {
@@ -169,6 +170,7 @@ void FluidMemory::setHolds(const SchemeMemory& saved) {
     checkHolds(saved);
     for (const auto& group : fluid.groups) {
         group->brownian->forgetHolds();
+        if (group->holds) group->holds->forget();
         if (saved.groups.empty() || !group->bodies.getFreeMotion().any()) continue;
         MatrixXd holds(group->bodies.getNumRows(), 1);
         forElements(fluid, *group, [&](int row, int rowOfAll, int count) {

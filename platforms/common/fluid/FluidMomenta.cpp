@@ -19,6 +19,7 @@ constexpr ErrorsOf fail{"MobilityForce"};
 
 FluidMomenta::FluidMomenta(const FluidContents& fluid) : fluid(fluid) {
     for (const auto& group : fluid.groups) {
+        fixesComponents = fixesComponents || group->holds;
         if (!group->relaxation) continue;
         coupledGroups.push_back(group.get());
         const double rows = group->relaxation->getNumRows(),
@@ -82,14 +83,18 @@ bool FluidMomenta::freeThermostat(int freeParticle, double mass, double kT, doub
 LoopResult FluidMomenta::relax(double h, double kT, const NoiseStream& noise, BodySet& bodies,
                                const FreeParticles& freeParticles,
                                const vector<OpenMM::Vec3>& positions,
-                               vector<OpenMM::Vec3>& velocities) {
+                               vector<OpenMM::Vec3>& velocities, const MatrixXd* prescribed) {
     const OneBlasThread single;
-    const RelaxationStep step{h,          kT,          noise,          bodies, freeParticles,
-                              velocities, fluid.loops, fluid.getFlow()};
+    const RelaxationStep step{h,          kT,          noise,           bodies,    freeParticles,
+                              velocities, fluid.loops, fluid.getFlow(), prescribed};
     const auto task = [&](int i) {
         FluidGroup& group = *coupledGroups[i];
         group.relaxation->relax(group.readPoses(bodies, positions), step);
+        if (group.holds) group.holds->noteMiddle(group.poses, group.relaxation.get(), step);
     };
+    for (const auto& group : fluid.groups)
+        if (group->holds && !group->relaxation)
+            group->holds->noteMiddle(group->readPoses(bodies, positions), nullptr, step);
     fluid.forGroups(coupledGroups.size(), operationsPerStep, cref(task));
     LoopResult result;
     for (const FluidGroup* group : coupledGroups) {
@@ -99,6 +104,16 @@ LoopResult FluidMomenta::relax(double h, double kT, const NoiseStream& noise, Bo
         result.finite = result.finite && group->relaxation->isFinite();
     }
     return result;
+}
+
+void FluidMomenta::beginStep(const BodySet& bodies, const FreeParticles& freeParticles) {
+    for (const auto& group : fluid.groups)
+        if (group->holds) group->holds->begin(bodies, freeParticles);
+}
+
+void FluidMomenta::endStep(const BodySet& bodies, const FreeParticles& freeParticles) {
+    for (const auto& group : fluid.groups)
+        if (group->holds) group->holds->end(bodies, freeParticles);
 }
 
 }  // namespace RigidHIPlugin

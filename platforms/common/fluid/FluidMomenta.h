@@ -19,6 +19,8 @@ public:
     explicit FluidMomenta(const FluidContents& fluid);
     /** Whether a matrix couples anything, so that relax() has something to do. */
     bool couplesBodies() const { return !coupledGroups.empty(); }
+    /** Whether steps must stop in the middle: for relax(), or for components that are fixed. */
+    bool needsMiddle() const { return couplesBodies() || fixesComponents; }
     /**
      * Check the inertia that LangevinHI needs, such as zero inertia about the line of collinear
      * blobs.
@@ -38,14 +40,22 @@ public:
     /**
      * Change momenta of bodies and velocities of free particles over the time h at the present
      * poses (Davidchack 2017, eq. 26).
+     *
+     * @param prescribed  of the middle of the step, 6 for each body of the Context; null: nothing
+     * is
      */
     LoopResult relax(double h, double kT, const NoiseStream& noise, BodySet& bodies,
                      const FreeParticles& freeParticles, const std::vector<OpenMM::Vec3>& positions,
-                     std::vector<OpenMM::Vec3>& velocities);
+                     std::vector<OpenMM::Vec3>& velocities, const Eigen::MatrixXd* prescribed);
+    /** Note what holds fixed components in a step: the forces at its start, and those at its end.
+     */
+    void beginStep(const BodySet& bodies, const FreeParticles& freeParticles);
+    void endStep(const BodySet& bodies, const FreeParticles& freeParticles);
 
 private:
     const FluidContents& fluid;
     std::vector<FluidGroup*> coupledGroups;
+    bool fixesComponents = false;
     double operationsPerStep = 0;  // of the coupled groups, roughly
 };
 

@@ -398,6 +398,9 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     group.brownian = make_unique<BrownianGroup>(
         group.members, strategy(takesKrylov(particleRows > largestDenseOverdampedRows)),
         group.alone, force.getSolverTolerance());
+    if (isFixed)
+        group.holds =
+            make_unique<MomentumHolds>(group.members, *group.brownian, force.getSolverTolerance());
     // Answers to users do not depend on inertia. They are computed as with masses that fit the
     // fluid, whatever masses the bodies have.
     int rows = coupled.getNumRows();
@@ -411,7 +414,7 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     const bool large =
         scaling.getNumRows() > largestDenseRows || particleRows > largestDenseParticleRows;
     group.relaxation = makeRelaxation(strategy(scaling.deadAxesAreNull() && takesKrylov(large)),
-                                      scaling, force.getSolverTolerance());
+                                      scaling, group.members, force.getSolverTolerance());
 }
 
 }  // namespace RigidHIPlugin

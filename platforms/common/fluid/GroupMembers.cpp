@@ -62,12 +62,12 @@ bool GroupMembers::writePoses(const vector<Pose>& poses, BodySet& set,
 }
 
 void GroupMembers::readTwists(const BodySet& set, const vector<OpenMM::Vec3>& velocities,
-                              MatrixXd& twists) const {
+                              const MatrixXd* prescribed, MatrixXd& twists) const {
     const auto& elements = bodies.getElements();
     twists.setZero(bodies.getNumRows(), 1);
     for (size_t e = 0; e < elements.size(); e++) {
         const int row = bodies.firstRow(e), body = elements[e].body;
-        if (elements[e].isHeld) continue;
+        if (elements[e].isWhollyFixed()) continue;
         if (elements[e].isFree()) {
             twists.block<3, 1>(row, 0) = toEigen(velocities[elements[e].particles[0]]);
             continue;
@@ -75,6 +75,13 @@ void GroupMembers::readTwists(const BodySet& set, const vector<OpenMM::Vec3>& ve
         twists.block<3, 1>(row, 0) = toEigen(set.getState(body).p) / set.inertia(body).mass;
         twists.block<3, 1>(row + 3, 0) = toEigen(set.getAngularVelocity_lab(body));
     }
+    MatrixXd values, ofFixed;
+    if (!readPrescribed(prescribed, values)) return;
+    vector<Matrix3d> turns(elements.size(), Matrix3d::Identity());
+    for (size_t e = 0; e < elements.size(); e++)
+        if (!elements[e].isFree()) turns[e] = poseOf(set, elements[e].body).rotation();
+    bodies.getFreeMotion().motionOfFixed(turns, values, ofFixed);
+    twists += ofFixed;
 }
 
 bool GroupMembers::readPrescribed(const MatrixXd* values, MatrixXd& ofElements) const {

@@ -30,9 +30,14 @@ public:
     /** The forces and torques last gathered, lab frame, at the present poses of the bodies. */
     void readForces(const BodySet& set, const FreeParticles& freeParticles,
                     Eigen::MatrixXd& forces) const;
-    /** Velocities and angular velocities, lab frame. What is held has none. */
+    /**
+     * Velocities and angular velocities, lab frame. Those of fixed components are the prescribed
+     * ones, whatever the velocities are.
+     *
+     * @param prescribed  as in readPrescribed()
+     */
     void readTwists(const BodySet& set, const std::vector<OpenMM::Vec3>& velocities,
-                    Eigen::MatrixXd& twists) const;
+                    const Eigen::MatrixXd* prescribed, Eigen::MatrixXd& twists) const;
     /**
      * The prescribed velocities of fixed components (OverdampedMove::prescribe()).
      *

@@ -13,7 +13,7 @@ MomentumScaling::MomentumScaling(const CoupledBodies& coupled, const vector<int>
     const auto& elements = coupled.getElements();
     for (size_t e = 0; e < elements.size(); e++) {
         int live = 0;
-        if (elements[e].isHeld) {
+        if (elements[e].isWhollyFixed()) {
             numLive.push_back(0);
             firstRows.push_back(-1);
             continue;
@@ -38,7 +38,7 @@ void MomentumScaling::matrix(bool inverse, BodyMobility& mobility, const BodySet
     for (int pass = 0; pass < 2; pass++)
         for (size_t e = 0; e < elements.size(); e++) {
             const int row = coupled.firstRow(e), z = firstRows[e];
-            if (elements[e].isHeld) continue;
+            if (elements[e].isWhollyFixed()) continue;
             const double mass = elements[e].isFree() ? freeParticles.mass(freeIndex[e])
                                                      : bodies.inertia(elements[e].body).mass;
             if (pass == 0)
@@ -78,7 +78,7 @@ void MomentumScaling::scale(const MatrixXd& from, bool fromZ, const BodyMobility
     to.resize(fromZ ? coupled.getNumRows() : numRows, from.cols());
     for (size_t e = 0; e < elements.size(); e++) {
         const int z = firstRows[e], row = coupled.firstRow(e);
-        if (elements[e].isHeld) {
+        if (elements[e].isWhollyFixed()) {
             if (fromZ) to.middleRows(row, elements[e].numRows()).setZero();
             continue;
         }

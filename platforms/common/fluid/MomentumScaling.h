@@ -13,7 +13,7 @@ namespace RigidHIPlugin {
 /**
  * Momenta of a group in the units in which their relaxation is symmetric: Z = K^(1/2) (p, l), with
  * K the inverse masses and moments, and l in the body frame. Each element has three rows for p,
- * then one row for each live axis. Held elements have no rows.
+ * then one row for each live axis. Elements whose components are all fixed have no rows.
  *
  * T scales velocities: T V = Z for the momenta of bodies with the velocities V. It has the blocks
  * m^(1/2) and I_k^(1/2) (A e_k)^T.
@@ -24,7 +24,7 @@ public:
     MomentumScaling(const CoupledBodies& coupled, const std::vector<int>& freeIndex,
                     const BodySet& bodies);
     int getNumRows() const { return numRows; }
-    /** -1: the element is held. */
+    /** -1: the element has no rows. */
     int firstRow(int element) const { return firstRows[element]; }
     int getNumLive(int element) const { return numLive[element]; }
     /**
@@ -36,7 +36,7 @@ public:
 
     /**
      * S = T^-T xi T^-1, or its inverse, T N T^T, at the poses of the mobility, where N is the
-     * mobility beside what is held. The inverse needs deadAxesAreNull().
+     * mobility beside what is fixed. The inverse needs deadAxesAreNull().
      */
     void matrix(bool inverse, BodyMobility& mobility, const BodySet& bodies,
                 const FreeParticles& freeParticles, Eigen::MatrixXd& S);

@@ -75,8 +75,9 @@ private:
 /** The process by Lanczos on S^-1 = T N T^T, which needs products only. */
 class KrylovRelaxation : public Relaxation {
 public:
-    KrylovRelaxation(BodyMobility& mobility, const MomentumScaling& scaling, double tolerance)
-        : Relaxation(mobility, scaling), tolerance(tolerance), lanczos(tolerance) {}
+    KrylovRelaxation(BodyMobility& mobility, const MomentumScaling& scaling,
+                     const GroupMembers& members, double tolerance)
+        : Relaxation(mobility, scaling, members), tolerance(tolerance), lanczos(tolerance) {}
 
 protected:
     void prepare() override {
@@ -117,13 +118,14 @@ private:
 }  // namespace
 
 unique_ptr<Relaxation> makeRelaxation(BodyMobility& mobility, const MomentumScaling& scaling,
-                                      double tolerance) {
+                                      const GroupMembers& members, double tolerance) {
     switch (mobility.getWay()) {
-        case BodyMobility::Constant: return make_unique<ConstantRelaxation>(mobility, scaling);
-        case BodyMobility::Dense: return make_unique<DenseRelaxation>(mobility, scaling);
+        case BodyMobility::Constant:
+            return make_unique<ConstantRelaxation>(mobility, scaling, members);
+        case BodyMobility::Dense: return make_unique<DenseRelaxation>(mobility, scaling, members);
         case BodyMobility::Krylov: break;
     }
-    return make_unique<KrylovRelaxation>(mobility, scaling, tolerance);
+    return make_unique<KrylovRelaxation>(mobility, scaling, members, tolerance);
 }
 
 void Relaxation::relax(const vector<Pose>& poses, const RelaxationStep& step) {
@@ -131,16 +133,38 @@ void Relaxation::relax(const vector<Pose>& poses, const RelaxationStep& step) {
     prepare();
     mobility.setPoses(poses);
     takeMomenta(step);
-    if (step.flow) takeMomentaOfFlow(step);
-    if (step.flow) Z -= Z_flow.col(0);
+    Z_start = Z;
+    const bool flows = takeMomentaOfFlow(step);
+    if (flows) Z -= Z_flow.col(0);
     evolve(step);
-    if (step.flow) Z += Z_flow.col(0);
+    if (flows) Z += Z_flow.col(0);
     giveMomenta(step);
 }
 
-void Relaxation::takeMomentaOfFlow(const RelaxationStep& step) {
-    mobility.flowTwists(*step.flow, twists);
+/** @return whether there is a flow, driven or of bodies whose motion is prescribed */
+bool Relaxation::takeMomentaOfFlow(const RelaxationStep& step) {
+    const bool isDriven = members.readPrescribed(step.prescribed, prescribed);
+    if (!isDriven && !step.flow) return false;
+    if (isDriven) {
+        // K U_p is a slip of the free bodies' fluid: U_flow = -xi_ff^-1 xi_fp U_p and the flow's.
+        const vector<Pose>& here = mobility.posesHere();
+        setTurns(here, turns);
+        mobility.getBodies().getFreeMotion().motionOfFixed(turns, prescribed, twistsOfFixed);
+        mobility.rigidSlips(here, -twistsOfFixed, slips);
+        if (step.flow) {
+            mobility.flowSlips(*step.flow, slipsOfFlow);
+            slips += slipsOfFlow;
+        }
+        noWrenches.setZero(mobility.getBodies().getNumRows(), 1);
+        mobility.solve(noWrenches, slips, twists);
+    } else
+        mobility.flowTwists(*step.flow, twists);
     scaling.scaled(twists, mobility, step.bodies, step.freeParticles, Z_flow);
+    return true;
+}
+
+void Relaxation::getImpulses(const RelaxationStep& step, MatrixXd& impulses) const {
+    scaling.wrenches(Z_start - Z, mobility, step.bodies, step.freeParticles, impulses);
 }
 
 /** Set Z = K^(1/2) (p, l), and draw as many random numbers. */
@@ -151,7 +175,7 @@ void Relaxation::takeMomenta(const RelaxationStep& step) {
     chi.resize(scaling.getNumRows());
     for (size_t e = 0; e < elements.size(); e++) {
         const int z = scaling.firstRow(e);
-        if (elements[e].isHeld) continue;
+        if (elements[e].isWhollyFixed()) continue;
         double numbers[6];
         if (elements[e].isFree()) {
             const int p = elements[e].particles[0];
@@ -188,7 +212,7 @@ void Relaxation::giveMomenta(const RelaxationStep& step) const {
     BodySet& bodies = step.bodies;
     for (size_t e = 0; e < elements.size(); e++) {
         const int z = scaling.firstRow(e);
-        if (elements[e].isHeld) continue;
+        if (elements[e].isWhollyFixed()) continue;
         if (elements[e].isFree()) {
             step.velocities[elements[e].particles[0]] =
                 toVec3(Z.segment<3>(z) / sqrt(step.freeParticles.mass(scaling.getFreeIndex()[e])));

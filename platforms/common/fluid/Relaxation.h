@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "fluid/GroupMembers.h"
 #include "fluid/MomentumScaling.h"
 #include "host/PlatformLoops.h"
 #include "linearalgebra/Lanczos.h"
@@ -21,19 +22,22 @@ struct RelaxationStep {
     std::vector<OpenMM::Vec3>& velocities;
     PlatformLoops& loops;
     const DrivenFlow* flow;  // null: none
+    /** Of the middle of the step, 6 for each body of the Context; null: nothing is prescribed. */
+    const Eigen::MatrixXd* prescribed;
 };
 
 /**
  * The effect of the fluid on the momenta of one group in a step of LangevinHI (Davidchack 2017, eq.
- * 26): the exact Ornstein-Uhlenbeck process of Z at the present poses. In a driven flow the process
- * is that of the momenta relative to those of bodies that go with the flow without forces (about
- * axes without moments bodies turn with the flow). Each strategy of BodyMobility has a class of its
- * own, made by makeRelaxation().
+ * 26): the exact Ornstein-Uhlenbeck process of Z at the present poses. In a driven flow, and beside
+ * bodies whose motion is prescribed, the process is that of the momenta relative to those of bodies
+ * that go with the fluid without forces (about axes without moments bodies turn with it). Each
+ * strategy of BodyMobility has a class of its own, made by makeRelaxation().
  */
 class Relaxation {
 public:
-    Relaxation(BodyMobility& mobility, const MomentumScaling& scaling)
-        : mobility(mobility), scaling(scaling) {}
+    /** @param members  of the group */
+    Relaxation(BodyMobility& mobility, const MomentumScaling& scaling, const GroupMembers& members)
+        : mobility(mobility), scaling(scaling), members(members) {}
     virtual ~Relaxation() {}
     BodyMobility& getMobility() const { return mobility; }
     /**
@@ -46,6 +50,8 @@ public:
     long long getNumIterations() const { return iterations; }
     int getNumRows() const { return scaling.getNumRows(); }
     bool isFinite() const { return Z.allFinite(); }
+    /** The wrenches by which the bodies have moved the fluid in the last step, times its length. */
+    void getImpulses(const RelaxationStep& step, Eigen::MatrixXd& impulses) const;
 
 protected:
     /** Called before anything is asked of the mobility in a step: others ask it in between, to
@@ -62,8 +68,12 @@ protected:
 private:
     void takeMomenta(const RelaxationStep& step);
     void giveMomenta(const RelaxationStep& step) const;
-    void takeMomentaOfFlow(const RelaxationStep& step);
+    bool takeMomentaOfFlow(const RelaxationStep& step);
+    const GroupMembers& members;
+    Eigen::VectorXd Z_start;
     Eigen::MatrixXd twists, Z_flow;  // of force-free bodies in the flow
+    Eigen::MatrixXd prescribed, twistsOfFixed, noWrenches, slips, slipsOfFlow;
+    std::vector<Eigen::Matrix3d> turns;
     long long randomNumbers = 0;
 };
 
@@ -73,7 +83,7 @@ private:
  * @param tolerance  of KrylovMobility, as the user has set it
  */
 std::unique_ptr<Relaxation> makeRelaxation(BodyMobility& mobility, const MomentumScaling& scaling,
-                                           double tolerance);
+                                           const GroupMembers& members, double tolerance);
 
 }  // namespace RigidHIPlugin
 

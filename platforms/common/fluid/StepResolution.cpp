@@ -40,7 +40,7 @@ StepResolution resolveOverdamped(const FluidContents& fluid, CustomRigidHIIntegr
         for (size_t e = 0; e < elements.size(); e++) {
             for (double radius : elements[e].radii)
                 result.smallestRadius = min(result.smallestRadius, radius);
-            if (elements[e].isHeld) continue;
+            if (elements[e].isWhollyFixed()) continue;
             // Without turning, so that the origin does not matter.
             const SelfAdjointEigenSolver<Matrix3d> drag(
                 Matrix3d(group->alone.of(e).friction.topLeftCorner<3, 3>()), EigenvaluesOnly);
@@ -111,7 +111,7 @@ StepResolution resolveRelaxation(const FluidContents& fluid, double h, const Bod
     for (const auto& group : fluid.groups) {
         const auto& elements = group->bodies.getElements();
         for (size_t e = 0; e < elements.size(); e++) {
-            if (elements[e].isHeld) continue;
+            if (elements[e].isWhollyFixed()) continue;
             const MatrixXd& friction = group->alone.of(e).friction;
             const SelfAdjointEigenSolver<Matrix3d> drag(Matrix3d(friction.topLeftCorner<3, 3>()),
                                                         EigenvaluesOnly);

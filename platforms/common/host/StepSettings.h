@@ -11,10 +11,10 @@ struct StepSettings {
     CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC;
     double h = 0, kT = 0;
     /**
-     * LangevinHI: some bodies feel each other, so that a step has a part before and a part after
-     * the fluid's.
+     * LangevinHI: some bodies feel each other, or components are fixed, so that a step has a part
+     * before and a part after the fluid's.
      */
-    bool fluidCouplesBodies = false;
+    bool needsMiddle = false;
     NoiseStream noise;
     bool forcesAreGathered = false;  // before AfterForces, with the forces of CustomBodyForces
     double difference = 0;           // setFiniteDifferenceStep()

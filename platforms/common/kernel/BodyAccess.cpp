@@ -270,10 +270,9 @@ private:
         prepareFluid(method);
         if (!holdsAny()) return noHolds();
         const SchemeTraits& traits = traitsOf(scene.integrator.getScheme());
-        if (!traits.isOverdamped())
+        if (!traits.needsFluid())
             throw OpenMMException(string("CustomRigidHIIntegrator: ") + method +
-                                  " is for schemes without momenta in a fluid, not for " +
-                                  traits.name +
+                                  " is for schemes in a fluid, not for " + traits.name +
                                   ", whose steps do not record what holds bodies; use the method "
                                   "that computes it at the present poses");
         const FluidAnswers& answers = scene.fluid->getAnswers();

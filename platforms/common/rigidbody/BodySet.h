@@ -13,7 +13,7 @@ namespace RigidHIPlugin {
 
 /**
  * How a body rotates: not at all, as a linear body (no moment about its line), or about three axes.
- * A held body does not move either.
+ * A held body has no momenta: the loops do not move it.
  */
 enum class RotorKind { Point, Linear, General, Held };
 
@@ -73,7 +73,7 @@ public:
      *     body's mass and inertia about its origin; an empty list for other bodies
      * @param carriesForce  for each particle of each body, whether its force counts (a virtual
      *     site's does not: OpenMM has already given it to the parents)
-     * @param held          whether each body is held; empty: none is
+     * @param held          whether each body has no momenta; empty: all have
      */
     BodySet(const std::vector<BodyGeometry>& geometries,
             const std::vector<std::vector<int>>& particles,

@@ -7,8 +7,11 @@
 
 namespace RigidHIPlugin {
 
-/** LangevinHI where the fluid couples bodies. A step that leads to where the model has no mobility
- * is redone as a whole. */
+/**
+ * LangevinHI where the fluid couples bodies, or components are fixed. A step that leads to where
+ * the model has no mobility is redone as a whole. Bodies whose motion is prescribed move in halves
+ * of the step, each by the velocities of its middle.
+ */
 class FluidStep : public PlainStep {
 public:
     using PlainStep::PlainStep;
@@ -17,8 +20,15 @@ public:
 private:
     std::string attempt();
     void moveThroughFluid();
+    void findPrescribed();
+    void movePrescribed(const Eigen::MatrixXd& velocities, double t);
+    bool movePrescribedAhead();
     std::string objection() const;
+    std::string objectionToPrescribed() const;
     std::string objectionHalfAStepAhead();
+    /** Of the quarters of the step, 6 for each body. */
+    Eigen::MatrixXd firstHalf, middle, secondHalf, ahead;
+    bool isPrescribed = false;
     BodySet::Snapshot aheadBodies;
     FreeParticles::Snapshot aheadFree;
 };

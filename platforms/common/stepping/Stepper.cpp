@@ -112,7 +112,7 @@ void Stepper::takeInChanges() {
 
 Step& Stepper::kindOfStep() {
     if (scene.settings.traits().isOverdamped()) return overdamped;
-    if (scene.settings.fluidCouplesBodies) return withFluid;
+    if (scene.settings.needsMiddle) return withFluid;
     return plain;
 }
 
