@@ -12,8 +12,8 @@ BUILD := build
 # What runs: the platforms' libraries and the Python package with its bindings.
 RUNTIME := OpenMMRigidHIReference OpenMMRigidHICPU OpenMMRigidHIAny RigidHIPythonPackage
 SOURCES = $(shell git ls-files --cached --others --exclude-standard '*.h' '*.cpp')
-# A file's tests share what is costly to make.
-PYTEST = -m pytest --numprocesses $(JOBS) --dist loadfile
+# A file's tests share what is costly to make. Some wait for other processes, so there are more workers than cores.
+PYTEST = -m pytest --numprocesses $$(($(JOBS) + 2)) --dist loadfile
 PYTHONPATH_BUILD = PYTHONPATH="$(CURDIR)/$(BUILD)/python$${PYTHONPATH:+:$$PYTHONPATH}"
 
 .PHONY: help deps configure build demo test test-cpp test-python test-full install sanitize tsan lint recipes deb format docs site benchmark clean
