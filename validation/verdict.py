@@ -567,14 +567,16 @@ PAPERS = (
      'The rows are for Figures 4, 5, 8, 9, 11; Figures 1 to 3, 6, 7, 10 are drawings. The '
      'paper\'s text has no numbers of its results, so its statements in words are compared.'),
 )
-STUDIES = (('water', 'the cost of accuracy for TIP4P-Ew water'),
-           ('overdamped', 'the bias and the cost of schemes for the overdamped limit'),
-           ('grid', 'the error and the cost of a grid by its tolerance'),
-           ('ladder', 'the error and the cost of models of the fluid'),
-           ('arrays', 'models of the fluid in dense arrays, beside exact numbers'),
-           ('viscosity', 'the effective viscosity where it is known'),
-           ('energy', 'energy conservation without friction'), ('density',
-                                                                'the density under a barostat'))
+STUDIES = (('accuracy/water', 'the cost of accuracy for TIP4P-Ew water'),
+           ('accuracy/overdamped', 'the bias and the cost of schemes for the overdamped limit'),
+           ('accuracy/grid', 'the error and the cost of a grid by its tolerance'),
+           ('accuracy/ladder', 'the error and the cost of models of the fluid'),
+           ('accuracy/arrays', 'models of the fluid in dense arrays, beside exact numbers'),
+           ('accuracy/viscosity',
+            'the effective viscosity where it is known'), ('accuracy/energy',
+                                                           'energy conservation without friction'),
+           ('accuracy/density',
+            'the density under a barostat'), ('bodies', 'equilibria of bodies with joints'))
 TOP = '''# Validation: the papers\u2019 numbers and ours
 
 Each published number of four papers stands here beside the one that this plugin computes.
@@ -632,8 +634,8 @@ def page():
         below=AGREES_BELOW, above=AGREES_ABOVE
     ) + '\n| paper | rows | agree | disagree | not reached |\n|---|---|---|---|---|\n' + '\n'.join(
         counts) + '\n' + RUNS
-    text += '\n'.join(f'| [{name}](accuracy/{name}/README.md) | {what} |'
-                      for name, what in STUDIES) + '\n'
+    text += '\n'.join(f'| [{pathlib.Path(folder).name}]({folder}/README.md) | {what} |'
+                      for folder, what in STUDIES) + '\n'
     return format_text(text + '\n'.join(sections))
 
 
