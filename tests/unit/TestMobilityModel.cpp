@@ -129,6 +129,32 @@ TEST(MobilityModel, TraitsAreWhatTheMatricesDo) {
     }
 }
 
+/** Of the columns that are asked for, not one bit differs, whichever particles are spheres. */
+TEST(MobilityModel, SomeColumnsAreThoseOfAllOfThem) {
+    HydrodynamicParticles mixed;
+    for (int i = 0; i < 3; i++) mixed.add(0.3 + 0.1 * i, i == 1, i, i);
+    vector<Case> all = cases(threeSpheres());
+    for (MobilityModel* model : initializer_list<MobilityModel*>{
+             new RotnePragerYamakawa(mixed, eta), new CpuRotnePragerYamakawa(mixed, eta),
+             new CpuRotnePragerYamakawa(mixed, eta, {}, NoSlipPlane(0, false)),
+             new RotnePragerYamakawaWall(mixed, eta, NoSlipPlane(0, false)),
+             new PeriodicRotnePragerYamakawa(mixed, eta)})
+        all.push_back({"mixed", unique_ptr<MobilityModel>(model), false});
+    for (const Case& c : all) {
+        const HydrodynamicParticles& particles = c.model->getParticles();
+        const auto at = c.model->at(first);
+        MatrixXd matrix, some;
+        at->dense(matrix);
+        for (int p = 0; p <= particles.size(); p++) {
+            at->denseColumns(p, some);
+            const int columns =
+                p == particles.size() ? 0 : particles.numRows - particles.firstRow[p];
+            EXPECT_EQ(MatrixXd(some.rightCols(columns)), MatrixXd(matrix.rightCols(columns)))
+                << c.name << " " << p;
+        }
+    }
+}
+
 TEST(MobilityModel, ABodyByItselfIsThatOfUnboundedFluid) {
     HydrodynamicParticles body;
     const vector<Vec3> sites = {Vec3(), Vec3(0.5, 0.1, -3), Vec3(0.2, -0.8, 0.4)};

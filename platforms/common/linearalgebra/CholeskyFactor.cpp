@@ -9,6 +9,12 @@ void dpotrf_(const char* triangle, const int* n, double* a, const int* lda, int*
 void dtrsm_(const char* side, const char* triangle, const char* transposed, const char* diagonal,
             const int* rows, const int* columns, const double* factor, const double* a,
             const int* lda, double* b, const int* ldb);
+void dsyrk_(const char* triangle, const char* transposed, const int* n, const int* k,
+            const double* alpha, const double* a, const int* lda, const double* beta, double* c,
+            const int* ldc);
+void dgemm_(const char* transposedA, const char* transposedB, const int* rows, const int* columns,
+            const int* inner, const double* alpha, const double* a, const int* lda, const double* b,
+            const int* ldb, const double* beta, double* c, const int* ldc);
 }
 
 namespace RigidHIPlugin {
@@ -58,6 +64,45 @@ void CholeskyFactor::solveLeading(Eigen::Ref<Eigen::MatrixXd> x) const {
     const auto leading = factor.topLeftCorner(x.rows(), x.rows());
     leading.triangularView<Eigen::Lower>().solveInPlace(x);
     leading.transpose().triangularView<Eigen::Upper>().solveInPlace(x);
+}
+
+bool CholeskyFactor::computeLeading(const Eigen::MatrixXd& matrix, int rows) {
+    const int n = matrix.rows();
+    factor.resize(n, n);
+    factor.topLeftCorner(rows, rows) = matrix.topLeftCorner(rows, rows);
+    int info = 0;
+    dpotrf_("L", &rows, factor.data(), &n, &info);
+    return info == 0 && std::isfinite(factor.diagonal().head(rows).sum());
+}
+
+bool CholeskyFactor::extend(const Eigen::MatrixXd& matrix, int known) {
+    const int n = factor.rows(), own = n - known;
+    if (own == 0) return true;
+    const double one = 1, minusOne = -1;
+    right = matrix.topRightCorner(known, own);
+    dtrsm_("L", "L", "N", "N", &known, &own, &one, factor.data(), &n, right.data(), &known);
+    factor.bottomLeftCorner(own, known) = right.transpose();
+    factor.bottomRightCorner(own, own) = matrix.bottomRightCorner(own, own);
+    double* const block = &factor(known, known);
+    dsyrk_("L", "T", &own, &known, &minusOne, right.data(), &known, &one, block, &n);
+    int info = 0;
+    dpotrf_("L", &own, block, &n, &info);
+    return info == 0 && std::isfinite(factor.diagonal().tail(own).sum());
+}
+
+void CholeskyFactor::solveLeadingL(int rows, Eigen::MatrixXd& x) const {
+    const int n = factor.rows(), stride = x.rows(), columns = x.cols();
+    const double one = 1;
+    dtrsm_("L", "L", "N", "N", &rows, &columns, &one, factor.data(), &n, x.data(), &stride);
+}
+
+void CholeskyFactor::continueL(int known, Eigen::MatrixXd& x) const {
+    const int n = factor.rows(), own = n - known, columns = x.cols();
+    if (own == 0 || columns == 0) return;
+    const double one = 1, minusOne = -1;
+    dgemm_("N", "N", &own, &columns, &known, &minusOne, &factor(known, 0), &n, x.data(), &n, &one,
+           &x(known, 0), &n);
+    dtrsm_("L", "L", "N", "N", &own, &columns, &one, &factor(known, known), &n, &x(known, 0), &n);
 }
 
 }  // namespace RigidHIPlugin

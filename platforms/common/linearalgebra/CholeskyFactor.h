@@ -35,7 +35,27 @@ public:
      */
     void solveLeading(Eigen::Ref<Eigen::MatrixXd> x) const;
 
+    // A leading block may be factorised by itself, and then once for many matrices that have it.
+    /**
+     * Begin with the leading block, of whose lower triangle so many rows are read. extend() then
+     * completes the factor, any number of times.
+     *
+     * @return whether the block is positive definite
+     */
+    bool computeLeading(const Eigen::MatrixXd& matrix, int rows);
+    /**
+     * @param matrix  its columns from `known` on are read, which are right of the leading block of
+     *     computeLeading(), and whose lower triangle is below it
+     * @return whether the matrix is positive definite
+     */
+    bool extend(const Eigen::MatrixXd& matrix, int known);
+    /** The first rows of x: x <- B^-1 x with the block B of L; solveL() of these rows. */
+    void solveLeadingL(int rows, Eigen::MatrixXd& x) const;
+    /** The other rows of solveL(), where the first `known` rows of x are results already. */
+    void continueL(int known, Eigen::MatrixXd& x) const;
+
 private:
+    Eigen::MatrixXd right;   // L_B^-1 times the columns right of the leading block
     Eigen::MatrixXd factor;  // in the lower triangle
 };
 

@@ -52,6 +52,11 @@ public:
     /** The matrix itself. Default: multiply() with the identity. */
     virtual void dense(Eigen::MatrixXd& mobility);
     /**
+     * The columns of dense() of particles from this one on, with the same bits. Other elements are
+     * undefined. Default: dense().
+     */
+    virtual void denseColumns(int firstParticle, Eigen::MatrixXd& mobility) { dense(mobility); }
+    /**
      * The inverse of the matrix. Default: by the Cholesky factors of dense().
      *
      * @throws OpenMMException if M is not positive definite

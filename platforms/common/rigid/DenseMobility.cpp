@@ -1,5 +1,6 @@
 #include "rigid/DenseMobility.h"
 
+#include "linearalgebra/SymmetricProduct.h"
 #include "linearalgebra/Symmetrise.h"
 
 using namespace Eigen;
@@ -10,11 +11,11 @@ namespace RigidHIPlugin {
 DenseMobility::DenseMobility(const CoupledBodies& bodies)
     : BodyMobility(bodies), slipsAreTwists(getSlipSpace().slipsAreTwists()),
       isFixed(bodies.getFreeMotion().any()), here(bodies, costs), elsewhere(bodies, costs),
-      xi(bodies) {}
+      particleFactor(bodies), M(particleFactor.ofM()), LK(particleFactor.getLK()), xi(bodies) {}
 
 void DenseMobility::setPoses(const vector<Pose>& poses, bool nearby) {
     here.setPoses(poses, nearby);
-    isFactorised = mobilityIsKnown = false;
+    particlesAreFactorised = isFactorised = mobilityIsKnown = frictionIsKnown = false;
 }
 
 /**
@@ -33,18 +34,30 @@ void DenseMobility::factorise() {
         factoriseFriction();
         return;
     }
-    costs.matrices++;
-    here.particles().dense(mobilityOfParticles);
-    if (!M.compute(mobilityOfParticles)) refuseIndefiniteMobility(bodies.getParticles().size());
+    factoriseParticles();
     if (slipsAreTwists) {
         isFactorised = true;
         return;
     }
-    bodies.getMotion().fill(here.getTurns(), LK);
-    M.solveL(LK);
-    lifted.setZero(bodies.getNumRows(), bodies.getNumRows());
-    lifted.selfadjointView<Lower>().rankUpdate(LK.transpose());
+    particleFactor.friction(here.getTurns(), lifted);
     factoriseFriction();
+}
+
+void DenseMobility::factoriseParticles() {
+    if (particlesAreFactorised) return;
+    costs.matrices++;
+    if (!particleFactor.compute(here)) refuseIndefiniteMobility(bodies.getParticles().size());
+    particlesAreFactorised = true;
+}
+
+const MatrixXd& DenseMobility::friction() {
+    if (getSlipSpace().areOfBodies() || !particleFactor.keepsHeld()) return here.friction();
+    if (frictionIsKnown) return frictionOfAll;
+    factoriseParticles();
+    particleFactor.friction(here.getTurns(), frictionOfAll);
+    mirrorLower(frictionOfAll);
+    frictionIsKnown = true;
+    return frictionOfAll;
 }
 
 const MatrixXd& DenseMobility::mobility() {

@@ -1,16 +1,17 @@
 #ifndef RIGIDHI_DENSE_MOBILITY_H_
 #define RIGIDHI_DENSE_MOBILITY_H_
 
-#include "linearalgebra/CholeskyFactor.h"
 #include "rigid/BodyMobility.h"
 #include "rigid/FrictionFactor.h"
+#include "rigid/ParticleFactor.h"
 
 namespace RigidHIPlugin {
 
 /**
  * The mobility by matrices: Cholesky's factors of M and of the friction K^T M^-1 K. Where slips
  * belong to bodies only the friction is factorised, and where K = 1 only M, unless some component
- * is fixed. Factors are computed once a configuration, when first needed.
+ * is fixed. Factors are computed once a configuration, when first needed; their part of held bodies
+ * only where these are elsewhere.
  *
  * Where slips belong to bodies, K = 1 and N of all bodies stands for M.
  */
@@ -29,7 +30,7 @@ public:
     void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) override;
     void forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) override;
     const MatrixXd& mobility() override;
-    const MatrixXd& friction() override { return here.friction(); }
+    const MatrixXd& friction() override;
     void multiply(const MatrixXd& wrenches, MatrixXd& twists,
                   const Accuracy& accuracy = Accuracy()) override;
 
@@ -39,18 +40,21 @@ protected:
     BodiesAt& particlesHere() override { return here; }
 
 private:
+    void factoriseParticles();
     void factorise();
     void factoriseFriction();
 
     const bool slipsAreTwists;  // K = 1, or there is no M; and nothing is fixed
     const bool isFixed;         // some component is
     BodiesAt here, elsewhere;
-    bool isFactorised = false, mobilityIsKnown = false;
-    CholeskyFactor M;
+    bool particlesAreFactorised = false, isFactorised = false, mobilityIsKnown = false,
+         frictionIsKnown = false;
+    ParticleFactor particleFactor;
+    const CholeskyFactor& M;
+    const MatrixXd& LK;
     FrictionFactor xi;
-    MatrixXd LK;                           // L^-1 K
-    MatrixXd mobilityOfParticles, lifted;  // before factorisation
-    MatrixXd N;                            // where some component is fixed
+    MatrixXd lifted;            // the friction before factorisation
+    MatrixXd N, frictionOfAll;  // where some component is fixed
     /** Arrays of a solve(), kept for each number of columns. */
     struct Columns {
         MatrixXd halfSlips, halfForces, wrenches;  // L^-1 s, L^T lambda

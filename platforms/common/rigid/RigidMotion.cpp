@@ -90,10 +90,12 @@ void RigidMotion::place(const vector<Pose>& poses, const vector<Matrix3d>& turns
         for (const Vector3d& site : elements[e].sites) *to++ = toVec3(poses[e].R + turns[e] * site);
 }
 
-void RigidMotion::fill(const vector<Matrix3d>& turns, MatrixXd& K) const {
-    K.setZero(particles.numRows, numRows);
-    for (size_t e = 0; e < elements.size(); e++)
-        placeElement(elements[e], turns[e], K, particleRows[e], rows[e]);
+void RigidMotion::fill(const vector<Matrix3d>& turns, MatrixXd& K, int firstElement) const {
+    const int count = elements.size(), ofParticles = particleRows[firstElement],
+              ofBodies = rows[firstElement];
+    K.setZero(particles.numRows - ofParticles, numRows - ofBodies);
+    for (int e = firstElement; e < count; e++)
+        placeElement(elements[e], turns[e], K, particleRows[e] - ofParticles, rows[e] - ofBodies);
 }
 
 MatrixXd RigidMotion::ofElement_body(int e) const {

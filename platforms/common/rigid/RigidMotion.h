@@ -32,8 +32,13 @@ public:
     /** The positions of the particles. */
     void place(const std::vector<Pose>& poses, const std::vector<Eigen::Matrix3d>& turns,
                Placement& placement) const;
-    /** Fill K, without allocation if K has its size already. */
-    void fill(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& K) const;
+    /**
+     * Fill K, without allocation if K has its size already.
+     *
+     * @param firstElement  K has the rows and columns of elements from this one on
+     */
+    void fill(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& K,
+              int firstElement = 0) const;
     /** slips = K U, without the matrix. */
     void slips(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& twists,
                Eigen::MatrixXd& slips) const;

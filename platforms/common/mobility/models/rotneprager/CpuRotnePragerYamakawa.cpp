@@ -535,14 +535,26 @@ void CpuRotnePragerYamakawaAt::multiplyPairs(const Eigen::MatrixXd& forces,
     }
 }
 
-void CpuRotnePragerYamakawaAt::dense(Eigen::MatrixXd& mobility) {
+void CpuRotnePragerYamakawaAt::denseColumns(int firstParticle, Eigen::MatrixXd& mobility) {
     mobility.resize(particles.numRows, particles.numRows);
     const RotnePragerYamakawaArrays arrays = this->arrays(mobility.data());
-    split(particles.size(), static_cast<double>(particles.size()) * particles.size(),
-          [&arrays](int first, int end) {
-              HWY_DYNAMIC_DISPATCH(fillMatrix)
-              (arrays, first, end);
-          });
+    // Sources are spheres first, then blobs, both in the order of the particles.
+    const int numSources = particles.size(), numSpheres = model.numSpheres;
+    const auto firstOf = [&](int source, int end) {
+        while (source < end && firstParticle > 0 &&
+               model.rowOfSource[source] <= particles.firstRow[firstParticle - 1])
+            source++;
+        return source;
+    };
+    const int firstSphere = firstOf(0, numSpheres), firstBlob = firstOf(numSpheres, numSources),
+              spheres = numSpheres - firstSphere, count = spheres + numSources - firstBlob;
+    split(count, static_cast<double>(count) * numSources, [&](int first, int end) {
+        const auto fill = [&](int from, int to) {
+            if (from < to) HWY_DYNAMIC_DISPATCH(fillMatrix)(arrays, from, to);
+        };
+        fill(firstSphere + first, firstSphere + std::min(end, spheres));
+        fill(firstBlob + std::max(first - spheres, 0), firstBlob + end - spheres);
+    });
 }
 
 }  // namespace RigidHIPlugin

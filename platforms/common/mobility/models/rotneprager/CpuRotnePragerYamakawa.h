@@ -106,7 +106,8 @@ public:
      */
     void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
                   const Accuracy& accuracy) override;
-    void dense(Eigen::MatrixXd& mobility) override;
+    void dense(Eigen::MatrixXd& mobility) override { denseColumns(0, mobility); }
+    void denseColumns(int firstParticle, Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
                    double factor, Velocities& velocities) override;
 

@@ -53,7 +53,8 @@ public:
     using MobilityAt::MobilityAt;
     void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
                   const Accuracy&) override;
-    void dense(Eigen::MatrixXd& mobility) override;
+    void dense(Eigen::MatrixXd& mobility) override { denseColumns(0, mobility); }
+    void denseColumns(int firstParticle, Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
         addFreeFlowAt(particles, positions, sources, points, factor / (8 * M_PI * viscosity),
@@ -91,10 +92,10 @@ void RotnePragerYamakawaAt::multiply(const Eigen::MatrixXd& forces, Eigen::Matri
     velocities *= 1 / (8 * M_PI * viscosity);
 }
 
-void RotnePragerYamakawaAt::dense(Eigen::MatrixXd& mobility) {
+void RotnePragerYamakawaAt::denseColumns(int firstParticle, Eigen::MatrixXd& mobility) {
     mobility.resize(particles.numRows, particles.numRows);
     const double scale = 1 / (8 * M_PI * viscosity);
-    for (int i = 0; i < particles.size(); i++) {
+    for (int i = firstParticle; i < particles.size(); i++) {
         const int row = particles.firstRow[i];
         for (int j = 0; j <= i; j++) {
             const int column = particles.firstRow[j];

@@ -1,5 +1,6 @@
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "mobility/models/rotneprager/FreeFlow.h"
@@ -68,7 +69,8 @@ public:
         : MobilityAt(model), wall(wall), positions(particles.size()), weights(particles.size()) {}
     void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
                   const Accuracy&) override;
-    void dense(Eigen::MatrixXd& mobility) override;
+    void dense(Eigen::MatrixXd& mobility) override { denseColumns(0, mobility); }
+    void denseColumns(int firstParticle, Eigen::MatrixXd& mobility) override;
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
         addWallFlowAt(particles, positions, weights, wall.getHeight(), sources, points,
@@ -137,12 +139,12 @@ void placePair(Eigen::MatrixXd& m, int row, int column, const Pair& pair, double
     if (torque_i && torque_j) place(m, row + 3, column + 3, blocks.rr);
 }
 
-void RotnePragerYamakawaWallAt::dense(Eigen::MatrixXd& mobility) {
+void RotnePragerYamakawaWallAt::denseColumns(int firstParticle, Eigen::MatrixXd& mobility) {
     mobility.resize(particles.numRows, particles.numRows);
     const double scale = 1 / (8 * M_PI * viscosity);
     for (int j = 0; j < particles.size(); j++) {
         const int column = particles.firstRow[j];
-        for (int i = j; i < particles.size(); i++) {
+        for (int i = std::max(j, firstParticle); i < particles.size(); i++) {
             const int row = particles.firstRow[i];
             const double factor = scale * (weights[i] * weights[j]);
             const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
