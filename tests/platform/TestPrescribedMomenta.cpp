@@ -408,6 +408,23 @@ TEST(PrescribedMomenta, TheirMomentaAreNotState) {
     }
 }
 
+/** The velocities that a driven body gives to others are no heat. */
+TEST(PrescribedMomenta, TheWatchExpectsNoTemperatureBesideThem) {
+    FluidScene scene(T1, 0.02);
+    scene.add(sphereKind(0.6));
+    scene.add(sphereKind(0.5, 1, 0.3), Vec3(1.7, 0, 0));
+    addField(scene.system, "x^2+y^2+4*z^2");
+    CustomBodyMotion* driving = motion({"0", "0", "0", "0", "0", "200"});
+    driving->addBody(0, {});
+    scene.system.addForce(driving);
+    scene.start(testPlatform());
+    scene.context->setVelocitiesToTemperature(T1, 3);
+    scene.integrator.step(20000);
+    EXPECT_GT(scene.integrator.computeMidStepTemperatures().at("total"), 1.5 * T1);
+    EXPECT_EQ(scene.integrator.getEffects().at("warnings").find("have been at"), string::npos)
+        << scene.integrator.getEffects().at("warnings");
+}
+
 TEST(PrescribedMomenta, TheSchemeMayChange) {
     Driven scene(T1, 0.01, orbit), fromThere(T1, 0.01, orbit);
     scene.integrator.step(3);

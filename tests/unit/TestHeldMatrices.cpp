@@ -1,4 +1,5 @@
-// What is computed once for bodies that stay where they are: factors of their mobility.
+// What is computed once for bodies that stay where they are: factors of their mobility, and their
+// block of the preconditioner.
 
 #include <algorithm>
 #include <numeric>
@@ -10,6 +11,7 @@
 #include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall.h"
+#include "rigid/MultiblobSolver.h"
 
 using namespace RigidHIPlugin;
 using namespace RigidHITest;
@@ -74,6 +76,100 @@ CoupledBodies::ModelFactory withPacks() {
 }
 
 }  // namespace
+
+/** Held bodies resist like a porous medium, which their block makes as easy as free bodies. */
+TEST(HeldMatrices, IterationsDoNotGrowWithWhatIsHeld) {
+    struct Case {
+        double spacing;
+        int held, most;
+    };
+    mt19937 random(3);
+    for (const Case& c : {Case{4, 0, 6}, Case{4, 32, 7}, Case{4, 63, 6}, Case{2.6, 0, 11},
+                          Case{2.6, 32, 13}, Case{2.6, 63, 11}}) {
+        Shells scene(64, c.held, c.spacing, withPacks());
+        MobilityCosts costs;
+        BodiesAt here(*scene.bodies, costs);
+        here.setPoses(scene.poses);
+        MultiblobSolver solver(scene.bodies->getMotion(), scene.bodies->getNullTwists(),
+                               scene.bodies->getModel());
+        solver.setPoses(here.getPoses(), here.getTurns());
+        const MatrixXd wrenches = normal(random, scene.bodies->getNumRows(), 1);
+        MatrixXd twists;
+        const int iterations =
+            solver.solve(here.particles(), wrenches, MatrixXd(), 1e-6, 0, twists);
+        EXPECT_LE(iterations, c.most) << c.spacing << " " << c.held;
+        EXPECT_GE(iterations, c.most - 3) << c.spacing << " " << c.held;
+    }
+}
+
+/** The block, against the inverse of the matrix, where floats are enough and where they are not. */
+TEST(HeldMatrices, TheBlockIsTheInverseOfTheMobility) {
+    mt19937 random(5);
+    for (double overlap : {1.0, 1e-5}) {
+        PosedBodies scene;
+        for (int b = 0; b < 3; b++)
+            scene
+                .add(fluidElement(b,
+                                  {Vector3d(0, 0, 0), Vector3d(overlap, 0, 0), Vector3d(0, 2.2, 0),
+                                   Vector3d(1, 1, 1)},
+                                  {0.6, 0.6, 0.5, 0.7}),
+                     Vector3d(3 * b, 0.2, 0.1 * b), Vector3d(0.3 * b, 0.5, 0.2))
+                .hold();
+        FluidElement particle = fluidElement(3, {Vector3d::Zero()}, {0.4});
+        particle.body = -1;
+        scene.add(particle, Vector3d(1, 4, 0)).hold();
+        scene.add(fluidElement(4, {Vector3d::Zero()}, {1}), Vector3d(1, -4, 0));
+        const RigidMotion motion(scene.elements);
+        const RotnePragerYamakawa model(motion.getParticles(), 1);
+        HeldBlock block(motion, model);
+        vector<Matrix3d> turns;
+        setTurns(scene.poses, turns);
+        EXPECT_TRUE(block.setPoses(scene.poses, turns));
+        EXPECT_FALSE(block.setPoses(scene.poses, turns));
+        ASSERT_EQ(block.getNumRows(), 39);
+        EXPECT_EQ(block.getCondition() > 1e-5, overlap == 1);
+        Placement placement;
+        motion.place(scene.poses, turns, placement);
+        MatrixXd M;
+        model.at(placement)->dense(M);
+        MatrixXd T = MatrixXd::Identity(39, 39);
+        for (int e = 0, row = 0; e < 3; e++)
+            for (int i = 0; i < 4; i++, row += 3) T.block<3, 3>(row, row) = turns[e];
+        const MatrixXd inverse = T.transpose() * MatrixXd(M.topLeftCorner(39, 39)).llt().solve(T);
+        for (int columns : {1, 2, 5}) {
+            const MatrixXd x = 1e-30 * normal(random, motion.getParticles().numRows, columns);
+            MatrixXd y = MatrixXd::Constant(x.rows(), columns, 7);
+            block.apply(x, y);
+            const MatrixXd expected = inverse * x.topRows(39);
+            const double error = (y.topRows(39) - expected).norm() / expected.norm();
+            EXPECT_LT(error, overlap == 1 ? 1e-5 : 1e-8);
+            EXPECT_EQ(y.bottomRows(6), MatrixXd::Constant(6, columns, 7));
+            // Positive, to what rounding there is.
+            for (int c = 0; c < columns; c++)
+                EXPECT_GT(x.col(c).head(39).dot(y.col(c).head(39)), 0);
+        }
+        // Another place is another block.
+        scene.poses[1].R[0] += 0.1;
+        EXPECT_TRUE(block.setPoses(scene.poses, turns));
+    }
+}
+
+TEST(HeldMatrices, BlobsAtOnePlaceAreRefused) {
+    PosedBodies scene;
+    for (int b = 0; b < 2; b++)
+        scene
+            .add(fluidElement(b, {Vector3d(0, 0, 0), Vector3d(1.5, 0, 0)}, {0.6, 0.6}),
+                 Vector3d(0, 0, 0))
+            .hold();
+    const RigidMotion motion(scene.elements);
+    const RotnePragerYamakawa model(motion.getParticles(), 1);
+    HeldBlock block(motion, model);
+    vector<Matrix3d> turns;
+    setTurns(scene.poses, turns);
+    expectError([&] { block.setPoses(scene.poses, turns); },
+                {"MobilityForce: the mobility matrix of the 4 blobs of all held bodies is not "
+                 "positive definite; look for blobs at the same place"});
+}
 
 /** What was computed before gives the same bits as a beginning, and both the mobility. */
 TEST(HeldMatrices, FactorsThatAreKeptHaveTheBitsOfNewOnes) {

@@ -604,7 +604,7 @@ public:
     /**
      * Get the wrenches that held the bodies during the last step, with the share of the noise, in
      * the form of computeHoldingWrenches(). Their variance is inversely proportional to the step
-     * size. Only schemes without momenta in a fluid have them.
+     * size. Only schemes in a fluid have them.
      */
     std::vector<double> getHoldingWrenches() const;
     /**

@@ -65,7 +65,7 @@ void TemperatureWatch::adopt(const Scene& scene) {
     const bool inFluid = settings.traits().needsFluid();
     if (!settings.hasMomenta() || settings.kT == 0 || bodies.getNumMovable() == 0 ||
         scene.bodyForces.usesTime() || scene.bodyForces.usesVelocities() ||
-        (inFluid && scene.fluid->getContents().getFlow()))
+        scene.bodyMotions.isOn() || (inFluid && scene.fluid->getContents().getFlow()))
         return;
     translation = rotation = Expectation();
     totalMass = 0;

@@ -73,34 +73,27 @@ MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nu
     int heldBlobs = 0;
     for (const FluidElement& element : elements)
         if (element.isHeld) heldBlobs += element.particles.size();
-    const bool oneBlock = heldBlobs > 0 && heldBlobs <= mostHeldBlobs;
+    if (heldBlobs > 0 && heldBlobs <= mostHeldBlobs)
+        heldBlock = make_unique<HeldBlock>(motion, model);
     vector<shared_ptr<const Shape>> known;
     for (size_t e = 0; e < elements.size(); e++) {
         const FluidElement& element = elements[e];
         for (int k = 0; k < element.numRows(); k++) numFreeRows += !element.isFixed(k);
-        if (element.isHeld && oneBlock) {
-            // Held elements come first. Their block is made where they are: setPoses().
-            if (heldElements.empty())
-                addUnit(motion.firstRow(e), motion.firstParticleRow(e), 0, 0, {});
-            heldElements.push_back(e);
-            unitOfElement.push_back(0);
-            numBlobRows[0] += element.numParticleRows();
-            numBodyRows[0] += element.numRows();
-            continue;
-        }
-        const bool isRestricted = !element.isWhollyFree() && !element.isWhollyFixed();
+        const bool isRestricted = !element.isWhollyFree() && !element.isWhollyFixed(),
+                   isInBlock = element.isHeld && heldBlock;
         shared_ptr<const Shape> found;
         for (const auto& shape : known)
             if (!isRestricted && shape->isFree == element.isFree() &&
                 shape->isSphere == element.isSphere() && shape->radii == element.radii &&
                 shape->sites == element.sites && shape->spin == element.spin &&
-                shape->fixed == element.fixed)
+                shape->fixed == element.fixed && shape->isInBlock == isInBlock)
                 found = shape;
         if (!found) {
             MatrixXd M;
             model.ownMobility(particlesOf({element}), sitesOf(element), M);
             const auto shape =
                 makeShape(element, M, motion.ofElement_body(e), nullTwists.inBody(e));
+            shape->isInBlock = isInBlock;
             if (isRestricted)
                 restricted.push_back({(int)e, shape});
             else
@@ -108,25 +101,14 @@ MultiblobSolver::MultiblobSolver(const RigidMotion& motion, const NullTwists& nu
             families.push_back({shape, {}});
             found = shape;
         }
-        unitOfElement.push_back(shapes.size());
-        addUnit(motion.firstRow(e), motion.firstParticleRow(e), element.numParticleRows(),
-                element.numRows(), found);
+        for (Family& family : families)
+            if (family.shape == found) family.elements.push_back(e);
+        shapes.push_back(found);
+        turns.push_back(Matrix3d::Identity());
     }
 }
 
-void MultiblobSolver::addUnit(int row, int firstBlobRow, int blobRows, int bodyRows,
-                              const shared_ptr<const Shape>& shape) {
-    rows.push_back(row);
-    blobRow.push_back(firstBlobRow);
-    numBlobRows.push_back(blobRows);
-    numBodyRows.push_back(bodyRows);
-    shapes.push_back(shape);
-    turns.push_back(Matrix3d::Identity());
-    for (Family& family : families)
-        if (family.shape == shape) family.elements.push_back(shapes.size() - 1);
-}
-
-/** @param element  the first one of those that have this shape, or of a block */
+/** @param element  the first one of those that have this shape */
 shared_ptr<MultiblobSolver::Shape> MultiblobSolver::makeShape(const FluidElement& element,
                                                               const MatrixXd& M, const MatrixXd& K,
                                                               const VectorXd& nullTwist) {
@@ -143,17 +125,15 @@ shared_ptr<MultiblobSolver::Shape> MultiblobSolver::makeShape(const FluidElement
     const double smallestCondition = 1e-14;
     if (shape->M.info() != Success || !(shape->M.rcond() > smallestCondition))
         throw OpenMM::OpenMMException(
-            "MobilityForce: the mobility matrix of the " +
-            (element.isHeld
-                 ? to_string(M.rows() / 3) + " blobs of all held bodies"
-                 : to_string(element.sites.size()) + " blobs of body " + to_string(element.body)) +
+            "MobilityForce: the mobility matrix of the " + to_string(element.sites.size()) +
+            " blobs of body " + to_string(element.body) +
             " is not positive definite; look for blobs at the same place");
     // In the energy norm, errors of products grow by the root of the condition number.
     growth = max(growth, 1 / sqrt(shape->M.rcond()));
     amplification = max(amplification, amplificationOf(M));
     shape->K = K;
     shape->numBlobRows = M.rows();
-    shape->numBodyRows = element.isHeld && K.size() == 0 ? numBodyRows[0] : K.cols();
+    shape->numBodyRows = K.cols();
     if (shape->isHeld) return shape;  // nothing moves it
     shape->MinvK = shape->M.solve(shape->K);
     shape->friction = shape->K.transpose() * shape->MinvK;
@@ -161,39 +141,6 @@ shared_ptr<MultiblobSolver::Shape> MultiblobSolver::makeShape(const FluidElement
     shape->N = generalisedInverse(shape->friction, nullTwist);
     shape->rigid = basisOf(shape->M.matrixL().solve(shape->K));
     return shape;
-}
-
-/** All held elements as one unit in the lab frame, where they are. */
-void MultiblobSolver::makeHeldBlock(const vector<Pose>& poses, const vector<Matrix3d>& ofBodies) {
-    const auto same = [&](size_t i) {
-        const Pose &a = heldPoses[i], &b = poses[heldElements[i]];
-        return a.R == b.R && a.q.w == b.q.w && a.q.x == b.q.x && a.q.y == b.q.y && a.q.z == b.q.z;
-    };
-    bool known = heldPoses.size() == heldElements.size();
-    for (size_t i = 0; known && i < heldElements.size(); i++) known = same(i);
-    if (known) return;
-    vector<FluidElement> elements;
-    vector<OpenMM::Vec3> positions;
-    heldPoses.clear();
-    for (int e : heldElements) {
-        const FluidElement& element = motion.getElements()[e];
-        elements.push_back(element);
-        heldPoses.push_back(poses[e]);
-        const Matrix3d A = element.isFree() ? Matrix3d::Identity() : ofBodies[e];
-        for (const Vector3d& site : element.sites) {
-            const Vector3d x = poses[e].R + A * site;
-            positions.push_back(OpenMM::Vec3(x[0], x[1], x[2]));
-        }
-    }
-    MatrixXd M;
-    model.ownMobility(particlesOf(elements), positions, M);
-    const auto shape = makeShape(elements[0], M, MatrixXd(), VectorXd());
-    shapes[0] = shape;
-    families.erase(
-        remove_if(families.begin(), families.end(),
-                  [](const Family& family) { return family.elements == vector<int>{0}; }),
-        families.end());
-    families.insert(families.begin(), {shape, {0}});
 }
 
 /** N of elements of which some components are fixed, in their frames. */
@@ -217,22 +164,20 @@ void MultiblobSolver::restrict(const vector<Matrix3d>& ofBodies) {
 }
 
 void MultiblobSolver::setPoses(const vector<Pose>& poses, const vector<Matrix3d>& ofBodies) {
-    if (!heldElements.empty()) makeHeldBlock(poses, ofBodies);
+    // In the energy norm, errors of products grow by the root of the condition number.
+    if (heldBlock && heldBlock->setPoses(poses, ofBodies))
+        growth = max(growth, 1 / sqrt(heldBlock->getCondition()));
     restrict(ofBodies);
-    if (!heldElements.empty()) turnsOfElements = ofBodies;
-    for (size_t e = 0; e < unitOfElement.size(); e++) {
-        const int unit = unitOfElement[e];
-        if (unit > 0 || heldElements.empty())
-            if (!shapes[unit]->isFree) turns[unit] = ofBodies[e];
-    }
+    for (size_t e = 0; e < shapes.size(); e++)
+        if (!shapes[e]->isFree) turns[e] = ofBodies[e];
 }
 
 /** Turn vectors of blobs (or bodies) between the lab frame and the frames of their bodies. */
 void MultiblobSolver::turn(Rows kind, bool toBody, const MatrixXd& from, MatrixXd& to) const {
     to.resize(from.rows(), from.cols());
     for (size_t e = 0; e < shapes.size(); e++) {
-        const int first = kind == OfBlobs ? blobRow[e] : rows[e];
-        const int count = kind == OfBlobs ? numBlobRows[e] : numBodyRows[e];
+        const int first = firstRow(kind, e);
+        const int count = kind == OfBlobs ? shapes[e]->numBlobRows : shapes[e]->numBodyRows;
         for (int r = first; r < first + count; r += 3)
             if (toBody)
                 to.middleRows<3>(r).noalias() = turns[e].transpose() * from.middleRows<3>(r);
@@ -242,7 +187,7 @@ void MultiblobSolver::turn(Rows kind, bool toBody, const MatrixXd& from, MatrixX
 }
 
 int MultiblobSolver::firstRow(Rows kind, int element) const {
-    return kind == OfBlobs ? blobRow[element] : rows[element];
+    return kind == OfBlobs ? motion.firstParticleRow(element) : motion.firstRow(element);
 }
 
 void MultiblobSolver::gather(Rows kind, const Family& family, const MatrixXd& from,
@@ -292,9 +237,11 @@ void MultiblobSolver::project() {
             scatter(OfBlobs, family, gathered, residual);
         }
         scatter(OfBodies, family, gatheredTwists, ofBodies);
+        if (shape.isInBlock) continue;
         shape.M.solveInPlace(gathered);
         scatter(OfBlobs, family, gathered, preconditioned);
     }
+    if (heldBlock) heldBlock->apply(residual, preconditioned);
     twists_body += ofBodies;
 }
 
@@ -365,10 +312,7 @@ private:
 };
 
 void MultiblobSolver::Attempt::begin(bool fromGuess) {
-    if (withSlips) {
-        solver.slipsToScaled(slips, solver.scaled);
-        slipEnergy = solver.scaled.colwise().squaredNorm().transpose();
-    }
+    if (withSlips) solver.findEnergyOfSlips(slips, slipEnergy);
     if (fromGuess)
         solver.beginFromGuess(wrenches, slips);
     else
@@ -498,8 +442,14 @@ int MultiblobSolver::solve(MobilityAt& blobs, const MatrixXd& wrenches, const Ma
 /** Begin at the forces of blobs for bodies that do not feel each other. */
 void MultiblobSolver::begin(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& forces) {
     forces.resize(numBlobRowsTotal, wrenches.cols());
+    if (heldBlock && slips.size() > 0) {
+        heldBlock->apply(slips, forces);
+        forces.topRows(heldBlock->getNumRows()) *= -1;
+    } else if (heldBlock)
+        forces.topRows(heldBlock->getNumRows()).setZero();
     for (const Family& family : families) {
         const Shape& shape = *family.shape;
+        if (shape.isInBlock) continue;
         gather(OfBodies, family, wrenches, gatheredTwists);
         if (slips.size() > 0) {
             gather(OfBlobs, family, slips, gathered);
@@ -568,6 +518,18 @@ void MultiblobSolver::findRounding(const MatrixXd& wrenches, VectorXd& energy) {
                     pow(ofRotations * gatheredTwists(row, c), 2) / shape.friction(row, row);
         }
     }
+}
+
+/** Of each column, slips in the norm of the preconditioner. */
+void MultiblobSolver::findEnergyOfSlips(const MatrixXd& slips, VectorXd& energy) {
+    slipsToScaled(slips, scaled);
+    const int held = heldBlock ? heldBlock->getNumRows() : 0;
+    energy = scaled.bottomRows(scaled.rows() - held).colwise().squaredNorm().transpose();
+    if (!heldBlock) return;
+    preconditioned.resize(slips.rows(), slips.cols());
+    heldBlock->apply(slips, preconditioned);
+    for (int c = 0; c < slips.cols(); c++)
+        energy[c] += slips.col(c).head(held).dot(preconditioned.col(c).head(held));
 }
 
 /** Of each column, twists in the norm of the bodies' own friction, squared. */
@@ -641,11 +603,6 @@ void MultiblobSolver::rigidParts(const MatrixXd& x, MatrixXd& parts) {
 }
 
 void MultiblobSolver::wrenchesFromScaled(const MatrixXd& x, MatrixXd& wrenches_lab) {
-    if (!heldElements.empty()) {
-        forcesFromScaled(x, lab);
-        motion.wrenches(turnsOfElements, lab, wrenches_lab);
-        return;
-    }
     scaledToForces(x, scaled);
     ofBodies.resize(numRows, x.cols());
     for (const Family& family : families) {
