@@ -185,11 +185,13 @@ def test_switches_have_no_default():
 MADE_FROM_ANOTHER = {
     'platforms/common/mobility/models/wall/SphereWall': {
         'friction': 'the friction is the inverse of the matrix',
+        'denseColumns': 'the default makes all columns, by dense()',
         'drawField': 'there is no field',
         'acceptsNearby': 'the default asks objection()',
     },
     'platforms/common/mobility/models/wall/SlipChannel': {
         'friction': 'images double the matrix',
+        'denseColumns': 'the default makes all columns, by dense()',
         'addStressletsOf': 'models of channels have none',
         'sources': 'models of channels have none',
         'placeInFormulas': 'periodic fluids lift no particles',
