@@ -186,10 +186,12 @@ MADE_FROM_ANOTHER = {
     'platforms/common/mobility/models/wall/SphereWall': {
         'friction': 'the friction is the inverse of the matrix',
         'randomField': 'a field would have the covariance of the other model',
+        'denseColumns': 'the default makes all columns, by dense()',
         'acceptsNearby': 'the default asks objection()',
     },
     'platforms/common/mobility/models/wall/SlipChannel': {
         'friction': 'images double the matrix',
+        'denseColumns': 'the default makes all columns, by dense()',
         'addStressletsOf': 'models of channels have none',
         'sources': 'models of channels have none',
         'placeInFormulas': 'periodic fluids lift no particles',
