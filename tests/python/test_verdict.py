@@ -36,11 +36,12 @@ def test_every_row_has_a_verdict_and_every_paper_its_folder(verdict):
         for row in rows():
             assert len(row) == 7 and any(
                 cell.startswith(('agrees', 'disagrees', 'not reached: ')) for cell in row[5:]), row
-    assert all((FOLDER/'accuracy'/name/'README.md').exists() for name, _ in verdict.STUDIES)
-    assert {path.name
-            for path in FOLDER.iterdir()
-            if (path/'README.md').exists()} == {folder
-                                                for folder, *_ in verdict.PAPERS}
+    studies = [folder for folder, _ in verdict.STUDIES]
+    assert all((FOLDER/folder/'README.md').exists() for folder in studies)
+    pages = {path.name for path in FOLDER.iterdir() if (path/'README.md').exists()}
+    assert pages == {folder
+                     for folder, *_ in verdict.PAPERS}.union(folder for folder in studies
+                                                             if '/' not in folder)
 
 
 def test_maxima(verdict):
