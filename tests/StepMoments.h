@@ -71,6 +71,7 @@ public:
         move.start = scene.poses;
         if (scene.wrenches.size() > 0) move.force = scene.wrenches;
         move.recordHolds(&holds);
+        move.recordJointForces(&jointForces);
         move.values.clear();
         take({});
         numbers = move.drawn;
@@ -111,6 +112,7 @@ public:
         for (RigidHIPlugin::OverdampedScheme::Vectors* memory : scheme->memory())
             memory->resize(0, 0);
         holds.setZero(scene.numRows(), 1);
+        jointForces.setZero(4, scene.joints.size());
         move.values = values;
         move.drawn.clear();
         move.begin(step);
@@ -119,11 +121,15 @@ public:
             scheme->run(stage, move);
         }
         RandomFieldModel::onlyWave = -1;
+        if (givesJointForces)
+            return Eigen::Map<const VectorXd>(jointForces.data(), jointForces.size());
         VectorXd outcome(2 * scene.numRows());
         outcome << displacement() / step.h, holds.col(0);
         return outcome;
     }
     RigidHIPlugin::OverdampedStep step;
+    /** Whether mean() is that of the forces of joints (Joints::forces()) instead. */
+    bool givesJointForces = false;
 
 private:
     const RandomFieldModel* fieldModel() {
@@ -175,7 +181,7 @@ public:
     TestedMove move;
 
 private:
-    MatrixXd holds;
+    MatrixXd holds, jointForces;
     std::vector<RandomNumber> numbers;
 };
 

@@ -609,6 +609,54 @@ TEST(FixedComponents, MeansOfStepsInScenesOfFiles) {
     }
 }
 
+/**
+ * The forces of joints are P F + (a part of motors) with matrices P of poses. Their mean in a step
+ * is that at rest and kT sum_k d_k P_ik, which is also the mean of stiff springs: a link turns with
+ * its bodies, so that its force and its direction vary together.
+ */
+TEST(FixedComponents, MeansOfForcesOfJoints) {
+    for (const char* name : {"ball_link", "hinge_link_wall", "chain_of_spheres", "motor"}) {
+        const ReferenceScene scene(name);
+        auto bodies = scene.bodies();
+        BodyMobility& mobility = bodies.byMatrices();
+        const int n = scene.numRows(), numForces = 4 * scene.joints.size();
+        const Joints joints(scene.joints, *bodies);
+        const auto forces = [&](const vector<Pose>& poses, const VectorXd* direction) {
+            OverdampedMove move(mobility);
+            move.start = poses;
+            move.force = scene.wrenches;
+            move.setJoints(&joints);
+            MatrixXd found = MatrixXd::Zero(4, scene.joints.size()), twists;
+            move.recordJointForces(&found);
+            OverdampedStep step;
+            step.motorRates = scene.motorRates;
+            move.begin(step);
+            move.atStart();
+            if (direction)
+                move.solve(move.direction(1, MatrixXd(*direction)), twists);
+            else
+                move.solve(move.velocity(1, move.force), twists);
+            return VectorXd(Eigen::Map<const VectorXd>(found.data(), numForces));
+        };
+        const double kT = 1.3, delta = 3e-5;
+        VectorXd divergence = VectorXd::Zero(numForces);
+        for (int k = 0; k < n; k++)
+            for (int sign : {1, -1}) {
+                const VectorXd along = VectorXd::Unit(n, k);
+                divergence +=
+                    sign / (2 * delta) * forces(scene.posesAfter(sign * delta * along), &along);
+            }
+        const VectorXd wanted = forces(scene.poses, nullptr) + kT * divergence;
+        EXPECT_GT(divergence.cwiseAbs().maxCoeff(), 0.1);
+        for (Scheme scheme : withJoints) {
+            TestedStep step(scheme, scene, mobility, byMatrices.h, kT);
+            step.givesJointForces = true;
+            EXPECT_LT(error(step.mean(), wanted), byMatrices.errorOfMoments)
+                << name << " " << traitsOf(scheme).name;
+        }
+    }
+}
+
 TEST(FixedComponents, CovariancesOfStepsInScenesOfFiles) {
     for (const TestedScene& tested : testedScenes)
         checkCovariance(ReferenceScene(tested.name), byMatrices, tested.schemes);

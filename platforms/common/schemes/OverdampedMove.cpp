@@ -232,6 +232,8 @@ void OverdampedMove::finishSolve(const Column& solved, Vectors& twists, int colu
     if (joints && jointForces && solved.weight != 0) {
         joints->forces(mobility.posesHere(), mu.col(column), forcesOfJoints);
         *jointForces += solved.weight * forcesOfJoints;
+        if (solved.axisForces)
+            *jointForces += solved.weight * solved.axisFactor * axisForcesOfJoints;
     }
 }
 
@@ -505,6 +507,9 @@ void OverdampedMove::drawAxisForces(Vectors& forces) {
         forces += C_there.transpose() * mu.col(0);
         joints->findRows(backward, C_there);
         forces -= C_there.transpose() * mu.col(0);
+        joints->forces(forward, mu.col(0), axisForcesOfJoints);
+        joints->forces(backward, mu.col(0), forcesOfJoints);
+        axisForcesOfJoints = (axisForcesOfJoints - forcesOfJoints) / centralStep;
     }
     forces /= centralStep;
 }

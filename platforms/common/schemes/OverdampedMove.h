@@ -361,8 +361,9 @@ private:
     bool responseIsKnown = false;  // of joints, at the poses set last
     Eigen::VectorXd rightSides;    // of joints; empty: all 0
     Vectors C, N_CT, inverseOfCNC, mu, wrenchesWithJoints, twistsOfWrenches, forcesOfJoints;
-    bool endsAreFound = false;  // of the difference along the present directions
-    Vectors axisForcesOfFixed;  // of drawAxisForces(), without those of joints
+    bool endsAreFound = false;   // of the difference along the present directions
+    Vectors axisForcesOfFixed;   // of drawAxisForces(), without those of joints
+    Vectors axisForcesOfJoints;  // of drawAxisForces(), in the form of Joints::forces()
     std::vector<Eigen::Matrix3d> turnsOfFixed;
     Vectors* holds = nullptr;
     Vectors twistsOfFixed, scaledTwists, slipsOfFixed, forcesOfSolve, wrenchesOfSolve;
