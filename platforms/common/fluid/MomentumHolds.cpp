@@ -20,7 +20,7 @@ void MomentumHolds::noteMiddle(const vector<Pose>& poses, const Relaxation* rela
     present.h = step.h;
     present.kT = step.kT;
     present.noise = step.noise;
-    present.flow.reset();
+    present.hasFlow = step.flow;
     if (step.flow) present.flow = *step.flow;
     if (!members.readPrescribed(step.prescribed, present.prescribed))
         present.prescribed.resize(0, 0);
@@ -48,7 +48,7 @@ void MomentumHolds::find() {
     step.h = last.h;
     step.kT = last.kT;
     step.noise = last.noise;
-    step.flow = last.flow ? &*last.flow : nullptr;
+    step.flow = last.hasFlow ? &last.flow : nullptr;
     move.start = last.poses;
     move.begin(step);
     if (last.prescribed.size() > 0) move.prescribe(&last.prescribed);

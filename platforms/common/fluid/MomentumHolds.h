@@ -2,7 +2,6 @@
 #define RIGIDHI_MOMENTUM_HOLDS_H_
 
 #include <Eigen/Core>
-#include <optional>
 #include <vector>
 
 #include "fluid/BrownianGroup.h"
@@ -47,7 +46,8 @@ private:
     struct Noted {
         std::vector<Pose> poses;
         Eigen::MatrixXd forces, impulses, prescribed;  // prescribed has no rows: nothing is
-        std::optional<DrivenFlow> flow;
+        DrivenFlow flow;
+        bool hasFlow = false;
         double h = 0, kT = 0;
         NoiseStream noise;
     };
