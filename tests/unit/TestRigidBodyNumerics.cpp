@@ -441,6 +441,14 @@ TEST(BodySet, TorquesAreInTheFrameOfTheScheme) {
     expectTorque(first);
     add(second);
     expectTorque(first + second);
+    // Bodies that take these states, because others are held, take the frame as well.
+    BodySet others(geometries, vector<vector<int>>(2, {0}), vector<vector<double>>(2),
+                   vector<vector<bool>>(2, {true}), {true, false});
+    others.takeStates(bodies);
+    swap(bodies, others);
+    expectTorque(first + second);
+    bodies.keepTorquesInLab(true);
+    expectTorque(first + second);
     bodies.keepTorquesInLab(false);
     expectTorque(first + second);
     turn(1.1 + M_PI / 4);  // the torque turns with the body, a quarter turn about z

@@ -150,6 +150,7 @@ void BodySet::setInertiaScale(double factor) {
 
 void BodySet::takeStates(const BodySet& others) {
     setInertiaScale(others.inertiaScale);
+    torquesInLab = others.torquesInLab;
     for (int b = 0; b < getNumBodies(); b++) {
         // The first columns are those of the state.
         const double* from = others.numbers.data() + others.slot(b);
