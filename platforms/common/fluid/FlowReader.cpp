@@ -19,9 +19,7 @@ constexpr ErrorsOf fail{"MobilityForce"};
 
 bool samePoses(const vector<Pose>& a, const vector<Pose>& b) {
     bool same = a.size() == b.size();
-    for (size_t e = 0; same && e < a.size(); e++)
-        same = a[e].R == b[e].R && a[e].q.w == b[e].q.w && a[e].q.x == b[e].q.x &&
-               a[e].q.y == b[e].q.y && a[e].q.z == b[e].q.z;
+    for (size_t e = 0; same && e < a.size(); e++) same = areSame(a[e], b[e]);
     return same;
 }
 

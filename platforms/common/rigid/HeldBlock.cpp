@@ -97,12 +97,8 @@ void HeldBlock::findMobility(const vector<Pose>& poses, const vector<Matrix3d>& 
 }
 
 bool HeldBlock::setPoses(const vector<Pose>& poses, const vector<Matrix3d>& turns) {
-    const auto same = [&](int e) {
-        const Pose &a = heldPoses[e], &b = poses[e];
-        return a.R == b.R && a.q.w == b.q.w && a.q.x == b.q.x && a.q.y == b.q.y && a.q.z == b.q.z;
-    };
     bool known = !heldPoses.empty();
-    for (int e = 0; known && e < numHeld; e++) known = same(e);
+    for (int e = 0; known && e < numHeld; e++) known = areSame(heldPoses[e], poses[e]);
     if (known) return false;
     heldPoses.clear();
     MatrixXd M;

@@ -7,14 +7,6 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-namespace {
-
-bool sameBits(const Pose& a, const Pose& b) {
-    return a.R == b.R && a.q.w == b.q.w && a.q.x == b.q.x && a.q.y == b.q.y && a.q.z == b.q.z;
-}
-
-}  // namespace
-
 ParticleFactor::ParticleFactor(const CoupledBodies& bodies) : bodies(bodies) {
     const auto& elements = bodies.getElements();
     while (numHeld < (int)elements.size() && elements[numHeld].isHeld) {
@@ -28,7 +20,7 @@ ParticleFactor::ParticleFactor(const CoupledBodies& bodies) : bodies(bodies) {
 bool ParticleFactor::heldAreKnown(const BodiesAt& at) const {
     if (heldPoses.empty() || heldBox != at.getPlacement().box) return false;
     for (int e = 0; e < numHeld; e++)
-        if (!sameBits(heldPoses[e], at.getPoses()[e])) return false;
+        if (!areSame(heldPoses[e], at.getPoses()[e])) return false;
     return true;
 }
 

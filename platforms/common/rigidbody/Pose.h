@@ -23,6 +23,11 @@ struct Pose {
     Eigen::Matrix3d rotation() const { return rotationOf(q); }
 };
 
+/** Whether two poses are the same number for number. */
+inline bool areSame(const Pose& a, const Pose& b) {
+    return a.R == b.R && a.q.w == b.q.w && a.q.x == b.q.x && a.q.y == b.q.y && a.q.z == b.q.z;
+}
+
 }  // namespace RigidHIPlugin
 
 #endif
