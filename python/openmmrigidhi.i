@@ -223,8 +223,8 @@ void setOpenMMException(const char* message) {
     "$1 = &value;"
 %typemap(in, numinputs=0) OpenMM::Vec3& principalMoments (OpenMM::Vec3 value) "$1 = &value;"
 %typemap(in, numinputs=0) double& mass (double value), double& gamma (double value),
-               double& Gamma (double value), double& yLow (double value),
-               double& yHigh (double value), double& f0 (double value),
+               double& Gamma (double value), double& low (double value),
+               double& high (double value), double& f0 (double value),
                double& radius (double value), double& rate (double value)
     "$1 = &value;"
 %typemap(argout) std::vector<int>& particles, std::vector<OpenMM::Vec3>& sitePositions {
@@ -233,7 +233,7 @@ void setOpenMMException(const char* message) {
 %typemap(argout) OpenMM::Vec3& principalMoments {
     $result = SWIG_AppendOutput($result, toBuffer($1, 1));
 }
-%typemap(argout) double& mass, double& gamma, double& Gamma, double& yLow, double& yHigh,
+%typemap(argout) double& mass, double& gamma, double& Gamma, double& low, double& high,
                  double& f0, double& radius, double& rate {
     $result = SWIG_AppendOutput($result, PyFloat_FromDouble(*$1));
 }
@@ -481,6 +481,7 @@ public:
 #undef RIGIDHI_ROW
     };
     enum SphereWallMobility : int { FromModel = 0, BestKnown = 1 };
+    enum ChannelCondition : int { ZeroPressureGradient = 0, ZeroFlux = 1 };
     enum Solver : int { Auto = 0, Dense = 1, MatrixFree = 2 };
 
     MobilityForce();
@@ -498,8 +499,10 @@ public:
     void setBoundary(Boundary boundary);
     double getWallHeight() const;
     void setWallHeight(double height);
-    void getChannelWalls(double& yLow, double& yHigh) const;
-    void setChannelWalls(double yLow, double yHigh);
+    void getChannelWalls(double& low, double& high) const;
+    void setChannelWalls(double low, double high);
+    ChannelCondition getChannelCondition() const;
+    void setChannelCondition(ChannelCondition condition);
     SphereWallMobility getSphereWallMobility() const;
     void setSphereWallMobility(SphereWallMobility mobility);
     bool getLubrication() const;

@@ -30,6 +30,9 @@ const EnumNames<MobilityForce::Boundary> boundaries =
     namesOf<MobilityForce::Boundary>(boundaryTable);
 const EnumNames<MobilityForce::SphereWallMobility> sphereWallMobilities = {
     {"FromModel", MobilityForce::FromModel}, {"BestKnown", MobilityForce::BestKnown}};
+const EnumNames<MobilityForce::ChannelCondition> channelConditions = {
+    {"ZeroPressureGradient", MobilityForce::ZeroPressureGradient},
+    {"ZeroFlux", MobilityForce::ZeroFlux}};
 const EnumNames<MobilityForce::Solver> solvers = {{"Auto", MobilityForce::Auto},
                                                   {"Dense", MobilityForce::Dense},
                                                   {"MatrixFree", MobilityForce::MatrixFree}};
@@ -124,6 +127,8 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     node.setDoubleProperty("channelLow", low).setDoubleProperty("channelHigh", high);
     node.setStringProperty("sphereWallMobility",
                            nameOf(sphereWallMobilities, force.getSphereWallMobility()));
+    node.setStringProperty("channelCondition",
+                           nameOf(channelConditions, force.getChannelCondition()));
     node.setBoolProperty("lubrication", force.getLubrication());
     node.setStringProperty("solver", nameOf(solvers, force.getSolver()));
     node.setBoolProperty("fastSummation", force.getFastSummation());
@@ -185,6 +190,8 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
         force->setChannelWalls(node.number("channelLow"), node.number("channelHigh"));
     if (node.has("sphereWallMobility"))
         force->setSphereWallMobility(valueOf(sphereWallMobilities, node, "sphereWallMobility"));
+    if (node.has("channelCondition"))
+        force->setChannelCondition(valueOf(channelConditions, node, "channelCondition"));
     force->setLubrication(node.boolean("lubrication"));
     force->setSolver(valueOf(solvers, node, "solver"));
     // Fast sums.

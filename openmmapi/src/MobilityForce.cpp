@@ -84,7 +84,8 @@ vector<double> inverse(const vector<double>& matrix) {
 MobilityForce::MobilityForce()
     : viscosity(viscosityOfWater), minimumGap(0), solverTolerance(1e-6), gridSpacing(0),
       wallHeight(0), channelLow(0), channelHigh(0), model(RotnePragerYamakawa), boundary(Unbounded),
-      sphereWallMobility(FromModel), solver(Auto), lubrication(true) {}
+      sphereWallMobility(FromModel), channelCondition(ZeroPressureGradient), solver(Auto),
+      lubrication(true) {}
 
 // The destructor is not inline, so that other libraries do not export it too.
 MobilityForce::~MobilityForce() {}
@@ -151,13 +152,20 @@ void MobilityForce::setWallHeight(double height) {
     wallHeight = height;
 }
 
-void MobilityForce::setChannelWalls(double yLow, double yHigh) {
-    if (!isfinite(yLow) || !isfinite(yHigh) || !(yLow < yHigh))
-        fail("setChannelWalls()",
-             "the walls are at y = " + text(yLow) + " and " + text(yHigh) + " nm",
+void MobilityForce::setChannelWalls(double low, double high) {
+    if (!isfinite(low) || !isfinite(high) || !(low < high))
+        fail("setChannelWalls()", "the walls are at " + text(low) + " and " + text(high) + " nm",
              "both must be finite, and the first below the second", "give the lower wall first");
-    channelLow = yLow;
-    channelHigh = yHigh;
+    channelLow = low;
+    channelHigh = high;
+}
+
+void MobilityForce::setChannelCondition(ChannelCondition condition) {
+    if (condition < ZeroPressureGradient || condition > ZeroFlux)
+        fail("setChannelCondition()",
+             "channel condition " + text(static_cast<int>(condition)) + " is unknown",
+             "it must be one of ZeroPressureGradient, ZeroFlux", "use the class constants");
+    channelCondition = condition;
 }
 
 void MobilityForce::setSphereWallMobility(SphereWallMobility mobility) {

@@ -27,6 +27,17 @@ class SphereWallMobility(_enums.Documented):
         'The sphere moves like a rigid sphere alone above the wall, at every gap, to 3e-8.')
 
 
+class ChannelCondition(_enums.Documented):
+    """The mean flow along a NoSlipChannel; also class attributes of MobilityForce."""
+
+    ZeroPressureGradient = _Base.ZeroPressureGradient, (
+        'The mean pressure gradient is 0 (default), as in a long channel with open ends. Forces '
+        'along the walls drive fluid through the box.')
+    ZeroFlux = _Base.ZeroFlux, (
+        'The flux through the box is 0, as in a channel with closed ends. The mean pressure '
+        'gradient balances the forces.')
+
+
 class Solver(_enums.Documented):
     """How the linear algebra is done; also class attributes of MobilityForce."""
 
@@ -42,6 +53,7 @@ class Solver(_enums.Documented):
 _Model = Model
 _Boundary = Boundary
 _SphereWallMobility = SphereWallMobility
+_ChannelCondition = ChannelCondition
 _Solver = Solver
 
 
@@ -88,9 +100,12 @@ class MobilityForce(_copies.Copies, _Base):
     Model = Model
     Boundary = Boundary
     SphereWallMobility = SphereWallMobility
+    ChannelCondition = ChannelCondition
     Solver = Solver
     FromModel = SphereWallMobility.FromModel
     BestKnown = SphereWallMobility.BestKnown
+    ZeroPressureGradient = ChannelCondition.ZeroPressureGradient
+    ZeroFlux = ChannelCondition.ZeroFlux
     Auto = Solver.Auto
     Dense = Solver.Dense
     MatrixFree = Solver.MatrixFree
@@ -199,7 +214,8 @@ class MobilityForce(_copies.Copies, _Base):
         super().setModel(_units.constant(model, Model, _where('setModel'), 'model'))
 
     def getBoundary(self) -> _Boundary:
-        """Get what bounds the fluid (Unbounded, NoSlipWall, Periodic or SlipChannel)."""
+        """Get what bounds the fluid (Unbounded, NoSlipWall, Periodic, SlipChannel, PeriodicWall,
+        NoSlipChannel or Film)."""
         return Boundary(super().getBoundary())
 
     def setBoundary(self, boundary: Union[_Boundary, str, int]) -> None:
@@ -214,16 +230,20 @@ class MobilityForce(_copies.Copies, _Base):
             the model RotnePragerYamakawa. Periodic: the Context's periodic box, with all models
             (under FreeDraining nothing changes compared with Unbounded). SlipChannel: fluid between
             two walls (:meth:`setChannelWalls`) that it slips along, with ForceCoupling.
-            ForceCoupling takes only Periodic and SlipChannel.
+            PeriodicWall: fluid above the plane z = :meth:`setWallHeight`, periodic in x and y, with
+            RotnePragerYamakawa and ForceCoupling. NoSlipChannel: fluid between two walls z = const
+            (:meth:`setChannelWalls`, :meth:`setChannelCondition`), periodic in x and y, with the
+            same models. Film: fluid between a wall and a flat free surface, with ForceCoupling.
+            The third vector of the box is not a period of these three fluids.
         """
         super().setBoundary(_units.constant(boundary, Boundary, _where('setBoundary'), 'boundary'))
 
     def getWallHeight(self) -> unit.Quantity:
-        """Get the z of the NoSlipWall, a Quantity in nm."""
+        """Get the z of the NoSlipWall or PeriodicWall, a Quantity in nm."""
         return _units.LENGTH.attach(super().getWallHeight())
 
     def setWallHeight(self, height: Number) -> None:
-        """Set the z of the NoSlipWall; other boundaries ignore it.
+        """Set the z of the NoSlipWall or PeriodicWall; other boundaries ignore it.
 
         The height takes effect at Context creation.
 
@@ -235,23 +255,46 @@ class MobilityForce(_copies.Copies, _Base):
         super().setWallHeight(self._number(height, _units.LENGTH, 'setWallHeight', 'height'))
 
     def getChannelWalls(self) -> tuple[unit.Quantity, unit.Quantity]:
-        """Get the y of both walls of the SlipChannel, (yLow, yHigh), Quantities in nm."""
+        """Get the walls of a SlipChannel, NoSlipChannel or Film, (low, high), Quantities in nm."""
         low, high = super().getChannelWalls()
         return _units.LENGTH.attach(low), _units.LENGTH.attach(high)
 
-    def setChannelWalls(self, yLow: Number, yHigh: Number) -> None:
-        """Set the y of both walls of the SlipChannel; other boundaries ignore them.
+    def setChannelWalls(self, low: Number, high: Number) -> None:
+        """Set the walls of a SlipChannel, NoSlipChannel or Film; other boundaries ignore them.
+
+        They are the y of both walls of a SlipChannel, the z of both walls of a NoSlipChannel, or
+        the z of the wall and of the free surface of a Film.
 
         The walls take effect at Context creation.
 
         Parameters
         ----------
-        yLow, yHigh : float or Quantity
+        low, high : float or Quantity
             nm; finite, the first below the second. The default, 0 and 0, is no channel: a Context
-            with the boundary SlipChannel is then refused.
+            with such a boundary is then refused.
         """
-        super().setChannelWalls(self._number(yLow, _units.LENGTH, 'setChannelWalls', 'yLow'),
-                                self._number(yHigh, _units.LENGTH, 'setChannelWalls', 'yHigh'))
+        super().setChannelWalls(self._number(low, _units.LENGTH, 'setChannelWalls', 'low'),
+                                self._number(high, _units.LENGTH, 'setChannelWalls', 'high'))
+
+    def getChannelCondition(self) -> _ChannelCondition:
+        """Get what the mean flow of a NoSlipChannel does (ZeroPressureGradient or ZeroFlux)."""
+        return ChannelCondition(super().getChannelCondition())
+
+    def setChannelCondition(self, condition: Union[_ChannelCondition, str, int]) -> None:
+        """Set what drives or stops the mean flow along a NoSlipChannel.
+
+        The setting takes effect at Context creation. Other boundaries ignore it.
+
+        Parameters
+        ----------
+        condition : constant or str
+            ZeroPressureGradient (default): the mean pressure gradient is 0, as in a long channel
+            with open ends, and forces along the walls drive fluid through the box. ZeroFlux: the
+            flux through the box is 0, as in a channel with closed ends.
+        """
+        super().setChannelCondition(
+            _units.constant(condition, ChannelCondition, _where('setChannelCondition'),
+                            'condition'))
 
     def getSphereWallMobility(self) -> _SphereWallMobility:
         """Get how a single sphere above a NoSlipWall moves (FromModel or BestKnown)."""

@@ -18,7 +18,7 @@ RESULTS = {
     'getBodyFriction': {'gamma', 'Gamma'},
     'getHingeMotorParameters': {'hinge', 'rate'},
     'getBodyParameters': {'bodyIndex', 'parameters'},
-    'getChannelWalls': {'yLow', 'yHigh'},
+    'getChannelWalls': {'low', 'high'},
     'getBackgroundFlow': {'velocity', 'gradient'},
     'getBodyForceOnFluidParameters': {'body', 'site', 'radius', 'force'},
     'getSinusoidalForceDensity': {'f0', 'forceAxis', 'waveAxis', 'waveVectorIndex'}

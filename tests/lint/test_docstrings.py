@@ -122,6 +122,7 @@ WITHOUT_UNIT = {
         'getModel': 'a constant',
         'getBoundary': 'a constant',
         'getSphereWallMobility': 'a constant',
+        'getChannelCondition': 'a constant',
         'getSolver': 'a constant',
         'getLubrication': 'a truth value',
         'getFastSummation': 'a truth value',

@@ -63,6 +63,7 @@ VALUES = {
         'setBoundary': (MobilityForce.NoSlipWall,),
         'setWallHeight': (-4/3,),
         'setChannelWalls': (-4/3, 5/3),
+        'setChannelCondition': (MobilityForce.ZeroFlux,),
         'setGridSpacing': (1/3,),
         'setSinusoidalForceDensity': (1/3, 2, 0, 3),
         'setBackgroundFlow': ((1/3, -2, 3), ((1/7, 2, 3), (4, -1/7, 6), (7, 8, 0))),
@@ -213,6 +214,7 @@ def test_all_together_survive_to_the_same_xml(cls, through):
                                             ('MobilityForce', 'Model'),
                                             ('MobilityForce', 'Boundary'),
                                             ('MobilityForce', 'SphereWallMobility'),
+                                            ('MobilityForce', 'ChannelCondition'),
                                             ('MobilityForce', 'Solver'),
                                             ('CustomBodyMotion', 'Frame')])
 def test_every_constant_survives(cls, constants):

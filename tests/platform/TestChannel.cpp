@@ -165,7 +165,8 @@ TEST(Channel, WhatIsNotThereIsRefused) {
     changed.start(testPlatform());
     changed.fluid->setChannelWalls(0.5, 6.5);
     expectError([&] { changed.fluid->updateParametersInContext(*changed.context); },
-                {"the walls of a SlipChannel cannot be changed by updateParametersInContext()"});
+                {"the walls or the condition of a channel cannot be changed by "
+                 "updateParametersInContext()"});
     FluidScene none;
     none.fluid->setBoundary(MobilityForce::SlipChannel);
     none.fluid->setModel(MobilityForce::ForceCoupling);

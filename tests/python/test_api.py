@@ -211,6 +211,7 @@ CHOICES = [
     (MobilityForce, 'setSolver', 'getSolver', MobilityForce.Solver),
     (MobilityForce, 'setSphereWallMobility', 'getSphereWallMobility',
      MobilityForce.SphereWallMobility),
+    (MobilityForce, 'setChannelCondition', 'getChannelCondition', MobilityForce.ChannelCondition),
 ]
 
 

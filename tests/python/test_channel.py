@@ -113,7 +113,7 @@ def test_walls_that_are_none(walls, problem):
 
 
 def test_wrong_units():
-    with pytest.raises(TypeError, match='MobilityForce.setChannelWalls: yHigh: got a quantity in'):
+    with pytest.raises(TypeError, match='MobilityForce.setChannelWalls: high: got a quantity in'):
         MobilityForce().setChannelWalls(0, 1*unit.picosecond)
 
 

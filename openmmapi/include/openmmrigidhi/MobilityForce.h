@@ -41,9 +41,9 @@ public:
 #undef RIGIDHI_ROW
     };
     /**
-     * What bounds the fluid: Unbounded (default), NoSlipWall, Periodic, SlipChannel, numbered from
-     * 0. internal/ModelList.h describes each boundary, the pages of models in docs/models say what
-     * it needs and does, and ModelTraits.h has them as a table.
+     * What bounds the fluid: Unbounded (default), NoSlipWall, Periodic, SlipChannel, PeriodicWall,
+     * NoSlipChannel, Film, numbered from 0. internal/ModelList.h describes each boundary, the pages
+     * of models in docs/models say what it needs and does, and ModelTraits.h has them as a table.
      */
     enum Boundary : int {
 #define RIGIDHI_ROW(name, ...) name,
@@ -67,6 +67,19 @@ public:
          * bodies of one sphere and to free particles; multiblobs keep the mobility of the model.
          */
         BestKnown = 1
+    };
+    /** What drives or stops the mean flow along the walls of a NoSlipChannel. */
+    enum ChannelCondition : int {
+        /**
+         * The mean pressure gradient is 0, as in a long channel whose ends are open. Forces along
+         * the walls drive fluid through the box.
+         */
+        ZeroPressureGradient = 0,
+        /**
+         * The flux through the box is 0, as in a channel whose ends are closed. The mean pressure
+         * gradient balances the forces.
+         */
+        ZeroFlux = 1
     };
     /** How the linear algebra is done. */
     enum Solver : int {
@@ -121,28 +134,37 @@ public:
     /** Set what bounds the fluid (default Unbounded). Takes effect at Context creation or
      * reinitialize(). */
     void setBoundary(Boundary boundary);
-    /** Get the height of the NoSlipWall, nm. */
+    /** Get the height of the NoSlipWall or PeriodicWall, nm. */
     double getWallHeight() const { return wallHeight; }
     /**
-     * Set the z of the NoSlipWall, nm (default 0). Other boundaries ignore it. Takes effect at
-     * Context creation or reinitialize().
+     * Set the z of the NoSlipWall or PeriodicWall, nm (default 0). Other boundaries ignore it.
+     * Takes effect at Context creation or reinitialize().
      *
      * @throws OpenMMException if not finite
      */
     void setWallHeight(double height);
-    /** Get the walls of the SlipChannel, nm. */
-    void getChannelWalls(double& yLow, double& yHigh) const {
-        yLow = channelLow;
-        yHigh = channelHigh;
+    /** Get the walls of the SlipChannel, NoSlipChannel or Film, nm. */
+    void getChannelWalls(double& low, double& high) const {
+        low = channelLow;
+        high = channelHigh;
     }
     /**
-     * Set the y of both walls of the SlipChannel, nm. The default is 0 and 0, which is no channel:
-     * a Context with this boundary is refused. Other boundaries ignore the walls. Takes effect at
-     * Context creation or reinitialize().
+     * Set the y of both walls of the SlipChannel, or the z of both walls of the NoSlipChannel, or
+     * the z of the wall and of the free surface of the Film, nm. The default is 0 and 0, which is
+     * no channel: a Context with such a boundary is refused. Other boundaries ignore the walls.
+     * Takes effect at Context creation or reinitialize().
      *
-     * @throws OpenMMException unless both are finite and yLow < yHigh
+     * @throws OpenMMException unless both are finite and low < high
      */
-    void setChannelWalls(double yLow, double yHigh);
+    void setChannelWalls(double low, double high);
+    /** Get what drives or stops the mean flow along the walls of a NoSlipChannel. */
+    ChannelCondition getChannelCondition() const { return channelCondition; }
+    /**
+     * Set what drives or stops the mean flow along the walls of a NoSlipChannel (default
+     * ZeroPressureGradient). Other boundaries ignore it. Takes effect at Context creation or
+     * reinitialize().
+     */
+    void setChannelCondition(ChannelCondition condition);
     /** Get which mobility a single sphere above a NoSlipWall has. */
     SphereWallMobility getSphereWallMobility() const { return sphereWallMobility; }
     /**
@@ -520,6 +542,7 @@ private:
     Model model;
     Boundary boundary;
     SphereWallMobility sphereWallMobility;
+    ChannelCondition channelCondition;
     Solver solver;
     bool lubrication, fastSummation = true;
     double forceDensity = 0;

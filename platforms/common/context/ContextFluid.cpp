@@ -105,9 +105,12 @@ void ContextFluid::update(const MobilityForce& force) {
     double low, high, lowBefore, highBefore;
     force.getChannelWalls(low, high);
     parameters->getChannelWalls(lowBefore, highBefore);
-    if (low != lowBefore || high != highBefore)
-        fail("the walls of a SlipChannel cannot be changed by updateParametersInContext()" +
-             remedy);
+    if (low != lowBefore || high != highBefore ||
+        force.getChannelCondition() != parameters->getChannelCondition())
+        fail(
+            "the walls or the condition of a channel cannot be changed by "
+            "updateParametersInContext()" +
+            remedy);
     if (force.getGroups() != parameters->getGroups())
         fail("the groups of a MobilityForce cannot be changed by updateParametersInContext()" +
              remedy);

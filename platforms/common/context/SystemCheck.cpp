@@ -212,13 +212,14 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
              " can be used with the model " + models + ", not with " + modelName(force.getModel()) +
              "; use setModel(" + models + ") or setBoundary(" + boundaries + ")");
     }
-    if (force.getBoundary() == MobilityForce::SlipChannel) {
+    const BoundaryTraits& traits = traitsOf(force.getBoundary());
+    if (traits.numWalls == 2) {
         double low, high;
         force.getChannelWalls(low, high);
         if (!(low < high))
-            fail(
-                "boundary SlipChannel has walls at y = 0 and 0 nm, where the first must be below "
-                "the second; set them by setChannelWalls()");
+            fail(string("boundary ") + traits.name + " has walls at " + "xyz"[traits.wallAxis] +
+                 " = 0 and 0 nm, where the first must be below the second; set them by "
+                 "setChannelWalls()");
     }
     if (force.getSphereWallMobility() != MobilityForce::BestKnown) return;
     if (force.getBoundary() != MobilityForce::NoSlipWall)

@@ -55,9 +55,20 @@ void Fluid::setBox(const BoxVectors& box) {
     flowReader.forget();
 }
 
+/** The box, with a vector across walls that is longer than any other, because the fluid has no
+ * period there. */
+static BoxVectors periodsOf(const BoundaryTraits& boundary, BoxVectors box) {
+    if (!boundary.hasWalls()) return box;
+    double longest = 0;
+    for (const OpenMM::Vec3& vector : box) longest = max(longest, sqrt(vector.dot(vector)));
+    box[boundary.wallAxis] = OpenMM::Vec3();
+    box[boundary.wallAxis][boundary.wallAxis] = 2 * longest;
+    return box;
+}
+
 void Fluid::checkBox() {
     if (!contents.isPeriodic() || boxIsChecked) return;
-    const Lattice lattice(contents.box);
+    const Lattice lattice(periodsOf(traitsOf(contents.force.getBoundary()), contents.box));
     const double rounding = 1e-12, shortest = lattice.getShortest();
     for (const auto& group : contents.groups)
         for (size_t e = 0; e < group->bodies.getElements().size(); e++) {

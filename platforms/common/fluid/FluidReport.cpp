@@ -52,8 +52,7 @@ string FluidReport::describeWalls() const {
     findWalls(fluid.force, low, high);
     const bool one = boundary.numWalls == 1;
     ostringstream text;
-    text << (one ? " above a " : " between ") << boundary.walls << (one ? " wall" : " walls")
-         << " at "
+    text << (one ? " above " : " between ") << boundary.walls << " at "
          << "xyz"[boundary.wallAxis] << " = " << low;
     if (!one) text << " and " << high;
     text << " nm (a step is redone if after it a particle "
@@ -61,6 +60,10 @@ string FluidReport::describeWalls() const {
                  ? "has its centre behind "
                  : "overlaps ")
          << (one ? "the wall)" : "a wall)");
+    if (boundary.boundary == MobilityForce::NoSlipChannel)
+        text << (fluid.force.getChannelCondition() == MobilityForce::ZeroFlux
+                     ? ", without flux along them,"
+                     : ", without a pressure gradient along them,");
     return text.str();
 }
 

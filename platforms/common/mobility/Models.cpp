@@ -90,7 +90,10 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
         }
         case MobilityForce::Periodic:
             return periodicRotnePragerYamakawa(force, scene, particles, own);
-        case MobilityForce::SlipChannel: break;
+        case MobilityForce::SlipChannel:
+        case MobilityForce::PeriodicWall:
+        case MobilityForce::NoSlipChannel:
+        case MobilityForce::Film: break;
     }
     refuse(force.getModel(), force.getBoundary());
 }

@@ -12,19 +12,28 @@
  *   isPeriodic   whether the fluid fills the periodic box of the Context
  *   wallAxis     the axis that crosses the walls, 0 to 2; -1: there are no walls
  *   numWalls     1: the fluid is above setWallHeight(); 2: it is between setChannelWalls()
- *   walls        what the walls do, a word for descriptions; empty: there are no walls
+ *   walls        what the walls are, a few words for descriptions; empty: there are no walls
  *   description  a sentence or two for docstrings and tables
  */
 #define RIGIDHI_BOUNDARIES(ROW)                                                                   \
     ROW(Unbounded, false, -1, 0, "", "Nothing bounds the fluid, which is at rest at infinity.")   \
-    ROW(NoSlipWall, false, 2, 1, "no-slip",                                                       \
+    ROW(NoSlipWall, false, 2, 1, "a no-slip wall",                                                \
         "The plane z = setWallHeight() bounds the fluid, which is above it and at rest on it.")   \
     ROW(Periodic, true, -1, 0, "",                                                                \
         "The fluid fills the periodic box of the Context, as the box is at each step. Under "     \
         "FreeDraining nothing changes compared with Unbounded.")                                  \
-    ROW(SlipChannel, true, 1, 2, "slip",                                                          \
+    ROW(SlipChannel, true, 1, 2, "slip walls",                                                    \
         "Two walls y = const (setChannelWalls()) bound the fluid, which slips along them and is " \
-        "periodic in x and z.")
+        "periodic in x and z.")                                                                   \
+    ROW(PeriodicWall, true, 2, 1, "a no-slip wall",                                               \
+        "The plane z = setWallHeight() bounds the fluid, which is above it, at rest on it, "      \
+        "and periodic in x and y.")                                                               \
+    ROW(NoSlipChannel, true, 2, 2, "no-slip walls",                                               \
+        "Two walls z = const (setChannelWalls()) bound the fluid, which is at rest on them and "  \
+        "periodic in x and y. setChannelCondition() says what drives or stops the mean flow.")    \
+    ROW(Film, true, 2, 2, "a no-slip wall and a free surface",                                    \
+        "The fluid is at rest on the wall z = low (setChannelWalls()), slips along the flat "     \
+        "free surface z = high, and is periodic in x and y.")
 
 /**
  * ROW(name, boundaries, grids, takesOverlap, takesMultiblobs, couplesBodies, interactions, cost,
