@@ -146,6 +146,9 @@ protected:
 
 private:
     double radius(int i) const { return particles.radii[i]; }
+    double depthOf(double height) const {
+        return planes.isChannel() ? std::min(height, planes.getHeight() - height) : height;
+    }
     int rowsOf(int i) const { return particles.hasTorque[i] ? 6 : 3; }
     void setPeriod();
     const MatrixXd& matrix();
@@ -156,7 +159,8 @@ private:
 
     const ConfiningPlanes& planes;
     LatticeSum sum;
-    std::vector<Vec3> positions;  // over the lower wall, lifted to contact
+    std::vector<Vec3> positions;  // lifted to contact
+    std::vector<double> heights;  // over the lower wall
     VectorXd weights;             // B, for each row; empty: no particle reaches through a wall
     BoxVectors box = {}, base = {};
     double period = 0, middle = 0, leastDepth = 0, span = 0;
@@ -172,6 +176,7 @@ void ConfinedAt::moveTo(const Placement& placement, bool nearby) {
     planes.checkBox(placement.box);
     box = placement.box;
     positions = placement.positions;
+    heights.resize(particles.size());
     weights.resize(0);
     for (int i = 0; i < particles.size(); i++) {
         const double z = positions[i][2];
@@ -183,7 +188,7 @@ void ConfinedAt::moveTo(const Placement& placement, bool nearby) {
                 weights.segment(particles.firstRow[i], rowsOf(i)).setConstant(weight);
             }
         }
-        positions[i][2] -= planes.getLow();
+        heights[i] = positions[i][2] - planes.getLow();
     }
     setPeriod();
     isKnown = false;
@@ -197,11 +202,10 @@ void ConfinedAt::moveTo(const Placement& placement, bool nearby) {
 void ConfinedAt::setPeriod() {
     double lowest = INFINITY, highest = -INFINITY;
     leastDepth = INFINITY;
-    for (const Vec3& x : positions) {
-        lowest = std::min(lowest, x[2]);
-        highest = std::max(highest, x[2]);
-        leastDepth = std::min(
-            leastDepth, planes.isChannel() ? std::min(x[2], planes.getHeight() - x[2]) : x[2]);
+    for (double z : heights) {
+        lowest = std::min(lowest, z);
+        highest = std::max(highest, z);
+        leastDepth = std::min(leastDepth, depthOf(z));
     }
     span = highest - lowest;
     if (planes.isChannel())
@@ -220,10 +224,7 @@ void ConfinedAt::setPeriod() {
 void ConfinedAt::sortByDepth() {
     const int n = particles.size();
     depths.resize(n);
-    for (int i = 0; i < n; i++)
-        depths[i] = planes.isChannel()
-                        ? std::min(positions[i][2], planes.getHeight() - positions[i][2])
-                        : positions[i][2];
+    for (int i = 0; i < n; i++) depths[i] = depthOf(heights[i]);
     order.resize(n);
     std::iota(order.begin(), order.end(), 0);
     std::stable_sort(order.begin(), order.end(),
@@ -242,7 +243,7 @@ void ConfinedAt::fillColumns(const PlaneWave* waves, int size, int numModes, boo
         const PlaneWave& wave = waves[w];
         for (int s = 0; s < positive.rows() && firstSorted[s] < positive.rows(); s++) {
             const int i = order[s], row = firstSorted[s];
-            walls.fill(wave.length, withImages, positions[i][2], radius(i), modes);
+            walls.fill(wave.length, withImages, heights[i], radius(i), modes);
             const complex<double> phase =
                 std::polar(1.0, wave.k[0] * positions[i][0] + wave.k[1] * positions[i][1]);
             int at[2] = {toPositive, toNegative};
@@ -305,8 +306,8 @@ void ConfinedAt::addUniformPart() {
     const double scale = 8 * M_PI / planeArea(box);
     for (int j = 0; j < particles.size(); j++)
         for (int i = 0; i < particles.size(); i++) {
-            const Eigen::Matrix2d part = scale * uniformPart(planes, period, positions[i][2],
-                                                             radius(i), positions[j][2], radius(j));
+            const Eigen::Matrix2d part =
+                scale * uniformPart(planes, period, heights[i], radius(i), heights[j], radius(j));
             // V_x with W_y, and V_y with -W_x
             const int row = particles.firstRow[i], column = particles.firstRow[j];
             for (int axis = 0; axis < 2; axis++) {
@@ -345,26 +346,22 @@ void ConfinedAt::addFlowAt(const FlowSources& sources, const std::vector<Vec3>& 
                            double factor, Velocities& velocities) {
     FlowSources weighted = sources;
     if (weights.size() > 0) weighted.forces = weights.asDiagonal() * sources.forces;
-    std::vector<Vec3> over = points;
-    double highest = -INFINITY, lowest = INFINITY;
-    for (Vec3& point : over) {
-        point[2] -= planes.getLow();
-        lowest = std::min(lowest, point[2]);
-        highest = std::max(highest, point[2]);
-    }
+    std::vector<double> over;  // heights of points
+    for (const Vec3& point : points) over.push_back(point[2] - planes.getLow());
     if (over.empty()) return;
+    const auto [lowest, highest] = std::minmax_element(over.begin(), over.end());
     LatticeSum flow(particles, overSurfaces(), false, true);
     double basePeriod = period, centre = middle, reach = span;
     if (!planes.isChannel()) {
         // Points may be higher or lower than all particles.
-        const double top = std::max(highest, middle + 0.5 * span),
-                     bottom = std::min(lowest, middle - 0.5 * span);
+        const double top = std::max(*highest, middle + 0.5 * span),
+                     bottom = std::min(*lowest, middle - 0.5 * span);
         reach = top - bottom;
         centre = 0.5 * (top + bottom);
         basePeriod = reach + period - span;
     }
     flow.setBox({box[0], box[1], Vec3(0, 0, basePeriod)});
-    flow.addFlowAt(positions, weighted, over, factor / (8 * M_PI * viscosity), velocities);
+    flow.addFlowAt(positions, weighted, points, factor / (8 * M_PI * viscosity), velocities);
 
     const double scale = factor / (viscosity * planeArea(box)), depth = largestDepth(),
                  imagesEnd = planes.isChannel() ? 0 : 2 * depth / (basePeriod - reach);
@@ -382,7 +379,7 @@ void ConfinedAt::addFlowAt(const FlowSources& sources, const std::vector<Vec3>& 
         const int numModes = walls.count(withImages);
         complex<double> sums[9] = {};
         for (int j = 0; j < particles.size(); j++) {
-            walls.fill(wave.length, withImages, positions[j][2], radius(j), modes);
+            walls.fill(wave.length, withImages, heights[j], radius(j), modes);
             const complex<double> phase =
                 std::polar(1.0, -wave.k[0] * positions[j][0] - wave.k[1] * positions[j][1]);
             for (int m = 0; m < numModes; m++) {
@@ -392,9 +389,9 @@ void ConfinedAt::addFlowAt(const FlowSources& sources, const std::vector<Vec3>& 
             }
         }
         for (size_t p = 0; p < over.size(); p++) {
-            walls.fill(wave.length, withImages, over[p][2], 0, modes);
+            walls.fill(wave.length, withImages, over[p], 0, modes);
             const complex<double> phase =
-                std::polar(1.0, wave.k[0] * over[p][0] + wave.k[1] * over[p][1]);
+                std::polar(1.0, wave.k[0] * points[p][0] + wave.k[1] * points[p][1]);
             for (int m = 0; m < numModes; m++)
                 velocities.col(p) -= (2 * scale * modes[m].factor) *
                                      (phase * sums[m] * modes[m].felt.velocity(wave)).real();
@@ -403,7 +400,7 @@ void ConfinedAt::addFlowAt(const FlowSources& sources, const std::vector<Vec3>& 
     for (size_t p = 0; p < over.size(); p++)
         for (int j = 0; j < particles.size(); j++) {
             const Eigen::Matrix2d part =
-                uniformPart(planes, basePeriod, over[p][2], 0, positions[j][2], radius(j));
+                uniformPart(planes, basePeriod, over[p], 0, heights[j], radius(j));
             for (int axis = 0; axis < 2; axis++) {
                 velocities(axis, p) += scale * part(0, 0) * forceOn(j)[axis];
                 if (particles.hasTorque[j])
