@@ -82,11 +82,62 @@ TEST(ConfinedGrid, HasTheReferenceValues) {
             GridStencils stencils(particles, resolution);
             stencils.moveTo(shape, inGrid(each.conditions, places), false);
             PlainGridFluid plain;
-            const MatrixXd M = matrixOf(plain, stencils);
+            CpuGridFluid fast;
+            const MatrixXd M = matrixOf(plain, stencils), ofCpu = matrixOf(fast, stencils);
+            MatrixXd single;
+            fast.multiplyInSingle(stencils, 1, MatrixXd::Identity(18, 18), single);
+            printf("cpu %g single %g\n", (ofCpu - M).norm() / M.norm(),
+                   (single - M).norm() / M.norm());
             const double error = normOf(scaled(M - lowerHalf(each.expected), particles));
             printf("%d %g: %g sym %g\n", int(&each - cases), tolerance, error,
                    (M - M.transpose()).norm() / M.norm());
             EXPECT_LE(error, tolerance);
             EXPECT_LE((M - M.transpose()).norm(), 1e-14 * M.norm());
+        }
+}
+
+TEST(ConfinedGrid, RandomFieldsHaveTheCovarianceOfProducts) {
+    const HydrodynamicParticles particles = threeSpheres();
+    const vector<PlaneConditions> cases = {
+        PlaneConditions::channel(height, 2, false), PlaneConditions::channel(height, 2, true),
+        PlaneConditions::wall(height + 1, 2, 1.5), PlaneConditions::film(height, 2)};
+    const GridResolution resolution(particles, 0.1, 0.9);
+    for (const PlaneConditions& conditions : cases)
+        for (array<int, 3> size : {array<int, 3>{6, 5, 8}, array<int, 3>{5, 6, 7}}) {
+            GridShape shape = shapeOf(conditions, resolution);
+            shape.size = size;
+            shape.planes.reset();
+            shape.planes = make_shared<GridPlanes>(conditions, shape);
+            GridStencils stencils(particles, resolution);
+            stencils.moveTo(shape, inGrid(conditions, places), false);
+            PlainGridFluid plain;
+            CpuGridFluid fast;
+            const MatrixXd M = matrixOf(plain, stencils);
+            for (GridFluid* fluid : {(GridFluid*)&plain, (GridFluid*)&fast}) {
+                GridField field;
+                VectorXd column;
+                const auto columnOf = [&](const UnitNoise& noise) {
+                    fluid->draw(stencils, 1, noise, field);
+                    fluid->average(field, stencils, column);
+                    return column;
+                };
+                MatrixXd covariance = covarianceOfFields(size, M.rows(), -size[1] / 2,
+                                                         CounterModeNoise::isMirrored, columnOf);
+                const double withoutPlanes = (covariance - M).norm() / M.norm();
+                for (int nx = -size[0] / 2; nx <= size[0] / 2; nx++)
+                    for (int ny = -size[1] / 2; ny <= size[1] / 2; ny++) {
+                        if (CounterModeNoise::isMirrored(nx, ny, 0)) continue;
+                        for (int j = 0; j < 4; j++)
+                            for (int c = 0; c < 3; c++)
+                                for (complex<double> value :
+                                     {complex<double>(1, 0), complex<double>(0, 1)}) {
+                                    const VectorXd v = columnOf(
+                                        UnitNoise::ofPlane(nx, ny, j, c, sqrt(0.5) * value));
+                                    covariance += v * v.transpose();
+                                }
+                    }
+                printf("%d: %g without planes' %g\n", int(&conditions - &cases[0]),
+                       (covariance - M).norm() / M.norm(), withoutPlanes);
+            }
         }
 }

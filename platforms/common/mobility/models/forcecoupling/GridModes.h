@@ -65,9 +65,10 @@ public:
         return nz == 0 && (ny < 0 || (ny == 0 && nx < 0));
     }
 
-protected:
     /** A block of numbers that no mode has, for component c of unknown j of planes, j < 16. */
     static uint32_t blockOfPlane(int j, int c) { return NoiseStream::blockOfMode(3 * j + c, 3); }
+
+protected:
     const NoiseStream noise;
     const uint32_t purpose;
 };
