@@ -139,7 +139,7 @@ ConfinedRotnePragerYamakawaGrid::ConfinedRotnePragerYamakawaGrid(
       spacing(spacing), planes(planes), fluid(fluid) {
     planes.checkRadii(particles);
     smallest = *std::min_element(particles.radii.begin(), particles.radii.end());
-    longest = depthOfModes(shareOfBase * tolerance) / smallest;
+    longest = longestWave(particles, tolerance);
 }
 
 /**
@@ -152,6 +152,29 @@ double ConfinedRotnePragerYamakawaGrid::topFor(const BoxVectors& box, double hig
     return step * std::ceil((highest + smallest) / step);
 }
 
+double ConfinedRotnePragerYamakawaGrid::longestWave(const HydrodynamicParticles& particles,
+                                                    double tolerance) {
+    return depthOfModes(shareOfBase * tolerance) /
+           *std::min_element(particles.radii.begin(), particles.radii.end());
+}
+
+EwaldSplitting ConfinedRotnePragerYamakawaGrid::splittingFor(const HydrodynamicParticles& particles,
+                                                             double tolerance, double spacing,
+                                                             const BoxVectors& box, double height,
+                                                             double& period) {
+    const std::vector<EwaldKind> kinds = kindsOf(particles);
+    const double smallest = kinds.front().radius, longest = longestWave(particles, tolerance);
+    // Stencils of particles at contact must not reach around the box.
+    for (period = height + 2 * smallest;;) {
+        const EwaldSplitting splitting(kinds, shareOfBase * tolerance, spacing,
+                                       {box[0], box[1], Vec3(0, 0, period)}, 0, longest);
+        const double needed =
+            height + 2 * (splitting.cutoff - smallest + splitting.shape.spacing(2));
+        if (period >= needed) return splitting;
+        period = 1.01 * needed;
+    }
+}
+
 ConfinedRotnePragerYamakawaGrid::Base ConfinedRotnePragerYamakawaGrid::baseFor(
     const BoxVectors& box, double highest) const {
     const double height = topFor(box, highest);
@@ -159,20 +182,10 @@ ConfinedRotnePragerYamakawaGrid::Base ConfinedRotnePragerYamakawaGrid::baseFor(
     if (last.model && last.height == height && lastBox[0] == box[0] && lastBox[1] == box[1])
         return last;
     Base made = {nullptr, height, 0};
-    // Stencils of particles at contact must not reach around the box.
-    const std::vector<EwaldKind> kinds = kindsOf(particles);
-    for (double period = height + 2 * smallest;;) {
-        const EwaldSplitting splitting(kinds, shareOfBase * tolerance, spacing,
-                                       {box[0], box[1], Vec3(0, 0, period)}, 0, longest);
-        const double needed =
-            height + 2 * (splitting.cutoff - smallest + splitting.shape.spacing(2));
-        made.period = period;
-        if (period >= needed) break;
-        period = 1.01 * needed;
-    }
+    splittingFor(particles, tolerance, spacing, box, height, made.period);
     WallMaker walls;
     walls.longest = longest;
-    walls.make = [this, height](const GridShape& shape) {
+    walls.make = [planes = planes, longest = longest, height](const GridShape& shape) {
         return std::make_shared<GridWalls>(planes, shape, height, longest);
     };
     made.model = std::make_shared<RotnePragerYamakawaGrid>(
