@@ -17,9 +17,14 @@ using OpenMM::Vec3;
 
 namespace {
 
-/** The part of the tolerance that pairs and waves of the base, and those of walls, get together.
- * Measured, so that the error of all is below the tolerance (docs/grid_accuracy.md). */
-const double shareOfBase = 0.4;
+/**
+ * The tolerance that pairs and waves of the base, and those of walls, get. It is a part of the
+ * whole one, measured so that the error of all is below the tolerance beside touching walls, too
+ * (docs/grid_accuracy.md).
+ */
+double toleranceOfBase(double tolerance) {
+    return 0.4 * std::pow(std::min(1.0, tolerance / 1e-4), 0.17) * tolerance;
+}
 
 class ConfinedOnGrid : public MobilityAt {
 public:
@@ -154,7 +159,7 @@ double ConfinedRotnePragerYamakawaGrid::topFor(const BoxVectors& box, double hig
 
 double ConfinedRotnePragerYamakawaGrid::longestWave(const HydrodynamicParticles& particles,
                                                     double tolerance) {
-    return depthOfModes(shareOfBase * tolerance) /
+    return depthOfModes(toleranceOfBase(tolerance)) /
            *std::min_element(particles.radii.begin(), particles.radii.end());
 }
 
@@ -166,7 +171,7 @@ EwaldSplitting ConfinedRotnePragerYamakawaGrid::splittingFor(const HydrodynamicP
     const double smallest = kinds.front().radius, longest = longestWave(particles, tolerance);
     // Stencils of particles at contact must not reach around the box.
     for (period = height + 2 * smallest;;) {
-        const EwaldSplitting splitting(kinds, shareOfBase * tolerance, spacing,
+        const EwaldSplitting splitting(kinds, toleranceOfBase(tolerance), spacing,
                                        {box[0], box[1], Vec3(0, 0, period)}, 0, longest);
         const double needed =
             height + 2 * (splitting.cutoff - smallest + splitting.shape.spacing(2));
@@ -189,7 +194,7 @@ ConfinedRotnePragerYamakawaGrid::Base ConfinedRotnePragerYamakawaGrid::baseFor(
         return std::make_shared<GridWalls>(planes, shape, height, longest);
     };
     made.model = std::make_shared<RotnePragerYamakawaGrid>(
-        particles, viscosity, shareOfBase * tolerance, spacing, fluid, walls);
+        particles, viscosity, toleranceOfBase(tolerance), spacing, fluid, walls);
     last = made;
     lastBox = box;
     return made;
