@@ -99,7 +99,8 @@ public:
     void follow(const DrivenFlow& flow, const Placement& placement, Eigen::MatrixXd& slips) const;
     /**
      * The factors s(k) and t(k) of the averages of a wave exp(ikx) that belong to a particle's
-     * force and torque. Default: those of waves much longer than the radius.
+     * force and torque, and that of the Laplacian. Default: those of waves much longer than the
+     * radius. A model between no-slip planes must know that of the Laplacian.
      */
     virtual WaveFactors waveFactors(double radius, double k) const { return {}; }
 
