@@ -245,14 +245,14 @@ MatrixXd PosedBodies::constraints(const vector<Pose>& at) const {
 
 // ---- Scenes of files
 
-namespace {
-
-JsonValue readScene(const string& name) {
-    const string path = string(RIGIDHI_TEST_DATA) + "/bodies/" + name + ".json";
+JsonValue readTestData(const string& name) {
+    const string path = string(RIGIDHI_TEST_DATA) + "/" + name + ".json";
     ifstream file(path);
     if (!file) throw runtime_error("there is no file " + path);
     return parseJson(string(istreambuf_iterator<char>(file), istreambuf_iterator<char>()));
 }
+
+namespace {
 
 Pose poseOf(const JsonValue& value) {
     Pose pose;
@@ -264,7 +264,8 @@ Pose poseOf(const JsonValue& value) {
 
 }  // namespace
 
-ReferenceScene::ReferenceScene(const string& sceneName) : data(readScene(sceneName)) {
+ReferenceScene::ReferenceScene(const string& sceneName)
+    : data(readTestData("bodies/" + sceneName)) {
     name = sceneName;
     const double viscosity = data["viscosity"].number;
     const bool wall = data["boundary"].text != "Unbounded";

@@ -30,6 +30,8 @@ struct JsonValue {
 };
 /** @throws std::runtime_error with the place of an error in the text */
 JsonValue parseJson(const std::string& text);
+/** The file tests/data/NAME.json. @throws std::runtime_error if there is none */
+JsonValue readTestData(const std::string& name);
 
 /** Bodies and free particles at some poses in a fluid. Components of some of them are fixed. */
 struct PosedBodies {

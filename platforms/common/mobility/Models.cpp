@@ -5,6 +5,7 @@
 #include <limits>
 #include <string>
 
+#include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
@@ -90,9 +91,11 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
         }
         case MobilityForce::Periodic:
             return periodicRotnePragerYamakawa(force, scene, particles, own);
-        case MobilityForce::SlipChannel:
         case MobilityForce::PeriodicWall:
         case MobilityForce::NoSlipChannel:
+            return make_unique<ConfinedRotnePragerYamakawa>(
+                particles, eta, ConfiningPlanes(force, scene.crossingAllowed));
+        case MobilityForce::SlipChannel:
         case MobilityForce::Film: break;
     }
     refuse(force.getModel(), force.getBoundary());

@@ -54,8 +54,8 @@
         "linear in bodies",                                                                       \
         "Bodies do not interact through the fluid. A sphere has its Stokes drag, and a "          \
         "multiblob has its own constant tensor.")                                                 \
-    ROW(RotnePragerYamakawa, Unbounded | NoSlipWall | Periodic, Periodic, true, true, true,       \
-        "pairs, no lubrication",                                                                  \
+    ROW(RotnePragerYamakawa, Unbounded | NoSlipWall | Periodic | PeriodicWall | NoSlipChannel,    \
+        Periodic, true, true, true, "pairs, no lubrication",                                      \
         "products quadratic in particles, by multipoles (thousands of particles and more) "       \
         "nearly linear, on a grid (Periodic) as the volume of the box; dense cubic",              \
         "Pairs of particles interact. A particle is a sphere or a blob. The mobility of a pair "  \
