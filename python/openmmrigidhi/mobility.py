@@ -214,8 +214,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setModel(_units.constant(model, Model, _where('setModel'), 'model'))
 
     def getBoundary(self) -> _Boundary:
-        """Get what bounds the fluid (Unbounded, NoSlipWall, Periodic, SlipChannel, PeriodicWall,
-        NoSlipChannel or Film)."""
+        """Get what bounds the fluid, a constant of Boundary such as Unbounded."""
         return Boundary(super().getBoundary())
 
     def setBoundary(self, boundary: Union[_Boundary, str, int]) -> None:

@@ -288,8 +288,8 @@ TEST(FlowBetweenPlanes, WhatABoundaryDoesNotHaveIsRefused) {
     }
     MobilityForce wall = fluidOf(MobilityForce::PeriodicWall);
     wall.setBodyForceDensity(Vec3(0, 1, 0));
-    refused(wall, {"a uniform force density (setBodyForceDensity()) drives no steady flow with "
-                   "boundary PeriodicWall",
+    refused(wall, {"a uniform force density (setBodyForceDensity()) drives no steady flow above "
+                   "a PeriodicWall",
                    "use setBackgroundFlow() for shear"});
     MobilityForce closed = fluidOf(MobilityForce::NoSlipChannel);
     closed.setBodyForceDensity(Vec3(1, 0, 0));

@@ -159,7 +159,7 @@ void UserFlow::checkAlongPlanes() const {
     const string orNone = ", or setBodyForceDensity() with 0";
     if (boundary == MobilityForce::PeriodicWall)
         fail(
-            "a uniform force density (setBodyForceDensity()) drives no steady flow with boundary "
+            "a uniform force density (setBodyForceDensity()) drives no steady flow above a "
             "PeriodicWall, because nothing bounds the fluid above; use setBackgroundFlow() for "
             "shear, setBoundary(Film)" +
             orNone);

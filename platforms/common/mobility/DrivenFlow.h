@@ -52,6 +52,11 @@ struct DrivenFlow {
     Eigen::Vector3d velocityAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;
     Eigen::Vector3d angularVelocityAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;
     Eigen::Matrix3d strainRateAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;
+    /** The velocity of the plane that is nearer to this z; only the upper one may move. */
+    Eigen::Vector3d velocityOfNearerPlane(double z) const {
+        if (slope.isZero(0) || z - low < top - z) return Eigen::Vector3d::Zero();
+        return (top - low) * slope;
+    }
     /**
      * The means over the height of the fluid, from the plane `low` to z = high: of the flow along
      * the planes that depends on z alone, and of 1 - p. Without planes they are 0 and 1.

@@ -123,6 +123,12 @@ public:
     virtual OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const {
         return position;
     }
+    /**
+     * What the formulas multiply the velocities of a particle at this position by, relative to the
+     * nearest wall, and its forces on the fluid: less than 1 where they lift it to contact. It is
+     * asked for between no-slip planes (DrivenFlow::hasPlanes) alone. Default: 1.
+     */
+    virtual double weightInFormulas(int particle, const OpenMM::Vec3& position) const { return 1; }
 
     // ---- What some models have and others lack: null where the model lacks it
     /** The periodic box. */

@@ -1,5 +1,4 @@
-"""Effective viscosity of a suspension that a force density drives: a wave, or a uniform one between
-walls."""
+"""Effective viscosity of a suspension that a force density drives."""
 from __future__ import annotations
 
 import dataclasses
@@ -122,7 +121,8 @@ def viscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0, i
     ------
     TypeError, ValueError
         for arguments that are no such Context or numbers; without a force density, or with a
-        second one or a moving wall besides; with fewer than 10 samples; if the amplitude is not 3 standard errors above 0; at temperatures above 0 with
+        second one or a moving wall besides; with fewer than 10 samples; if the amplitude is not 3
+        standard errors above 0; at temperatures above 0 with
         LangevinHI, or with EulerMaruyama where the drift that it omits is not 0, since the mean
         flow of these schemes does not have the Brownian stress
     openmm.OpenMMException
