@@ -56,7 +56,7 @@ struct ConfinedScene : Pushed {
     /** The mean velocity through the plane x (axis 0) or y = const. No fluid comes from anywhere,
      * so that it is the same through every plane. */
     double meanThrough(int axis, double at) {
-        const int across = 24, up = 40;
+        const int across = 18, up = 28;
         VectorXd z, w;
         gauss(up, false, z, w);
         vector<Vec3> points;
@@ -127,56 +127,51 @@ vector<FlowCase> flowCases() {
 }  // namespace
 
 TEST(ConfinedFlow, CarriesSpheresAndFreeParticlesByTheirAverages) {
-    for (const FlowCase& one : flowCases())
-        for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
-            SCOPED_TRACE(one.name);
-            ConfinedScene scene(one.boundary);
-            scene.fluid->setSolver(solver);
-            one.set(*scene.fluid);
-            scene.add(sphereKind(0.7), Vec3(4.2, 0.5, 1.5));
-            scene.add(sphereKind(0.9), Vec3(1, 5, 6.4));
-            scene.addFree(1, 0.5, Vec3(3, 3, 2.5));
-            scene.start();
-            const VectorXd expected = scene.following(one.at);
-            EXPECT_GT(expected.norm(), 0.1);
-            expectNear(scene.stepTwists(), expected, 1e-11);
-        }
+    for (const FlowCase& one : flowCases()) {
+        SCOPED_TRACE(one.name);
+        ConfinedScene scene(one.boundary);
+        one.set(*scene.fluid);
+        scene.add(sphereKind(0.7), Vec3(4.2, 0.5, 1.5));
+        scene.add(sphereKind(0.9), Vec3(1, 5, 6.4));
+        scene.addFree(1, 0.5, Vec3(3, 3, 2.5));
+        scene.start();
+        const VectorXd expected = scene.following(one.at);
+        EXPECT_GT(expected.norm(), 0.1);
+        expectNear(scene.stepTwists(), expected, 1e-11);
+    }
 }
 
 TEST(ConfinedFlow, MultiblobsGoAsTheirBlobsLetThem) {
     // U = N K^T M^-1 v, with M from the velocities of blobs under forces.
-    for (const FlowCase& one : flowCases())
-        for (auto solver : {MobilityForce::Dense, MobilityForce::MatrixFree}) {
-            SCOPED_TRACE(one.name);
-            ConfinedScene scene(one.boundary);
-            scene.fluid->setSolver(solver);
-            one.set(*scene.fluid);
-            scene.add(apartKind(), Vec3(2, 4, 4), {{0.8, 0, 0.6, 0}});
-            scene.add(apartKind(), Vec3(5, 1, 2), {{0.6, 0.8, 0, 0}});
-            scene.start();
-            const int rows = 3 * scene.system.getNumParticles();
-            MatrixXd M(rows, rows), K = MatrixXd::Zero(rows, 12);
-            for (int column = 0; column < rows; column++) {
-                vector<double> forces(rows, 0);
-                forces[column] = 1;
-                const auto velocities =
-                    scene.fluid->applyBlobMobilityInContext(*scene.context, forces);
-                M.col(column) = Eigen::Map<const VectorXd>(velocities.data(), rows);
-            }
-            int row = 0;
-            const auto bodies = scene.labBodies();
-            for (int b = 0; b < 2; b++)
-                for (const Vector3d& offset : bodies[b].offsets) {
-                    K.block<3, 3>(row, 6 * b).setIdentity();
-                    K.block<3, 3>(row, 6 * b + 3) = -cross(offset);
-                    row += 3;
-                }
-            const Eigen::LLT<MatrixXd> inverse(M);
-            const MatrixXd friction = K.transpose() * inverse.solve(K);
-            const VectorXd expected =
-                friction.llt().solve(K.transpose() * inverse.solve(scene.following(one.at)));
-            expectNear(scene.stepTwists(), expected, 1e-9);
+    for (const FlowCase& one : flowCases()) {
+        SCOPED_TRACE(one.name);
+        ConfinedScene scene(one.boundary);
+        one.set(*scene.fluid);
+        scene.add(apartKind(), Vec3(2, 4, 4), {{0.8, 0, 0.6, 0}});
+        scene.add(apartKind(), Vec3(5, 1, 2), {{0.6, 0.8, 0, 0}});
+        scene.start();
+        const int rows = 3 * scene.system.getNumParticles();
+        MatrixXd M(rows, rows), K = MatrixXd::Zero(rows, 12);
+        for (int column = 0; column < rows; column++) {
+            vector<double> forces(rows, 0);
+            forces[column] = 1;
+            const auto velocities = scene.fluid->applyBlobMobilityInContext(*scene.context, forces);
+            M.col(column) = Eigen::Map<const VectorXd>(velocities.data(), rows);
         }
+        int row = 0;
+        const auto bodies = scene.labBodies();
+        for (int b = 0; b < 2; b++)
+            for (const Vector3d& offset : bodies[b].offsets) {
+                K.block<3, 3>(row, 6 * b).setIdentity();
+                K.block<3, 3>(row, 6 * b + 3) = -cross(offset);
+                row += 3;
+            }
+        const Eigen::LLT<MatrixXd> inverse(M);
+        const MatrixXd friction = K.transpose() * inverse.solve(K);
+        const VectorXd expected =
+            friction.llt().solve(K.transpose() * inverse.solve(scene.following(one.at)));
+        expectNear(scene.stepTwists(), expected, 1e-9);
+    }
 }
 
 TEST(ConfinedFlow, TheMeanFlowIsThatThroughAPlane) {
@@ -197,7 +192,7 @@ TEST(ConfinedFlow, TheMeanFlowIsThatThroughAPlane) {
                 const double through = scene.meanThrough(axis, axis == 0 ? 7.5 : 2.2);
                 EXPECT_NEAR(mean[axis], through, forceTolerance(1e-8, 1)) << axis << " " << noise;
                 if (isClosed) {
-                    EXPECT_EQ(mean[axis], 0);
+                    EXPECT_NEAR(mean[axis], 0, 1e-16);
                 } else {
                     // Without bodies: f H^2/(12 eta) + U/2.
                     const Vector3d alone = height * height / (12 * eta) * Vector3d(-0.05, 0.08, 0) +
