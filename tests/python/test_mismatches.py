@@ -257,7 +257,7 @@ def test_channels_with_periodic_forces(capfd, isPeriodic):
     assert 'though forces' not in effects['hydrodynamics']
 
 
-# ---- Boxes of fluids that are periodic along walls alone ------------------------------------------
+# ---- Boxes of fluids that are periodic along walls alone -----------------------------------------
 
 
 def nonbonded(method, cutoff, charge):
