@@ -17,10 +17,20 @@ class UnitNoise : public RigidHIPlugin::ModeNoise {
 public:
     UnitNoise(std::array<int, 3> mode, int component, std::complex<double> value)
         : mode(mode), component(component), value(value) {}
+    /** A number of unknown j of planes (GridPlanes) for the wave vector (nx, ny). */
+    static UnitNoise ofPlane(int nx, int ny, int j, int component, std::complex<double> value) {
+        UnitNoise made({nx, ny, 0}, component, value);
+        made.plane = j;
+        return made;
+    }
     void fill(const int* nx, int count, int ny, int nz,
               std::complex<double>* numbers) const override {
         for (int i = 0; i < count; i++)
             for (int c = 0; c < 3; c++) {
+                if (plane >= 0) {
+                    numbers[c * count + i] = 0;
+                    continue;
+                }
                 const bool same = std::array<int, 3>{nx[i], ny, nz} == mode,
                            mirrored = std::array<int, 3>{-nx[i], -ny, -nz} == mode;
                 numbers[c * count + i] = c != component ? 0.0
@@ -30,10 +40,24 @@ public:
             }
     }
 
+    void fillPlane(const int* nx, int count, int ny, int j,
+                   std::complex<double>* numbers) const override {
+        for (int i = 0; i < count; i++)
+            for (int c = 0; c < 3; c++) {
+                const bool same = nx[i] == mode[0] && ny == mode[1],
+                           mirrored = nx[i] == -mode[0] && ny == -mode[1];
+                numbers[c * count + i] = c != component || j != plane ? 0.0
+                                         : same                       ? value
+                                         : mirrored                   ? std::conj(value)
+                                                                      : 0.0;
+            }
+    }
+
 private:
     const std::array<int, 3> mode;
     const int component;
     const std::complex<double> value;
+    int plane = -1;
 };
 
 /**

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "mobility/models/forcecoupling/GridKernels.h"
+#include "mobility/models/forcecoupling/GridPlanes.h"
 
 namespace RigidHIPlugin {
 
@@ -34,6 +35,8 @@ private:
     /** Call task(i, scratch) for i = 0 ... count - 1. Each range of them has its own scratch. */
     template <class Task>
     void forEach(int count, const Task& task);
+    /** The number of pairs of rows y and -y of modes. */
+    int pairsOfRows() const { return layout.numRows / 2 + 1; }
     void resize(GridField& field) const;
     GridSlab<double> nodesOf(const GridField& field, int slab) const;
     void sumAverages(const GridStencils& stencils, bool gradients, double* results);
@@ -65,9 +68,14 @@ void GridEngine<T>::multiply(const GridChannel* channels, int count, double visc
         });
         forces += channel.stencils->getParticles().numRows;
     }
-    forEach(layout.numRows, [&](int y, Scratch& scratch) {
-        kernels.solve(work, parts.data(), count, y, viscosity, scratch);
-    });
+    if (layout.shape.planes)
+        forEach(pairsOfRows(), [&](int y, Scratch& scratch) {
+            kernels.solveBetween(work, parts[0], y, viscosity, scratch);
+        });
+    else
+        forEach(layout.numRows, [&](int y, Scratch& scratch) {
+            kernels.solve(work, parts.data(), count, y, viscosity, scratch);
+        });
     for (const ChannelWork<T>& channel : parts) {
         averages.resize(numbersOfPart * (size_t)channel.stencils->numSlices());
         forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
@@ -87,9 +95,15 @@ void GridEngine<T>::draw(const GridChannel* channels, int count, double viscosit
     const GridWork<T> work = this->work();
     const GridKernels<T>& kernels = GridKernels<T>::best();
     const FieldKernels& kernelsOfFields = FieldKernels::best();
-    forEach(layout.numRows, [&](int y, Scratch& scratch) {
-        kernelsOfFields.draw(work, parts.data(), count, y, viscosity, noise, scratch);
-    });
+    if (layout.shape.planes) {
+        layout.shape.planes->prepareFields();
+        forEach(pairsOfRows(), [&](int y, Scratch& scratch) {
+            kernelsOfFields.drawBetween(work, parts[0], y, viscosity, noise, scratch);
+        });
+    } else
+        forEach(layout.numRows, [&](int y, Scratch& scratch) {
+            kernelsOfFields.draw(work, parts.data(), count, y, viscosity, noise, scratch);
+        });
     for (const ChannelWork<T>& channel : parts) {
         GridField& field = *fields++;
         resize(field);
@@ -247,6 +261,11 @@ void GridEngine<T>::sumAverages(const GridStencils& stencils, bool gradients, do
 void SimdModeNoise::fill(const int* nx, int count, int ny, int nz,
                          std::complex<double>* numbers) const {
     FieldKernels::best().fillModes(noise, purpose, nx, count, ny, nz, numbers);
+}
+
+void SimdModeNoise::fillPlane(const int* nx, int count, int ny, int j,
+                              std::complex<double>* numbers) const {
+    FieldKernels::best().fillPlane(noise, purpose, nx, count, ny, j, numbers);
 }
 
 CpuGridFluid::CpuGridFluid(GridThreads threads) : threads(std::move(threads)) {}

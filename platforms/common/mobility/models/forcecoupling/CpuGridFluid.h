@@ -72,6 +72,8 @@ public:
     using CounterModeNoise::CounterModeNoise;
     void fill(const int* nx, int count, int ny, int nz,
               std::complex<double>* numbers) const override;
+    void fillPlane(const int* nx, int count, int ny, int j,
+                   std::complex<double>* numbers) const override;
 };
 
 }  // namespace RigidHIPlugin

@@ -37,6 +37,10 @@ struct GridField {
  * Fz) at (x, -y, z) and (-Tx, Ty, -Tz). Particles average the flow between the walls and its
  * reflection beyond the walls. Their centres must be between the walls.
  *
+ * On a grid with planes (GridShape) the fluid is between these planes, and the field is one of such
+ * a fluid. The mode k = 0 is there along the planes, and no background balances net forces but the
+ * planes do.
+ *
  * Vectors have the rows of HydrodynamicParticles. A GridFluid keeps plans and work space for the
  * size used last. Models of several groups share one and use it in turn, and several threads may
  * call every member at once.
@@ -170,6 +174,8 @@ private:
     void spread(const GridStencils& stencils, const double* forces);
     void addReflections();
     void respond(double viscosity);
+    template <class Respond>
+    void confine(const Respond& respond);
     void store(size_t at, const std::complex<double>* mode);
     void backward(GridField& field);
     void drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise,

@@ -404,6 +404,14 @@ struct OwnEnvelopes {
     OwnEnvelopes(const GridWork<T>& work, const ChannelWork<T>* channels, int,
                  GridScratch<T>& scratch)
         : work(work), channel(channels[0]), flow(emptyColumns(work, scratch.columns.data())) {}
+    /** Likewise with columns at a place of the caller, of which only the padding is set. */
+    OwnEnvelopes(const GridWork<T>& work, const ChannelWork<T>& channel, T* first)
+        : work(work), channel(channel), flow{first, first + work.layout.columnNumbers(),
+                                             first + 2 * work.layout.columnNumbers()} {
+        const size_t used = 2 * (size_t)work.layout.shape.size[0];
+        for (T* component : flow)
+            std::fill(component + used, component + work.layout.columnNumbers(), T(0));
+    }
     /** Set the flow to the forces of a column of modes, transformed there along x. */
     void gather(int y, int z) const {
         for (int c = 0; c < 3; c++)
@@ -567,9 +575,13 @@ inline void drawRow(const GridWork<double>& work, const ChannelWork<double>* cha
     });
 }
 
-/** CounterModeNoise::fill() with packs of modes. */
-inline void fillModes(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny,
-                      int nz, std::complex<double>* numbers) {
+/**
+ * CounterModeNoise::fill() and fillPlane() with packs of modes: draw(index, n) draws the pairs of
+ * three components.
+ */
+template <class Draw>
+void fillModes(const int* nx, int count, int ny, int nz, std::complex<double>* numbers,
+               const Draw& draw) {
     const int width = lanes(Pack(0.0));
     const double half = std::sqrt(0.5);
     for (int i = 0; i < count; i += width) {
@@ -582,7 +594,7 @@ inline void fillModes(const NoiseStream& noise, uint32_t purpose, const int* nx,
             index[k] = static_cast<int>(NoiseStream::indexOfMode(s * nx[i + k], s * ny, nz));
         }
         Pack n[6];
-        noisePairs<3>(noise, purpose, index, NoiseStream::blockOfMode(nz, 0), n);
+        draw(index, n);
         double re[BodySet::blockSize], im[BodySet::blockSize];
         for (int c = 0; c < 3; c++) {
             store(n[2 * c], re);
@@ -593,14 +605,22 @@ inline void fillModes(const NoiseStream& noise, uint32_t purpose, const int* nx,
     }
 }
 
-// ---- The tables
-
-template <typename T>
-constexpr GridKernels<T> gridKernels() {
-    return {spreadToSlab<T>, transformSlab<T>, solveRow<T>, transformSlabBack<T>, averageSlab<T>};
+inline void fillModes(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny,
+                      int nz, std::complex<double>* numbers) {
+    fillModes(nx, count, ny, nz, numbers, [&](const int* index, Pack(&n)[6]) {
+        noisePairs<3>(noise, purpose, index, NoiseStream::blockOfMode(nz, 0), n);
+    });
 }
-constexpr FieldKernels fieldKernels() {
-    return {drawRow, fillSlab<double>, averageFilledSlab<double>, fillModes};
+inline void fillPlane(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny,
+                      int j, std::complex<double>* numbers) {
+    fillModes(nx, count, ny, 0, numbers, [&](const int* index, Pack(&n)[6]) {
+        for (int c = 0; c < 3; c++) {
+            Pack pair[2];
+            noisePairs<1>(noise, purpose, index, CounterModeNoise::blockOfPlane(j, c), pair);
+            n[2 * c] = pair[0];
+            n[2 * c + 1] = pair[1];
+        }
+    });
 }
 
 }  // namespace HWY_NAMESPACE

@@ -25,6 +25,9 @@ struct GridKernels {
      */
     void (*solve)(const GridWork<T>& work, const ChannelWork<T>* channels, int count, int y,
                   double viscosity, GridScratch<T>& scratch);
+    /** Likewise for the rows y and -y of a fluid between planes. */
+    void (*solveBetween)(const GridWork<T>& work, const ChannelWork<T>& channel, int y,
+                         double viscosity, GridScratch<T>& scratch);
     /** Transform the modes of a channel back along y, to a slab. */
     void (*transformBack)(const GridWork<T>& work, T* const* modes, int slab,
                           const GridSlab<T>& nodes, GridScratch<T>& scratch);
@@ -46,6 +49,9 @@ struct FieldKernels {
     /** Draw modes by the root of the fluid's response, and transform them back along x. */
     void (*draw)(const GridWork<double>& work, const ChannelWork<double>* channels, int count,
                  int y, double viscosity, const ModeNoise& noise, GridScratch<double>& scratch);
+    /** Likewise for the rows y and -y of a fluid between planes. */
+    void (*drawBetween)(const GridWork<double>& work, const ChannelWork<double>& channel, int y,
+                        double viscosity, const ModeNoise& noise, GridScratch<double>& scratch);
     /** Transform all rows of a slab back along z. */
     void (*fill)(const GridWork<double>& work, const GridSlab<double>& nodes,
                  GridScratch<double>& scratch);
@@ -56,6 +62,9 @@ struct FieldKernels {
     /** CounterModeNoise::fill(). */
     void (*fillModes)(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny,
                       int nz, std::complex<double>* numbers);
+    /** CounterModeNoise::fillPlane(). */
+    void (*fillPlane)(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny,
+                      int j, std::complex<double>* numbers);
 
     static const FieldKernels& best();
 };

@@ -3,6 +3,8 @@
 #include <cstdlib>
 #include <vector>
 
+#include "mobility/models/forcecoupling/GridPlanes.h"
+
 namespace RigidHIPlugin {
 
 void GridModeNoise::fill(const int* nx, int count, int ny, int nz,
@@ -40,7 +42,13 @@ long long GridModeNoise::numbersOf(const GridShape& shape) {
     };
     // Three complex numbers for each pair of modes +-k that is not left out; on a mirrored grid for
     // each of ny >= 0.
-    if (!shape.mirrored) return 3 * (modes(0) * modes(1) * modes(2) - 1);
+    // Planes have complex numbers for each pair of wave vectors along them, and real ones of the
+    // mean flow along two axes.
+    const long long ofPlanes = shape.planes
+                                   ? shape.planes->numUnknowns() * (modes(0) * modes(1) - 1) +
+                                         2 * shape.planes->getConditions().numOfMean()
+                                   : 0;
+    if (!shape.mirrored) return 3 * (modes(0) * modes(1) * modes(2) - 1) + ofPlanes;
     return 3 * (modes(0) * modes(2) - 1) * shape.numRows() + 6 * (shape.numRows() - 1);
 }
 

@@ -20,6 +20,12 @@ public:
      * 1; nz is not negative. */
     virtual void fill(const int* nx, int count, int ny, int nz,
                       std::complex<double>* numbers) const = 0;
+    /**
+     * Likewise of the velocities on planes (GridPlanes): for component c of unknown j and the wave
+     * vectors (nx[i], ny) along the planes.
+     */
+    virtual void fillPlane(const int* nx, int count, int ny, int j,
+                           std::complex<double>* numbers) const = 0;
 };
 
 /**
@@ -42,10 +48,25 @@ public:
             }
         }
     }
+    void fillPlane(const int* nx, int count, int ny, int j,
+                   std::complex<double>* numbers) const override {
+        for (int i = 0; i < count; i++) {
+            const int sign = isMirrored(nx[i], ny, 0) ? -1 : 1;
+            for (int c = 0; c < 3; c++) {
+                double re, im;
+                noise.pair(purpose, NoiseStream::indexOfMode(sign * nx[i], sign * ny, 0),
+                           blockOfPlane(j, c), re, im);
+                numbers[c * count + i] = std::sqrt(0.5) * std::complex<double>(re, sign * im);
+            }
+        }
+    }
     /** Whether the numbers are the conjugates of those drawn for the mirrored wave vector. */
     static bool isMirrored(int nx, int ny, int nz) {
         return nz == 0 && (ny < 0 || (ny == 0 && nx < 0));
     }
+
+    /** A block of numbers that no mode has, for component c of unknown j of planes, j < 16. */
+    static uint32_t blockOfPlane(int j, int c) { return NoiseStream::blockOfMode(3 * j + c, 3); }
 
 protected:
     const NoiseStream noise;
@@ -69,6 +90,10 @@ public:
         : mirrored(shape.mirrored), periodic(periodic) {}
     void fill(const int* nx, int count, int ny, int nz,
               std::complex<double>* numbers) const override;
+    void fillPlane(const int* nx, int count, int ny, int j,
+                   std::complex<double>* numbers) const override {
+        periodic.fillPlane(nx, count, ny, j, numbers);
+    }
     /** The number of random numbers that a field takes. */
     static long long numbersOf(const GridShape& shape);
 

@@ -2,10 +2,13 @@
 #define RIGIDHI_GRID_SHAPE_H_
 
 #include <array>
+#include <memory>
 
 #include "mobility/MobilityModel.h"
 
 namespace RigidHIPlugin {
+
+class GridPlanes;
 
 /**
  * A grid over a periodic box with edges along the axes. Nodes are at multiples of the spacing, and
@@ -15,11 +18,15 @@ namespace RigidHIPlugin {
  * Flows and forces are their own reflections there, so the nodes between the walls determine all
  * others. Nodes are half a spacing away from the walls, because sums of cosines and sines at such
  * nodes are transforms of half the length. The size along y is even.
+ *
+ * A grid with planes z = const is that of a fluid which these planes confine. Its edge along z is
+ * not a period of that fluid.
  */
 struct GridShape {
     std::array<int, 3> size = {0, 0, 0};     // nodes along each axis
     std::array<double, 3> edge = {0, 0, 0};  // nm
     bool mirrored = false;
+    std::shared_ptr<const GridPlanes> planes;
 
     double spacing(int axis) const { return edge[axis] / size[axis]; }
     double volume() const { return edge[0] * edge[1] * edge[2]; }
@@ -46,7 +53,8 @@ struct GridShape {
      */
     bool isNyquist(int axis, int index) const { return 2 * index == size[axis]; }
     bool operator==(const GridShape& other) const {
-        return size == other.size && edge == other.edge && mirrored == other.mirrored;
+        return size == other.size && edge == other.edge && mirrored == other.mirrored &&
+               planes == other.planes;
     }
 };
 

@@ -96,7 +96,8 @@ struct GridSlab {
 template <typename T>
 struct GridScratch {
     AlignedArrayOf<T> slab, columns, transformed, noise;
-    AlignedArrayOf<T> channels;  // columns of a channel and of their sum
+    AlignedArrayOf<T> channels;     // columns of a channel and of their sum
+    AlignedArrayOf<T> flows, sums;  // of a fluid between planes: all kz of two rows, and on planes
     GridSeconds seconds;
 
     GridSlab<T> nodes(const GridLayout& layout) {

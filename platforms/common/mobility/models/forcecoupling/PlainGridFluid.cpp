@@ -4,6 +4,7 @@
 #include <mutex>
 
 #include "mobility/models/forcecoupling/GridFluid.h"
+#include "mobility/models/forcecoupling/GridPlanes.h"
 #include "openmmrigidhi/internal/FourierPlanner.h"
 
 using std::complex;
@@ -207,6 +208,7 @@ void PlainGridFluid::respond(double viscosity) {
     // u(k) = (1 - k k/k^2) f(k)/(eta k^2); transforms there and back multiply by the number of
     // nodes.
     const double scale = 1 / (viscosity * planned.numNodes());
+    const double netForce[2] = {scale * modes[0][0], scale * modes[1][0]};
     forModes(planned, [&](size_t at, const int*, const double* k, double k2) {
         complex<double> u[3] = {};
         if (k2 > 0) {
@@ -215,6 +217,66 @@ void PlainGridFluid::respond(double viscosity) {
         }
         store(at, u);
     });
+    if (!planned.planes) return;
+    const GridPlanes& planes = *planned.planes;
+    confine([&](int x, int y, const complex<double>* velocities, complex<double>* forces) {
+        planes.respond(x, y, velocities, forces);
+    });
+    for (int c = 0; c < 2; c++)
+        planes.respondToMean(reinterpret_cast<complex<double>*>(modes[c].data()), netForce[c]);
+}
+
+/**
+ * Add the response to forces of planes, which respond(x, y, velocities, forces) finds from the
+ * velocities on them. The mean flow is left out.
+ */
+template <class Respond>
+void PlainGridFluid::confine(const Respond& respond) {
+    const GridPlanes& planes = *planned.planes;
+    const std::array<int, 3>& n = planned.size;
+    const int numModes = (n[2] + 1) / 2, unknowns = planes.numUnknowns();
+    const auto mode = [&](int c, int x, int y, int z) -> complex<double>& {
+        const size_t at = ((size_t)x * n[1] + y) * planned.numRowModes() + z;
+        return reinterpret_cast<complex<double>*>(modes[c].data())[at];
+    };
+    const auto isOut = [&](int x, int y) {
+        return (x == 0 && y == 0) || planned.isNyquist(0, x) || planned.isNyquist(1, y);
+    };
+    // Of kz and -kz, the modes of the latter are the conjugates of those of -kx, -ky and kz.
+    std::vector<complex<double>> velocities((size_t)n[0] * n[1] * unknowns), forces(unknowns);
+    const auto velocitiesOf = [&](int x, int y) {
+        return velocities.data() +
+               ((size_t)(x + n[0]) % n[0] * n[1] + (y + n[1]) % n[1]) * unknowns;
+    };
+    for (int x = 0; x < n[0]; x++)
+        for (int y = 0; y < n[1]; y++)
+            for (const GridPlanes::Profile& profile : planes.getProfiles())
+                for (int c = 0; c < 3; c++)
+                    for (int z = 0; z < numModes; z++) {
+                        const complex<double> part =
+                            (z == 0 ? 0.5 : 1) * profile.values[z] * mode(c, x, y, z) *
+                            (profile.isImaginary ? complex<double>(0, 1) : complex<double>(1, 0));
+                        velocitiesOf(x, y)[3 * profile.unknown + c] += part;
+                        velocitiesOf(-x, -y)[3 * profile.unknown + c] += conj(part);
+                    }
+    for (int x = 0; x < n[0]; x++)
+        for (int y = 0; y < n[1]; y++) {
+            if (isOut(x, y)) continue;
+            respond(x, y, velocitiesOf(x, y), forces.data());
+            for (int z = 0; z < numModes; z++) {
+                complex<double> u[3] = {};
+                for (const GridPlanes::Profile& profile : planes.getProfiles())
+                    for (int c = 0; c < 3; c++)
+                        u[c] +=
+                            profile.values[z] * forces[3 * profile.unknown + c] *
+                            (profile.isImaginary ? complex<double>(0, -1) : complex<double>(1, 0));
+                const double k[3] = {planned.waveNumber(0, x), planned.waveNumber(1, y),
+                                     planned.waveNumber(2, z)},
+                             k2 = k[0] * k[0] + k[1] * k[1] + k[2] * k[2];
+                project(k, k2, 1 / (k2 * planned.edge[2]), u);
+                for (int c = 0; c < 3; c++) mode(c, x, y, z) += u[c];
+            }
+        }
 }
 
 void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity,
@@ -249,6 +311,21 @@ void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const Mo
         }
         store(at, zeta);
     });
+    if (!shape.planes) return;
+    const GridPlanes& planes = *shape.planes;
+    planes.prepareFields();
+    const double ofPlanes = planes.scaleOfNumbers(viscosity);
+    complex<double> numbers[12];
+    confine([&](int x, int y, const complex<double>* velocities, complex<double>* forces) {
+        const int nx = shape.waveIndex(0, x), ny = shape.waveIndex(1, y);
+        for (int j = 0; 3 * j < planes.numUnknowns(); j++)
+            noise.fillPlane(&nx, 1, ny, j, numbers + 3 * j);
+        planes.respondRandomly(x, y, velocities, numbers, ofPlanes, forces);
+    });
+    GridPlanes::MeanNumbers ofMean(planes, noise);
+    for (int c = 0; c < 2; c++)
+        planes.respondToMeanRandomly(reinterpret_cast<complex<double>*>(modes[c].data()),
+                                     ofMean.along(c), ofPlanes);
 }
 
 // ---- Channels: envelopes of any shape, by a factor for each mode

@@ -1,0 +1,95 @@
+#ifndef RIGIDHI_PLANE_CONDITIONS_H_
+#define RIGIDHI_PLANE_CONDITIONS_H_
+
+#include <Eigen/Core>
+#include <vector>
+
+namespace RigidHIPlugin {
+
+/**
+ * Planes z = const in a fluid that is periodic along all axes, and the law of the fluid's
+ * velocities on them. Where a plane is at rest it is a wall, and where its velocities have the law
+ * of a fluid on its other side, it is no obstacle. So planes confine a periodic fluid, and the flow
+ * between them does not know the period.
+ *
+ * Equation:  G' = G - G E C E^+ G, with G the response of the periodic fluid, E^+ its velocities on
+ *            the planes, S = E^+ G E, C = 1/S - 1/S T 1/S, and T the law (covariance) of the
+ *            velocities on the planes. T is 0 where planes are at rest. A random field y of
+ *            covariance G becomes one of covariance G' by y + G E (1/S) (w - E^+ y), with w of
+ *            covariance T that is independent of y (Matheron's rule).
+ * Waves:     For a wave vector k along the planes, the velocities are those along k (l), along the
+ *            normal times -i (z), and along z x k (t). Forces are alike. Then S and T are real,
+ * depend on |k| alone, and couple t with neither l nor z. Modes:     Of two planes at rest the mean
+ * velocity and half of the difference are the unknowns, of a third plane the difference from that
+ * mean. For waves that are much longer than the planes are far from each other, two planes have
+ * nearly equal velocities, and S of the planes themselves would lose the digits of the difference.
+ * Mean flow: Without a wave vector, S of a velocity along the planes is (P/12 - z/2 + z^2/2P), and
+ * a uniform velocity is one more unknown, by which the forces of planes balance all others.
+ *
+ * Viscosities are 1, lengths are nm. Numbers are long doubles, because the matrices are nearly
+ * singular for long waves.
+ */
+class PlaneConditions {
+public:
+    using Real = long double;
+    /** Of at most three planes: a velocity along k and one across the planes for each. */
+    using Matrix = Eigen::Matrix<Real, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;
+    /** Matrices of one wave number: of t, and of l of all unknowns before z of all unknowns. */
+    struct Matrices {
+        Matrix t, lz;
+    };
+
+    /**
+     * Two planes at rest, in a period of height + gap.
+     *
+     * @param zeroFlux  whether the mean flow along the planes has no flux; else it has no mean
+     *     pressure gradient
+     */
+    static PlaneConditions channel(double height, double gap, bool zeroFlux);
+    /** A plane at rest, and a free surface, along which the fluid slips. */
+    static PlaneConditions film(double height, double gap);
+    /**
+     * A plane at rest, with the fluid above it. The velocities at the distance `height` above it
+     * have the law of an unbounded fluid above a wall. A second plane at rest is at the distance
+     * `below` behind the first one.
+     */
+    static PlaneConditions wall(double height, double gap, double below);
+
+    int numPlanes() const { return planes.size(); }
+    /** z of a plane. The first two are at equal distances from z = 0. */
+    double place(int plane) const { return static_cast<double>(planes[plane]); }
+    /** z = 0 is as far above the lower wall. */
+    double getOrigin() const { return origin; }
+    double getPeriod() const { return static_cast<double>(period); }
+    double getHeight() const { return static_cast<double>(height); }
+    bool hasZeroFlux() const { return zeroFlux; }
+    /** The unknowns as combinations of planes: a row for each. */
+    const Matrix& combinations() const { return combined; }
+
+    /** S and T of a wave number, which is not 0. */
+    Matrices periodic(Real k) const;
+    Matrices law(Real k) const;
+    /** Conditions on the mean flow along an axis: the planes' unknowns, and the flux if it is 0. */
+    int numOfMean() const { return numPlanes() + zeroFlux; }
+    /** S of these conditions, and T. */
+    Matrix meanPeriodic() const;
+    Matrix meanLaw() const;
+    /** What a uniform velocity is to each of the conditions. */
+    Eigen::Matrix<Real, Eigen::Dynamic, 1, 0, 6, 1> meanOfUniform() const;
+
+private:
+    enum Kind { Channel, Film, Wall };
+    PlaneConditions(Kind kind, double height, double period, bool zeroFlux);
+    Matrix combine(const Matrix& ofPlanes, int kinds) const;
+
+    const Kind kind;
+    const Real height, period;
+    const bool zeroFlux;
+    double origin = 0;
+    std::vector<Real> planes;
+    Matrix combined;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,241 @@
+#include "mobility/models/forcecoupling/GridPlanes.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+namespace RigidHIPlugin {
+
+namespace {
+
+using Real = PlaneConditions::Real;
+using Matrix = PlaneConditions::Matrix;
+using std::complex;
+
+/** The principal root of a symmetric matrix that is positive semidefinite but for rounding. */
+Matrix rootOf(const Matrix& square) {
+    using Doubles = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;
+    const Eigen::SelfAdjointEigenSolver<Doubles> solver(square.cast<double>());
+    const auto values = solver.eigenvalues().cwiseMax(0).cwiseSqrt();
+    return (solver.eigenvectors() * values.asDiagonal() * solver.eigenvectors().transpose())
+        .cast<Real>();
+}
+
+Matrix symmetric(const Matrix& m) { return (m + m.transpose()) / 2; }
+Matrix inverseOf(const Matrix& m) { return symmetric(m.inverse()); }
+/** 1/S - 1/S T 1/S */
+Matrix responseOf(const Matrix& S, const Matrix& T) {
+    const Matrix inverse = inverseOf(S);
+    return symmetric(inverse - inverse * T * inverse);
+}
+
+/** S of the mean flow, with the uniform velocity as the last unknown. */
+Matrix withUniform(const PlaneConditions& conditions) {
+    const int n = conditions.numOfMean();
+    Matrix K = Matrix::Zero(n + 1, n + 1);
+    K.topLeftCorner(n, n) = conditions.meanPeriodic();
+    K.col(n).head(n) = conditions.meanOfUniform();
+    K.row(n) = K.col(n).transpose().eval();
+    return K;
+}
+
+}  // namespace
+
+GridPlanes::GridPlanes(const PlaneConditions& conditions, const GridShape& gridShape)
+    : conditions(conditions), shape(gridShape), numModes((shape.size[2] + 1) / 2),
+      numX(shape.size[0] / 2 + 1) {
+    const int p = conditions.numPlanes();
+    numbers = 5 * p * p;
+    for (int j = 0; j < p; j++)
+        for (bool isImaginary : {false, true}) {
+            Profile profile = {j, isImaginary, std::vector<double>(numModes)};
+            bool isZero = true;
+            for (int z = 0; z < numModes; z++) {
+                // Combinations of planes at equal distances from z = 0 are cosines or sines.
+                Real sum = 0;
+                for (int plane = 0; plane < p; plane++) {
+                    const Real angle = static_cast<Real>(shape.waveNumber(2, z)) *
+                                       static_cast<Real>(conditions.place(plane));
+                    sum += conditions.combinations()(j, plane) *
+                           (isImaginary ? std::sin(angle) : std::cos(angle));
+                }
+                profile.values[z] = static_cast<double>(sum);
+                isZero = isZero && profile.values[z] == 0;
+            }
+            if (!isZero) profiles.push_back(profile);
+        }
+    if (conditions.hasZeroFlux()) {
+        fluxProfile.resize(numModes, conditions.getHeight());
+        for (int z = 1; z < numModes; z++) {
+            const double k = shape.waveNumber(2, z);
+            fluxProfile[z] = 2 / k * std::sin(k * conditions.getHeight() / 2);
+        }
+    }
+    responses.assign(numbers * numX * (shape.size[1] / 2 + 1), 0.0);
+    for (int y = 0; 2 * y < shape.size[1]; y++)
+        for (int x = y == 0 ? 1 : 0; 2 * x < shape.size[0]; x++) {
+            const Real k = waveNumber(x, y);
+            const Matrices S = conditions.periodic(k), T = conditions.law(k);
+            store({responseOf(S.t, T.t), responseOf(S.lz, T.lz)}, &responses[place(x, y)]);
+        }
+    const int n = conditions.numOfMean();
+    Matrix T = Matrix::Zero(n + 1, n + 1);
+    T.topLeftCorner(n, n) = conditions.meanLaw();
+    meanResponse = responseOf(withUniform(conditions), T).cast<double>();
+}
+
+double GridPlanes::waveNumber(int x, int y) const {
+    return std::hypot(shape.waveNumber(0, x), shape.waveNumber(1, y));
+}
+
+void GridPlanes::store(const Matrices& from, double* to) const {
+    for (const Matrix* m : {&from.t, &from.lz})
+        for (int i = 0; i < m->size(); i++) *to++ = static_cast<double>(m->data()[i]);
+}
+
+GridPlanes::Matrices GridPlanes::truncated(Real k) const {
+    const int p = conditions.numPlanes();
+    Matrices S = {Matrix::Zero(p, p), Matrix::Zero(2 * p, 2 * p)};
+    Eigen::Matrix<Real, Eigen::Dynamic, 1, 0, 3, 1> even(p), odd(p);
+    for (int z = 0; z < numModes; z++) {
+        even.setZero();
+        odd.setZero();
+        for (const Profile& profile : profiles)
+            (profile.isImaginary ? odd : even)[profile.unknown] = profile.values[z];
+        // Modes of kz and -kz together, of which the first is its own. Their products of factors
+        // have opposite imaginary parts.
+        const Real kz = shape.waveNumber(2, z), k2 = k * k + kz * kz,
+                   weight = (z == 0 ? 1 : 2) / (k2 * static_cast<Real>(shape.edge[2]));
+        const Matrix same = weight * (even * even.transpose() + odd * odd.transpose()),
+                     turned = weight * (odd * even.transpose() - even * odd.transpose());
+        S.t += same;
+        S.lz.topLeftCorner(p, p) += kz * kz / k2 * same;
+        S.lz.bottomRightCorner(p, p) += k * k / k2 * same;
+        S.lz.topRightCorner(p, p) += k * kz / k2 * turned;
+        S.lz.bottomLeftCorner(p, p) -= k * kz / k2 * turned;
+    }
+    return S;
+}
+
+Matrix GridPlanes::truncatedMean() const {
+    const int n = conditions.numOfMean(), p = conditions.numPlanes();
+    Matrix S = Matrix::Zero(n, n);
+    Eigen::Matrix<Real, Eigen::Dynamic, 1, 0, 6, 1> even(n), odd(n);
+    for (int z = 1; z < numModes; z++) {
+        even.setZero();
+        odd.setZero();
+        for (const Profile& profile : profiles)
+            (profile.isImaginary ? odd : even)[profile.unknown] = profile.values[z];
+        if (!fluxProfile.empty()) even[p] = fluxProfile[z];
+        const Real kz = shape.waveNumber(2, z);
+        S += 2 / (kz * kz * static_cast<Real>(shape.edge[2])) *
+             (even * even.transpose() + odd * odd.transpose());
+    }
+    return S;
+}
+
+void GridPlanes::prepareFields() const {
+    std::call_once(fieldsAreMade, [this] { makeFields(); });
+}
+
+void GridPlanes::makeFields() const {
+    inverses.assign(responses.size(), 0.0);
+    roots.assign(responses.size(), 0.0);
+    for (int y = 0; 2 * y < shape.size[1]; y++)
+        for (int x = y == 0 ? 1 : 0; 2 * x < shape.size[0]; x++) {
+            const Real k = waveNumber(x, y);
+            const Matrices S = conditions.periodic(k), T = conditions.law(k), own = truncated(k);
+            store({inverseOf(S.t), inverseOf(S.lz)}, &inverses[place(x, y)]);
+            // The velocities that planes should have, less what no mode of the grid gives them.
+            store({rootOf(T.t + S.t - own.t), rootOf(T.lz + S.lz - own.lz)}, &roots[place(x, y)]);
+        }
+    meanInverse = inverseOf(withUniform(conditions)).cast<double>();
+    meanRoot =
+        rootOf(conditions.meanLaw() + conditions.meanPeriodic() - truncatedMean()).cast<double>();
+}
+
+void GridPlanes::multiply(int x, int y, const double* t, const complex<double>* from,
+                          complex<double>* to) const {
+    const int p = conditions.numPlanes();
+    const double* lz = t + p * p;
+    const double kx = shape.waveNumber(0, x), ky = shape.waveNumber(1, y),
+                 inverse = 1 / std::sqrt(kx * kx + ky * ky), nx = kx * inverse, ny = ky * inverse;
+    // l is along k, t along z x k, and u_z is i times the number of z.
+    complex<double> along[6], across[3], resultLz[6] = {}, resultT[3] = {};
+    for (int j = 0; j < p; j++) {
+        const complex<double>* u = from + 3 * j;
+        along[j] = nx * u[0] + ny * u[1];
+        across[j] = nx * u[1] - ny * u[0];
+        along[p + j] = {u[2].imag(), -u[2].real()};
+    }
+    for (int j = 0; j < p; j++)
+        for (int i = 0; i < p; i++) resultT[i] += t[j * p + i] * across[j];
+    for (int j = 0; j < 2 * p; j++)
+        for (int i = 0; i < 2 * p; i++) resultLz[i] += lz[j * 2 * p + i] * along[j];
+    for (int j = 0; j < p; j++) {
+        to[3 * j] = ny * resultT[j] - nx * resultLz[j];
+        to[3 * j + 1] = -nx * resultT[j] - ny * resultLz[j];
+        to[3 * j + 2] = {resultLz[p + j].imag(), -resultLz[p + j].real()};
+    }
+}
+
+void GridPlanes::respondRandomly(int x, int y, const complex<double>* velocities,
+                                 const complex<double>* randoms, double scale,
+                                 complex<double>* forces) const {
+    complex<double> wanted[9];
+    multiply(x, y, matricesOf(roots, x, y), randoms, wanted);
+    for (int i = 0; i < numUnknowns(); i++) wanted[i] = velocities[i] + scale * wanted[i];
+    multiply(x, y, matricesOf(inverses, x, y), wanted, forces);
+}
+
+GridPlanes::MeanNumbers::MeanNumbers(const GridPlanes& planes, const ModeNoise& noise) {
+    const int none = 0;
+    for (int j = 0; j < planes.conditions.numOfMean(); j++) {
+        complex<double> drawn[3];
+        noise.fillPlane(&none, 1, 0, j, drawn);
+        for (int axis = 0; axis < 2; axis++) numbers[axis][j] = std::sqrt(2.0) * drawn[axis].real();
+    }
+}
+
+Eigen::VectorXd GridPlanes::meanOf(const complex<double>* modes) const {
+    Eigen::VectorXd sums = Eigen::VectorXd::Zero(conditions.numOfMean() + 1);
+    for (int z = 1; z < numModes; z++) {
+        for (const Profile& profile : profiles)
+            sums[profile.unknown] +=
+                2 * (profile.isImaginary ? -profile.values[z] * modes[z].imag()
+                                         : profile.values[z] * modes[z].real());
+        if (!fluxProfile.empty())
+            sums[conditions.numPlanes()] += 2 * fluxProfile[z] * modes[z].real();
+    }
+    return sums;
+}
+
+void GridPlanes::addMean(const Eigen::VectorXd& forces, complex<double>* modes) const {
+    modes[0] += forces[conditions.numOfMean()];
+    for (int z = 1; z < numModes; z++) {
+        complex<double> sum = 0;
+        for (const Profile& profile : profiles)
+            sum += profile.values[z] * forces[profile.unknown] *
+                   (profile.isImaginary ? complex<double>(0, -1) : complex<double>(1, 0));
+        if (!fluxProfile.empty()) sum += fluxProfile[z] * forces[conditions.numPlanes()];
+        const double kz = shape.waveNumber(2, z);
+        modes[z] += sum / (kz * kz * shape.edge[2]);
+    }
+}
+
+void GridPlanes::respondToMean(complex<double>* modes, double netForce) const {
+    Eigen::VectorXd sums = meanOf(modes);
+    sums[conditions.numOfMean()] = netForce * shape.edge[2];
+    addMean(-meanResponse * sums, modes);
+}
+
+void GridPlanes::respondToMeanRandomly(complex<double>* modes, const double* randoms,
+                                       double scale) const {
+    const int n = conditions.numOfMean();
+    Eigen::VectorXd sums = meanOf(modes);
+    sums.head(n) -= scale * meanRoot * Eigen::Map<const Eigen::VectorXd>(randoms, n);
+    addMean(-meanInverse * sums, modes);
+}
+
+}  // namespace RigidHIPlugin

@@ -1,0 +1,124 @@
+#ifndef RIGIDHI_GRID_PLANES_H_
+#define RIGIDHI_GRID_PLANES_H_
+
+#include <complex>
+#include <mutex>
+#include <vector>
+
+#include "mobility/models/confined/PlaneConditions.h"
+#include "mobility/models/forcecoupling/GridModes.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * PlaneConditions for the modes of a grid: what turns the flow of a periodic grid into that of a
+ * fluid between planes. Only the matrices of forces are made from the grid's own modes. S is that
+ * of all modes, so walls are where they should be, to the error of the grid.
+ *
+ * A wave vector along the planes has 3p complex unknowns: number 3 j + c is component c of unknown
+ * j of PlaneConditions. Unknowns are sums of modes u(kz) over kz with the factors of profiles.
+ * Response to forces: u(kz) + (1 - k k/k^2) k^-2 f(kz)/P, where f(kz) is a sum over unknowns with
+ * the conjugate factors, and forces are in units of the viscosity.
+ *
+ * An instance does not change once it is made, except that the matrices of random fields are made
+ * when they are first needed.
+ */
+class GridPlanes {
+public:
+    /** @param shape  its edge along z is the period of the conditions */
+    GridPlanes(const PlaneConditions& conditions, const GridShape& shape);
+    const PlaneConditions& getConditions() const { return conditions; }
+    int numUnknowns() const { return 3 * conditions.numPlanes(); }
+
+    /** A factor of modes kz = 0, 1, ... in an unknown: real and even in kz, or imaginary and odd.
+     */
+    struct Profile {
+        int unknown;  // j
+        bool isImaginary;
+        std::vector<double> values;  // the factor, or its imaginary part
+    };
+    const std::vector<Profile>& getProfiles() const { return profiles; }
+
+    /** The forces that give the planes' velocities their law, from the velocities that they have.
+     * The wave vector has the indices x and y along the axes, and is not 0. */
+    void respond(int x, int y, const std::complex<double>* velocities,
+                 std::complex<double>* forces) const {
+        multiply(x, y, matricesOf(responses, x, y), velocities, forces);
+    }
+    /**
+     * Likewise for the velocities of a random field.
+     *
+     * @param numbers  random numbers of the unknowns
+     * @param scale    of the numbers
+     */
+    void respondRandomly(int x, int y, const std::complex<double>* velocities,
+                         const std::complex<double>* numbers, double scale,
+                         std::complex<double>* forces) const;
+    /**
+     * Let the planes respond to a mean flow along x or y.
+     *
+     * @param modes     kz = 0, 1, ... of the flow, to which the response is added
+     * @param netForce  along the axis: the mode 0 of the forces, in units of the flow's modes: over
+     * the viscosity
+     */
+    void respondToMean(std::complex<double>* modes, double netForce) const;
+    /** Likewise for a random field. The numbers, of conditions.numOfMean(), are real. */
+    void respondToMeanRandomly(std::complex<double>* modes, const double* numbers,
+                               double scale) const;
+    /** The scale of random numbers for fields in a fluid of this viscosity. */
+    double scaleOfNumbers(double viscosity) const {
+        return std::sqrt(shape.edge[2] / (viscosity * shape.numNodes()));
+    }
+    /** Random numbers of the mean flow, along x and y. */
+    class MeanNumbers {
+    public:
+        MeanNumbers(const GridPlanes& planes, const ModeNoise& noise);
+        const double* along(int axis) const { return numbers[axis]; }
+
+    private:
+        double numbers[2][4];
+    };
+    /** Make the matrices of random fields, unless they are there. */
+    void prepareFields() const;
+    /** Bytes of the matrices. */
+    double memory() const { return 8.0 * (responses.size() + inverses.size() + roots.size()); }
+
+private:
+    using Matrices = PlaneConditions::Matrices;
+    using Matrix = PlaneConditions::Matrix;
+    /** S of the grid's modes. */
+    Matrices truncated(PlaneConditions::Real k) const;
+    Matrix truncatedMean() const;
+    void makeFields() const;
+    double waveNumber(int x, int y) const;
+    /** The numbers of t and of lz of a wave vector, a column after the other. */
+    size_t place(int x, int y) const {
+        return numbers *
+               ((size_t)std::min(y, shape.size[1] - y) * numX + std::min(x, shape.size[0] - x));
+    }
+    const double* matricesOf(const std::vector<double>& all, int x, int y) const {
+        return all.data() + place(x, y);
+    }
+    void store(const Matrices& from, double* to) const;
+    void multiply(int x, int y, const double* matrices, const std::complex<double>* from,
+                  std::complex<double>* to) const;
+    /** Sums over modes of a mean flow, and the other way round. */
+    Eigen::VectorXd meanOf(const std::complex<double>* modes) const;
+    void addMean(const Eigen::VectorXd& forces, std::complex<double>* modes) const;
+
+    const PlaneConditions conditions;
+    GridShape shape;
+    int numModes, numX;
+    size_t numbers;
+    std::vector<Profile> profiles;
+    std::vector<double> fluxProfile;  // for a channel without flux
+    std::vector<double> responses;
+    Eigen::MatrixXd meanResponse;
+    mutable std::once_flag fieldsAreMade;
+    mutable std::vector<double> inverses, roots;
+    mutable Eigen::MatrixXd meanInverse, meanRoot;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
