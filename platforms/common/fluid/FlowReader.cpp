@@ -270,8 +270,7 @@ array<double, 2> FlowReader::flowMode(int forceAxis, int waveAxis, int waveVecto
     const DrivenFlow* flow = fluid.getFlow();
     if (flow && flow->waveVelocity != 0 && flow->forceAxis == forceAxis &&
         flow->waveAxis == waveAxis && flow->k == wave.k)
-        amplitudes[0] +=
-            made.made.flowWeight * flow->waveVelocity * flow->meanWaveUpTo(fluid.userFlow.high);
+        amplitudes[0] += made.made.flowWeight * flow->waveVelocity * flow->meanOfWave();
     return amplitudes;
 }
 
@@ -295,9 +294,9 @@ OpenMM::Vec3 FlowReader::meanFlow(const FlowQuestion& question) {
             });
     }
     if (made.made.fieldWeight != 0 && made.move->getField())
-        mean += made.made.fieldWeight * made.move->getField()->meanFlow();
-    if (const DrivenFlow* flow = fluid.getFlow())
-        mean += made.made.flowWeight * flow->meanUpTo(fluid.userFlow.high);
+        mean += made.made.fieldWeight *
+                made.move->getField()->meanFlow(fluid.userFlow.low, fluid.userFlow.high);
+    if (const DrivenFlow* flow = fluid.getFlow()) mean += made.made.flowWeight * flow->mean();
     return toVec3(mean);
 }
 
@@ -306,7 +305,9 @@ OpenMM::Vec3 FlowReader::randomMeanFlow(const FlowQuestion& question) {
     FluidGroup& group = groupWithVolume("getRandomMeanFlowInContext()");
     Answer& made = find(group, question);
     RandomField* field = made.move ? made.move->getField() : nullptr;
-    return field ? toVec3(made.randomFlow * field->meanFlow()) : OpenMM::Vec3();
+    return field
+               ? toVec3(made.randomFlow * field->meanFlow(fluid.userFlow.low, fluid.userFlow.high))
+               : OpenMM::Vec3();
 }
 
 array<double, 2> FlowReader::randomFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,

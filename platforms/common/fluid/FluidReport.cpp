@@ -131,11 +131,11 @@ string FluidReport::describeFlow() const {
         nameNext("an upper wall with the velocity " + RigidHIPlugin::text(user.wallVelocity) +
                  " nm/ps");
     if (user.bodyForceDensity != OpenMM::Vec3())
-        nameNext("a uniform force density of " + RigidHIPlugin::text(user.bodyForceDensity) +
-                 " kJ/(mol nm^4), which without bodies drives a mean flow of " +
-                 number((toEigen(user.bodyForceDensity).norm() *
-                         user.ofUnitForceDensity(0).meanUpTo(user.high))[0]) +
-                 " nm/ps");
+        nameNext(
+            "a uniform force density of " + RigidHIPlugin::text(user.bodyForceDensity) +
+            " kJ/(mol nm^4), which without bodies drives a mean flow of " +
+            number((toEigen(user.bodyForceDensity).norm() * user.ofUnitForceDensity(0).mean())[0]) +
+            " nm/ps");
     if (flow.waveVelocity != 0) {
         nameNext("");
         text << "a sinusoidal force density along " << axes[flow.forceAxis] << " with "

@@ -57,6 +57,7 @@ void UserFlow::setPlanes(DrivenFlow& flow) const {
     if (!hasPlanes()) return;
     flow.hasPlanes = true;
     flow.low = low;
+    flow.high = high;
     // The free surface of a film is half way to the mirror image of its wall.
     flow.top = boundary == MobilityForce::Film ? high + (high - low) : high;
 }

@@ -49,15 +49,15 @@ Matrix3d DrivenFlow::strainRateAt(const Vector3d& x, const WaveFactors& factors)
     return 0.5 * (G + G.transpose());
 }
 
-Vector3d DrivenFlow::meanUpTo(double high) const {
+Vector3d DrivenFlow::mean() const {
     if (!hasPlanes) return Vector3d::Zero();
     const double height = high - low, width = top - low;
-    Vector3d mean = 0.5 * height * slope;
-    if (!bend.isZero(0)) mean += (0.5 * height * width - height * height / 3) * bend;
-    return mean;
+    Vector3d sum = 0.5 * height * slope;
+    if (!bend.isZero(0)) sum += (0.5 * height * width - height * height / 3) * bend;
+    return sum;
 }
 
-double DrivenFlow::meanWaveUpTo(double high) const {
+double DrivenFlow::meanOfWave() const {
     if (!hasPlanes) return 1;
     const double height = high - low;
     return 1 - (profileAt(high).slope - profileAt(low).slope) / (k * k * height);

@@ -22,9 +22,9 @@ struct WaveFactors {
  *            + waveVelocity sin(k x_b + phase) (1 - p(z)) e_a,   a != b.
  *
  * The last two parts are 0 on the planes z = low and z = top of a fluid that has them: both walls
- * of a channel, or the wall of a film and its mirror image behind the free surface. Above a single
- * wall `top` is infinite. There p(z) = cosh(k (z - (low + top)/2)) / cosh(k (top - low)/2), which
- * is exp(-k (z - low)) above a single wall. Without planes p is 0.
+ * of a channel, or the wall of a film and its mirror image behind the free surface z = high. Above
+ * a single wall `high` and `top` are infinite. There p(z) = cosh(k (z - (low + top)/2)) / cosh(k
+ * (top - low)/2), which is exp(-k (z - low)) above a single wall. Without planes p is 0.
  */
 struct DrivenFlow {
     Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  // nm/ps, at the origin of coordinates
@@ -33,9 +33,9 @@ struct DrivenFlow {
     int forceAxis = 0, waveAxis = 1;                     // a and b
     double k = 0, phase = 0;                             // 1/nm, radians
     bool hasPlanes = false;
-    double low = 0, top = std::numeric_limits<double>::infinity();  // nm
-    Eigen::Vector3d slope = Eigen::Vector3d::Zero();                // 1/ps, along the planes
-    Eigen::Vector3d bend = Eigen::Vector3d::Zero();                 // 1/(nm ps), along the planes
+    double low = 0, high = std::numeric_limits<double>::infinity(), top = high;  // nm
+    Eigen::Vector3d slope = Eigen::Vector3d::Zero();  // 1/ps, along the planes
+    Eigen::Vector3d bend = Eigen::Vector3d::Zero();   // 1/(nm ps), along the planes
 
     bool isZero() const {
         return velocity.isZero(0) && gradient.isZero(0) && waveVelocity == 0 && slope.isZero(0) &&
@@ -58,11 +58,11 @@ struct DrivenFlow {
         return (top - low) * slope;
     }
     /**
-     * The means over the height of the fluid, from the plane `low` to z = high: of the flow along
-     * the planes that depends on z alone, and of 1 - p. Without planes they are 0 and 1.
+     * The means over the height of the fluid, from z = low to z = high: of the flow along the
+     * planes that depends on z alone, and of 1 - p. Without planes they are 0 and 1.
      */
-    Eigen::Vector3d meanUpTo(double high) const;
-    double meanWaveUpTo(double high) const;
+    Eigen::Vector3d mean() const;
+    double meanOfWave() const;
 
 private:
     Eigen::Matrix3d gradientAt(const Eigen::Vector3d& x, double t) const;

@@ -51,10 +51,10 @@ public:
      */
     virtual double amplitudeOf(const DrivenFlow& wave) = 0;
     /**
-     * The mean of the field over the volume of the fluid. Default: 0, as in a fluid whose mean flow
-     * is 0.
+     * The mean of the field over the volume of the fluid, which is between these heights if there
+     * are planes. Default: 0, as in a fluid whose mean flow is 0.
      */
-    virtual Eigen::Vector3d meanFlow() { return Eigen::Vector3d::Zero(); }
+    virtual Eigen::Vector3d meanFlow(double low, double high) { return Eigen::Vector3d::Zero(); }
     /** The number of random numbers that were drawn for the field. */
     virtual long long getNumRandomNumbers() const = 0;
 };
