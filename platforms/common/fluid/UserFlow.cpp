@@ -18,16 +18,8 @@ constexpr ErrorsOf fail{"MobilityForce"};
 /** Whether a boundary is a periodic fluid with no-slip walls, whose force densities drive flows
  * that are 0 there. */
 bool hasNoSlipPlanes(MobilityForce::Boundary boundary) {
-    switch (boundary) {
-        case MobilityForce::PeriodicWall:
-        case MobilityForce::NoSlipChannel:
-        case MobilityForce::Film: return true;
-        case MobilityForce::Unbounded:
-        case MobilityForce::NoSlipWall:
-        case MobilityForce::Periodic:
-        case MobilityForce::SlipChannel: break;
-    }
-    return false;
+    return boundary == MobilityForce::PeriodicWall || boundary == MobilityForce::NoSlipChannel ||
+           boundary == MobilityForce::Film;
 }
 
 }  // namespace
