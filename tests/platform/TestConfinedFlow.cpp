@@ -141,6 +141,21 @@ TEST(ConfinedFlow, CarriesSpheresAndFreeParticlesByTheirAverages) {
     }
 }
 
+TEST(ConfinedFlow, MomentaRelaxToTheFlow) {
+    // Rates of relaxation are 8/ps and more, and no force is on the way along x and y.
+    ConfinedScene scene(MobilityForce::NoSlipChannel, 0, 0.01, RigidHI::LangevinHI);
+    const vector<FlowCase> cases = flowCases();
+    cases[0].set(*scene.fluid);
+    cases[2].set(*scene.fluid);
+    scene.add(sphereKind(0.7), Vec3(4.2, 0.5, 1.5));
+    scene.add(sphereKind(0.9), Vec3(1, 5, 6.2));
+    scene.start();
+    scene.integrator.step(500);
+    const VectorXd expected = scene.following(
+        [&](const Vector3d& x) -> Vector3d { return cases[0].at(x) + cases[2].at(x); });
+    expectNear(scene.twists(), expected, 1e-10);
+}
+
 TEST(ConfinedFlow, MultiblobsGoAsTheirBlobsLetThem) {
     // U = N K^T M^-1 v, with M from the velocities of blobs under forces.
     for (const FlowCase& one : flowCases()) {
