@@ -191,7 +191,9 @@ TEST(ConfinedFlow, MultiblobsGoAsTheirBlobsLetThem) {
 
 TEST(ConfinedFlow, OnAGridItIsThatOfMatricesToTheTolerance) {
     const double tolerance = 1e-3;
-    for (const FlowCase& one : flowCases()) {
+    const vector<FlowCase> cases = flowCases();
+    for (int i : {1, 2, 4}) {  // between walls, one of them moving, and above a wall
+        const FlowCase& one = cases[i];
         SCOPED_TRACE(one.name);
         VectorXd twists[2];
         Vector3d means[2];
