@@ -79,6 +79,12 @@ double forceCouplingProduct(const MobilityForce& force, const HydrodynamicPartic
     return 1e-9 * time;
 }
 
+/** Whether matrices are made by sums. Else their columns are products on the grid. */
+bool hasLatticeSums(const MobilityForce& force) {
+    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
+    return !(force.getModel() == MobilityForce::ForceCoupling && boundary.isAcross(2));
+}
+
 void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
               const HydrodynamicParticles& particles, const BoxVectors& box, GridChoice& choice) {
     const bool bySurfaces = force.getModel() == MobilityForce::RotnePragerYamakawa,
@@ -142,6 +148,10 @@ GridChoice chooseGrid(const MobilityForce& force, CustomRigidHIIntegrator::Schem
                       const BoxVectors& defaultBox, const HydrodynamicParticles& particles) {
     GridChoice choice;
     if (!traitsOf(force.getModel()).hasGrid(force.getBoundary())) return choice;
+    if (!hasLatticeSums(force)) {
+        choice.onGrid = force.getSolver() != MobilityForce::Dense;
+        return choice;
+    }
     choice.onGrid = force.getSolver() == MobilityForce::MatrixFree;
     if (force.getSolver() != MobilityForce::Auto) return choice;
     const bool isTriclinic =
