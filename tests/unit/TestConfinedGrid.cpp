@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 #include <random>
+#include <set>
 #include <thread>
 
 #include "EigenInstances.h"
@@ -176,13 +177,11 @@ TEST(ConfinedGrid, HasTheReferenceValues) {
     for (const Geometry& geometry : {channel, wall, film}) {
         const vector<double> numbers = data[geometry.reference].numbers();
         const MatrixXd expected = Map<const MatrixXd>(numbers.data(), 18, 18);
-        for (double tolerance : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9}) {
+        for (double tolerance : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8}) {
             const MatrixXd M = matrixAt(*modelOf(geometry, particles, tolerance), at(threePlaces));
             const double error = normOf(scaled(M - expected, particles)),
                          norm = normOf(scaled(expected, particles));
             EXPECT_LE(error, tolerance * norm) << geometry << ", " << tolerance;
-            RecordProperty(geometry.reference + to_string((int)log10(tolerance)), error / norm);
-            printf("%s %g %g\n", geometry.reference.c_str(), tolerance, error / norm);
             EXPECT_LE(asymmetry(M), 1e-14) << geometry;
         }
     }
@@ -203,8 +202,6 @@ TEST(ConfinedGrid, ProductsHaveTheToleranceNearPlanes) {
                 for (double tolerance : {1e-2, 1e-3, 1e-4, 1e-6, 1e-8}) {
                     const MatrixXd M =
                         matrixAt(*modelOf(geometry, particles, tolerance, high), places);
-                    printf("%d %d %g %g: %g\n", (int)geometry.boundary, torques, high, tolerance,
-                           normOf(scaled(M - exact, particles)) / normOf(scaled(exact, particles)));
                     EXPECT_LE(normOf(scaled(M - exact, particles)),
                               tolerance * normOf(scaled(exact, particles)))
                         << geometry << ", " << tolerance << (torques ? " with torques" : "");
@@ -282,11 +279,9 @@ TEST(ConfinedGrid, RandomFieldsHaveTheCovarianceOfProducts) {
             for (GridFluid* fluid : {(GridFluid*)&plain, (GridFluid*)&fast}) {
                 GridField field;
                 VectorXd column;
-                long long numbers = 0;
                 const auto columnOf = [&](const UnitNoise& noise) {
                     fluid->draw(grid.stencils, 1, noise, field);
                     fluid->average(field, grid.stencils, column);
-                    numbers += column.norm() > 0;
                     return column;
                 };
                 MatrixXd covariance = covarianceOfFields(size, M.rows(), -size[1] / 2,
@@ -306,8 +301,57 @@ TEST(ConfinedGrid, RandomFieldsHaveTheCovarianceOfProducts) {
                 EXPECT_LE((covariance - M).norm(), 1e-13 * M.norm())
                     << &conditions - &cases[0] << ", " << size[0] << "x" << size[1] << "x"
                     << size[2];
-                EXPECT_EQ(numbers, GridModeNoise::numbersOf(grid.shape));
             }
+        }
+}
+
+namespace {
+
+/** Notes the modes and the unknowns of planes whose numbers are asked for, one of n and -n each. */
+class NotedNoise : public CounterModeNoise {
+public:
+    using CounterModeNoise::CounterModeNoise;
+    void fill(const int* nx, int count, int ny, int nz, complex<double>* numbers) const override {
+        CounterModeNoise::fill(nx, count, ny, nz, numbers);
+        for (int i = 0; i < count; i++)
+            if (nz > 0)
+                modes.insert({nx[i], ny, nz});
+            else
+                note(modes, nx[i], ny, nz);
+    }
+    void fillPlane(const int* nx, int count, int ny, int j,
+                   complex<double>* numbers) const override {
+        CounterModeNoise::fillPlane(nx, count, ny, j, numbers);
+        for (int i = 0; i < count; i++)
+            if (nx[i] != 0 || ny != 0)
+                note(ofPlanes, nx[i], ny, j);
+            else
+                ofMean.insert({0, 0, j});
+    }
+    mutable set<array<int, 3>> modes, ofPlanes, ofMean;
+
+private:
+    static void note(set<array<int, 3>>& all, int nx, int ny, int last) {
+        if (all.count({-nx, -ny, last}) == 0) all.insert({nx, ny, last});
+    }
+};
+
+}  // namespace
+
+TEST(ConfinedGrid, FieldsCountTheirRandomNumbers) {
+    const HydrodynamicParticles particles = threeSpheres();
+    for (const PlaneConditions& conditions :
+         {PlaneConditions::channel(height, 2, false), PlaneConditions::channel(height, 2, true),
+          PlaneConditions::wall(height + 1, 2, 1.5)})
+        for (array<int, 3> size : {array<int, 3>{6, 5, 8}, array<int, 3>{5, 6, 7}}) {
+            SmallGrid grid(conditions, particles, 0.1, size, threePlaces);
+            const NotedNoise noise(NoiseStream(), 7);
+            PlainGridFluid fluid;
+            GridField field;
+            fluid.draw(grid.stencils, 1, noise, field);
+            // Modes with kz > 0 are one of two. A mean flow has real numbers along two axes.
+            EXPECT_EQ(6 * (noise.modes.size() + noise.ofPlanes.size()) + 2 * noise.ofMean.size(),
+                      GridModeNoise::numbersOf(grid.shape));
         }
 }
 
@@ -377,7 +421,9 @@ TEST(ConfinedGrid, AFluidAboveAWallDependsNeitherOnItsGridNorOnItsPeriod) {
                            {0, 0, 0}, threePlaces);
             const MatrixXd M = grid.matrix(fluid);
             if (first.size() == 0) first = M;
-            EXPECT_LE(normOf(scaled(M - first, particles)), tolerance) << above << ", " << gap;
+            // Of an envelope at contact, 5e-6 is behind the lower plane, in the gap.
+            EXPECT_LE(normOf(scaled(M - first, particles)), gap == 2 ? tolerance : 5e-7)
+                << above << ", " << gap;
         }
     // Another particle far above makes the model's grid higher.
     HydrodynamicParticles four = particles;
@@ -412,11 +458,11 @@ TEST(ConfinedGrid, AChannelIsItsOwnReflection) {
 TEST(ConfinedGrid, AFilmIsAChannelOfTwiceTheHeightWithImages) {
     // Where envelopes do not reach the surface.
     HydrodynamicParticles particles, both;
-    for (double a : {1., 0.7}) particles.add(a, true, particles.size(), 0);
+    for (double a : {0.5, 0.4}) particles.add(a, true, particles.size(), 0);
     for (int copy = 0; copy < 2; copy++)
         for (double a : particles.radii) both.add(a, true, both.size(), 0);
     const double high = 7;
-    const vector<Vec3> places = {Vec3(1, 1, 1.2), Vec3(2.2, 4, 3.1)};
+    const vector<Vec3> places = {Vec3(1, 1, 3.2), Vec3(2.2, 3, 4.1)};
     vector<Vec3> withImages = places;
     for (const Vec3& x : places) withImages.push_back(Vec3(x[0], x[1], 2 * high - x[2]));
     MatrixXd fold(24, 12);
@@ -580,14 +626,10 @@ TEST(ConfinedGrid, RefusesWhatItCannotHave) {
     const HydrodynamicParticles particles = threeSpheres();
     const auto between = modelOf(channel, particles, 1e-3, height, nullptr, 1, false),
                above = modelOf(wall, particles, 1e-3, height, nullptr, 1, false);
-    BoxVectors oblique = box, long_ = box, none = {};
+    BoxVectors oblique = box, none = {};
     oblique[1][0] = 0.5;
-    long_[0][0] = 2001 * height;
     expectError([&] { between->at(at(threePlaces, oblique)); },
                 {"needs a box with edges along the axes", "(0.5, 6.2, 0)"});
-    expectError([&] { between->at(at(threePlaces, long_)); },
-                {"as long along the planes as the fluid is high", "2001 times"});
-    expectError([&] { above->at(at(threePlaces, long_)); }, {"1.5 times the largest radius"});
     expectError([&] { between->at(at(threePlaces, none)); }, {"needs a periodic box"});
     vector<Vec3> far = threePlaces;
     far[1][2] = 1e9;

@@ -226,6 +226,7 @@ BoxVectors ConfinedForceCoupling::periodicBox(const BoxVectors& box, double peri
 
 void ConfinedForceCoupling::toPeriodic(const Placement& placement, double period,
                                        Placement& result) const {
+    check(placement.box);
     result.box = periodicBox(placement.box, period);
     result.positions = inPeriodic(placement.positions);
 }
@@ -244,18 +245,6 @@ void ConfinedForceCoupling::check(const BoxVectors& box) const {
                    "vectors " +
                        text(box[0]) + ", " + text(box[1]) + ", " + text(box[2]) +
                        " nm; set another box by setPeriodicBoxVectors() on the Context");
-    const double longest = std::max(box[0][0], box[1][1]),
-                 nearest = planes.isWall() ? below : planes.getHeight();
-    if (!(longest <= mostFlat * nearest))
-        refuseGrid(name(),
-                   "needs a box that is at most " + text(mostFlat) +
-                       " times as long along the planes as " +
-                       (planes.isWall() ? "1.5 times the largest radius" : "the fluid is high") +
-                       ", " + text(nearest) +
-                       " nm, because rounding is too large in a "
-                       "flatter one, but an edge has " +
-                       text(longest) + " nm, " + text(longest / nearest, 4) +
-                       " times as much; make the box shorter");
     asModel(onGrid).box()->check(periodicBox(box, periodFor({})));
 }
 

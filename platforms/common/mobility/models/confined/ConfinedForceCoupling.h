@@ -32,8 +32,8 @@ class PlaneConditions;
  *            is below 1e-3.
  * Cost:      three transforms there and three back, and for each wave vector along the planes a
  *            product with a matrix of 6 or 9 rows.
- * Limits:    Boxes with edges along the axes, which are at most mostFlat times as long as the fluid
- *            is high. Rounding would be too large in longer ones.
+ * Limits:    Boxes with edges along the axes. The error of rounding grows as the square of an edge
+ *            over the height of the fluid, to 1e-10 for the longest edge that a grid can have.
  * Reference: docs/THEORY.md
  */
 class ConfinedForceCoupling : public MobilityModel, BoxOfModel, GridOfModel, FieldOfModel {
@@ -86,10 +86,6 @@ public:
     /** z of the highest point that a grid of this period has fluid at. */
     double topOf(double period) const;
     const ConfiningPlanes& getPlanes() const { return planes; }
-
-    /** The longest edge along the planes, as a multiple of the distance of the nearest two planes.
-     */
-    static constexpr double mostFlat = 2000;
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;

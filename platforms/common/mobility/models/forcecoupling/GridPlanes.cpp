@@ -180,6 +180,40 @@ void GridPlanes::multiply(int x, int y, const double* t, const complex<double>* 
     }
 }
 
+void GridPlanes::addFlow(int x, int y, double z, const complex<double>* forces,
+                         complex<double>* velocities) const {
+    const double k = waveNumber(x, y), nx = shape.waveNumber(0, x) / k,
+                 ny = shape.waveNumber(1, y) / k;
+    for (int plane = 0; plane < conditions.numPlanes(); plane++) {
+        complex<double> f[3] = {};
+        for (int j = 0; j < conditions.numPlanes(); j++)
+            for (int c = 0; c < 3; c++)
+                f[c] +=
+                    static_cast<double>(conditions.combinations()(j, plane)) * forces[3 * j + c];
+        const double away = z - conditions.place(plane);
+        const PlaneConditions::Response response(k, std::abs(away), shape.edge[2]);
+        // u_z is i times the number of z (PlaneConditions).
+        const double lz = away < 0 ? -response.lz : response.lz;
+        const complex<double> i(0, 1),
+            along = nx * f[0] + ny * f[1], across = nx * f[1] - ny * f[0],
+            l = response.ll * along - i * lz * f[2], t = response.tt * across;
+        velocities[0] += nx * l - ny * t;
+        velocities[1] += ny * l + nx * t;
+        velocities[2] += response.zz * f[2] - i * lz * along;
+    }
+}
+
+double GridPlanes::meanFlow(double z, const Eigen::VectorXd& forces) const {
+    double u = forces[conditions.numOfMean()];
+    for (int plane = 0; plane < conditions.numPlanes(); plane++)
+        for (int j = 0; j < conditions.numPlanes(); j++)
+            u += static_cast<double>(conditions.combinations()(j, plane)) * forces[j] *
+                 conditions.meanResponse(std::abs(z - conditions.place(plane)));
+    if (conditions.hasZeroFlux())
+        u += forces[conditions.numPlanes()] * conditions.meanResponseToGradient(z);
+    return u;
+}
+
 void GridPlanes::respondRandomly(int x, int y, const complex<double>* velocities,
                                  const complex<double>* randoms, double scale,
                                  complex<double>* forces) const {
@@ -224,10 +258,14 @@ void GridPlanes::addMean(const Eigen::VectorXd& forces, complex<double>* modes) 
     }
 }
 
-void GridPlanes::respondToMean(complex<double>* modes, double netForce) const {
+Eigen::VectorXd GridPlanes::meanForces(const complex<double>* modes, double netForce) const {
     Eigen::VectorXd sums = meanOf(modes);
     sums[conditions.numOfMean()] = netForce * shape.edge[2];
-    addMean(-meanResponse * sums, modes);
+    return -meanResponse * sums;
+}
+
+void GridPlanes::respondToMean(complex<double>* modes, double netForce) const {
+    addMean(meanForces(modes, netForce), modes);
 }
 
 void GridPlanes::respondToMeanRandomly(complex<double>* modes, const double* randoms,

@@ -55,6 +55,17 @@ public:
                          const std::complex<double>* numbers, double scale,
                          std::complex<double>* forces) const;
     /**
+     * Add the flow of the forces of planes at a height z of the grid, for the wave vector of x and
+     * y. It has all modes kz, also those that the grid leaves out. So the flow at points is at rest
+     * on walls.
+     */
+    void addFlow(int x, int y, double z, const std::complex<double>* forces,
+                 std::complex<double>* velocities) const;
+    /** Likewise of the forces of a mean flow along x or y, from meanForces(). */
+    double meanFlow(double z, const Eigen::VectorXd& forces) const;
+    /** The forces of the planes that respondToMean() finds, and the uniform velocity. */
+    Eigen::VectorXd meanForces(const std::complex<double>* modes, double netForce) const;
+    /**
      * Let the planes respond to a mean flow along x or y.
      *
      * @param modes     kz = 0, 1, ... of the flow, to which the response is added
