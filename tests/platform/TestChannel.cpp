@@ -146,7 +146,7 @@ TEST(Channel, WhatIsNotThereIsRefused) {
         {1, 1}, {2, 1}, {nan, 1}, {0, numeric_limits<double>::infinity()}};
     for (const auto& [yLow, yHigh] : bad)
         expectError([&, yLow = yLow, yHigh = yHigh] { fluid.setChannelWalls(yLow, yHigh); },
-                    {"setChannelWalls(): the walls are at y = ", "the first below the second",
+                    {"setChannelWalls(): the walls are at ", "the first below the second",
                      "give the lower wall first"});
     for (auto model : {MobilityForce::RotnePragerYamakawa, MobilityForce::StokesianDynamics,
                        MobilityForce::FreeDraining}) {

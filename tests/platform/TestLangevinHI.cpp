@@ -39,11 +39,16 @@ const vector<ModelCase> models = {
      true, false},
     {"StokesianDynamicsPeriodic", MobilityForce::StokesianDynamics, MobilityForce::Periodic, false,
      false},
-    {"ForceCouplingPeriodic", MobilityForce::ForceCoupling, MobilityForce::Periodic, false, false}};
+    {"ForceCouplingPeriodic", MobilityForce::ForceCoupling, MobilityForce::Periodic, false, false},
+    {"RotnePragerYamakawaPeriodicWall", MobilityForce::RotnePragerYamakawa,
+     MobilityForce::PeriodicWall, true, false},
+    {"RotnePragerYamakawaNoSlipChannel", MobilityForce::RotnePragerYamakawa,
+     MobilityForce::NoSlipChannel, true, false}};
 void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setModel(model.model);
     scene.fluid->setBoundary(model.boundary);
     scene.fluid->setWallHeight(-2.1);  // just below all of addAllKinds()
+    scene.fluid->setChannelWalls(-2.1, 12);
     scene.fluid->setSphereWallMobility(model.sphereWall);
 }
 

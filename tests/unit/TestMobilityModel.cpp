@@ -45,7 +45,7 @@ vector<Case> cases(const HydrodynamicParticles& particles) {
     add("RotnePragerYamakawa", new RotnePragerYamakawa(particles, eta), false);
     add("RotnePragerYamakawaWall", new RotnePragerYamakawaWall(particles, eta, wall), true);
     add("BestKnown",
-        new SphereWallCongruence(particles, eta, wall,
+        new SphereWallCongruence(particles, eta, wall, "NoSlipWall",
                                  make_unique<RotnePragerYamakawaWall>(particles, eta, wall)),
         true);
     add("CpuRotnePragerYamakawa", new CpuRotnePragerYamakawa(particles, eta), false);

@@ -52,7 +52,7 @@ struct Scene {
         positions.push_back(Vec3(x, y, wall.getHeight() + radius + gap));
     }
     SphereWallCongruence best() const {
-        return SphereWallCongruence(particles, 1, wall,
+        return SphereWallCongruence(particles, 1, wall, "NoSlipWall",
                                     make_unique<RotnePragerYamakawaWall>(particles, 1, wall));
     }
     MatrixXd dense() const {
@@ -324,7 +324,7 @@ TEST(SphereWallCongruence, HandsOnWhatItsModelCanDo) {
     Scene scene;
     scene.add(0.5, false, -1, 0, 0, 0.2);
     scene.add(0.7, true, 0, 3, 0, 0.4);
-    const SphereWallCongruence best(scene.particles, 1, scene.wall,
+    const SphereWallCongruence best(scene.particles, 1, scene.wall, "NoSlipWall",
                                     make_unique<Unusual>(scene.particles, 1));
     const BoxVectors box = {Vec3(41, 0, 0), Vec3(0, 43, 0), Vec3(0, 0, 47)};
     EXPECT_STREQ(best.name(), "Unusual");

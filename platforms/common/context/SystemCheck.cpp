@@ -222,11 +222,13 @@ void checkBoundary(const MobilityForce& force, const CustomRigidHIIntegrator& in
                  "setChannelWalls()");
     }
     if (force.getSphereWallMobility() != MobilityForce::BestKnown) return;
-    if (force.getBoundary() != MobilityForce::NoSlipWall)
-        fail(string("sphere-wall mobility BestKnown is for the boundary NoSlipWall, but the "
-                    "boundary ") +
+    if (force.getBoundary() != MobilityForce::NoSlipWall &&
+        force.getBoundary() != MobilityForce::PeriodicWall)
+        fail(string("sphere-wall mobility BestKnown is for the boundaries NoSlipWall and "
+                    "PeriodicWall, but the boundary ") +
              boundaryName(force.getBoundary()) +
-             " has no wall; use setBoundary(NoSlipWall) or setSphereWallMobility(FromModel)");
+             (traits.hasWalls() ? " has other planes" : " has no wall") +
+             "; use setBoundary(NoSlipWall) or setSphereWallMobility(FromModel)");
     if (integrator.getWallRejection() == CustomRigidHIIntegrator::Crossing)
         fail(
             "sphere-wall mobility BestKnown is known only for spheres that do not overlap the "

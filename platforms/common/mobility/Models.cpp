@@ -44,9 +44,9 @@ unique_ptr<MobilityModel> withSphereWallMobility(const MobilityForce& force,
     switch (force.getSphereWallMobility()) {
         case MobilityForce::FromModel: return model;
         case MobilityForce::BestKnown:
-            return make_unique<SphereWallCongruence>(particles, force.getViscosity(),
-                                                     NoSlipPlane(force.getWallHeight(), false),
-                                                     move(model));
+            return make_unique<SphereWallCongruence>(
+                particles, force.getViscosity(), NoSlipPlane(force.getWallHeight(), false),
+                boundaryName(force.getBoundary()), move(model));
     }
     refuse(force.getModel(), force.getBoundary());
 }
@@ -74,6 +74,13 @@ unique_ptr<MobilityModel> unboundedRotnePragerYamakawa(const MobilityForce& forc
     return make_unique<RotnePragerYamakawa>(particles, eta);
 }
 
+unique_ptr<MobilityModel> confinedRotnePragerYamakawa(const MobilityForce& force,
+                                                      const MobilityScene& scene,
+                                                      const HydrodynamicParticles& particles) {
+    return make_unique<ConfinedRotnePragerYamakawa>(particles, force.getViscosity(),
+                                                    ConfiningPlanes(force, scene.crossingAllowed));
+}
+
 unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
                                               const MobilityScene& scene,
                                               const HydrodynamicParticles& particles,
@@ -93,9 +100,10 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
         case MobilityForce::Periodic:
             return periodicRotnePragerYamakawa(force, scene, particles, own);
         case MobilityForce::PeriodicWall:
+            return withSphereWallMobility(force, particles,
+                                          confinedRotnePragerYamakawa(force, scene, particles));
         case MobilityForce::NoSlipChannel:
-            return make_unique<ConfinedRotnePragerYamakawa>(
-                particles, eta, ConfiningPlanes(force, scene.crossingAllowed));
+            return confinedRotnePragerYamakawa(force, scene, particles);
         case MobilityForce::SlipChannel:
         case MobilityForce::Film: break;
     }

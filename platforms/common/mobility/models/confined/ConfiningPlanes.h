@@ -57,11 +57,10 @@ public:
     /** A particle's entry of B in M -> B M B: its distance from the nearer plane over its radius,
      * at most 1. */
     double weight(double z, double radius) const;
-
-private:
-    /** How far a particle's centre is from the nearer plane. */
+    /** How far z is from the nearer plane. */
     double depth(double z) const;
 
+private:
     const MobilityForce::Boundary boundary;
     double low, high;
     const bool zeroFlux, crossingAllowed;

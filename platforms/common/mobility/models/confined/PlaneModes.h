@@ -76,6 +76,8 @@ public:
     double zz() const { return ofZ; }
     double ll() const { return ofL; }
     double tt() const { return 0.5 * E / k; }
+    /** d/dzeta of zz. */
+    double slope() const { return slopeOfZ; }
     /** What a sphere takes of the flow that a force along l, t or z on the plane makes. */
     FeltMode fromL(double a) const;
     FeltMode fromT(double a) const;

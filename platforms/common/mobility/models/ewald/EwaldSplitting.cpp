@@ -95,6 +95,30 @@ double partOfFreeMobility(double radius, const BoxVectors& box) {
     return part > 0.5 && x < 0.5 ? 1 : 0.9 * std::max(0.1, part);
 }
 
+/**
+ * Images of walls are not split, so that waves must carry them. Where the waves of the periodic
+ * part end earlier, the Gaussian would be wide on the scale of these waves, and rounding and the
+ * ends of the Gaussian would be amplified by exp(k^2 w^2/2).
+ */
+double leastXiOfWalls(double longest, double tolerance) {
+    return longest / (2 * std::sqrt(std::log(1 / tolerance)));
+}
+
+/**
+ * How far Gaussians reach beside walls, in widths. What is missing beyond the end c of a Gaussian
+ * of width w, exp(-c^2/2w^2), is felt by a wave k of a wall as if it were exp(kc) times larger.
+ * Walls have the longest k with the weight tolerance/(1 + 2ka)^2, and kw is about the root L of
+ * ln(1/tolerance) there (leastXiOfWalls).
+ */
+double leastEndsOfWalls(double longest, double tolerance) {
+    if (longest == 0) return 0;
+    // In wall modes, (1 + 2ka)^2 exp(-2ka) = tolerance.
+    const double square = std::log(1 / tolerance), L = std::sqrt(square);
+    double depth = square;
+    for (int n = 0; n < 20; n++) depth = 0.5 * (square + 2 * std::log1p(2 * depth));
+    return L + std::sqrt(std::max(0.0, square - 4 * std::log1p(2 * depth))) + 0.3;
+}
+
 }  // namespace
 
 std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles) {
@@ -111,7 +135,8 @@ std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles) {
 }
 
 EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double tolerance,
-                               double spacing, const BoxVectors& box, double wantedXi) {
+                               double spacing, const BoxVectors& box, double wantedXi,
+                               double longestOfWalls) {
     const double volume = box[0][0] * box[1][1] * box[2][2],
                  longest = std::max({box[0][0], box[1][1], box[2][2]});
     int numParticles = 0, numChannels = 0, numPasses = 0;
@@ -127,19 +152,27 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
     // Where particles are crowded, they have more neighbours than on average.
     const double crowd = 0.1 / (4 * M_PI / 3 * largest * largest * largest),
                  density = std::max(numParticles / volume, crowd);
-    const double ofGrid = std::log(1 / (shareOfGrid * tolerance)), ends = std::sqrt(2 * ofGrid);
+    const double ofGrid = std::log(1 / (shareOfGrid * tolerance)),
+                 ends =
+                     std::max(std::sqrt(2 * ofGrid), leastEndsOfWalls(longestOfWalls, tolerance));
     seconds = std::numeric_limits<double>::infinity();
     const double ratio = 1.08, most = wantedXi > 0 ? wantedXi : 2.5 / smallest,
-                 least = wantedXi > 0 ? wantedXi / ratio : std::min(0.05 / largest, 0.5 / longest);
+                 least = wantedXi > 0 ? wantedXi / ratio
+                                      : std::max(std::min(0.05 / largest, 0.5 / longest),
+                                                 leastXiOfWalls(longestOfWalls, tolerance));
     for (double x = most; x > least; x /= ratio) {
-        const double coarsest = M_PI / largestWave(kinds, x, shareOfWaves * tolerance);
+        const double coarsest =
+            M_PI / std::max(longestOfWalls, largestWave(kinds, x, shareOfWaves * tolerance));
         double nearby = -1;
         for (double h = coarsest; h > 0.5 * coarsest; h *= 0.95) {
             GridShape grid;
             double widest = 0;
             for (int axis = 0; axis < 3; axis++) {
                 grid.edge[axis] = box[axis][axis];
-                grid.size[axis] = nextGridSize(grid.edge[axis] / (spacing > 0 ? spacing : h));
+                const double size = grid.edge[axis] / (spacing > 0 ? spacing : h);
+                // GridWalls needs an odd number of nodes.
+                grid.size[axis] =
+                    longestOfWalls > 0 && axis == 2 ? nextOddGridSize(size) : nextGridSize(size);
                 widest = std::max(widest, grid.spacing(axis));
             }
             if (widest > coarsest) break;  // the spacing is the user's

@@ -36,9 +36,11 @@ struct EwaldSplitting {
      * @param spacing  of the grid, at most, nm; 0: the fastest
      * @param box  with edges along the axes
      * @param wantedXi  for tests and benchmarks: this xi, 1/nm; 0: the fastest
+     * @param longestOfWalls  the largest wave number along walls that the grid must carry, 1/nm; 0:
+     *     there are no walls
      */
     EwaldSplitting(const std::vector<EwaldKind>& kinds, double tolerance, double spacing,
-                   const BoxVectors& box, double wantedXi = 0);
+                   const BoxVectors& box, double wantedXi = 0, double longestOfWalls = 0);
     double xi = 0;          // 1/nm
     GridShape shape;        // of the grid
     double width = 0;       // of the Gaussian that points spread, nm

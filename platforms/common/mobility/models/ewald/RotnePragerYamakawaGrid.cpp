@@ -261,9 +261,10 @@ MobilityTraits traitsOnGrid() {
 
 RotnePragerYamakawaGrid::RotnePragerYamakawaGrid(const HydrodynamicParticles& particles,
                                                  double viscosity, double tolerance, double spacing,
-                                                 const std::shared_ptr<GridFluid>& fluid)
+                                                 const std::shared_ptr<GridFluid>& fluid,
+                                                 const WallMaker& walls)
     : MobilityModel(particles, viscosity, traitsOnGrid()), tolerance(tolerance), spacing(spacing),
-      kinds(kindsOf(particles)), fluid(fluid) {
+      walls(walls), kinds(kindsOf(particles)), fluid(fluid) {
     if ((int)kinds.size() > mostRadii)
         throw OpenMM::OpenMMException(
             "MobilityForce: RotnePragerYamakawa on a grid has " + text(kinds.size()) +
@@ -279,7 +280,9 @@ EwaldSplitting RotnePragerYamakawaGrid::splittingFor(const BoxVectors& box) cons
 
 const EwaldSplitting& RotnePragerYamakawaGrid::findSplitting(const BoxVectors& box) const {
     if (!lastSplitting || lastBox != box) {
-        lastSplitting = std::make_unique<EwaldSplitting>(kinds, tolerance, spacing, box);
+        lastSplitting =
+            std::make_unique<EwaldSplitting>(kinds, tolerance, spacing, box, 0, walls.longest);
+        if (walls.make) lastSplitting->shape.walls = walls.make(lastSplitting->shape);
         lastBox = box;
     }
     return *lastSplitting;

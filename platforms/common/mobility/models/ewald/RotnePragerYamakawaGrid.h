@@ -1,6 +1,7 @@
 #ifndef RIGIDHI_ROTNE_PRAGER_YAMAKAWA_GRID_H_
 #define RIGIDHI_ROTNE_PRAGER_YAMAKAWA_GRID_H_
 
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -11,6 +12,12 @@
 namespace RigidHIPlugin {
 
 class SplitParts;
+
+/** What makes the walls of a grid, and the largest wave number along them that it needs. */
+struct WallMaker {
+    double longest = 0;
+    std::function<std::shared_ptr<const GridWalls>(const GridShape& shape)> make;
+};
 
 /**
  * Rotne-Prager-Yamakawa mobility in a periodic box with edges along the axes, without a matrix, by
@@ -46,10 +53,11 @@ public:
      * @param tolerance  of products
      * @param spacing  of nodes, nm, at most; 0: the fastest
      * @param fluid  the grid fluid, which several models may share
+     * @param walls  for fluids of ConfinedRotnePragerYamakawaGrid
      */
     RotnePragerYamakawaGrid(const HydrodynamicParticles& particles, double viscosity,
                             double tolerance, double spacing,
-                            const std::shared_ptr<GridFluid>& fluid);
+                            const std::shared_ptr<GridFluid>& fluid, const WallMaker& walls = {});
     const BoxOfModel* box() const override { return this; }
     const GridOfModel* grid() const override { return this; }
     const FieldOfModel* randomField() const override { return this; }
@@ -87,6 +95,7 @@ private:
     const EwaldSplitting& findSplitting(const BoxVectors& box) const;
     void takeUnshared(std::shared_ptr<SplitParts>& parts) const;
     const double tolerance, spacing;
+    const WallMaker walls;
     const std::vector<EwaldKind> kinds;
     const std::shared_ptr<GridFluid> fluid;
     // The splitting, the box and the parts that were made last, for callers that ask for the same:

@@ -12,6 +12,7 @@ WaveField::WaveField(const HydrodynamicParticles& particles, const std::vector<E
         points.emplace_back();
         for (int p = 0; p < particles.size(); p++)
             if (particles.radii[p] == kind.radius) points.back().particles.push_back(p);
+        points.back().radius = kind.radius;
         parts.push_back({(int)points.size() - 1, false});
         if (kind.torques == 0) continue;
         if (kind.torques < kind.particles) {
@@ -19,6 +20,7 @@ WaveField::WaveField(const HydrodynamicParticles& particles, const std::vector<E
             for (int p = 0; p < particles.size(); p++)
                 if (particles.radii[p] == kind.radius && particles.hasTorque[p])
                     points.back().particles.push_back(p);
+            points.back().radius = kind.radius;
         }
         parts.push_back({(int)points.size() - 1, true});
     }
@@ -35,9 +37,12 @@ void WaveField::setBox(const SplitBox& box) {
         these.stencils->layOut(shape);
     }
     channels.clear();
-    for (size_t g = 0; g < parts.size(); g++)
-        channels.push_back(
-            {points[parts[g].points].stencils.get(), box.factors[g].get(), parts[g].ofTorques});
+    for (size_t g = 0; g < parts.size(); g++) {
+        const Points& these = points[parts[g].points];
+        const double w = box.splitting.width;
+        channels.push_back({these.stencils.get(), box.factors[g].get(), parts[g].ofTorques,
+                            these.radius * these.radius / 6 - 0.5 * w * w});
+    }
 }
 
 void WaveField::moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnchors) {

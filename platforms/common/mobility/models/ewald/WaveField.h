@@ -41,6 +41,7 @@ private:
      */
     struct Points {
         std::vector<int> particles;
+        double radius = 0;
         HydrodynamicParticles asPoints;
         std::unique_ptr<GridStencils> stencils;
     };

@@ -177,6 +177,7 @@ void GridEngine<T>::prepare(const GridChannel* channels, int count) {
         parts.push_back({channels[g].stencils,
                          channels[g].factors,
                          channels[g].ofTorques,
+                         channels[g].faxen,
                          {modes[g][0].data(), modes[g][1].data(), modes[g][2].data()}});
 }
 

@@ -49,6 +49,9 @@ struct GridChannel {
     const GridFactors* factors;  // for each mode: the envelope over the Gaussian, times the square
                                  // root of the mode's weight, over k
     bool ofTorques;
+    /** a^2/6 of the particles, less half of the Gaussian's variance: what the average over a sphere
+     * has more of the Laplacian of a flow than that over the Gaussian. For GridWalls, nm^2. */
+    double faxen = 0;
 };
 
 /** Rows of the vectors of channels, one channel after the other. */

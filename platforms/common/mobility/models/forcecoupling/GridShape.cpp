@@ -12,14 +12,23 @@ double GridShape::waveNumber(int axis, int index) const {
     return 2 * M_PI / edge[axis] * waveIndex(axis, index);
 }
 
-int nextGridSize(double least) {
-    if (!(least <= tooManyNodes)) return tooManyNodes;
-    for (int n = std::max(2, 2 * (int)std::ceil(least / 2 - 1e-9));; n += 2) {
+static int nextSize(int first) {
+    for (int n = first;; n += 2) {
         int rest = n;
         for (int factor : {2, 3, 5, 7})
             while (rest % factor == 0) rest /= factor;
         if (rest == 1) return n;
     }
+}
+
+int nextGridSize(double least) {
+    if (!(least <= tooManyNodes)) return tooManyNodes;
+    return nextSize(std::max(2, 2 * (int)std::ceil(least / 2 - 1e-9)));
+}
+
+int nextOddGridSize(double least) {
+    if (!(least <= tooManyNodes)) return tooManyNodes;
+    return nextSize(std::max(3, 2 * (int)std::ceil((least - 1) / 2 - 1e-9) + 1));
 }
 
 GridResolution::GridResolution(const HydrodynamicParticles& particles, double wanted,

@@ -9,6 +9,7 @@
 namespace RigidHIPlugin {
 
 class GridPlanes;
+class GridWalls;
 
 /**
  * A grid over a periodic box with edges along the axes. Nodes are at multiples of the spacing, and
@@ -27,6 +28,8 @@ struct GridShape {
     std::array<double, 3> edge = {0, 0, 0};  // nm
     bool mirrored = false;
     std::shared_ptr<const GridPlanes> planes;
+    /** Of channels (GridChannel), which need other functions. */
+    std::shared_ptr<const GridWalls> walls;
 
     double spacing(int axis) const { return edge[axis] / size[axis]; }
     double volume() const { return edge[0] * edge[1] * edge[2]; }
@@ -54,7 +57,7 @@ struct GridShape {
     bool isNyquist(int axis, int index) const { return 2 * index == size[axis]; }
     bool operator==(const GridShape& other) const {
         return size == other.size && edge == other.edge && mirrored == other.mirrored &&
-               planes == other.planes;
+               planes == other.planes && walls == other.walls;
     }
 };
 
@@ -112,6 +115,8 @@ const int tooManyNodes = 1 << 20;
  * length are fast. It is `tooManyNodes` at most.
  */
 int nextGridSize(double least);
+/** Likewise the smallest odd number. */
+int nextOddGridSize(double least);
 
 }  // namespace RigidHIPlugin
 

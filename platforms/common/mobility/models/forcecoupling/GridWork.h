@@ -144,6 +144,7 @@ struct ChannelWork {
     const GridStencils* stencils;
     const GridFactors* factors;
     bool ofTorques;
+    double faxen;
     T* modes[3];
 };
 

@@ -5,6 +5,7 @@
 
 #include "mobility/models/forcecoupling/GridFluid.h"
 #include "mobility/models/forcecoupling/GridPlanes.h"
+#include "mobility/models/forcecoupling/GridWalls.h"
 #include "openmmrigidhi/internal/FourierPlanner.h"
 
 using std::complex;
@@ -347,6 +348,66 @@ void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const Mo
 
 namespace {
 
+/** The flows of walls of channels (GridWalls), or nothing where a grid has no walls. */
+class WallFactors {
+public:
+    /** @param modes  of the forces of channels, three for each */
+    WallFactors(const GridShape& shape, const std::vector<GridChannel>& channels,
+                const std::vector<AlignedArray>& modes)
+        : shape(shape), numChannels(channels.size()) {
+        if (!shape.walls) return;
+        const std::array<int, 3>& n = shape.size;
+        sums.resize((size_t)n[0] * n[1] * numChannels * numbers);
+        forModes(shape, [&](size_t at, const int* index, const double*, double k2) {
+            if (!(k2 > 0)) return;
+            double values[GridWalls::numProfiles];
+            profilesAt(index, values);
+            // Of kz and -kz, the modes of the latter are the conjugates of those of -kx, -ky and
+            // kz. Half of the modes with kz = 0 come from there, too.
+            const double half = index[2] == 0 ? 0.5 : 1;
+            for (int g = 0; g < numChannels; g++)
+                for (int c = 0; c < 3; c++) {
+                    const AlignedArray& of = modes[3 * g + c];
+                    const complex<double> f = half * complex<double>(of[2 * at], of[2 * at + 1]);
+                    for (int p = 0; p < GridWalls::numProfiles; p++) {
+                        sumsAt(g, index[0], index[1])[3 * p + c] += values[p] * f;
+                        sumsAt(g, n[0] - index[0], n[1] - index[1])[3 * p + c] +=
+                            (GridWalls::isOdd(p) ? -values[p] : values[p]) * std::conj(f);
+                    }
+                }
+        });
+        for (int x = 0; x < n[0]; x++)
+            for (int y = 0; y < n[1]; y++)
+                shape.walls->respond(x, y, channels.data(), numChannels,
+                                     reinterpret_cast<GridWalls::Sums*>(sumsAt(0, x, y)));
+    }
+    /** Add the flow of a mode of a channel. */
+    void add(int channel, const int* index, double factor, complex<double>* u) {
+        if (!shape.walls) return;
+        double values[GridWalls::numProfiles];
+        profilesAt(index, values);
+        const complex<double>* const of = sumsAt(channel, index[0], index[1]);
+        for (int p = 0; p < GridWalls::numProfiles; p++)
+            for (int c = 0; c < 3; c++) u[c] += factor * values[p] * of[3 * p + c];
+    }
+
+private:
+    static constexpr int numbers = 3 * GridWalls::numProfiles;
+    void profilesAt(const int* index, double (&values)[GridWalls::numProfiles]) const {
+        GridWalls::profiles(shape.walls->along(std::hypot(shape.waveNumber(0, index[0]),
+                                                          shape.waveNumber(1, index[1]))),
+                            shape.walls->across(index[2]), values);
+    }
+    complex<double>* sumsAt(int channel, int x, int y) {
+        const std::array<int, 3>& n = shape.size;
+        return &sums[(((size_t)(x % n[0]) * n[1] + y % n[1]) * numChannels + channel) * numbers];
+    }
+
+    const GridShape& shape;
+    const int numChannels;
+    std::vector<complex<double>> sums;
+};
+
 /** u <- i k x u/2: half of the curl. It is its own adjoint. */
 void halfCurl(const double* k, complex<double>* u) {
     const complex<double> half(0, 0.5),
@@ -377,6 +438,7 @@ void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, 
     // f(k) = sum over channels of phi f, or phi i k x T/2. Then u(k) = (1 - k k/k^2) f(k)/eta, and
     // the way back is the transpose.
     const double scale = 1 / (viscosity * planned.numNodes());
+    WallFactors ofWalls(planned, channels, modesOfChannels);
     for (size_t g = 0; g < channels.size(); g++) {
         forModes(planned, [&](size_t at, const int* index, const double* k, double k2) {
             complex<double> u[3] = {}, f[3];
@@ -390,6 +452,7 @@ void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, 
             }
             if (k2 > 0) project(k, k2, scale * factorOf(*channels[g].factors, index, k2), u);
             if (channels[g].ofTorques) halfCurl(k, u);
+            if (k2 > 0) ofWalls.add(g, index, 1 / viscosity, u);
             store(at, u);
         });
         backward(work);

@@ -271,9 +271,10 @@ MobilityTraits withFactors(MobilityTraits traits) {
 }  // namespace
 
 SphereWallCongruence::SphereWallCongruence(const HydrodynamicParticles& particles, double viscosity,
-                                           const NoSlipPlane& wall, unique_ptr<MobilityModel> model)
+                                           const NoSlipPlane& wall, const char* boundary,
+                                           unique_ptr<MobilityModel> model)
     : MobilityModel(particles, viscosity, withFactors(model->getTraits())), wall(wall),
-      model(move(model)) {}
+      boundary(boundary), model(move(model)) {}
 
 string SphereWallCongruence::objection(const Placement& placement) const {
     const string problem = model->objection(placement);
@@ -282,7 +283,7 @@ string SphereWallCongruence::objection(const Placement& placement) const {
     for (int i = 0; i < particles.size(); i++)
         if (isSingleSphere(particles, i) &&
             !(wall.heightOver(positions[i][2], particles.radii[i]) > particles.radii[i]))
-            return "NoSlipWall: " + particleAndBody(particles, i) +
+            return string(boundary) + ": " + particleAndBody(particles, i) +
                    " touches the wall, where sphere-wall mobility BestKnown lets no sphere move; "
                    "move it up, use smaller time steps, or use setSphereWallMobility(FromModel)";
     return {};

@@ -41,7 +41,8 @@ struct SphereWallMobility {
  * single one: M -> B M B^T, B_i = N_i^(1/2) M_ii^(-1/2). N_i is the best known mobility and M_ii
  * that of Rotne-Prager-Yamakawa, both at the height of i and with lengths in its radius.
  *
- * The result is exact for one sphere, and symmetric and positive definite always. Interactions are
+ * Above a wall without images along it, the result is exact for one sphere. It is symmetric and
+ * positive definite always. Interactions are
  * scaled by B on both sides. Blobs of multiblobs stay as they are.
  *
  * Reference: as SphereWallMobility. Limits: gaps above 0, wider than rounding. Cost: linear in the
@@ -49,8 +50,10 @@ struct SphereWallMobility {
  */
 class SphereWallCongruence : public MobilityModel {
 public:
+    /** @param boundary  the name of the boundary in messages */
     SphereWallCongruence(const HydrodynamicParticles& particles, double viscosity,
-                         const NoSlipPlane& wall, std::unique_ptr<MobilityModel> model);
+                         const NoSlipPlane& wall, const char* boundary,
+                         std::unique_ptr<MobilityModel> model);
     std::string objection(const Placement& placement) const override;
     OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const override {
         return model->placeInFormulas(particle, position);
@@ -78,6 +81,7 @@ protected:
 
 private:
     const NoSlipPlane wall;
+    const char* const boundary;
     const std::unique_ptr<MobilityModel> model;
 };
 

@@ -1,0 +1,227 @@
+#include "mobility/models/confined/ConfinedRotnePragerYamakawaGrid.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "mobility/models/confined/WallModes.h"
+#include "mobility/models/forcecoupling/GridChecks.h"
+#include "mobility/models/forcecoupling/GridWalls.h"
+#include "mobility/models/periodic/PeriodicMobility.h"
+#include "openmmrigidhi/internal/Messages.h"
+
+namespace RigidHIPlugin {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using OpenMM::Vec3;
+
+namespace {
+
+/** The part of the tolerance that pairs and waves of the base, and those of walls, get together.
+ * Measured, so that the error of all is below the tolerance (docs/grid_accuracy.md). */
+const double shareOfBase = 0.4;
+
+class ConfinedOnGrid : public MobilityAt {
+public:
+    explicit ConfinedOnGrid(const ConfinedRotnePragerYamakawaGrid& model)
+        : MobilityAt(model), model(model), planes(model.getPlanes()) {}
+    void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override {
+        const MatrixXd* of = &forces;
+        if (weights.size() > 0) {
+            scaled = weights.asDiagonal() * forces;
+            of = &scaled;
+        }
+        inBase->multiply(*of, velocities);
+        addUniformPart(*of, velocities);
+        if (weights.size() > 0) velocities = weights.asDiagonal() * velocities;
+    }
+    void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
+                   Velocities& velocities) override {
+        MatrixXd forces = sources.forces;
+        if (weights.size() > 0) forces = weights.asDiagonal() * sources.forces;
+        addConfinedFlow(planes, particles, lifted, box, forces, points, factor / viscosity,
+                        velocities);
+    }
+    double getSecondsOfGrid() const override { return inBase ? inBase->getSecondsOfGrid() : 0; }
+
+protected:
+    void moveTo(const Placement& placement, bool nearby) override;
+
+private:
+    void addUniformPart(const MatrixXd& forces, MatrixXd& velocities) const;
+
+    const ConfinedRotnePragerYamakawaGrid& model;
+    const ConfiningPlanes& planes;
+    ConfinedRotnePragerYamakawaGrid::Base base = {nullptr, 0, 0};
+    BoxVectors box = {};
+    std::vector<Vec3> lifted;
+    VectorXd weights;  // B, for each row; empty: no particle reaches through a wall
+    Placement place;
+    std::unique_ptr<MobilityAt> inBase;
+    MatrixXd scaled;
+};
+
+void ConfinedOnGrid::moveTo(const Placement& placement, bool nearby) {
+    model.check(placement.box);
+    box = placement.box;
+    lifted = placement.positions;
+    weights.resize(0);
+    double highest = -INFINITY;
+    for (int i = 0; i < particles.size(); i++) {
+        const double radius = particles.radii[i];
+        if (!nearby) {
+            lifted[i] = planes.placeInFormulas(placement.positions[i], radius);
+            const double weight =
+                planes.allowsCrossing() ? planes.weight(placement.positions[i][2], radius) : 1;
+            if (weight < 1) {
+                if (weights.size() == 0) weights.setOnes(particles.numRows);
+                weights.segment(particles.firstRow[i], particles.hasTorque[i] ? 6 : 3)
+                    .setConstant(weight);
+            }
+        }
+        highest = std::max(highest, lifted[i][2] - planes.getLow());
+    }
+    // A small way from an accepted placement, everything but the positions stays the same.
+    const ConfinedRotnePragerYamakawaGrid::Base before = base;
+    if (!nearby || !inBase) base = model.baseFor(box, highest);
+    if (base.model != before.model) inBase.reset();
+    place.box = {box[0], box[1], Vec3(0, 0, base.period)};
+    place.positions = lifted;
+    for (Vec3& x : place.positions) x[2] -= planes.getLow() + 0.5 * base.height;
+    if (nearby)
+        base.model->placeNear(inBase, place);
+    else
+        base.model->place(inBase, place);
+}
+
+/** UniformFlow of all pairs, as a sum of products. */
+void ConfinedOnGrid::addUniformPart(const MatrixXd& forces, MatrixXd& velocities) const {
+    const Eigen::Matrix3d factors =
+        UniformFlow(planes, base.period).getCoefficients() / (viscosity * planeArea(box));
+    for (int c = 0; c < forces.cols(); c++)
+        for (int axis = 0; axis < 2; axis++) {
+            const int turn = 4 - axis, sign = axis == 0 ? 1 : -1;
+            Eigen::Vector3d sums = Eigen::Vector3d::Zero();
+            for (int i = 0; i < particles.size(); i++) {
+                const auto felt =
+                    UniformFlow::felt(lifted[i][2] - planes.getLow(), particles.radii[i]);
+                const int row = particles.firstRow[i];
+                sums += forces(row + axis, c) * felt.col(0);
+                if (particles.hasTorque[i]) sums += sign * forces(row + turn, c) * felt.col(1);
+            }
+            sums = factors * sums;
+            for (int i = 0; i < particles.size(); i++) {
+                const auto felt =
+                    UniformFlow::felt(lifted[i][2] - planes.getLow(), particles.radii[i]);
+                const int row = particles.firstRow[i];
+                velocities(row + axis, c) += felt.col(0).dot(sums);
+                if (particles.hasTorque[i])
+                    velocities(row + turn, c) += sign * felt.col(1).dot(sums);
+            }
+        }
+}
+
+MobilityTraits traitsOnGrid(const ConfiningPlanes& planes) {
+    MobilityTraits traits("RotnePragerYamakawa");
+    traits.mayObject = true;
+    traits.holdsNearby = !planes.allowsCrossing();
+    traits.isAnchored = true;
+    traits.isMatrixFree = true;
+    return traits;
+}
+
+}  // namespace
+
+ConfinedRotnePragerYamakawaGrid::ConfinedRotnePragerYamakawaGrid(
+    const HydrodynamicParticles& particles, double viscosity, double tolerance, double spacing,
+    const ConfiningPlanes& planes, const std::shared_ptr<GridFluid>& fluid)
+    : MobilityModel(particles, viscosity, traitsOnGrid(planes)), tolerance(tolerance),
+      spacing(spacing), planes(planes), fluid(fluid) {
+    planes.checkRadii(particles);
+    smallest = *std::min_element(particles.radii.begin(), particles.radii.end());
+    longest = depthOfModes(shareOfBase * tolerance) / smallest;
+}
+
+/**
+ * The height up to which a fluid above a wall is taken to have particles. It has steps, so that the
+ * grid rarely changes.
+ */
+double ConfinedRotnePragerYamakawaGrid::topFor(const BoxVectors& box, double highest) const {
+    if (planes.isChannel()) return planes.getHeight();
+    const double step = 0.125 * std::sqrt(planeArea(box)) + smallest;
+    return step * std::ceil((highest + smallest) / step);
+}
+
+ConfinedRotnePragerYamakawaGrid::Base ConfinedRotnePragerYamakawaGrid::baseFor(
+    const BoxVectors& box, double highest) const {
+    const double height = topFor(box, highest);
+    const std::lock_guard<std::mutex> lock(mutex);
+    if (last.model && last.height == height && lastBox[0] == box[0] && lastBox[1] == box[1])
+        return last;
+    Base made = {nullptr, height, 0};
+    // Stencils of particles at contact must not reach around the box.
+    const std::vector<EwaldKind> kinds = kindsOf(particles);
+    for (double period = height + 2 * smallest;;) {
+        const EwaldSplitting splitting(kinds, shareOfBase * tolerance, spacing,
+                                       {box[0], box[1], Vec3(0, 0, period)}, 0, longest);
+        const double needed =
+            height + 2 * (splitting.cutoff - smallest + splitting.shape.spacing(2));
+        made.period = period;
+        if (period >= needed) break;
+        period = 1.01 * needed;
+    }
+    WallMaker walls;
+    walls.longest = longest;
+    walls.make = [this, height](const GridShape& shape) {
+        return std::make_shared<GridWalls>(planes, shape, height, longest);
+    };
+    made.model = std::make_shared<RotnePragerYamakawaGrid>(
+        particles, viscosity, shareOfBase * tolerance, spacing, fluid, walls);
+    last = made;
+    lastBox = box;
+    return made;
+}
+
+bool ConfinedRotnePragerYamakawaGrid::acceptsNearby(const Placement& placement) const {
+    if (planes.allowsCrossing()) return objection(placement).empty();
+    const double beyond = 0.01;  // of a radius
+    return planes.areWithin(particles, placement, beyond);
+}
+
+void ConfinedRotnePragerYamakawaGrid::check(const BoxVectors& box) const {
+    planes.checkBox(box);
+    checkBoxOfGrid(name(), {box[0], box[1], Vec3(0, 0, 1)});
+    if (spacing > M_PI / longest)
+        refuseGrid(name(), "with walls needs a spacing of at most " + text(M_PI / longest) +
+                               " nm for the tolerance " + text(tolerance, 3) +
+                               " beside particles of radius " + text(smallest) +
+                               " nm, but setGridSpacing() gives " + text(spacing) +
+                               " nm; lower it or set it to 0 (chosen by the tolerance), or raise "
+                               "setSolverTolerance()");
+    const Base base = baseFor(box, 2 * smallest);
+    base.model->box()->check({box[0], box[1], Vec3(0, 0, base.period)});
+}
+
+double ConfinedRotnePragerYamakawaGrid::volume(const BoxVectors& box) const {
+    return planeArea(box) * planes.getHeight();
+}
+
+void ConfinedRotnePragerYamakawaGrid::checkWave(const BoxVectors& box, int axis,
+                                                int periods) const {
+    checkPeriodicWave(box, axis, periods);
+}
+
+std::string ConfinedRotnePragerYamakawaGrid::describe(const BoxVectors& box) const {
+    const Base base = baseFor(box, 2 * smallest);
+    return base.model->grid()->describe({box[0], box[1], Vec3(0, 0, base.period)});
+}
+
+WaveFactors ConfinedRotnePragerYamakawaGrid::waveFactors(double radius, double k) const {
+    return overSurfaces().waveFactors(radius, k);
+}
+
+std::unique_ptr<MobilityAt> ConfinedRotnePragerYamakawaGrid::makePlace() const {
+    return std::make_unique<ConfinedOnGrid>(*this);
+}
+
+}  // namespace RigidHIPlugin

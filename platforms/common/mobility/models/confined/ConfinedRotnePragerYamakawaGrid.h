@@ -1,0 +1,83 @@
+#ifndef RIGIDHI_CONFINED_ROTNE_PRAGER_YAMAKAWA_GRID_H_
+#define RIGIDHI_CONFINED_ROTNE_PRAGER_YAMAKAWA_GRID_H_
+
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "mobility/models/confined/ConfiningPlanes.h"
+#include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Rotne-Prager-Yamakawa mobility above a no-slip wall or between two of them, periodic along the
+ * walls, without a matrix: pairs and waves in a box of the period P along z, and the flows by which
+ * walls and the period change them (GridWalls). ConfinedRotnePragerYamakawa is the same mobility as
+ * a matrix.
+ *
+ * Method:    The base is RotnePragerYamakawaGrid in a box that is higher than the fluid by what
+ *            stencils reach beyond the walls. Walls are not split: the grid carries all of their
+ *            waves, to k with (1 + 2ka)^2 exp(-2ka) = tolerance, and xi follows from this k. Above
+ * one wall, the top of the box follows the highest particle in steps, and results do not depend on
+ * it but for the tolerance. Accuracy:  That of the base: the norm of the error of products is below
+ * the tolerance times the norm of the mobility, both scaled by the square roots of own mobilities.
+ * Noise:     Square roots of whole products by Lanczos' method.
+ * Cost:      Grows as the number of particles at constant density and height. A product takes the
+ *            transforms of the base, and another pass over its modes.
+ * Limits:    Boxes with edges along the axes; at most RotnePragerYamakawaGrid::mostRadii radii.
+ * Where surfaces reach through a wall, M -> B M B (NoSlipPlane).
+ */
+class ConfinedRotnePragerYamakawaGrid : public MobilityModel, BoxOfModel, GridOfModel {
+public:
+    /**
+     * @param tolerance, spacing, fluid  as in RotnePragerYamakawaGrid
+     * @throws OpenMMException for radii that do not fit between the walls
+     */
+    ConfinedRotnePragerYamakawaGrid(const HydrodynamicParticles& particles, double viscosity,
+                                    double tolerance, double spacing, const ConfiningPlanes& planes,
+                                    const std::shared_ptr<GridFluid>& fluid);
+    const ConfiningPlanes& getPlanes() const { return planes; }
+    std::string objection(const Placement& placement) const override {
+        return planes.objection(particles, placement);
+    }
+    bool acceptsNearby(const Placement& placement) const override;
+    OpenMM::Vec3 placeInFormulas(int i, const OpenMM::Vec3& position) const override {
+        return planes.placeInFormulas(position, particles.radii[i]);
+    }
+    WaveFactors waveFactors(double radius, double k) const override;
+    const BoxOfModel* box() const override { return this; }
+    const GridOfModel* grid() const override { return this; }
+
+    /** The base of a fluid up to a height over the lower wall, and its period. */
+    struct Base {
+        std::shared_ptr<const RotnePragerYamakawaGrid> model;
+        double height, period;
+    };
+    /** The base for a box and the height of the highest particle. */
+    Base baseFor(const BoxVectors& box, double highest) const;
+    void check(const BoxVectors& box) const override;
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
+
+private:
+    double volume(const BoxVectors& box) const override;
+    void checkWave(const BoxVectors& box, int axis, int periods) const override;
+    std::string describe(const BoxVectors& box) const override;
+    GridSeconds getSeconds() const override { return fluid->getSeconds(); }
+    double topFor(const BoxVectors& box, double highest) const;
+
+    const double tolerance, spacing;
+    const ConfiningPlanes planes;
+    const std::shared_ptr<GridFluid> fluid;
+    double smallest = 0, longest = 0;
+    /** The base that was made last. */
+    mutable std::mutex mutex;
+    mutable Base last;
+    mutable BoxVectors lastBox = {};
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
