@@ -27,8 +27,7 @@ constexpr GridKernels<T> gridKernels() {
             solveRowsBetween<T>, transformSlabBack<T>, averageSlab<T>};
 }
 constexpr FieldKernels fieldKernels() {
-    return {drawRow,   drawRowsBetween, fillSlab<double>, averageFilledSlab<double>,
-            fillModes, fillPlane};
+    return {drawRow, drawRowsBetween, fillSlab<double>, averageFilledSlab<double>, fillModes};
 }
 
 const GridKernels<double>& exactKernels() {
