@@ -522,6 +522,10 @@ public:
     void getSinusoidalForceDensity(double& f0, int& forceAxis, int& waveAxis,
                                    int& waveVectorIndex) const;
     void setSinusoidalForceDensity(double f0, int forceAxis, int waveAxis, int waveVectorIndex);
+    OpenMM::Vec3 getWallVelocity() const;
+    void setWallVelocity(const OpenMM::Vec3& velocity);
+    OpenMM::Vec3 getBodyForceDensity() const;
+    void setBodyForceDensity(const OpenMM::Vec3& forceDensity);
 
     void setBodyMobility(int body, const std::vector<double>& mobility);
     void setBodyFriction(int body, const std::vector<double>& friction);
@@ -560,6 +564,8 @@ public:
                                              int waveVectorIndex) const;
     std::vector<double> getRandomFlowModeInContext(OpenMM::Context& context, int forceAxis,
                                                    int waveAxis, int waveVectorIndex) const;
+    OpenMM::Vec3 getMeanFlowInContext(OpenMM::Context& context) const;
+    OpenMM::Vec3 getRandomMeanFlowInContext(OpenMM::Context& context) const;
     bool usesPeriodicBoundaryConditions() const;
 
     %extend {

@@ -147,6 +147,9 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     SerializationNode& flow = node.createChildNode("BackgroundFlow");
     for (int k = 0; k < 3; k++) flow.setDoubleProperty("v" + to_string(k), velocity[k]);
     for (int k = 0; k < 9; k++) flow.setDoubleProperty("g" + to_string(k), gradient[k]);
+    node.setBoolProperty("flowsAlongWalls", true);
+    writeVector(node.createChildNode("WallVelocity"), force.getWallVelocity());
+    writeVector(node.createChildNode("BodyForceDensity"), force.getBodyForceDensity());
     SerializationNode& particles = node.createChildNode("Particles");
     particles.setIntProperty("count", force.getNumParticles());
     for (int i = 0; i < force.getNumParticles(); i++)
@@ -207,6 +210,10 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
         for (int k = 0; k < 3; k++) velocity[k] = flow.number("v" + to_string(k));
         for (int k = 0; k < 9; k++) gradient.push_back(flow.number("g" + to_string(k)));
         force->setBackgroundFlow(velocity, gradient);
+    }
+    if (node.has("flowsAlongWalls")) {
+        force->setWallVelocity(readVector(node.child("WallVelocity")));
+        force->setBodyForceDensity(readVector(node.child("BodyForceDensity")));
     }
     const StrictNode particles = node.child("Particles");
     particles.checkChildren("count");

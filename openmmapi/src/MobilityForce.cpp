@@ -250,6 +250,21 @@ void MobilityForce::setSinusoidalForceDensity(double f0, int alongForce, int alo
     waveVectorIndex = index;
 }
 
+void MobilityForce::setWallVelocity(const Vec3& velocity) {
+    if (!isFinite(velocity) || velocity[2] != 0)
+        fail("setWallVelocity()", "the velocity is " + text(velocity) + " nm/ps",
+             "it must be finite and along the wall", "give a velocity along x and y, with z = 0");
+    wallVelocity = velocity;
+}
+
+void MobilityForce::setBodyForceDensity(const Vec3& density) {
+    if (!isFinite(density) || density[2] != 0)
+        fail("setBodyForceDensity()", "the force density is " + text(density) + " kJ/(mol nm^4)",
+             "it must be finite and along the walls",
+             "give a force density along x and y, with z = 0");
+    bodyForceDensity = density;
+}
+
 // ---- Tensors and groups ----
 
 void MobilityForce::checkTensor(int body, const vector<double>& tensor, const char* method) const {
@@ -468,6 +483,14 @@ vector<double> MobilityForce::getRandomFlowModeInContext(Context& context, int a
     FluidInContext& fluid = kernelIn(context, "getRandomFlowModeInContext()").getFluid();
     checkWave("getRandomFlowModeInContext()", alongForce, alongWave, index);
     return fluid.getRandomFlowMode(alongForce, alongWave, index);
+}
+
+Vec3 MobilityForce::getMeanFlowInContext(Context& context) const {
+    return kernelIn(context, "getMeanFlowInContext()").getFluid().getMeanFlow();
+}
+
+Vec3 MobilityForce::getRandomMeanFlowInContext(Context& context) const {
+    return kernelIn(context, "getRandomMeanFlowInContext()").getFluid().getRandomMeanFlow();
 }
 
 ForceImpl* MobilityForce::createImpl() const { return new MobilityForceImpl(*this); }

@@ -78,6 +78,13 @@ def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> N
         elif f0:
             flow, setter = (f'a sinusoidal force density of {f0} kJ/(mol nm^4)',
                             'setSinusoidalForceDensity()')
+        elif fluid.getWallVelocity()._value.any():
+            flow, setter = (f'a wall of the velocity {fluid.getWallVelocity()._value.tolist()} '
+                            'nm/ps', 'setWallVelocity()')
+        elif fluid.getBodyForceDensity()._value.any():
+            flow, setter = (f'a uniform force density of '
+                            f'{fluid.getBodyForceDensity()._value.tolist()} kJ/(mol nm^4)',
+                            'setBodyForceDensity()')
         else:
             continue
         raise ValueError(

@@ -917,8 +917,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setWallRejection(self, rejection: Union[_WallRejection, str, int]) -> None:
         """Set which steps through a wall are redone with new noise.
 
-        The setting is for a MobilityForce with the boundary NoSlipWall or SlipChannel. It may be
-        changed between steps, and takes effect at once. A start that would be redone is an error.
+        The setting is for a MobilityForce with a boundary that has walls. It may be changed between
+        steps, and takes effect at once. A start that would be redone is an error.
 
         Parameters
         ----------

@@ -214,8 +214,7 @@ class MobilityForce(_copies.Copies, _Base):
         super().setModel(_units.constant(model, Model, _where('setModel'), 'model'))
 
     def getBoundary(self) -> _Boundary:
-        """Get what bounds the fluid (Unbounded, NoSlipWall, Periodic, SlipChannel, PeriodicWall,
-        NoSlipChannel or Film)."""
+        """Get what bounds the fluid, a constant of Boundary such as Unbounded."""
         return Boundary(super().getBoundary())
 
     def setBoundary(self, boundary: Union[_Boundary, str, int]) -> None:
@@ -473,8 +472,8 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        The boundary must be Unbounded, or NoSlipWall if the flow is 0 at the wall. With other
-        boundaries no Context is created. The default is zeros: no flow.
+        The boundary must be Unbounded, or NoSlipWall or PeriodicWall if the flow is 0 at the wall.
+        With other boundaries no Context is created. The default is zeros: no flow.
         """
         where = _where('setBackgroundFlow')
         rows = _units.rows(gradient, _units.RATE, 3, where, 'gradient', 3)
@@ -511,13 +510,71 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        The boundary must be Periodic, or SlipChannel with both axes along the walls. With other
-        boundaries no Context is created. Waves that are not periodic in a triclinic box, or too
-        short for the grid, are refused as well.
+        The boundary must be periodic, and both axes must be along its walls. With other boundaries
+        no Context is created. Waves that are not periodic in a triclinic box, or too short for the
+        grid, are refused as well.
+
+        Above a no-slip wall, in a NoSlipChannel and in a Film the flow is f0/(eta k^2) (1 - p)
+        sin(k x_waveAxis), where p depends on z and is 1 on a wall: exp(-k s), cosh(k (s -
+        H/2))/cosh(k H/2) and cosh(k (H - s))/cosh(k H), with the distance s from the lower wall and
+        the height H of the fluid.
         """
         where = _where('setSinusoidalForceDensity')
         super().setSinusoidalForceDensity(_units.number(f0, _units.FORCE_DENSITY, where, 'f0'),
                                           *self._wave(where, forceAxis, waveAxis, waveVectorIndex))
+
+    def getWallVelocity(self) -> unit.Quantity:
+        """Get the velocity of the upper wall of a NoSlipChannel, a Quantity of shape (3,) in nm/ps.
+        """
+        return _units.VELOCITY.attach(_units.array(super().getWallVelocity()))
+
+    def setWallVelocity(self, velocity: Numbers) -> None:
+        """Let the upper wall of a NoSlipChannel move along itself, which shears the fluid.
+
+        The lower wall is at rest. Without bodies the fluid has Couette's flow, U (z - low)/H with
+        the height H of the channel. With the condition ZeroFlux the channel is closed at its ends,
+        and the pressure makes the flux 0: the flow is U (3 s^2 - 2 s) with s = (z - low)/H. Bodies
+        follow the flow as in :meth:`setBackgroundFlow`.
+
+        Parameters
+        ----------
+        velocity : array-like or Quantity of shape (3,)
+            nm/ps, z must be 0; zeros (default): the wall is at rest
+
+        Notes
+        -----
+        With other boundaries and a velocity that is not 0 no Context is created.
+        """
+        where = _where('setWallVelocity')
+        super().setWallVelocity(_units.vector(velocity, _units.VELOCITY, where, 'velocity'))
+
+    def getBodyForceDensity(self) -> unit.Quantity:
+        """Get the uniform force density on the fluid, a Quantity of shape (3,) in kJ/(mol nm^4)."""
+        return _units.FORCE_DENSITY.attach(_units.array(super().getBodyForceDensity()))
+
+    def setBodyForceDensity(self, forceDensity: Numbers) -> None:
+        """Drive the fluid along its walls by a uniform force density f.
+
+        The force density acts as a pressure gradient -f does. Without bodies the fluid has
+        Poiseuille's flow. This is f (z - low) (high - z)/(2 eta) in a NoSlipChannel, and f (z -
+        low) (2 high - low - z)/(2 eta) in a Film. Bodies follow the flow as in
+        :meth:`setBackgroundFlow`, and no other force on them comes from the force density.
+        :meth:`getMeanFlowInContext` gives what is left of the mean flow among bodies.
+
+        Parameters
+        ----------
+        forceDensity : array-like or Quantity of shape (3,)
+            kJ/(mol nm^4), z must be 0; zeros (default): none
+
+        Notes
+        -----
+        The boundary must be NoSlipChannel with the condition ZeroPressureGradient, or Film. With
+        others no Context is created: with ZeroFlux the pressure balances the force density, and
+        above a PeriodicWall no flow is steady.
+        """
+        where = _where('setBodyForceDensity')
+        super().setBodyForceDensity(
+            _units.vector(forceDensity, _units.FORCE_DENSITY, where, 'forceDensity'))
 
     # ---- Bodies ----------------------------------------------------------------------------------
 
@@ -857,13 +914,15 @@ class MobilityForce(_copies.Copies, _Base):
         They are the amplitudes of sin(k x_waveAxis) and of cos(k x_waveAxis) in the component
         forceAxis of the flow. k is 2 pi waveVectorIndex/L, with the edge L of the box along
         waveAxis. The amplitudes are exact, without a grid: they are 2/(eta k^2 V) times the power
-        of the particles' forces on such a flow.
+        of the particles' forces on such a flow. In a NoSlipChannel and a Film, where a flow is not
+        a sum of such waves, the amplitudes are means over the height of the fluid.
 
         Parameters
         ----------
         context : openmm.Context
-            a Context whose System has this Force, with the boundary Periodic, or SlipChannel and
-            both axes along its walls
+            a Context whose System has this Force, with the boundary Periodic, or SlipChannel,
+            NoSlipChannel or Film and both axes along its walls. The fluid above a PeriodicWall has
+            no finite height and is refused.
         forceAxis, waveAxis : int
             0, 1, 2 for x, y, z; not the same
         waveVectorIndex : int
@@ -905,10 +964,51 @@ class MobilityForce(_copies.Copies, _Base):
                 _units.context(context, where),
                 *self._wave(where, forceAxis, waveAxis, waveVectorIndex))))
 
+    def getMeanFlowInContext(self, context: openmm.Context) -> unit.Quantity:
+        """Get the mean of the flow of :meth:`getFlowInContext` over the volume of the fluid.
+
+        Times the height of a channel, the mean is the flux through the channel per length across
+        the flow. The mean is exact, without a grid: it is the power of the particles' forces on
+        Poiseuille's flow of a unit force density, and the mean of the driven flow.
+
+        Parameters
+        ----------
+        context : openmm.Context
+            a Context whose System has this Force. The boundary must be NoSlipChannel or Film, or
+            Periodic or SlipChannel, where the mean is 0. It is 0 as well with the condition
+            ZeroFlux.
+
+        Returns
+        -------
+        Quantity of shape (3,)
+            nm/ps
+        """
+        context = _units.context(context, _where('getMeanFlowInContext'))
+        return _units.VELOCITY.attach(_units.array(super().getMeanFlowInContext(context)))
+
+    def getRandomMeanFlowInContext(self, context: openmm.Context) -> unit.Quantity:
+        """Get the mean of the random field of the last step over the volume of the fluid.
+
+        This is to :meth:`getMeanFlowInContext` what :meth:`getRandomFlowModeInContext` is to
+        :meth:`getFlowModeInContext`: the part of the noise that the model draws itself, without nu.
+
+        Parameters
+        ----------
+        context
+            as in :meth:`getMeanFlowInContext`
+
+        Returns
+        -------
+        Quantity of shape (3,)
+            nm/ps
+        """
+        context = _units.context(context, _where('getRandomMeanFlowInContext'))
+        return _units.VELOCITY.attach(_units.array(super().getRandomMeanFlowInContext(context)))
+
     def usesPeriodicBoundaryConditions(self) -> bool:
         """Get whether this Force makes the System periodic.
 
-        It does with the boundaries Periodic and SlipChannel.
+        It does with all boundaries but Unbounded and NoSlipWall.
         """
         return super().usesPeriodicBoundaryConditions()
 

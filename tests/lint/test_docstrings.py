@@ -204,9 +204,13 @@ UNITS = {
                                           unit.kilojoule_per_mole/unit.nanometer),
         'getBackgroundFlow': (unit.nanometer/unit.picosecond, unit.picosecond**-1),
         'getSinusoidalForceDensity': (unit.kilojoule_per_mole/unit.nanometer**4, None, None, None),
+        'getWallVelocity': unit.nanometer/unit.picosecond,
+        'getBodyForceDensity': unit.kilojoule_per_mole/unit.nanometer**4,
         'getFlowInContext': unit.nanometer/unit.picosecond,
         'getFlowModeInContext': unit.nanometer/unit.picosecond,
         'getRandomFlowModeInContext': unit.nanometer/unit.picosecond,
+        'getMeanFlowInContext': unit.nanometer/unit.picosecond,
+        'getRandomMeanFlowInContext': unit.nanometer/unit.picosecond,
     },
     'CustomBodyForce': {},
     'CustomBodyMotion': {}

@@ -66,6 +66,8 @@ VALUES = {
         'setChannelCondition': (MobilityForce.ZeroFlux,),
         'setGridSpacing': (1/3,),
         'setSinusoidalForceDensity': (1/3, 2, 0, 3),
+        'setWallVelocity': ((1/3, -2, 0),),
+        'setBodyForceDensity': ((-1/7, 2, 0),),
         'setBackgroundFlow': ((1/3, -2, 3), ((1/7, 2, 3), (4, -1/7, 6), (7, 8, 0))),
         'setSphereWallMobility': (MobilityForce.BestKnown,),
         'setLubrication': (False,),

@@ -195,6 +195,7 @@ MADE_FROM_ANOTHER = {
         'addStressletsOf': 'models of channels have none',
         'sources': 'models of channels have none',
         'placeInFormulas': 'periodic fluids lift no particles',
+        'weightInFormulas': 'likewise',
         'forCollectiveModes': 'periodic fluids have none',
     },
 }

@@ -104,8 +104,8 @@ def test_xml():
                                                                        0*unit.nanometer)
 
 
-@pytest.mark.parametrize('walls, problem', [((1, 1), 'the walls are at y = 1 and 1 nm'),
-                                            ((3, 1), 'the walls are at y = 3 and 1 nm'),
+@pytest.mark.parametrize('walls, problem', [((1, 1), 'the walls are at 1 and 1 nm'),
+                                            ((3, 1), 'the walls are at 3 and 1 nm'),
                                             ((0, float('nan')), 'both must be finite'),])
 def test_walls_that_are_none(walls, problem):
     with pytest.raises(openmm.OpenMMException, match=problem):

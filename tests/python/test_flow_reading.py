@@ -208,7 +208,7 @@ def test_fluids_that_are_not_one(read, name):
     'boundary, axes, error, problem',
     [('Unbounded', (0, 1, 1), openmm.OpenMMException,
       r'{}\(\): the flow has no Fourier modes with the boundary Unbounded; ask with the '
-      r'boundary Periodic or SlipChannel, or use getFlowInContext\(\)'),
+      r'boundary Periodic or SlipChannel or NoSlipChannel or Film, or use getFlowInContext\(\)'),
      ('NoSlipWall',
       (0, 1, 1), openmm.OpenMMException, 'the flow has no Fourier modes with the boundary '
       'NoSlipWall'),

@@ -729,6 +729,18 @@ def test_driven_flows_are_refused():
             analysis.GibbsBoltzmannSampler(
                 context(lambda fluid: fluid.setBackgroundFlow(velocity, gradient)))
 
+    def between(fluid, setter, value):
+        fluid.setBoundary(MobilityForce.NoSlipChannel)
+        fluid.setChannelWalls(-2, 2)
+        setter(fluid, value)
+
+    for setter, flow in ((MobilityForce.setWallVelocity, 'a wall of the velocity [1.0, 0.0, 0.0]'),
+                         (MobilityForce.setBodyForceDensity,
+                          'a uniform force density of [1.0, 0.0, 0.0] kJ/(mol nm^4)')):
+        analysis.GibbsBoltzmannSampler(context(lambda fluid: between(fluid, setter, (0, 0, 0))))
+        with refused(f'drives the fluid by {flow}', f'{setter.__name__}() with zeros'):
+            analysis.GibbsBoltzmannSampler(context(lambda fluid: between(fluid, setter, (1, 0, 0))))
+
 
 @pytest.mark.parametrize(
     'arguments, pieces',

@@ -373,6 +373,34 @@ def test_flows_that_drive_a_scene_do_not_matter():
         assert values[0] == values[1] and all(values[0])
 
 
+@pytest.mark.parametrize('boundary', ['NoSlipWall', 'PeriodicWall', 'NoSlipChannel'])
+def test_walls_are_those_of_the_scene(boundary):
+    """The spheres of a rung are between the same walls, in the same box, without the flow that
+    drives the scene."""
+    scene = accuracy.scenes.spheres([(0, 0, 0), (2.5, 1, 0.5)], (0.8, 1))
+    system = scene.system
+    fluid = next(filter(None, map(MobilityForce.cast, [system.getForce(0)])))
+    fluid.setBoundary(boundary)
+    fluid.setWallHeight(-1.5)
+    fluid.setChannelWalls(-1.5, 2)
+    fluid.setChannelCondition('ZeroFlux')
+    if boundary == 'NoSlipChannel':
+        fluid.setWallVelocity((1, 2, 0))
+    system.setDefaultPeriodicBoxVectors((7, 0, 0), (0, 8, 0), (0, 0, 9))
+    changed = accuracy.Scene(system, scene.positions, scene.makeIntegrator())
+    spheres = accuracy.ladder.Spheres(changed)
+    integrator = changed.makeIntegrator()
+    integrator.setScheme(integrator.LangevinHI)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions(scene.positions)
+    found = spheres.sample(*spheres.makeContext(accuracy.rungs.byName('RPY'))[::2]).mobility
+    # The study's centres are those after a step of 1e-9 ps.
+    assert np.allclose(found, fluid.getMobilityInContext(context), rtol=1e-7, atol=1e-12)
+    # Shells are bodies that forces see as one molecule each; they move much as the spheres do.
+    shells = spheres.sample(*spheres.makeContext(accuracy.rungs.byName('multiblob42'))[::2])
+    assert np.allclose(np.diag(shells.mobility), np.diag(found), rtol=0.5)
+
+
 def test_wrong_studies():
     scene = accuracy.scenes.pair(1)
     for arguments, message in (((scene, ['Oseen']), 'the hydrodynamic ladder has FreeDraining'),

@@ -257,6 +257,96 @@ def test_channels_with_periodic_forces(capfd, isPeriodic):
     assert 'though forces' not in effects['hydrodynamics']
 
 
+# ---- Boxes of fluids that are periodic along walls alone -----------------------------------------
+
+
+def nonbonded(method, cutoff, charge):
+    def add(system):
+        force = openmm.NonbondedForce()
+        force.setNonbondedMethod(getattr(force, method))
+        force.setCutoffDistance(cutoff)
+        for _ in range(system.getNumParticles()):
+            force.addParticle(charge, 1, 0)
+        system.addForce(force)
+
+    return add
+
+
+def custom(method, cutoff):
+    def add(system):
+        force = openmm.CustomNonbondedForce('1/r^12')
+        force.setNonbondedMethod(getattr(force, method))
+        force.setCutoffDistance(cutoff)
+        for _ in range(system.getNumParticles()):
+            force.addParticle([])
+        system.addForce(force)
+
+    return add
+
+
+def confined(boundary, edge, *forces):
+    """Two spheres, at z = 1 and 2.5 nm, above a wall z = 0 or in a channel of 4 nm."""
+    system, integrator, fluid = openmm.System(), Integrator(0, 1e-3), MobilityForce()
+    integrator.setScheme(integrator.TrapezoidalSlip)
+    for _ in range(2):
+        integrator.addRigidBody([system.addParticle(0)], 0, (0, 0, 0), [(0, 0, 0)])
+        fluid.addParticle(0.5)
+    fluid.setBoundary(boundary)
+    fluid.setChannelWalls(0, 4)
+    system.addForce(fluid)
+    for add in forces:
+        add(system)
+    system.setDefaultPeriodicBoxVectors((9, 0, 0), (0, 9, 0), (0, 0, edge))
+    context = openmm.Context(system, integrator, REFERENCE)
+    context.setPositions([(1, 1, 1), (6, 6, 2.5)])
+    integrator.step(2)
+    return integrator, context
+
+
+@pytest.mark.parametrize(
+    'boundary, edge, forces, reach',
+    [('NoSlipChannel', 5.4, [nonbonded('CutoffPeriodic', 1.5, 0.5)], 4),
+     ('NoSlipChannel', 5.4, [custom('CutoffPeriodic', 1.5)], 4),
+     ('PeriodicWall', 3.9, [nonbonded('PME', 1.5, 0)], 2.5),
+     ('PeriodicWall', 3.9, [custom('CutoffPeriodic', 0.2),
+                            custom('CutoffPeriodic', 1.5)], 2.5)])
+def test_a_box_that_is_too_short_across_the_walls(capfd, boundary, edge, forces, reach):
+    integrator, _context = confined(boundary, edge, *forces)
+    integrator.setStepSize(5e-4)
+    integrator.step(2)
+    warning = (f'boundary {boundary} has no images along z, but forces do: the box is {edge:g} nm '
+               f'along z, less than the {reach:g} nm where particles are and the cut-off of force '
+               f'{len(forces)}, 1.5 nm, so particles feel images of others through the walls; make '
+               f'the third vector of the box {reach + 1.5:g} nm or longer')
+    assert warning in integrator.getEffects()['warnings']
+    assert 'Ewald' not in integrator.getEffects()['warnings']
+    assert capfd.readouterr().err.count(warning) == 1
+
+
+def test_charges_with_images_across_the_walls(capfd):
+    integrator, _context = confined('NoSlipChannel', 9, nonbonded('PME', 1.5, 0.5))
+    warning = 'Ewald sums of charges include all images along z; leave a gap along z'
+    assert warning in integrator.getEffects()['warnings']
+    err = capfd.readouterr().err
+    assert err.count(warning) == 1 and 'the box is' not in err
+    assert 'boundary NoSlipChannel has no images along z, but forces do: Ewald sums' in err
+    confined('NoSlipChannel', 5, nonbonded('Ewald', 1.5, 0.5))
+    err = capfd.readouterr().err
+    assert 'which does not change the fluid; and Ewald sums of charges' in err
+
+
+@pytest.mark.parametrize(
+    'boundary, edge, forces',
+    [('NoSlipChannel', 5.5, [nonbonded('CutoffPeriodic', 1.5, 0.5),
+                             custom('CutoffPeriodic', 1.2)]),
+     ('PeriodicWall', 4.0, [nonbonded('PME', 1.5, 0)]), ('NoSlipChannel', 2.5, []),
+     ('NoSlipChannel', 2.5, [custom('NoCutoff', 9)]),
+     ('NoSlipWall', 3.1, [nonbonded('CutoffPeriodic', 1.5, 0.5)]),])
+def test_boxes_that_are_long_enough_across_the_walls(capfd, boundary, edge, forces):
+    integrator, _context = confined(boundary, edge, *forces)
+    assert integrator.getEffects()['warnings'] == 'off: none' and capfd.readouterr().err == ''
+
+
 # ---- FreeDraining in a periodic box --------------------------------------------------------------
 
 

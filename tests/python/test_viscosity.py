@@ -294,6 +294,81 @@ def test_progress_bars(capfd):
     assert 'equilibration' in shown and 'sampling the flow' in shown and '3/3' in shown
 
 
+# ---- Between walls -------------------------------------------------------------------------------
+
+
+def channel(bodies, height, force=(0.3, -0.4, 0), setUp=lambda fluid: None, **arguments):
+    """A Context of bodies in a channel from z = 1, in a box as wide as the channel is high."""
+    def between(fluid):
+        fluid.setSinusoidalForceDensity(0, 0, 1, 1)
+        fluid.setBoundary(fluid.NoSlipChannel)
+        fluid.setChannelWalls(1, 1 + height)
+        fluid.setBodyForceDensity(force)
+        setUp(fluid)
+
+    return driven(bodies, (height,)*3, setUp=between, **arguments)
+
+
+def test_a_channel_without_what_resists():
+    """A sphere goes with the flow: the mean flow is f H^2/(12 eta), and the shear at a wall
+    f H/(2 eta)."""
+    _, fluid, context = channel([sphere(1, 2, 3)], 6)
+    found = analysis.viscosity(context)
+    assert found.ratio == pytest.approx(1, abs=1e-12) and found.viscosity._value == pytest.approx(
+        ETA, rel=1e-12)
+    assert found.amplitude._value == pytest.approx(0.5*36/(12*ETA), rel=1e-12)
+    assert found.shearRate._value == pytest.approx(0.5*6/(2*ETA), rel=1e-12)
+    assert found.cosine._value == pytest.approx(0, abs=1e-13)
+    assert fluid.getMeanFlowInContext(context)._value == pytest.approx(
+        np.array([0.3, -0.4, 0])*36/(12*ETA), abs=1e-13)
+    wave = channel([sphere(1, 2, 3)], 6, (0, 0, 0),
+                   setUp=lambda fluid: fluid.setSinusoidalForceDensity(-F0, 0, 1, 1))[2]
+    assert analysis.viscosity(wave).ratio == pytest.approx(1, abs=1e-12)
+
+
+@pytest.mark.parametrize('place', [1/4, 1/3, 1/2])
+def test_a_small_shell_in_a_channel(run, place):
+    """The stresslet S = 20/3 pi eta a^3 E of a small sphere at the height s takes the part
+    40 pi a^3 (1/2 - s/H)^2/V of the mean flow: half the way to the middle a quarter, and in the
+    middle nothing. The mean over the heights is Einstein's 5/2 of the volume fraction. Images by
+    the walls change the stresslet by (a/s)^3, and the curvature of the flow by (a/H)^2.
+    """
+    sites, radius = run.shell(12)
+    scale, height = 0.3, 12.0
+    _, _, context = channel([(scale*sites, scale*radius, (3, 4, 1 + place*height))], height)
+    found = analysis.viscosity(context)
+    a = scale*run.stressletRadius(sites, radius, 'RotnePragerYamakawa')
+    due = 40*np.pi*a**3*(1/2 - place)**2/height**3
+    assert 1 - 1/found.ratio == pytest.approx(due, rel=0.01, abs=1e-3*40*np.pi*a**3/height**3)
+
+
+def test_parts_of_a_run_in_a_channel():
+    bodies = [(CROSS, 1.0, (1, 2, 5))]
+    arguments = {'temperature': 300, 'platform': 'Reference', 'step': 0.005}
+    whole = analysis.viscosity(
+        channel(bodies, 9, (30, 40, 0), **arguments)[2], 31, 4, 3, progress=False)
+    integrator, _, context = channel(bodies, 9, (30, 40, 0), **arguments)
+    integrator.step(4)
+    parts = [
+        analysis.sampleFlowAmplitudes(context, steps, 3, progress=False)._value
+        for steps in (6, 9, 15)
+    ]
+    assert analysis.viscosityFromAmplitudes(context, np.concatenate(parts)) == whole
+    assert whole.samples == 10 and whole.ratioError > 0
+
+
+@pytest.mark.parametrize('setUp', [
+    lambda fluid: fluid.setWallVelocity(
+        (0, 0.1, 0)), lambda fluid: fluid.setSinusoidalForceDensity(1, 0, 1, 1)
+])
+def test_a_fluid_that_is_driven_in_two_ways(setUp):
+    context = channel([sphere(1, 2, 3)], 6, setUp=setUp)[2]
+    with pytest.raises(
+            ValueError, match='viscosity: context: its MobilityForce drives the fluid '
+            'in more than one way; the viscosity is measured by one force density'):
+        analysis.viscosity(context)
+
+
 # ---- What is refused -----------------------------------------------------------------------------
 
 

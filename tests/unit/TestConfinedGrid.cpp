@@ -638,6 +638,7 @@ TEST(ConfinedGrid, RefusesWhatItCannotHave) {
     vector<Vec3> below = threePlaces;
     below[0][2] = 0.9;
     expectError([&] { between->at(at(below)); }, {"particle 0", "nearer to a plane"});
-    expectError([&] { between->box()->checkWave(box, 0, 1); }, {"knows no amplitudes of waves"});
+    expectError([&] { between->box()->checkWave(box, 0, 9); },
+                {"a wave of index 9 along the edge 0", "for a grid of 18 nodes along it"});
     EXPECT_THROW(modelOf(channel, particles, 1e-3, 1.9), OpenMM::OpenMMException);
 }

@@ -19,6 +19,7 @@
 #include "context/KernelArrays.h"
 #include "host/ScalarLoops.h"
 #include "kernel/RigidBodyKernel.h"
+#include "openmmrigidhi/MobilityForce.h"
 
 using namespace OpenMM;
 using namespace RigidHIPlugin;
@@ -556,6 +557,31 @@ TEST(DeviceArrays, NothingIsMovedUnderForcesThatAreNotPeriodic) {
     far.integrator.step(1);
     // The force is that at the whole distance from x = 1, not at the distance of an image.
     EXPECT_NEAR(far.integrator.getBodyForces()[1][0], -3 * 1000 * (x - 1), 1e-2 * 3000 * (x - 1));
+}
+
+TEST(DeviceArrays, NothingIsMovedAcrossTheWallsOfAFluid) {
+    // A force that is periodic along x and depends on the height acts on a sphere that is far along
+    // x, at a height below the box.
+    DevicePlatform device;
+    System system;
+    CustomRigidHIIntegrator integrator(0, 0.01);
+    integrator.setScheme(CustomRigidHIIntegrator::EulerMaruyama);
+    integrator.addRigidBody({system.addParticle(0)}, 0, Vec3(), {Vec3()});
+    auto* fluid = new MobilityForce();
+    fluid->addParticle(0.5);
+    fluid->setBoundary(MobilityForce::NoSlipChannel);
+    fluid->setChannelWalls(-2, 2);
+    system.addForce(fluid);
+    auto* field = new CustomExternalForce("500*periodicdistance(x,0,0,1,0,0)^2+30*z^2");
+    field->addParticle(0);
+    system.addForce(field);
+    system.setDefaultPeriodicBoxVectors(Vec3(4, 0, 0), Vec3(0, 4, 0), Vec3(0, 0, 5));
+    Context context(system, integrator, device);
+    context.setPositions({Vec3(4 * 4096 + 1.25, 0, -1)});
+    integrator.step(1);
+    const Vec3 force = integrator.getBodyForces()[0];
+    EXPECT_NEAR(force[2], 60, 1e-3);
+    EXPECT_NEAR(force[0], -250, 0.1);
 }
 
 TEST(DeviceArrays, AVirtualSiteOfAnUnknownKindIsRefused) {

@@ -5,6 +5,7 @@
 
 #include "HydrodynamicSupport.h"
 #include "StepMoments.h"
+#include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "mobility/models/stokesian/StokesianDynamics.h"
@@ -210,7 +211,7 @@ PosedBodies lubricatedAtWall() {
               [](const HydrodynamicParticles& particles) {
                   const NoSlipPlane plane(0, false);
                   return make_unique<SphereWallCongruence>(
-                      particles, viscosity, plane,
+                      particles, viscosity, plane, "NoSlipWall",
                       make_unique<RotnePragerYamakawaWall>(particles, viscosity, plane));
               });
     s.add(fluidElement(0, {{0, 0, 0}}, {1}), {0, 0, 1.2}).hold();
@@ -292,6 +293,24 @@ PosedBodies inABox() {
     s.add(fluidElement(0, {{0, 0, 0}}, {0.7}), {0, 0.3, 0}).hold();
     s.add(fluidElement(1, {{-0.5, 0, 0}, {0.6, 0.5, 0.3}, {0, 0.4, -0.6}}, {0.6, 0.7, 0.5}),
           {2.6, 1.6, 0.5});
+    return s;
+}
+/** A sphere, and a body that does not move along x and about y, near walls. */
+PosedBodies confined(bool between) {
+    MobilityForce force;
+    force.setBoundary(between ? MobilityForce::NoSlipChannel : MobilityForce::PeriodicWall);
+    force.setChannelWalls(0, 4.4);
+    const ConfiningPlanes planes(force, false);
+    PosedBodies s =
+        named(between ? "between walls" : "above a periodic wall",
+              [planes](const HydrodynamicParticles& particles) {
+                  return make_unique<ConfinedRotnePragerYamakawa>(particles, viscosity, planes);
+              });
+    s.box = {OpenMM::Vec3(5, 0, 0), OpenMM::Vec3(1, 4, 0), OpenMM::Vec3(0, 0, 3)};
+    s.add(fluidElement(0, {{0, 0, 0}}, {1}), {0.1, 0.2, 1.5});
+    s.add(fluidElement(1, {{0.5, 0, 0}, {-0.4, 0.3, 0}, {0, 0, 0.6}}, {0.5, 0.6, 0.5}),
+          {2, 1, between ? 3.2 : 1.5}, {0.3, 0.2, -0.4})
+        .fixed = bits({0, 4});
     return s;
 }
 /** Three blobs on a line, about an origin on it or off it. */
@@ -698,6 +717,8 @@ TEST(FixedComponents, JoinedToAHeldBody) {
     checkCovariance(scene, byMatrices, withJoints);
 }
 TEST(FixedComponents, InAPeriodicBox) { checkSteps(driven(inABox())); }
+TEST(FixedComponents, BetweenNoSlipWalls) { checkSteps(driven(confined(true))); }
+TEST(FixedComponents, AboveAPeriodicWall) { checkSteps(driven(confined(false))); }
 
 /** One body alone, whose tensor is known once, and the same body by matrices at every pose. */
 TEST(FixedComponents, OneBodyAlone) {

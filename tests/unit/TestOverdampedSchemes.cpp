@@ -69,7 +69,7 @@ struct Scene {
             const NoSlipPlane plane(0, false);
             if (bestKnown)
                 return make_unique<SphereWallCongruence>(
-                    particles, viscosity, plane,
+                    particles, viscosity, plane, "NoSlipWall",
                     make_unique<RotnePragerYamakawaWall>(particles, viscosity, plane));
             if (wall) return make_unique<RotnePragerYamakawaWall>(particles, viscosity, plane);
             return make_unique<RotnePragerYamakawa>(particles, viscosity);

@@ -94,7 +94,7 @@ public:
         TwoPoint = 2
     };
     /**
-     * Which steps through a MobilityForce::NoSlipWall, or through either wall of a SlipChannel, are
+     * Which steps through a wall of a MobilityForce, or through the free surface of a Film, are
      * redone with new noise.
      */
     enum WallRejection : int {
@@ -501,9 +501,9 @@ public:
     /** Get which steps through a wall are redone. */
     WallRejection getWallRejection() const;
     /**
-     * Set which steps are redone where a MobilityForce has the boundary NoSlipWall or SlipChannel.
-     * Repulsions that diverge at contact need the default, Overlap. A start that would be redone is
-     * an error. The setting may be changed between steps, and the change takes effect at once.
+     * Set which steps are redone where a MobilityForce has a boundary with walls. Repulsions that
+     * diverge at contact need the default, Overlap. A start that would be redone is an error. The
+     * setting may be changed between steps, and the change takes effect at once.
      */
     void setWallRejection(WallRejection rejection);
     /** Get what the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies. */

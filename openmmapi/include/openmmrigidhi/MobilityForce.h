@@ -267,10 +267,10 @@ public:
      * of the strain. Multiblobs resist it by their blobs. Spheres of other models, and bodies' own
      * tensors, do not resist it.
      *
-     * The boundary must be Unbounded, or NoSlipWall if the flow is 0 at the wall. Other boundaries
-     * with a flow are refused at Context creation. The flow acts in schemes without momenta, and in
-     * LangevinHI. The friction of LangevinHI acts on velocities relative to those of force-free
-     * bodies in the flow.
+     * The boundary must be Unbounded, or NoSlipWall or PeriodicWall if the flow is 0 at the wall.
+     * Other boundaries with a flow are refused at Context creation. The flow acts in schemes
+     * without momenta, and in LangevinHI. The friction of LangevinHI acts on velocities relative to
+     * those of force-free bodies in the flow.
      *
      * @param velocity  at the origin, nm/ps
      * @param gradient  9 numbers dv_a/dx_b, row after row, 1/ps
@@ -292,9 +292,10 @@ public:
      * Spheres with torque also have its average curl (Westwood 2022, section 6.4). Stresslets are
      * as in setBackgroundFlow().
      *
-     * The boundary must be Periodic, or SlipChannel if both axes are along the walls. Other
-     * boundaries with f0 not 0 are refused at Context creation. Waves that are not periodic in a
-     * triclinic box, or too short for a grid, are refused too.
+     * The boundary must be periodic, and both axes must be along its walls. Other boundaries with
+     * f0 not 0 are refused at Context creation. Waves that are not periodic in a triclinic box, or
+     * too short for a grid, are refused too. Above a no-slip wall, or between walls, the flow is
+     * f0/(eta k^2) (1 - p(z)) sin(k x_waveAxis), where p is 1 on a wall (docs/THEORY.md).
      *
      * @param f0               kJ/(mol nm^4)
      * @param forceAxis        0, 1, 2: x, y, z
@@ -304,6 +305,39 @@ public:
      *     below 1
      */
     void setSinusoidalForceDensity(double f0, int forceAxis, int waveAxis, int waveVectorIndex);
+    /** Get the velocity of the upper wall of a NoSlipChannel, nm/ps. */
+    OpenMM::Vec3 getWallVelocity() const { return wallVelocity; }
+    /**
+     * Let the upper wall of a NoSlipChannel move along itself (default: 0, at rest). The lower wall
+     * is at rest. Without bodies the fluid has Couette's flow, U (z - low)/H with the height H of
+     * the channel. With the condition ZeroFlux, where the channel is closed at its ends, the
+     * pressure makes the flux 0: U (3 s^2 - 2 s) with s = (z - low)/H. Bodies follow the flow as in
+     * setBackgroundFlow().
+     *
+     * Other boundaries with a velocity that is not 0 are refused at Context creation.
+     *
+     * @param velocity  nm/ps; its z must be 0
+     * @throws OpenMMException if not finite, or if z is not 0
+     */
+    void setWallVelocity(const OpenMM::Vec3& velocity);
+    /** Get the uniform force density on the fluid, kJ/(mol nm^4). */
+    OpenMM::Vec3 getBodyForceDensity() const { return bodyForceDensity; }
+    /**
+     * Drive the fluid along its walls by a uniform force density f, as gravity or a pressure
+     * gradient -f does (default: 0, none). Without bodies the fluid has Poiseuille's flow. This is
+     * f (z - low)(high - z)/(2 eta) in a NoSlipChannel, and f (z - low)(2 high - low - z)/(2 eta)
+     * in a Film. Bodies follow the flow as in setBackgroundFlow(). The force density acts on the
+     * fluid that would be without bodies: it acts in their volume too, and no other force on bodies
+     * comes from it.
+     *
+     * The boundary must be NoSlipChannel with the condition ZeroPressureGradient, or Film. All else
+     * with a force density that is not 0 is refused at Context creation: with ZeroFlux the pressure
+     * would balance the force density, and above a PeriodicWall no flow is steady.
+     *
+     * @param forceDensity  kJ/(mol nm^4), which is dalton/(nm^2 ps^2); its z must be 0
+     * @throws OpenMMException if not finite, or if z is not 0
+     */
+    void setBodyForceDensity(const OpenMM::Vec3& forceDensity);
 
     /**
      * Give a body a mobility tensor of its own. The tensor gives the body's velocity and angular
@@ -504,7 +538,9 @@ public:
      * Get the amplitudes of sin(k x_waveAxis) and of cos(k x_waveAxis) in the component forceAxis
      * of the flow of getFlowInContext(), with k = 2 pi waveVectorIndex/L, nm/ps: two numbers. They
      * are exact and need no grid: (2/(eta k^2 V)) times the power of the forces on such a flow
-     * (docs/THEORY.md). The boundary must be Periodic, or SlipChannel with axes along its walls.
+     * (docs/THEORY.md). The boundary must be periodic, with axes along its walls. Between no-slip
+     * walls and in a film, a flow is not a sum of such waves. There the amplitudes are means over
+     * the height of the fluid. A PeriodicWall has no such mean.
      *
      * @throws OpenMMException as getFlowInContext(), for axes or an index as
      *     setSinusoidalForceDensity(), and for other boundaries
@@ -519,6 +555,21 @@ public:
      */
     std::vector<double> getRandomFlowModeInContext(OpenMM::Context& context, int forceAxis,
                                                    int waveAxis, int waveVectorIndex) const;
+    /**
+     * Get the mean of the flow of getFlowInContext() over the volume of the fluid, nm/ps. Times the
+     * height of a channel, this is the flux through the channel per length across the flow. The
+     * mean is exact and needs no grid: it is the power of the forces on Poiseuille's flow of a unit
+     * force density (docs/THEORY.md). It is 0 in a periodic box, in a SlipChannel, and with the
+     * condition ZeroFlux.
+     *
+     * @throws OpenMMException as getFlowInContext(), and for fluids without a finite volume
+     */
+    OpenMM::Vec3 getMeanFlowInContext(OpenMM::Context& context) const;
+    /**
+     * Get the mean, as getMeanFlowInContext() does, of the random field of the last step alone,
+     * without nu; as getRandomFlowModeInContext().
+     */
+    OpenMM::Vec3 getRandomMeanFlowInContext(OpenMM::Context& context) const;
 
     /**
      * Get whether the fluid is periodic. If it is, OpenMM has a box, and bodies that OpenMM does
@@ -547,7 +598,7 @@ private:
     bool lubrication, fastSummation = true;
     double forceDensity = 0;
     int forceAxis = 0, waveAxis = 1, waveVectorIndex = 1;
-    OpenMM::Vec3 flowVelocity;
+    OpenMM::Vec3 flowVelocity, wallVelocity, bodyForceDensity;
     std::vector<double> flowGradient = std::vector<double>(9, 0.0);
     std::map<int, OwnTensor> ownTensors;
     std::map<int, std::vector<OpenMM::Vec3>> slips;  // of bodies

@@ -105,7 +105,8 @@ private:
             !fluid ? missing
             : flow.empty()
                 ? string(
-                      "neither setBackgroundFlow() nor setSinusoidalForceDensity() drives a flow")
+                      "neither setBackgroundFlow() nor setSinusoidalForceDensity() drives a flow, "
+                      "and neither does a moving wall or a uniform force density")
                 : flow);
         const int interacting = fluid ? FluidReport(fluid->getContents()).numInteracting() : 0;
         set("hydrodynamic interactions", interacting > 0,

@@ -1,9 +1,12 @@
 #include "context/Mismatches.h"
 
+#include <openmm/CustomNonbondedForce.h>
 #include <openmm/MonteCarloAnisotropicBarostat.h>
 #include <openmm/MonteCarloBarostat.h>
 #include <openmm/MonteCarloMembraneBarostat.h>
+#include <openmm/NonbondedForce.h>
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 #include <vector>
@@ -72,11 +75,91 @@ string barostatAtAnotherTemperature(const Scene& scene) {
            scene.stock.barostatTemperature;
 }
 
+namespace {
+
+/** What forces see of images along z. */
+struct ForcesAcross {
+    double cutoff = 0;      // the largest of forces with periodic images, nm
+    int force = -1;         // the one that has it
+    bool isSummed = false;  // charges are summed over all images
+};
+
+bool hasCharges(const NonbondedForce& force) {
+    for (int p = 0; p < force.getNumParticles(); p++) {
+        double charge, sigma, epsilon;
+        force.getParticleParameters(p, charge, sigma, epsilon);
+        if (charge != 0) return true;
+    }
+    return force.getNumParticleParameterOffsets() > 0;
+}
+
+ForcesAcross findForcesAcross(const System& system) {
+    ForcesAcross found;
+    const auto take = [&](int index, double cutoff) {
+        if (cutoff <= found.cutoff) return;
+        found.cutoff = cutoff;
+        found.force = index;
+    };
+    for (int i = 0; i < system.getNumForces(); i++) {
+        const Force& force = system.getForce(i);
+        if (auto* nonbonded = dynamic_cast<const NonbondedForce*>(&force)) {
+            const auto method = nonbonded->getNonbondedMethod();
+            if (method == NonbondedForce::NoCutoff || method == NonbondedForce::CutoffNonPeriodic)
+                continue;
+            take(i, nonbonded->getCutoffDistance());
+            if (method != NonbondedForce::CutoffPeriodic && hasCharges(*nonbonded))
+                found.isSummed = true;
+        } else if (auto* custom = dynamic_cast<const CustomNonbondedForce*>(&force)) {
+            if (custom->getNonbondedMethod() == CustomNonbondedForce::CutoffPeriodic)
+                take(i, custom->getCutoffDistance());
+        }
+    }
+    return found;
+}
+
+/** z of the highest particle that the fluid sees. */
+double findHighest(const Scene& scene) {
+    const MobilityForce& fluid = *scene.fluid.getParameters();
+    double highest = -INFINITY;
+    for (int p = 0; p < fluid.getNumParticles(); p++)
+        if (fluid.getParticleRadius(p) > 0) highest = max(highest, scene.arrays->positions()[p][2]);
+    return highest;
+}
+
+}  // namespace
+
+string imagesAcrossTheFluid(const Scene& scene) {
+    if (!scene.fluid || !scene.fluid->getContents().userFlow.hasPlanes()) return {};
+    const UserFlow& planes = scene.fluid->getContents().userFlow;
+    const ForcesAcross forces = findForcesAcross(scene.system);
+    const double edge = scene.getBox()[2][2],
+                 upTo = isfinite(planes.high) ? planes.high : findHighest(scene),
+                 range = upTo - planes.low;
+    const string beside = string("boundary ") +
+                          traitsOf(scene.fluid.getParameters()->getBoundary()).name +
+                          " has no images along z, but forces do: ";
+    string text;
+    if (forces.force >= 0 && edge < range + forces.cutoff)
+        text = beside + "the box is " + number(edge) + " nm along z, less than the " +
+               number(range) + " nm where particles are and the cut-off of force " +
+               to_string(forces.force) + ", " + number(forces.cutoff) +
+               " nm, so particles feel images of others through the walls; make the third "
+               "vector of the box " +
+               number(range + forces.cutoff) + " nm or longer, which does not change the fluid";
+    if (forces.isSummed)
+        text += (text.empty() ? beside : string("; and ")) +
+                "Ewald sums of charges include all images along z; leave a gap along z by a longer "
+                "third vector of the box, and add the correction for slabs (Yeh and Berkowitz, J. "
+                "Chem. Phys. 111, 3155, 1999), or use a cut-off";
+    return text;
+}
+
 void addMismatches(const Scene& scene, Warnings& warnings) {
     const pair<WarningCause, string> found[] = {
         {WarningCause::BodiesWithoutContext, bodiesWithoutContext(scene)},
         {WarningCause::UnboundedFluid, unboundedFluidWithPeriodicForces(scene)},
         {WarningCause::WatersWithoutBodies, watersWithoutBodies(scene)},
+        {WarningCause::ImagesAcross, imagesAcrossTheFluid(scene)},
         {WarningCause::BarostatTemperature, barostatAtAnotherTemperature(scene)}};
     for (const auto& mismatch : found)
         if (!mismatch.second.empty()) warnings.insert(mismatch);

@@ -14,6 +14,8 @@ namespace RigidHIPlugin {
 std::string bodiesWithoutContext(const Scene& scene);
 std::string unboundedFluidWithPeriodicForces(const Scene& scene);
 std::string watersWithoutBodies(const Scene& scene);
+/** Between walls the fluid is not periodic along z, but forces are. */
+std::string imagesAcrossTheFluid(const Scene& scene);
 /** The temperature of a barostat is a parameter of the Context, which is set apart. */
 std::string barostatAtAnotherTemperature(const Scene& scene);
 

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "context/ActingForces.h"
+#include "openmmrigidhi/ModelTraits.h"
 
 using namespace OpenMM;
 using namespace std;
@@ -82,6 +83,8 @@ PeriodicImages::PeriodicImages(ContextImpl& context) {
     for (int i = 0; i < system.getNumForces(); i++) {
         const Force& force = system.getForce(i);
         const bool periodic = isPeriodic(force);
+        if (auto* fluid = dynamic_cast<const MobilityForce*>(&force))
+            wallAxis = traitsOf(fluid->getBoundary()).wallAxis;
         if (!periodic && !feelsNoParticles(force) && !within.hold(force)) return;
         anyIsPeriodic = anyIsPeriodic || periodic;
     }
@@ -99,6 +102,7 @@ bool PeriodicImages::find(const vector<Vec3>& positions, const Vec3 (&box)[3],
         Vec3 shift;
         double farthest = 0;
         for (int k = 2; k >= 0; k--) {
+            if (k == wallAxis) continue;
             const double boxes = floor((centre[k] + shift[k]) / box[k][k]);
             shift -= box[k] * boxes;
             farthest = max(farthest, abs(boxes + 0.5));

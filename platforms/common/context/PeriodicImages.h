@@ -13,7 +13,9 @@ namespace RigidHIPlugin {
  * would round their coordinates coarsely.
  *
  * That changes no force only if all Forces between molecules are periodic. Where a Force is not
- * known to be periodic, nothing is moved.
+ * known to be periodic, nothing is moved. Nothing is moved across the walls of a fluid either: it
+ * has no images there, and forces of walls, which depend on the height, may be part of a periodic
+ * Force.
  */
 class PeriodicImages {
 public:
@@ -25,6 +27,7 @@ public:
 
 private:
     std::vector<std::vector<int>> molecules;  // empty: nothing is to be moved
+    int wallAxis = -1;                        // across the walls of the fluid; -1: it has none
 };
 
 }  // namespace RigidHIPlugin

@@ -27,6 +27,7 @@ enum class WarningCause {
     BodiesWithoutContext,
     UnboundedFluid,
     WatersWithoutBodies,
+    ImagesAcross,
     BarostatTemperature,
     WrongTemperature
 };

@@ -209,13 +209,15 @@ FluidGroup& FlowReader::groupWithWave(const char* method, int forceAxis, int wav
     FluidGroup& group = onlyGroup(method);
     const BoxVectors& box = fluid.box;
     const MobilityModel& model = group.bodies.getModel();
-    if (!model.box())
-        fail(method, "the flow has no Fourier modes with the boundary " +
-                         string(boundaryName(force.getBoundary())) + "; ask with the boundary " +
-                         namesIn(boundaryTable, " or ",
-                                 [](const BoundaryTraits& other) { return other.isPeriodic; }) +
-                         ", or use getFlowInContext()");
     const BoundaryTraits& boundary = traitsOf(force.getBoundary());
+    const auto hasModes = [](const BoundaryTraits& one) {
+        return one.isPeriodic && one.numWalls != 1;
+    };
+    if (!model.box() || !hasModes(boundary))
+        fail(method, "the flow has no Fourier modes with the boundary " + string(boundary.name) +
+                         (boundary.isPeriodic ? ", because the fluid has no finite height" : "") +
+                         "; ask with the boundary " + namesIn(boundaryTable, " or ", hasModes) +
+                         ", or use getFlowInContext()");
     if (boundary.isAcross(forceAxis) || boundary.isAcross(waveAxis))
         fail(method, "the axes are " + to_string(forceAxis) + " and " + to_string(waveAxis) +
                          ", and in a " + boundary.name +
@@ -226,6 +228,20 @@ FluidGroup& FlowReader::groupWithWave(const char* method, int forceAxis, int wav
     wave.waveAxis = waveAxis;
     wave.k = 2 * M_PI * waveVectorIndex / box[waveAxis][waveAxis];
     wave.waveVelocity = 1;
+    fluid.userFlow.setPlanes(wave);
+    return group;
+}
+
+FluidGroup& FlowReader::groupWithVolume(const char* method) const {
+    FluidGroup& group = onlyGroup(method);
+    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
+    const auto hasVolume = [](const BoundaryTraits& one) {
+        return one.isPeriodic && one.numWalls != 1;
+    };
+    if (!hasVolume(boundary))
+        fail(method, string("the fluid with the boundary ") + boundary.name +
+                         " has no finite volume to take a mean over; ask with the boundary " +
+                         namesIn(boundaryTable, " or ", hasVolume) + ", or use getFlowInContext()");
     return group;
 }
 
@@ -254,8 +270,44 @@ array<double, 2> FlowReader::flowMode(int forceAxis, int waveAxis, int waveVecto
     const DrivenFlow* flow = fluid.getFlow();
     if (flow && flow->waveVelocity != 0 && flow->forceAxis == forceAxis &&
         flow->waveAxis == waveAxis && flow->k == wave.k)
-        amplitudes[0] += made.made.flowWeight * flow->waveVelocity;
+        amplitudes[0] += made.made.flowWeight * flow->waveVelocity * flow->meanOfWave();
     return amplitudes;
+}
+
+OpenMM::Vec3 FlowReader::meanFlow(const FlowQuestion& question) {
+    const OneBlasThread single;
+    FluidGroup& group = groupWithVolume("getMeanFlowInContext()");
+    Answer& made = find(group, question);
+    Vector3d mean = Vector3d::Zero();
+    for (int axis = 0; axis < 2; axis++) {
+        // By symmetry of M, the mean flow of sources is their power on the flow of a unit force
+        // density, over the volume.
+        const DrivenFlow unit = fluid.userFlow.ofUnitForceDensity(axis);
+        if (unit.isZero()) continue;
+        const double volume =
+            fluid.box[0][0] * fluid.box[1][1] * (fluid.userFlow.high - fluid.userFlow.low);
+        forSources(
+            group, made,
+            [&](BodyMobility& at, const FlowSources& sources, const FlowOfStep::Share& share) {
+                mean[axis] += share.weight / volume * at.powerOn(unit, sources);
+                if (share.movesBodies) mean[axis] += share.weight / volume * at.powerOfSites(unit);
+            });
+    }
+    if (made.made.fieldWeight != 0 && made.move->getField())
+        mean += made.made.fieldWeight *
+                made.move->getField()->meanFlow(fluid.userFlow.low, fluid.userFlow.high);
+    if (const DrivenFlow* flow = fluid.getFlow()) mean += made.made.flowWeight * flow->mean();
+    return toVec3(mean);
+}
+
+OpenMM::Vec3 FlowReader::randomMeanFlow(const FlowQuestion& question) {
+    const OneBlasThread single;
+    FluidGroup& group = groupWithVolume("getRandomMeanFlowInContext()");
+    Answer& made = find(group, question);
+    RandomField* field = made.move ? made.move->getField() : nullptr;
+    return field
+               ? toVec3(made.randomFlow * field->meanFlow(fluid.userFlow.low, fluid.userFlow.high))
+               : OpenMM::Vec3();
 }
 
 array<double, 2> FlowReader::randomFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,

@@ -60,6 +60,12 @@ public:
     /** The amplitudes for the model's random field alone, for nu = 1; 0 where there is none. */
     std::array<double, 2> randomFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,
                                          const FlowQuestion& question);
+    /**
+     * The mean of the same flow over the volume of the fluid. @throws OpenMMException as flowAt(),
+     * and for a boundary whose fluid has no finite volume
+     */
+    OpenMM::Vec3 meanFlow(const FlowQuestion& question);
+    OpenMM::Vec3 randomMeanFlow(const FlowQuestion& question);
 
 private:
     /** The flow of a group: its sources, and the move that has its random field. */
@@ -78,6 +84,7 @@ private:
     FluidGroup& onlyGroup(const char* method) const;
     FluidGroup& groupWithWave(const char* method, int forceAxis, int waveAxis, int waveVectorIndex,
                               DrivenFlow& wave) const;
+    FluidGroup& groupWithVolume(const char* method) const;
     Answer& find(FluidGroup& group, const FlowQuestion& question);
 
     const FluidContents& fluid;

@@ -67,6 +67,16 @@ string FluidReport::describeWalls() const {
     return text.str();
 }
 
+string FluidReport::describeImages() const {
+    const BoundaryTraits& boundary = traitsOf(fluid.force.getBoundary());
+    const string axes = boundary.hasWalls() ? string("along ") + boundary.namesAlongWalls() : "";
+    if (fluid.userFlow.hasPlanes())  // the third vector of the box is not a period
+        return " with all images " + axes + ", of the periods " +
+               RigidHIPlugin::text(fluid.box[0]) + " and " + RigidHIPlugin::text(fluid.box[1]) +
+               " nm,";
+    return " with all images " + (axes.empty() ? "" : axes + " ") + "in " + textOf(fluid.box);
+}
+
 string FluidReport::describe(const SchemeTraits& scheme) const {
     const bool overdamped = scheme.isOverdamped();
     const auto mobilityOf = [&](const FluidGroup& group) -> BodyMobility& {
@@ -81,10 +91,7 @@ string FluidReport::describe(const SchemeTraits& scheme) const {
     const BoundaryTraits& boundary = traitsOf(fluid.force.getBoundary());
     ostringstream text;
     text << modelName(fluid.force.getModel()) << describeWalls();
-    if (fluid.isPeriodic())
-        text << " with all images "
-             << (boundary.hasWalls() ? string("along ") + boundary.namesAlongWalls() + " " : "")
-             << "in " << textOf(fluid.box);
+    if (fluid.isPeriodic()) text << describeImages();
     if (fluid.isFreeDraining() && boundary.isPeriodic)
         text << " in a periodic box, where bodies feel neither others nor images, as if unbounded";
     const FluidGroup* largest = findLargest();
@@ -115,15 +122,33 @@ string FluidReport::describeFlow() const {
     const auto row = [&](int k) {
         return RigidHIPlugin::text(toVec3(flow.gradient.row(k).transpose()));
     };
-    if (flow.waveVelocity != 0)
+    const auto nameNext = [&](const string& what) {
+        if (text.tellp() > 0) text << ", and ";
+        text << what;
+    };
+    const UserFlow& user = fluid.userFlow;
+    if (user.wallVelocity != OpenMM::Vec3())
+        nameNext("an upper wall with the velocity " + RigidHIPlugin::text(user.wallVelocity) +
+                 " nm/ps");
+    if (user.bodyForceDensity != OpenMM::Vec3())
+        nameNext(
+            "a uniform force density of " + RigidHIPlugin::text(user.bodyForceDensity) +
+            " kJ/(mol nm^4), which without bodies drives a mean flow of " +
+            number((toEigen(user.bodyForceDensity).norm() * user.ofUnitForceDensity(0).mean())[0]) +
+            " nm/ps");
+    if (flow.waveVelocity != 0) {
+        nameNext("");
         text << "a sinusoidal force density along " << axes[flow.forceAxis] << " with "
              << 2 * M_PI / flow.k << " nm along " << axes[flow.waveAxis]
              << ", which without bodies drives a flow of up to " << abs(flow.waveVelocity)
              << " nm/ps";
-    else
+    }
+    if (user.hasBackground()) {
+        nameNext("");
         text << "velocity " << RigidHIPlugin::text(toVec3(flow.velocity))
              << " nm/ps at the origin, gradient in rows " << row(0) << ", " << row(1) << ", "
              << row(2) << "/ps";
+    }
     if (!flow.hasGradient()) return text.str();
     bool stresslets = true, own = false;
     for (const auto& group : fluid.groups) {

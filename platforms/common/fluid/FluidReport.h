@@ -36,6 +36,7 @@ public:
 
 private:
     std::string describeWalls() const;
+    std::string describeImages() const;
     /** Groups by what their stochastic drift is. */
     struct Drifts {
         std::vector<BrownianGroup*> differenced;  // by finite differences, where the scheme has any

@@ -15,22 +15,55 @@ namespace {
 
 constexpr ErrorsOf fail{"MobilityForce"};
 
+/** Whether a boundary is a periodic fluid with no-slip walls, whose force densities drive flows
+ * that are 0 there. */
+bool hasNoSlipPlanes(MobilityForce::Boundary boundary) {
+    return boundary == MobilityForce::PeriodicWall || boundary == MobilityForce::NoSlipChannel ||
+           boundary == MobilityForce::Film;
+}
+
 }  // namespace
 
 UserFlow::UserFlow(const MobilityForce& force)
-    : isFreeDraining(force.getModel() == MobilityForce::FreeDraining),
-      boundary(force.getBoundary()), viscosity(force.getViscosity()),
-      wallHeight(force.getWallHeight()) {
+    : wallVelocity(force.getWallVelocity()), bodyForceDensity(force.getBodyForceDensity()),
+      isFreeDraining(force.getModel() == MobilityForce::FreeDraining),
+      hasZeroFlux(force.getBoundary() == MobilityForce::NoSlipChannel &&
+                  force.getChannelCondition() == MobilityForce::ZeroFlux),
+      boundary(force.getBoundary()), viscosity(force.getViscosity()) {
     force.getSinusoidalForceDensity(f0, forceAxis, waveAxis, waveVectorIndex);
     force.getBackgroundFlow(velocity, gradient);
+    findWalls(force, low, high);
 }
 
 bool UserFlow::hasBackground() const {
     return velocity != OpenMM::Vec3() || gradient != vector<double>(gradient.size(), 0.0);
 }
 
+bool UserFlow::isAlongPlanes() const {
+    return wallVelocity != OpenMM::Vec3() || bodyForceDensity != OpenMM::Vec3();
+}
+
+bool UserFlow::hasPlanes() const { return hasNoSlipPlanes(boundary); }
+
+void UserFlow::setPlanes(DrivenFlow& flow) const {
+    if (!hasPlanes()) return;
+    flow.hasPlanes = true;
+    flow.low = low;
+    flow.high = high;
+    // The free surface of a film is half way to the mirror image of its wall.
+    flow.top = boundary == MobilityForce::Film ? high + (high - low) : high;
+}
+
+DrivenFlow UserFlow::ofUnitForceDensity(int axis) const {
+    DrivenFlow flow;
+    setPlanes(flow);
+    if (flow.hasPlanes && !hasZeroFlux) flow.bend[axis] = 1 / (2 * viscosity);
+    return flow;
+}
+
 DrivenFlow UserFlow::inBox(const BoxVectors& box) const {
     DrivenFlow flow;
+    setPlanes(flow);
     flow.velocity = toEigen(velocity);
     flow.gradient = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(gradient.data());
     flow.forceAxis = forceAxis;
@@ -40,6 +73,14 @@ DrivenFlow UserFlow::inBox(const BoxVectors& box) const {
         flow.k = 2 * M_PI * waveVectorIndex / edge;
         flow.waveVelocity = f0 / (viscosity * flow.k * flow.k);
     }
+    if (wallVelocity != OpenMM::Vec3()) {
+        const double height = high - low;
+        flow.slope = toEigen(wallVelocity) / height;
+        // Without flux: U (3 s^2 - 2 s) = U s - 3 U s (1 - s), s = (z - low)/height.
+        if (hasZeroFlux) flow.bend = -3 * flow.slope / height;
+    }
+    if (bodyForceDensity != OpenMM::Vec3())
+        flow.bend += toEigen(bodyForceDensity) / (2 * viscosity);
     return flow;
 }
 
@@ -61,15 +102,28 @@ void UserFlow::check() const {
              " with its wave along axis " + to_string(waveAxis) + ", and a " + traits.name +
              " has its walls across axis " + to_string(traits.wallAxis) +
              "; both must be along the walls: give axes " + traits.axesAlongWalls());
+    checkBackground();
+    checkAlongPlanes();
+}
+
+void UserFlow::checkBackground() const {
     if (!hasBackground()) return;
     const bool isUniform = gradient == vector<double>(gradient.size(), 0.0);
     if (isFreeDraining && isUniform) return;
-    if (traits.isPeriodic)
+    const BoundaryTraits& traits = traitsOf(boundary);
+    const bool isAboveWall =
+        boundary == MobilityForce::NoSlipWall || boundary == MobilityForce::PeriodicWall;
+    if (hasNoSlipPlanes(boundary) && !isAboveWall)
+        fail("a background flow cannot be used with boundary " + string(traits.name) +
+             ", whose flows are 0 on its walls; use " +
+             (boundary == MobilityForce::NoSlipChannel ? "setWallVelocity() or " : "") +
+             "setBodyForceDensity(), or setBoundary(Unbounded)");
+    if (traits.isPeriodic && !isAboveWall)
         fail("a background flow cannot be used with boundary " + string(boundaryName(boundary)) +
              ", because the mean velocity of a periodic fluid is 0 and a velocity gradient is not "
              "periodic; use setSinusoidalForceDensity(), or setBoundary(Unbounded)");
-    if (boundary != MobilityForce::NoSlipWall) return;
-    const double rounding = 1e-12, height = wallHeight;
+    if (!isAboveWall) return;
+    const double rounding = 1e-12, height = low;
     double largest = 0;
     for (double x : gradient) largest = max(largest, abs(x));
     for (int a = 0; a < 3; a++) {
@@ -78,13 +132,41 @@ void UserFlow::check() const {
         if (along <= rounding * largest &&
             abs(atWall) <= rounding * max(abs(velocity[a]), abs(gradient[3 * a + 2] * height)))
             continue;
-        fail("the background flow is not 0 at the NoSlipWall z = " + number(height) +
-             " nm: component " + to_string(a) + " is " + number(atWall) +
+        fail("the background flow is not 0 at the " + string(traits.name) +
+             " z = " + number(height) + " nm: component " + to_string(a) + " is " + number(atWall) +
              " nm/ps above the origin and has the gradients " + number(gradient[3 * a]) + " and " +
              number(gradient[3 * a + 1]) +
              "/ps along the wall; give a flow that depends on z alone and is 0 at the wall, such "
              "as a shear flow, by setBackgroundFlow()");
     }
+}
+
+void UserFlow::checkAlongPlanes() const {
+    const string name = boundaryName(boundary);
+    if (wallVelocity != OpenMM::Vec3() && boundary != MobilityForce::NoSlipChannel)
+        fail(
+            "a wall velocity (setWallVelocity()) is that of the upper wall of a NoSlipChannel, "
+            "and the boundary is " +
+            name + "; use setBoundary(NoSlipChannel), or setWallVelocity() with 0");
+    if (bodyForceDensity == OpenMM::Vec3()) return;
+    const string orNone = ", or setBodyForceDensity() with 0";
+    if (boundary == MobilityForce::PeriodicWall)
+        fail(
+            "a uniform force density (setBodyForceDensity()) drives no steady flow above a "
+            "PeriodicWall, because nothing bounds the fluid above; use setBackgroundFlow() for "
+            "shear, setBoundary(Film)" +
+            orNone);
+    if (boundary != MobilityForce::NoSlipChannel && boundary != MobilityForce::Film)
+        fail(
+            "a uniform force density (setBodyForceDensity()) drives a fluid between walls or in "
+            "a film, and the boundary is " +
+            name + "; use setBoundary(NoSlipChannel) or (Film)" + orNone);
+    if (hasZeroFlux)
+        fail(
+            "a uniform force density (setBodyForceDensity()) drives no flow with the channel "
+            "condition ZeroFlux, because the pressure balances it; use "
+            "setChannelCondition(ZeroPressureGradient)" +
+            orNone);
 }
 
 }  // namespace RigidHIPlugin

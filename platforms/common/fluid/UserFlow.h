@@ -16,21 +16,36 @@ struct UserFlow {
     explicit UserFlow(const MobilityForce& force);
     bool hasWave() const { return f0 != 0; }
     bool hasBackground() const;
-    bool isAny() const { return hasWave() || hasBackground(); }
+    /** Whether there is the flow of a moving wall, or that of a uniform force density. */
+    bool isAlongPlanes() const;
+    bool isAny() const { return hasWave() || hasBackground() || isAlongPlanes(); }
     /** @throws OpenMMException if the boundary has no such flow */
     void check() const;
     /** The flow in a box; without its wave where there is no box yet. */
     DrivenFlow inBox(const BoxVectors& box) const;
+    /**
+     * The flow that a uniform force density 1 along x or y drives between the planes of the fluid;
+     * none where its mean is 0.
+     */
+    DrivenFlow ofUnitForceDensity(int axis) const;
+    /** Whether the fluid has no-slip planes and periods along them alone. */
+    bool hasPlanes() const;
+    /** Give a flow the no-slip planes of the fluid, if it has some in a periodic box. */
+    void setPlanes(DrivenFlow& flow) const;
 
     double f0;
     int forceAxis, waveAxis, waveVectorIndex;
-    OpenMM::Vec3 velocity;
+    OpenMM::Vec3 velocity, wallVelocity, bodyForceDensity;
     std::vector<double> gradient;
+    double low, high;  // walls, nm; infinite where there are none
 
 private:
-    const bool isFreeDraining;
+    void checkBackground() const;
+    void checkAlongPlanes() const;
+
+    const bool isFreeDraining, hasZeroFlux;
     const MobilityForce::Boundary boundary;
-    const double viscosity, wallHeight;
+    const double viscosity;
 };
 
 }  // namespace RigidHIPlugin

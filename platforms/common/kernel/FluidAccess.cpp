@@ -87,9 +87,17 @@ public:
 
     vector<double> getRandomFlowMode(int forceAxis, int waveAxis, int waveVectorIndex) override {
         const auto amplitudes =
-            prepareFlow("getFlowModeInContext()")
+            prepareFlow("getRandomFlowModeInContext()")
                 .randomFlowMode(forceAxis, waveAxis, waveVectorIndex, askForFlow());
         return {amplitudes[0], amplitudes[1]};
+    }
+
+    OpenMM::Vec3 getMeanFlow() override {
+        return prepareFlow("getMeanFlowInContext()").meanFlow(askForFlow());
+    }
+
+    OpenMM::Vec3 getRandomMeanFlow() override {
+        return prepareFlow("getRandomMeanFlowInContext()").randomMeanFlow(askForFlow());
     }
 
 private:

@@ -2,38 +2,75 @@
 #define RIGIDHI_DRIVEN_FLOW_H_
 
 #include <Eigen/Core>
+#include <limits>
 
 namespace RigidHIPlugin {
 
 /**
  * How much of a wave a particle feels: the factor s of the velocity, and t of the angular velocity
- * and the strain rate. Both are 1 for a wave much longer than the particle's radius.
+ * and the strain rate. Both are 1 for a wave much longer than the particle's radius. The average of
+ * a velocity that is a quadratic polynomial is v + laplacian (nabla^2 v), with the laplacian -s''/2
+ * at k = 0, in nm^2.
  */
 struct WaveFactors {
-    double s = 1, t = 1;
+    double s = 1, t = 1, laplacian = 0;
 };
 
-/** A flow without particles: v(x) = velocity + gradient x + waveVelocity sin(k x_b + phase) e_a,
- * with a != b. */
+/**
+ * A flow without particles:
+ *     v(x) = velocity + gradient x + (z - low) (slope + bend (top - z))
+ *            + waveVelocity sin(k x_b + phase) (1 - p(z)) e_a,   a != b.
+ *
+ * The last two parts are 0 on the planes z = low and z = top of a fluid that has them: both walls
+ * of a channel, or the wall of a film and its mirror image behind the free surface z = high. Above
+ * a single wall `high` and `top` are infinite. There p(z) = cosh(k (z - (low + top)/2)) / cosh(k
+ * (top - low)/2), which is exp(-k (z - low)) above a single wall. Without planes p is 0.
+ */
 struct DrivenFlow {
     Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  // nm/ps, at the origin of coordinates
     Eigen::Matrix3d gradient = Eigen::Matrix3d::Zero();  // dv_a/dx_b, 1/ps
     double waveVelocity = 0;                             // nm/ps
     int forceAxis = 0, waveAxis = 1;                     // a and b
     double k = 0, phase = 0;                             // 1/nm, radians
+    bool hasPlanes = false;
+    double low = 0, high = std::numeric_limits<double>::infinity(), top = high;  // nm
+    Eigen::Vector3d slope = Eigen::Vector3d::Zero();  // 1/ps, along the planes
+    Eigen::Vector3d bend = Eigen::Vector3d::Zero();   // 1/(nm ps), along the planes
 
-    bool isZero() const { return velocity.isZero(0) && gradient.isZero(0) && waveVelocity == 0; }
-    bool hasGradient() const { return !gradient.isZero(0) || waveVelocity != 0; }
+    bool isZero() const {
+        return velocity.isZero(0) && gradient.isZero(0) && waveVelocity == 0 && slope.isZero(0) &&
+               bend.isZero(0);
+    }
+    bool hasGradient() const {
+        return !gradient.isZero(0) || waveVelocity != 0 || !slope.isZero(0) || !bend.isZero(0);
+    }
     /**
      * Averages over a particle: of v, of half the curl of v, and of the symmetric part of its
-     * gradient.
+     * gradient. p(z) sin(k x_b + phase) is harmonic, so its average over a particle between the
+     * planes is its value at the centre.
      */
     Eigen::Vector3d velocityAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;
     Eigen::Vector3d angularVelocityAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;
     Eigen::Matrix3d strainRateAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;
+    /** The velocity of the plane that is nearer to this z; only the upper one may move. */
+    Eigen::Vector3d velocityOfNearerPlane(double z) const {
+        if (slope.isZero(0) || z - low < top - z) return Eigen::Vector3d::Zero();
+        return (top - low) * slope;
+    }
+    /**
+     * The means over the height of the fluid, from z = low to z = high: of the flow along the
+     * planes that depends on z alone, and of 1 - p. Without planes they are 0 and 1.
+     */
+    Eigen::Vector3d mean() const;
+    double meanOfWave() const;
 
 private:
     Eigen::Matrix3d gradientAt(const Eigen::Vector3d& x, double t) const;
+    /** p(z) and its derivative. */
+    struct Profile {
+        double p = 0, slope = 0;
+    };
+    Profile profileAt(double z) const;
 };
 
 }  // namespace RigidHIPlugin

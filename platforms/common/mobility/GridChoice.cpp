@@ -4,6 +4,10 @@
 #include <cmath>
 #include <set>
 
+#include "mobility/Models.h"
+#include "mobility/models/confined/ConfinedRotnePragerYamakawaGrid.h"
+#include "mobility/models/confined/PlaneModes.h"
+#include "mobility/models/confined/WallModes.h"
 #include "mobility/models/ewald/EwaldSplitting.h"
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
 #include "mobility/models/forcecoupling/GridShape.h"
@@ -24,8 +28,13 @@ namespace {
  */
 const int fewRows = 150;
 
+/** Likewise for matrices whose columns are products on the grid: about as many as iterations take.
+ */
+const int fewRowsOfGrid = 30;
+
 // Times in ns on one thread, measured (benchmarks/README.md).
 const double timeOfPair = 3200, timeOfEntry = 315;  // of lattice sums
+const double timeOfWave = 0.06;                     // for each wave of walls, and each row squared
 const double timeOfFactor = 0.04;  // for each row cubed: a factor of a symmetric matrix
 const double timeOfEigensystem = 0.4;
 const double timeOfTransform = 0.25;  // for each node, each doubling of the number of nodes, and
@@ -79,16 +88,51 @@ double forceCouplingProduct(const MobilityForce& force, const HydrodynamicPartic
     return 1e-9 * time;
 }
 
+/** Whether the fluid is periodic along walls of which at least one is no-slip. */
+bool isConfined(const MobilityForce& force) {
+    const BoundaryTraits& traits = traitsOf(force.getBoundary());
+    return traits.isPeriodic && traits.isAcross(2);
+}
+
+/** The height of a confined fluid. That above one wall is not known before there are positions, but
+ * hardly more than the box. */
+double heightOf(const MobilityForce& force, const BoxVectors& box) {
+    double low, high;
+    findWalls(force, low, high);
+    return min(high - low, box[2][2]);
+}
+
+/** Of the symmetric product of the waves of walls. Particles touch the walls. */
+double wavesOfWalls(const HydrodynamicParticles& particles, const BoxVectors& box) {
+    const double longest =
+        largestDepth() / *min_element(particles.radii.begin(), particles.radii.end());
+    return 6 * planeArea(box) * longest * longest / (8 * M_PI);
+}
+
+double surfacesProduct(const MobilityForce& force, const HydrodynamicParticles& particles,
+                       const BoxVectors& box) {
+    double period;
+    const double seconds =
+        isConfined(force) ? 1.25 * ConfinedRotnePragerYamakawaGrid::splittingFor(
+                                       particles, force.getSolverTolerance(),
+                                       force.getGridSpacing(), box, heightOf(force, box), period)
+                                       .seconds
+                          : EwaldSplitting(kindsOf(particles), force.getSolverTolerance(),
+                                           force.getGridSpacing(), box)
+                                .seconds;
+    return timesOfSplitting * seconds;
+}
+
 /** Whether matrices are made by sums. Else their columns are products on the grid. */
 bool hasLatticeSums(const MobilityForce& force) {
-    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
-    return !(force.getModel() == MobilityForce::ForceCoupling && boundary.isAcross(2));
+    return !(force.getModel() == MobilityForce::ForceCoupling && isConfined(force));
 }
 
 void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
               const HydrodynamicParticles& particles, const BoxVectors& box, GridChoice& choice) {
     const bool bySurfaces = force.getModel() == MobilityForce::RotnePragerYamakawa,
-               inChannel = force.getBoundary() == MobilityForce::SlipChannel;
+               inChannel = force.getBoundary() == MobilityForce::SlipChannel,
+               confined = isConfined(force);
     set<int> bodies, multiblobs;
     int bodyRows = 0;
     for (int i = 0; i < particles.size(); i++)
@@ -100,34 +144,37 @@ void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme
         }
     bodyRows += 6 * bodies.size();
     const bool hasMomenta = traitsOf(scheme).kind == SchemeKind::FluidThermostat;
-    // Only in a channel do spheres have a drift.
+    // Only beside walls do spheres have a drift.
     const SchemeWork work =
-        workOf(traitsOf(scheme), !bySurfaces, (inChannel ? bodies : multiblobs).size());
+        workOf(traitsOf(scheme), !bySurfaces, (inChannel || confined ? bodies : multiblobs).size());
 
     // Matrices. A channel has an image of every particle.
     const double rows = particles.numRows, n = (inChannel ? 2. : 1.) * particles.size(),
                  entries = pow(rows / particles.size(), 2);
     choice.matrixSeconds =
-        1e-9 * (work.matrices * (n * (n + 1) / 2 * (timeOfPair + timeOfEntry * entries) +
-                                 timeOfFactor * pow(rows, 3)) +
-                (hasMomenta ? timeOfEigensystem * pow(bodyRows, 3) : 0));
+        1e-9 *
+        (work.matrices * (n * (n + 1) / 2 * (timeOfPair + timeOfEntry * entries) +
+                          (confined ? timeOfWave * wavesOfWalls(particles, box) * rows * rows : 0) +
+                          timeOfFactor * pow(rows, 3)) +
+         (hasMomenta ? timeOfEigensystem * pow(bodyRows, 3) : 0));
 
     // A grid. A digit costs an iteration, or more if the particles are crowded. Overlapping
     // particles fill less than the sum of their volumes.
     double ofParticles = 0;
     for (double a : particles.radii) ofParticles += 4 * M_PI / 3 * a * a * a;
     const double volumeFraction =
-        min(0.2, ofParticles / (box[0][0] * box[1][1] * box[2][2] / (inChannel ? 2 : 1)));
+        min(0.2, ofParticles / (planeArea(box) * (confined ? heightOf(force, box) : box[2][2]) /
+                                (inChannel ? 2 : 1)));
     const double iterations = -log10(force.getSolverTolerance()) * (1 + 7 * sqrt(volumeFraction)),
                  ofSolve = multiblobs.empty() ? 1 : 1 + iterations;
-    const double product =
-        bySurfaces
-            ? timesOfSplitting * EwaldSplitting(kindsOf(particles), force.getSolverTolerance(),
-                                                force.getGridSpacing(), box)
-                                     .seconds
-            : forceCouplingProduct(force, particles, box);
-    // In units of a product. Pairs must be found and have noise of their own.
-    const double ofField = bySurfaces ? 3 : 1, ofPlace = bySurfaces ? 1.5 : 0;
+    const double product = bySurfaces ? surfacesProduct(force, particles, box)
+                                      : forceCouplingProduct(force, particles, box);
+    // In units of a product. Pairs must be found and have noise of their own. Beside walls, noise
+    // takes the iterations of a root.
+    const double ofField = confined     ? iterations
+                           : bySurfaces ? 3
+                                        : 1,
+                 ofPlace = bySurfaces ? 1.5 : 0;
     choice.gridSeconds =
         product *
         (hasMomenta
@@ -149,7 +196,9 @@ GridChoice chooseGrid(const MobilityForce& force, CustomRigidHIIntegrator::Schem
     GridChoice choice;
     if (!traitsOf(force.getModel()).hasGrid(force.getBoundary())) return choice;
     if (!hasLatticeSums(force)) {
-        choice.onGrid = force.getSolver() != MobilityForce::Dense;
+        choice.onGrid =
+            force.getSolver() == MobilityForce::MatrixFree ||
+            (force.getSolver() == MobilityForce::Auto && particles.numRows > fewRowsOfGrid);
         return choice;
     }
     choice.onGrid = force.getSolver() == MobilityForce::MatrixFree;

@@ -25,12 +25,20 @@ void MobilityModel::follow(const DrivenFlow& flow, const Placement& placement,
                            Eigen::MatrixXd& slips) const {
     slips.resize(particles.numRows, 1);
     for (int i = 0; i < particles.size(); i++) {
-        const Eigen::Vector3d x = toEigen(placement.positions[i]);
         const WaveFactors factors = waveFactors(particles.radii[i], flow.k);
         const int row = particles.firstRow[i];
+        const double weight = flow.hasPlanes ? weightInFormulas(i, placement.positions[i]) : 1;
+        const Eigen::Vector3d x = toEigen(weight < 1 ? placeInFormulas(i, placement.positions[i])
+                                                     : placement.positions[i]);
         slips.block<3, 1>(row, 0) = flow.velocityAt(x, factors);
         if (particles.hasTorque[i])
             slips.block<3, 1>(row + 3, 0) = flow.angularVelocityAt(x, factors);
+        if (weight < 1) {
+            // As the flow of its forces is damped, so that M stays symmetric with it.
+            const Eigen::Vector3d ofPlane = flow.velocityOfNearerPlane(x[2]);
+            slips.block<3, 1>(row, 0) = ofPlane + weight * (slips.block<3, 1>(row, 0) - ofPlane);
+            if (particles.hasTorque[i]) slips.block<3, 1>(row + 3, 0) *= weight;
+        }
     }
 }
 

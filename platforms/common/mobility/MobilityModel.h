@@ -99,7 +99,8 @@ public:
     void follow(const DrivenFlow& flow, const Placement& placement, Eigen::MatrixXd& slips) const;
     /**
      * The factors s(k) and t(k) of the averages of a wave exp(ikx) that belong to a particle's
-     * force and torque. Default: those of waves much longer than the radius.
+     * force and torque, and that of the Laplacian. Default: those of waves much longer than the
+     * radius. A model between no-slip planes must know that of the Laplacian.
      */
     virtual WaveFactors waveFactors(double radius, double k) const { return {}; }
 
@@ -122,6 +123,12 @@ public:
     virtual OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const {
         return position;
     }
+    /**
+     * What the formulas multiply the velocities of a particle at this position by, relative to the
+     * nearest wall, and its forces on the fluid: less than 1 where they lift it to contact. It is
+     * asked for between no-slip planes (DrivenFlow::hasPlanes) alone. Default: 1.
+     */
+    virtual double weightInFormulas(int particle, const OpenMM::Vec3& position) const { return 1; }
 
     // ---- What some models have and others lack: null where the model lacks it
     /** The periodic box. */

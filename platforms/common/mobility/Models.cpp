@@ -7,6 +7,7 @@
 
 #include "mobility/models/confined/ConfinedForceCoupling.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
+#include "mobility/models/confined/ConfinedRotnePragerYamakawaGrid.h"
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
@@ -76,9 +77,14 @@ unique_ptr<MobilityModel> unboundedRotnePragerYamakawa(const MobilityForce& forc
 
 unique_ptr<MobilityModel> confinedRotnePragerYamakawa(const MobilityForce& force,
                                                       const MobilityScene& scene,
-                                                      const HydrodynamicParticles& particles) {
-    return make_unique<ConfinedRotnePragerYamakawa>(particles, force.getViscosity(),
-                                                    ConfiningPlanes(force, scene.crossingAllowed));
+                                                      const HydrodynamicParticles& particles,
+                                                      const PlatformModels& own) {
+    const ConfiningPlanes planes(force, scene.crossingAllowed);
+    if (!scene.onGrid)
+        return make_unique<ConfinedRotnePragerYamakawa>(particles, force.getViscosity(), planes);
+    return make_unique<ConfinedRotnePragerYamakawaGrid>(
+        particles, force.getViscosity(), force.getSolverTolerance(), force.getGridSpacing(), planes,
+        gridFluid(own));
 }
 
 unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
@@ -100,10 +106,10 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
         case MobilityForce::Periodic:
             return periodicRotnePragerYamakawa(force, scene, particles, own);
         case MobilityForce::PeriodicWall:
-            return withSphereWallMobility(force, particles,
-                                          confinedRotnePragerYamakawa(force, scene, particles));
+            return withSphereWallMobility(
+                force, particles, confinedRotnePragerYamakawa(force, scene, particles, own));
         case MobilityForce::NoSlipChannel:
-            return confinedRotnePragerYamakawa(force, scene, particles);
+            return confinedRotnePragerYamakawa(force, scene, particles, own);
         case MobilityForce::SlipChannel:
         case MobilityForce::Film: break;
     }

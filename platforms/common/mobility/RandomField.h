@@ -45,8 +45,16 @@ public:
      */
     virtual void addFlowAt(const std::vector<OpenMM::Vec3>& points, double factor,
                            Velocities& velocities) = 0;
-    /** The component of the field along sin(k x_b + phase) e_a of a wave. */
+    /**
+     * The component of the field along sin(k x_b + phase) e_a of a wave; between planes
+     * (DrivenFlow::hasPlanes), its mean over the height of the fluid.
+     */
     virtual double amplitudeOf(const DrivenFlow& wave) = 0;
+    /**
+     * The mean of the field over the volume of the fluid, which is between these heights if there
+     * are planes. Default: 0, as in a fluid whose mean flow is 0.
+     */
+    virtual Eigen::Vector3d meanFlow(double low, double high) { return Eigen::Vector3d::Zero(); }
     /** The number of random numbers that were drawn for the field. */
     virtual long long getNumRandomNumbers() const = 0;
 };

@@ -146,7 +146,8 @@ class GridStudy:
                 f'such as scenes.periodicSuspension(): choose one')
         self.spheres = Spheres(self.scene)
         box = self.scene.boxVectors
-        if not self.spheres.isPeriodic or np.count_nonzero(box - np.diag(np.diag(box))):
+        if self.spheres.boundary != MobilityForce.Periodic or np.count_nonzero(
+                box - np.diag(np.diag(box))):
             raise ValueError(
                 'GridStudy: scene: its fluid must be periodic, in a box with edges along the axes: '
                 'call setBoundary(Periodic) of its MobilityForce')

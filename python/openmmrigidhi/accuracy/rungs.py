@@ -130,7 +130,9 @@ class Spheres:
         self.groups, self.viscosity, self.boundary = fluid.getGroups().tolist(), fluid.getViscosity(
         )._value, fluid.getBoundary()
         self.minimumGap = fluid.getMinimumGap()
-        self.isPeriodic = self.boundary == MobilityForce.Periodic
+        self.isPeriodic = self.boundary.traits.isPeriodic
+        self.wallHeight, self.walls = fluid.getWallHeight(), fluid.getChannelWalls()
+        self.condition = fluid.getChannelCondition()
         if len(fluid.getBodiesWithOwnTensors()):
             raise ValueError(
                 'the hydrodynamic ladder: a body has a tensor of its own; the models are compared '
@@ -150,6 +152,8 @@ class Spheres:
         # that drives the fluid.
         fluid.setBackgroundFlow((0, 0, 0), np.zeros((3, 3)))
         fluid.setSinusoidalForceDensity(0, 0, 1, 1)
+        fluid.setWallVelocity((0, 0, 0))
+        fluid.setBodyForceDensity((0, 0, 0))
         fluid.setModel(MobilityForce.FreeDraining)
         fluid.setBoundary(MobilityForce.Unbounded)
         self._system = system
@@ -241,6 +245,10 @@ class Spheres:
         # Without interaction there are no images.
         fluid.setBoundary(MobilityForce.Unbounded if self.isPeriodic
                           and rung.model == MobilityForce.FreeDraining else self.boundary)
+        fluid.setWallHeight(self.wallHeight)
+        if self.walls[0] < self.walls[1]:
+            fluid.setChannelWalls(*self.walls)
+        fluid.setChannelCondition(self.condition)
         fluid.setMinimumGap(self.minimumGap)
         fluid.setGroups(self.groups)
         positions = []

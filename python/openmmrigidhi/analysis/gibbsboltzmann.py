@@ -51,7 +51,8 @@ class GibbsBoltzmannSampler(Sampler):
         has no energy.
     wallHeight : float or Quantity, optional
         height z of a hard wall, nm; None: that of a MobilityForce with a no-slip wall, else no
-        wall. Both walls of a MobilityForce's SlipChannel are taken in addition.
+        wall. Both walls of a MobilityForce's SlipChannel or NoSlipChannel, or the wall and the
+        surface of its Film, are taken in addition.
     radii : sequence or Quantity of shape (particles of the System,), optional
         radii that walls stop, nm; particles of radius 0 do not feel walls; None: the radii of the
         MobilityForce

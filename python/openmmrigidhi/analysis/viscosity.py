@@ -1,4 +1,4 @@
-"""Effective viscosity of a suspension that a sinusoidal force density drives."""
+"""Effective viscosity of a suspension that a force density drives."""
 from __future__ import annotations
 
 import dataclasses
@@ -36,17 +36,19 @@ class EffectiveViscosity:
     Attributes
     ----------
     viscosity, viscosityError : Quantity
-        f0/(k^2 amplitude), dalton/(nm ps)
+        f0/(k^2 amplitude) of a wave, f H^2/(12 amplitude) in a channel, f H^2/(3 amplitude) in a
+        film, dalton/(nm ps)
     ratio, ratioError : float
         ratio to the viscosity of the fluid alone
     amplitude, amplitudeError : Quantity
         mean amplitude of sin(k x_waveAxis) in the velocity along the force, positive along it,
-        nm/ps
+        nm/ps. With a uniform force density it is the mean velocity of the fluid along the force.
     cosine, cosineError : Quantity
-        mean amplitude of the cosine, nm/ps; it tends to 0 as the places of the bodies are averaged
-        over
+        mean amplitude of the cosine, or the mean velocity along the walls and across the force,
+        nm/ps; it tends to 0 as the places of the bodies are averaged over
     shearRate, shearRateError : Quantity
-        largest shear rate of the mean flow, k amplitude, 1/ps
+        largest shear rate of the mean flow, 1/ps: k amplitude of a wave, and of Poiseuille's flow
+        that at a wall, 6 amplitude/H in a channel and 3 amplitude/H in a film
     degrees : int
         degrees of freedom of the errors: number of blocks less 1; 0 for a single value without
         noise
@@ -87,12 +89,18 @@ def viscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0, i
     flow of each sampled step has the bodies' forces and the random field in it, so its mean has the
     Brownian stress.
 
+    A uniform force density f drives Poiseuille's flow. Between the walls of a NoSlipChannel its
+    mean velocity is f H^2/(12 eta) with the height H, which is the flux Q per length across the
+    flow over H. In a suspension the apparent viscosity is f H^3/(12 Q). In a Film it is f H^3/(3
+    Q). Particles keep away from walls, so the apparent viscosity depends on H.
+
     Parameters
     ----------
     context : openmm.Context
         with a CustomRigidHIIntegrator, positions, and a MobilityForce with
-        :meth:`MobilityForce.setSinusoidalForceDensity`, whose settings are those of the Context;
-        the Context goes on for equilibration + steps steps
+        :meth:`MobilityForce.setSinusoidalForceDensity` or
+        :meth:`MobilityForce.setBodyForceDensity`, whose settings are those of the Context; the
+        Context goes on for equilibration + steps steps
     steps : int
         number of steps that are measured. 0, at temperature 0: the flow at the present poses is
         measured once, without error.
@@ -112,12 +120,14 @@ def viscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0, i
     Raises
     ------
     TypeError, ValueError
-        for arguments that are no such Context or numbers; without a force density; with fewer than
-        10 samples; if the amplitude is not 3 standard errors above 0; at temperatures above 0 with
+        for arguments that are no such Context or numbers; without a force density, or with a
+        second one or a moving wall besides; with fewer than 10 samples; if the amplitude is not 3
+        standard errors above 0; at temperatures above 0 with
         LangevinHI, or with EulerMaruyama where the drift that it omits is not 0, since the mean
         flow of these schemes does not have the Brownian stress
     openmm.OpenMMException
-        as :meth:`MobilityForce.getFlowModeInContext`
+        as :meth:`MobilityForce.getFlowModeInContext` and
+        :meth:`MobilityForce.getMeanFlowInContext`
 
     Notes
     -----
@@ -135,7 +145,7 @@ def viscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0, i
     wave by (k times their size)^2.
     """
     where = 'viscosity'
-    integrator, fluid, _ = _driven_scene(context, where)
+    integrator, drive = _driven_scene(context, where)
     steps = _at_least(0, steps, where, 'steps')
     equilibration = _at_least(0, equilibration, where, 'equilibration')
     interval = positive(interval, where, 'interval')
@@ -153,9 +163,9 @@ def viscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0, i
         _check_scheme(context, integrator, where)
         _advance(integrator, equilibration, 'equilibration', progress)
     if steps == 0:
-        amplitudes = _amplitudes(context, fluid)[None]
+        amplitudes = drive.read(context)[None]
     else:
-        amplitudes = _sampled(context, integrator, fluid, steps, interval, progress, where)
+        amplitudes = _sampled(context, integrator, drive, steps, interval, progress, where)
     return _estimate(context, amplitudes, where)
 
 
@@ -175,7 +185,8 @@ def sampleFlowAmplitudes(context: openmm.Context, steps: int, interval: int = 1,
     Returns
     -------
     Quantity of shape (steps // interval, 4)
-        amplitudes on sin and on cos, and the same of the random field alone, nm/ps
+        amplitudes on sin and on cos, and the same of the random field alone, nm/ps. With a uniform
+        force density they are mean velocities along x and y.
 
     Raises
     ------
@@ -183,11 +194,11 @@ def sampleFlowAmplitudes(context: openmm.Context, steps: int, interval: int = 1,
         as :func:`viscosity`
     """
     where = 'sampleFlowAmplitudes'
-    integrator, fluid, _ = _driven_scene(context, where)
+    integrator, drive = _driven_scene(context, where)
     interval = positive(interval, where, 'interval')
     steps = _at_least(interval, steps, where, 'steps')
     return _units.VELOCITY.attach(
-        _sampled(context, integrator, fluid, steps, interval, progress, where))
+        _sampled(context, integrator, drive, steps, interval, progress, where))
 
 
 def viscosityFromAmplitudes(context: openmm.Context, amplitudes: Numbers) -> EffectiveViscosity:
@@ -223,20 +234,91 @@ def viscosityFromAmplitudes(context: openmm.Context, amplitudes: Numbers) -> Eff
     return _estimate(context, rows, where)
 
 
+class _Wave:
+    """A sinusoidal force density, and the flow that it drives.
+
+    Attributes
+    ----------
+    f : float
+        force density, kJ/(mol nm^4); the flow without bodies has the amplitude
+        f/(viscosity curvature)
+    curvature : float
+        1/nm^2
+    rate : float
+        largest shear rate over the amplitude, 1/nm
+    """
+    def __init__(self, fluid, box):
+        f0, *self.wave = fluid.getSinusoidalForceDensity()
+        _, axis, index = self.wave
+        self.fluid, self.f, self.rate = fluid, f0._value, 2*np.pi*index/box[axis, axis]
+        self.curvature = self.rate*self.rate
+        height, boundary = _height(fluid), fluid.getBoundary()
+        if boundary == MobilityForce.NoSlipChannel:
+            self.curvature /= 1 - np.tanh(self.rate*height/2)/(self.rate*height/2)
+        elif boundary == MobilityForce.Film:
+            self.curvature /= 1 - np.tanh(self.rate*height)/(self.rate*height)
+
+    def read(self, context):
+        """Amplitudes on sin and on cos, and of the random field alone, nm/ps."""
+        return np.concatenate([
+            self.fluid.getFlowModeInContext(context, *self.wave)._value,
+            self.fluid.getRandomFlowModeInContext(context, *self.wave)._value
+        ])
+
+    def along(self, amplitudes):
+        """The rows of read() with amplitudes that are positive along the force."""
+        return np.sign(self.f)*amplitudes
+
+
+class _Poiseuille:
+    """A uniform force density along walls, and its mean flow; attributes as of _Wave."""
+    def __init__(self, fluid):
+        force, height = fluid.getBodyForceDensity()._value, _height(fluid)
+        inFilm = fluid.getBoundary() == MobilityForce.Film
+        self.fluid, self.f = fluid, float(np.linalg.norm(force))
+        self.curvature, self.rate = (3 if inFilm else 12)/height**2, (3 if inFilm else 6)/height
+        self.direction = force[:2]/self.f
+
+    def read(self, context):
+        """Mean velocities along x and y, and of the random field alone, nm/ps."""
+        return np.concatenate([
+            self.fluid.getMeanFlowInContext(context)._value[:2],
+            self.fluid.getRandomMeanFlowInContext(context)._value[:2]
+        ])
+
+    def along(self, amplitudes):
+        """The rows of read(), along the force and across it."""
+        x, y = self.direction
+        turn = np.array([[x, -y], [y, x]])
+        return np.concatenate([amplitudes[:, :2] @ turn, amplitudes[:, 2:] @ turn], axis=1)
+
+
+def _height(fluid):
+    low, high = (wall._value for wall in fluid.getChannelWalls())
+    return high - low
+
+
 def _driven_scene(context, where):
-    """The integrator, the MobilityForce, and what drives the fluid: f0, k, viscosity."""
+    """The integrator, and what drives the fluid."""
     context = _units.context(context, where)
     integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
     fluids = forces_of(context.getSystem(), MobilityForce)
-    f0, _, axis, index = fluids[0].getSinusoidalForceDensity() if fluids else (
-        _units.FORCE_DENSITY.attach(0), 0, 1, 1)
-    if f0._value == 0:
+    fluid = fluids[0] if fluids else MobilityForce()
+    isWave, isUniform = (fluid.getSinusoidalForceDensity()[0]._value != 0,
+                         fluid.getBodyForceDensity()._value.any())
+    if not isWave and not isUniform:
         raise ValueError(
             f'{where}: context: its System has no MobilityForce with a sinusoidal force density '
             f'other than 0; the viscosity is measured by the '
-            'flow that one drives: call setSinusoidalForceDensity() before the Context is created')
-    edge = context.getState().getPeriodicBoxVectors(asNumpy=True)._value[axis, axis]
-    return integrator, fluids[0], (f0._value, 2*np.pi*index/edge, fluids[0].getViscosity()._value)
+            'flow that one drives: call setSinusoidalForceDensity() before the Context is created, '
+            'or setBodyForceDensity() between walls')
+    if isWave and isUniform or fluid.getWallVelocity()._value.any():
+        raise ValueError(
+            f'{where}: context: its MobilityForce drives the fluid in more than one way; the '
+            'viscosity is measured by one force density: take away others, and moving walls, by '
+            'their setters with zeros')
+    box = context.getState().getPeriodicBoxVectors(asNumpy=True)._value
+    return integrator, _Wave(fluid, box) if isWave else _Poiseuille(fluid)
 
 
 def _check_scheme(context, integrator, where):
@@ -256,29 +338,20 @@ def _check_scheme(context, integrator, where):
             'stress: use DriftCorrectorFD, or another scheme that makes the drift')
 
 
-def _amplitudes(context, fluid):
-    """Amplitudes of the driven wave on sin and on cos, and of the random field alone, nm/ps."""
-    wave = fluid.getSinusoidalForceDensity()[1:]
-    return np.concatenate([
-        fluid.getFlowModeInContext(context, *wave)._value,
-        fluid.getRandomFlowModeInContext(context, *wave)._value
-    ])
-
-
 def _advance(integrator, steps, label, progress):
     with progress_bar(range(steps), label, progress, ' steps') as bar:
         for _ in bar:
             integrator.step(1)
 
 
-def _sampled(context, integrator, fluid, steps, interval, progress, where):
+def _sampled(context, integrator, drive, steps, interval, progress, where):
     """Amplitudes (n, 4) after each interval, nm/ps."""
     _check_scheme(context, integrator, where)
     found = np.empty((steps // interval, 4))
     with progress_bar(range(len(found)), 'sampling the flow', progress, ' samples') as bar:
         for k in bar:
             integrator.step(interval)
-            found[k] = _amplitudes(context, fluid)
+            found[k] = drive.read(context)
     integrator.step(steps - interval*len(found))
     return found
 
@@ -295,8 +368,8 @@ def _without_field(samples, field):
 
 def _estimate(context, amplitudes, where):
     """The EffectiveViscosity of amplitudes (n, 4), nm/ps."""
-    _, _, (f0, k, eta) = _driven_scene(context, where)
-    amplitudes = np.sign(f0)*amplitudes
+    _, drive = _driven_scene(context, where)
+    eta, amplitudes = drive.fluid.getViscosity()._value, drive.along(amplitudes)
     if len(amplitudes) == 1:
         (mean, cosine), error, cosineError, degrees, tau = amplitudes[0, :2], 0.0, 0.0, 0, 0.5
     else:
@@ -315,13 +388,14 @@ def _estimate(context, amplitudes, where):
             f'{where}: the amplitude of the flow is {mean:.3g} +- {error:.2g} nm/ps; it must be '
             f'more than {LEAST_SIGNIFICANCE} standard errors above '
             '0: run longer, or drive by a larger f0')
-    value = abs(f0)/(k*k*mean)
+    value = abs(drive.f)/(drive.curvature*mean)
     return EffectiveViscosity(_units.VISCOSITY.attach(value),
                               _units.VISCOSITY.attach(value*error/mean), value/eta,
                               value/eta*error/mean, _units.VELOCITY.attach(float(mean)),
                               _units.VELOCITY.attach(error), _units.VELOCITY.attach(float(cosine)),
-                              _units.VELOCITY.attach(cosineError), _units.RATE.attach(float(
-                                  k*mean)), _units.RATE.attach(float(k*error)), degrees, tau,
+                              _units.VELOCITY.attach(cosineError),
+                              _units.RATE.attach(float(drive.rate*mean)),
+                              _units.RATE.attach(float(drive.rate*error)), degrees, tau,
                               len(amplitudes))
 
 

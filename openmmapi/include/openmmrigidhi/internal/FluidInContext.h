@@ -29,6 +29,8 @@ public:
     virtual std::vector<double> getFlowMode(int forceAxis, int waveAxis, int waveVectorIndex) = 0;
     virtual std::vector<double> getRandomFlowMode(int forceAxis, int waveAxis,
                                                   int waveVectorIndex) = 0;
+    virtual OpenMM::Vec3 getMeanFlow() = 0;
+    virtual OpenMM::Vec3 getRandomMeanFlow() = 0;
 };
 
 }  // namespace RigidHIPlugin

@@ -55,15 +55,16 @@
         "Bodies do not interact through the fluid. A sphere has its Stokes drag, and a "          \
         "multiblob has its own constant tensor.")                                                 \
     ROW(RotnePragerYamakawa, Unbounded | NoSlipWall | Periodic | PeriodicWall | NoSlipChannel,    \
-        Periodic, true, true, true, "pairs, no lubrication",                                      \
+        Periodic | PeriodicWall | NoSlipChannel, true, true, true, "pairs, no lubrication",       \
         "products quadratic in particles, by multipoles (thousands of particles and more) "       \
-        "nearly linear, on a grid (Periodic) as the volume of the box; dense cubic",              \
+        "nearly linear, on a grid (periodic boundaries) as the volume of the fluid; dense cubic", \
         "Pairs of particles interact. A particle is a sphere or a blob. The mobility of a pair "  \
         "follows from surface averages of a point force, with rotation. Radii may be unequal. "   \
         "The mobility is always positive definite. The relative error is O((a/r)^4), without "    \
         "lubrication (Wajnryb et al., J. Fluid Mech. 731, R3, 2013). setFastSummation() says "    \
-        "which products are done by multipoles. With Periodic and MatrixFree, products are done " \
-        "by pairs, and by waves on a grid (Fiore et al., J. Chem. Phys. 146, 124116, 2017).")     \
+        "which products are done by multipoles. With a periodic boundary and MatrixFree, "        \
+        "products are done by pairs, and by waves on a grid (Fiore et al., J. Chem. Phys. 146, "  \
+        "124116, 2017).")                                                                         \
     ROW(StokesianDynamics, Unbounded | Periodic, 0, false, false, true,                           \
         "many-body far field, exact lubrication of pairs", "cubic in spheres, a large factor",    \
         "Spheres interact, with lubrication of pairs. Forces, torques and stresslets of all "     \

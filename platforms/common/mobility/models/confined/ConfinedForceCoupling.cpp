@@ -43,6 +43,11 @@ public:
             .at(inPeriodic)
             ->addFlowAt(sources, model.inPeriodic(points), factor, velocities);
     }
+    /** Symmetric to the last bit. */
+    void dense(MatrixXd& mobility) override {
+        MobilityAt::dense(mobility);
+        mobility = (0.5 * (mobility + mobility.transpose())).eval();
+    }
     double getSecondsOfGrid() const override { return onGrid ? onGrid->getSecondsOfGrid() : 0; }
 
 protected:
@@ -98,7 +103,15 @@ public:
                                              "particles, or ask at the temperature 0");
         onGrid->addFlowAt(model.inPeriodic(points), factor, velocities);
     }
-    double amplitudeOf(const DrivenFlow& wave) override { return onGrid->amplitudeOf(wave); }
+    double amplitudeOf(const DrivenFlow& wave) override {
+        DrivenFlow inPeriodic = wave;
+        for (double* z : {&inPeriodic.low, &inPeriodic.high, &inPeriodic.top})
+            *z = model.inPeriodic(*z);
+        return onGrid->amplitudeOf(inPeriodic);
+    }
+    Eigen::Vector3d meanFlow(double low, double high) override {
+        return onGrid->meanFlow(model.inPeriodic(low), model.inPeriodic(high));
+    }
     long long getNumRandomNumbers() const override { return onGrid->getNumRandomNumbers(); }
 
 private:
@@ -233,7 +246,7 @@ void ConfinedForceCoupling::toPeriodic(const Placement& placement, double period
 
 std::vector<Vec3> ConfinedForceCoupling::inPeriodic(const std::vector<Vec3>& points) const {
     std::vector<Vec3> shifted = points;
-    for (Vec3& x : shifted) x[2] = x[2] - planes.getLow() - origin;
+    for (Vec3& x : shifted) x[2] = inPeriodic(x[2]);
     return shifted;
 }
 
@@ -253,10 +266,7 @@ double ConfinedForceCoupling::volume(const BoxVectors& box) const {
 }
 
 void ConfinedForceCoupling::checkWave(const BoxVectors& box, int axis, int periods) const {
-    refuseGrid(name(),
-               "knows no amplitudes of waves between planes, because a wave of forces along "
-               "planes gives a flow that depends on z; use getFlowInContext(), or the "
-               "boundary Periodic");
+    asModel(onGrid).box()->checkWave(periodicBox(box, periodFor({})), axis, periods);
 }
 
 std::string ConfinedForceCoupling::describe(const BoxVectors& box) const {

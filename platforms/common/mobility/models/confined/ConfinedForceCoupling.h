@@ -83,6 +83,7 @@ public:
      */
     void toPeriodic(const Placement& placement, double period, Placement& inPeriodic) const;
     std::vector<OpenMM::Vec3> inPeriodic(const std::vector<OpenMM::Vec3>& points) const;
+    double inPeriodic(double z) const { return z - planes.getLow() - origin; }
     /** z of the highest point that a grid of this period has fluid at. */
     double topOf(double period) const;
     const ConfiningPlanes& getPlanes() const { return planes; }

@@ -45,6 +45,9 @@ public:
     OpenMM::Vec3 placeInFormulas(int i, const OpenMM::Vec3& position) const override {
         return planes.placeInFormulas(position, particles.radii[i]);
     }
+    double weightInFormulas(int i, const OpenMM::Vec3& position) const override {
+        return planes.allowsCrossing() ? planes.weight(position[2], particles.radii[i]) : 1;
+    }
     WaveFactors waveFactors(double radius, double k) const override;
     const BoxOfModel* box() const override { return this; }
     void check(const BoxVectors& box) const override { planes.checkBox(box); }

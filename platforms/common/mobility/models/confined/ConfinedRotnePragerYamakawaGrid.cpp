@@ -17,9 +17,14 @@ using OpenMM::Vec3;
 
 namespace {
 
-/** The part of the tolerance that pairs and waves of the base, and those of walls, get together.
- * Measured, so that the error of all is below the tolerance (docs/grid_accuracy.md). */
-const double shareOfBase = 0.4;
+/**
+ * The tolerance that pairs and waves of the base, and those of walls, get. It is a part of the
+ * whole one, measured so that the error of all is below the tolerance beside touching walls, too
+ * (docs/grid_accuracy.md).
+ */
+double toleranceOfBase(double tolerance) {
+    return 0.4 * std::pow(std::min(1.0, tolerance / 1e-4), 0.17) * tolerance;
+}
 
 class ConfinedOnGrid : public MobilityAt {
 public:
@@ -139,7 +144,7 @@ ConfinedRotnePragerYamakawaGrid::ConfinedRotnePragerYamakawaGrid(
       spacing(spacing), planes(planes), fluid(fluid) {
     planes.checkRadii(particles);
     smallest = *std::min_element(particles.radii.begin(), particles.radii.end());
-    longest = depthOfModes(shareOfBase * tolerance) / smallest;
+    longest = longestWave(particles, tolerance);
 }
 
 /**
@@ -152,6 +157,29 @@ double ConfinedRotnePragerYamakawaGrid::topFor(const BoxVectors& box, double hig
     return step * std::ceil((highest + smallest) / step);
 }
 
+double ConfinedRotnePragerYamakawaGrid::longestWave(const HydrodynamicParticles& particles,
+                                                    double tolerance) {
+    return depthOfModes(toleranceOfBase(tolerance)) /
+           *std::min_element(particles.radii.begin(), particles.radii.end());
+}
+
+EwaldSplitting ConfinedRotnePragerYamakawaGrid::splittingFor(const HydrodynamicParticles& particles,
+                                                             double tolerance, double spacing,
+                                                             const BoxVectors& box, double height,
+                                                             double& period) {
+    const std::vector<EwaldKind> kinds = kindsOf(particles);
+    const double smallest = kinds.front().radius, longest = longestWave(particles, tolerance);
+    // Stencils of particles at contact must not reach around the box.
+    for (period = height + 2 * smallest;;) {
+        const EwaldSplitting splitting(kinds, toleranceOfBase(tolerance), spacing,
+                                       {box[0], box[1], Vec3(0, 0, period)}, 0, longest);
+        const double needed =
+            height + 2 * (splitting.cutoff - smallest + splitting.shape.spacing(2));
+        if (period >= needed) return splitting;
+        period = 1.01 * needed;
+    }
+}
+
 ConfinedRotnePragerYamakawaGrid::Base ConfinedRotnePragerYamakawaGrid::baseFor(
     const BoxVectors& box, double highest) const {
     const double height = topFor(box, highest);
@@ -159,24 +187,14 @@ ConfinedRotnePragerYamakawaGrid::Base ConfinedRotnePragerYamakawaGrid::baseFor(
     if (last.model && last.height == height && lastBox[0] == box[0] && lastBox[1] == box[1])
         return last;
     Base made = {nullptr, height, 0};
-    // Stencils of particles at contact must not reach around the box.
-    const std::vector<EwaldKind> kinds = kindsOf(particles);
-    for (double period = height + 2 * smallest;;) {
-        const EwaldSplitting splitting(kinds, shareOfBase * tolerance, spacing,
-                                       {box[0], box[1], Vec3(0, 0, period)}, 0, longest);
-        const double needed =
-            height + 2 * (splitting.cutoff - smallest + splitting.shape.spacing(2));
-        made.period = period;
-        if (period >= needed) break;
-        period = 1.01 * needed;
-    }
+    splittingFor(particles, tolerance, spacing, box, height, made.period);
     WallMaker walls;
     walls.longest = longest;
-    walls.make = [this, height](const GridShape& shape) {
+    walls.make = [planes = planes, longest = longest, height](const GridShape& shape) {
         return std::make_shared<GridWalls>(planes, shape, height, longest);
     };
     made.model = std::make_shared<RotnePragerYamakawaGrid>(
-        particles, viscosity, shareOfBase * tolerance, spacing, fluid, walls);
+        particles, viscosity, toleranceOfBase(tolerance), spacing, fluid, walls);
     last = made;
     lastBox = box;
     return made;

@@ -45,6 +45,9 @@ public:
     OpenMM::Vec3 placeInFormulas(int i, const OpenMM::Vec3& position) const override {
         return planes.placeInFormulas(position, particles.radii[i]);
     }
+    double weightInFormulas(int i, const OpenMM::Vec3& position) const override {
+        return planes.allowsCrossing() ? planes.weight(position[2], particles.radii[i]) : 1;
+    }
     WaveFactors waveFactors(double radius, double k) const override;
     const BoxOfModel* box() const override { return this; }
     const GridOfModel* grid() const override { return this; }
@@ -57,6 +60,16 @@ public:
     /** The base for a box and the height of the highest particle. */
     Base baseFor(const BoxVectors& box, double highest) const;
     void check(const BoxVectors& box) const override;
+    /**
+     * The splitting of the base for particles up to a height over the lower wall.
+     *
+     * @param period  set to that of the base
+     */
+    static EwaldSplitting splittingFor(const HydrodynamicParticles& particles, double tolerance,
+                                       double spacing, const BoxVectors& box, double height,
+                                       double& period);
+    /** The largest wave number along walls that the tolerance needs. */
+    static double longestWave(const HydrodynamicParticles& particles, double tolerance);
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;

@@ -116,7 +116,7 @@ double leastEndsOfWalls(double longest, double tolerance) {
     const double square = std::log(1 / tolerance), L = std::sqrt(square);
     double depth = square;
     for (int n = 0; n < 20; n++) depth = 0.5 * (square + 2 * std::log1p(2 * depth));
-    return L + std::sqrt(std::max(0.0, square - 4 * std::log1p(2 * depth))) + 0.3;
+    return L + std::sqrt(std::max(0.0, square - 4 * std::log1p(2 * depth))) + 0.7;
 }
 
 }  // namespace

@@ -72,6 +72,10 @@ void GridEngine<T>::multiply(const GridChannel* channels, int count, double visc
         forEach(pairsOfRows(), [&](int y, Scratch& scratch) {
             kernels.solveBetween(work, parts[0], y, viscosity, scratch);
         });
+    else if (layout.shape.walls)
+        forEach(pairsOfRows(), [&](int y, Scratch& scratch) {
+            kernels.solveBeside(work, parts.data(), count, y, viscosity, scratch);
+        });
     else
         forEach(layout.numRows, [&](int y, Scratch& scratch) {
             kernels.solve(work, parts.data(), count, y, viscosity, scratch);

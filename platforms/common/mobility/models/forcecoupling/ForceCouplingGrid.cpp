@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "mobility/models/forcecoupling/GridChecks.h"
+#include "mobility/models/forcecoupling/GridMeans.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 #include "openmmrigidhi/internal/Messages.h"
 
@@ -88,8 +89,19 @@ public:
         flow.addAt(points, factor, velocities);
     }
     double amplitudeOf(const DrivenFlow& wave) override {
+        if (wave.hasPlanes) {
+            const int index = std::lround(wave.k * field.shape.edge[wave.waveAxis] / (2 * M_PI));
+            const std::complex<double> u =
+                meanOverHeight(field, wave.waveAxis, index, wave.low, wave.high)[wave.forceAxis];
+            // u exp(ikx) and its conjugate: 2 Re(u) cos(kx) - 2 Im(u) sin(kx)
+            return 2 * u.real() * std::sin(wave.phase) - 2 * u.imag() * std::cos(wave.phase);
+        }
         return amplitudeOfMode(field.shape, model.getViscosity(),
                                CounterModeNoise(ofDraw, purposeOfDraw), wave);
+    }
+    Vector3d meanFlow(double low, double high) override {
+        if (!field.shape.planes) return Vector3d::Zero();
+        return meanOverHeight(field, 0, 0, low, high).real();
     }
     bool hasGradients() const override { return true; }
     void gradientsAt(const Placement& placement, bool nearby, MatrixXd& gradients) override {

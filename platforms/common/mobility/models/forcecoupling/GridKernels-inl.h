@@ -452,13 +452,28 @@ struct SharedEnvelopes {
         own = emptyColumns(work, scratch.channels.data());
         flow = emptyColumns(work, scratch.channels.data() + 3 * length);
     }
+    /** Likewise with the flow at a place of the caller, which gather() sets. */
+    SharedEnvelopes(const GridWork<T>& work, const ChannelWork<T>* channels, int count,
+                    GridScratch<T>& scratch, T* first)
+        : work(work), channels(channels), count(count) {
+        const size_t length = work.layout.columnNumbers();
+        scratch.channels.resize(3 * length);
+        own = emptyColumns(work, scratch.channels.data());
+        flow = {first, first + length, first + 2 * length};
+    }
     void gather(int y, int z) const {
+        gather(y, z, [](int, T* const*) {});
+    }
+    /** take(g, columns) is called with the forces of each channel. */
+    template <class Take>
+    void gather(int y, int z, const Take& take) const {
         const SlabLanes<T> d;
         const GridLayout& layout = work.layout;
         for (int c = 0; c < 3; c++) std::fill_n(flow[c], layout.columnNumbers(), T(0));
         for (int g = 0; g < count; g++) {
             for (int c = 0; c < 3; c++)
                 work.plans[0].there(channels[g].modes[c] + layout.column(y, z), own[c]);
+            take(g, own.data());
             const T* const factors = channels[g].factors->column(y, z, T());
             if (channels[g].ofTorques) {
                 addHalfCurl(work, y, z, factors, own.data(), flow.data());
@@ -473,6 +488,11 @@ struct SharedEnvelopes {
         }
     }
     void scatter(int y, int z) const {
+        scatter(y, z, [](int, T* const*) {});
+    }
+    /** give(g, columns) is called with the flow of each channel, to add to it. */
+    template <class Give>
+    void scatter(int y, int z, const Give& give) const {
         const SlabLanes<T> d;
         const size_t length = work.layout.columnNumbers();
         for (int g = 0; g < count; g++) {
@@ -487,6 +507,7 @@ struct SharedEnvelopes {
                         hn::Store(hn::Mul(phi, hn::Load(d, flow[c] + i)), d, own[c] + i);
                 }
             }
+            give(g, own.data());
             columnsBack(work, y, z, own.data(), channels[g].modes);
         }
     }

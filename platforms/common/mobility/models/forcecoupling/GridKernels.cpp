@@ -17,14 +17,15 @@
 HWY_BEFORE_NAMESPACE();
 #include "mobility/models/forcecoupling/GridKernels-inl.h"
 #include "mobility/models/forcecoupling/GridPlanes-inl.h"
+#include "mobility/models/forcecoupling/GridWalls-inl.h"
 
 namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {
 
 template <typename T>
 constexpr GridKernels<T> gridKernels() {
-    return {spreadToSlab<T>,     transformSlab<T>,     solveRow<T>,
-            solveRowsBetween<T>, transformSlabBack<T>, averageSlab<T>};
+    return {spreadToSlab<T>,    transformSlab<T>,     solveRow<T>,   solveRowsBetween<T>,
+            solveRowsBeside<T>, transformSlabBack<T>, averageSlab<T>};
 }
 constexpr FieldKernels fieldKernels() {
     return {drawRow, drawRowsBetween, fillSlab<double>, averageFilledSlab<double>, fillModes};

@@ -28,6 +28,9 @@ struct GridKernels {
     /** Likewise for the rows y and -y of a fluid between planes. */
     void (*solveBetween)(const GridWork<T>& work, const ChannelWork<T>& channel, int y,
                          double viscosity, GridScratch<T>& scratch);
+    /** Likewise for the rows y and -y of channels beside walls. */
+    void (*solveBeside)(const GridWork<T>& work, const ChannelWork<T>* channels, int count, int y,
+                        double viscosity, GridScratch<T>& scratch);
     /** Transform the modes of a channel back along y, to a slab. */
     void (*transformBack)(const GridWork<T>& work, T* const* modes, int slab,
                           const GridSlab<T>& nodes, GridScratch<T>& scratch);

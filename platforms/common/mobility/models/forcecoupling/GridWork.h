@@ -97,7 +97,7 @@ template <typename T>
 struct GridScratch {
     AlignedArrayOf<T> slab, columns, transformed, noise;
     AlignedArrayOf<T> channels;     // columns of a channel and of their sum
-    AlignedArrayOf<T> flows, sums;  // of a fluid between planes: all kz of two rows, and on planes
+    AlignedArrayOf<T> flows, sums;  // between planes: all kz of two rows, and sums over them
     GridSeconds seconds;
 
     GridSlab<T> nodes(const GridLayout& layout) {

@@ -22,8 +22,12 @@ public:
     /** s(k) and t(k) of a particle of radius a; both are 1 at k = 0. */
     virtual double ofForce(double a, double k) const = 0;
     virtual double ofTorque(double a, double k) const = 0;
-    /** Both. */
-    WaveFactors waveFactors(double a, double k) const { return {ofForce(a, k), ofTorque(a, k)}; }
+    /** -s''/2 at k = 0: the average of a quadratic polynomial v is v + laplacian(a) nabla^2 v. */
+    virtual double laplacian(double a) const = 0;
+    /** All three. */
+    WaveFactors waveFactors(double a, double k) const {
+        return {ofForce(a, k), ofTorque(a, k), laplacian(a)};
+    }
     /**
      * The functions of two particles in unbounded fluid, at any distance. a_i = 0 is a point of the
      * fluid, outside or inside particle j.

@@ -22,6 +22,7 @@ public:
         besselQuotients(k * a, phi);
         return 3 * phi[1];
     }
+    double laplacian(double a) const override { return a * a / 6; }
     PairFunctions free(double a_i, double a_j, double distance, bool,
                        bool stresslets) const override {
         if (a_i == 0 && !(distance * distance > a_j * a_j)) return insideOf(a_j, stresslets);
@@ -81,6 +82,7 @@ public:
     double ofTorque(double a, double k) const override {
         return std::exp(-0.5 * square(k * widthOfTorque(a)));
     }
+    double laplacian(double a) const override { return 0.5 * square(width(a)); }
     PairFunctions free(double a_i, double a_j, double distance, bool torques, bool) const override {
         const double s_i = width(a_i), s_j = width(a_j);
         const Integrals tt(s_i * s_i + s_j * s_j, distance);

@@ -58,6 +58,9 @@ public:
     OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const override {
         return model->placeInFormulas(particle, position);
     }
+    double weightInFormulas(int particle, const OpenMM::Vec3& position) const override {
+        return model->weightInFormulas(particle, position);
+    }
     WaveFactors waveFactors(double radius, double k) const override {
         return model->waveFactors(radius, k);
     }
