@@ -28,6 +28,10 @@ namespace {
  */
 const int fewRows = 150;
 
+/** Likewise for matrices whose columns are products on the grid: about as many as iterations take.
+ */
+const int fewRowsOfGrid = 30;
+
 // Times in ns on one thread, measured (benchmarks/README.md).
 const double timeOfPair = 3200, timeOfEntry = 315;  // of lattice sums
 const double timeOfWave = 0.06;                     // for each wave of walls, and each row squared
@@ -128,6 +132,11 @@ double surfacesProduct(const MobilityForce& force, const HydrodynamicParticles& 
     return timesOfSplitting * seconds;
 }
 
+/** Whether matrices are made by sums. Else their columns are products on the grid. */
+bool hasLatticeSums(const MobilityForce& force) {
+    return !(force.getModel() == MobilityForce::ForceCoupling && isConfined(force));
+}
+
 void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
               const HydrodynamicParticles& particles, const BoxVectors& box, GridChoice& choice) {
     const bool bySurfaces = force.getModel() == MobilityForce::RotnePragerYamakawa,
@@ -201,6 +210,12 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
                   const BoxVectors& defaultBox, const HydrodynamicParticles& particles) {
     GridChoice choice;
     if (!traitsOf(force.getModel()).hasGrid(force.getBoundary())) return choice;
+    if (!hasLatticeSums(force)) {
+        choice.onGrid =
+            force.getSolver() == MobilityForce::MatrixFree ||
+            (force.getSolver() == MobilityForce::Auto && particles.numRows > fewRowsOfGrid);
+        return choice;
+    }
     choice.onGrid = force.getSolver() == MobilityForce::MatrixFree;
     if (force.getSolver() != MobilityForce::Auto) return choice;
     const bool isTriclinic =

@@ -31,7 +31,8 @@ struct GridChoice {
 
 /**
  * The choice for RotnePragerYamakawa and ForceCoupling with periodic boundaries. Other models and
- * boundaries have no grid, and get none.
+ * boundaries have no grid, and get none. ForceCoupling between no-slip walls has nothing but a
+ * grid, and matrices only if setSolver(Dense) asks for them.
  *
  * The numbers of rows alone decide where nobody has set the System's default box, so that it is
  * OpenMM's own, and where setGridSpacing() asks for a grid.

@@ -5,6 +5,7 @@
 #include <limits>
 #include <string>
 
+#include "mobility/models/confined/ConfinedForceCoupling.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawaGrid.h"
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
@@ -130,8 +131,16 @@ unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force,
 unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, const MobilityScene& scene,
                                         const HydrodynamicParticles& particles,
                                         const PlatformModels& own) {
-    if (force.getBoundary() != MobilityForce::SlipChannel)
-        return periodicForceCoupling(force, scene, particles, false, own);
+    switch (force.getBoundary()) {
+        case MobilityForce::SlipChannel: break;
+        case MobilityForce::PeriodicWall:
+        case MobilityForce::NoSlipChannel:
+        case MobilityForce::Film:
+            return make_unique<ConfinedForceCoupling>(
+                particles, force.getViscosity(), ConfiningPlanes(force, scene.crossingAllowed),
+                force.getSolverTolerance(), force.getGridSpacing(), gridFluid(own), scene.onGrid);
+        default: return periodicForceCoupling(force, scene, particles, false, own);
+    }
     SlipWalls walls;
     force.getChannelWalls(walls.low, walls.high);
     walls.crossingAllowed = scene.crossingAllowed;

@@ -177,9 +177,9 @@ FlowSources BodyMobility::flowSources(const MatrixXd& forces, const DrivenFlow* 
 }
 
 bool BodyMobility::drawField(const NoiseStream& noise, uint32_t purpose,
-                             unique_ptr<RandomField>& field) const {
+                             unique_ptr<RandomField>& field) {
     if (!slipsAreOfField()) return false;
-    bodies.getModel().randomField()->draw(noise, purpose, bodies.getBox(), field);
+    bodies.getModel().randomField()->draw(noise, purpose, particlesHere().getPlacement(), field);
     return true;
 }
 

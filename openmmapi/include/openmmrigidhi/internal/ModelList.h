@@ -71,7 +71,8 @@
         "spheres interact together. The lubrication of each pair is exact. The model is exact "   \
         "for two spheres at every gap (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984). "      \
         "Ratios of radii are from 0.1 to 10.")                                                    \
-    ROW(ForceCoupling, Periodic | SlipChannel, Periodic | SlipChannel, true, true, true,          \
+    ROW(ForceCoupling, Periodic | SlipChannel | PeriodicWall | NoSlipChannel | Film,              \
+        Periodic | SlipChannel | PeriodicWall | NoSlipChannel | Film, true, true, true,           \
         "as RotnePragerYamakawa, by Gaussians",                                                   \
         "as the volume of the box on a grid; dense for few particles",                            \
         "Particles interact by Gaussian force densities. The model is like RotnePragerYamakawa, " \

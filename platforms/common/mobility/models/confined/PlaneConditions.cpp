@@ -9,19 +9,42 @@ namespace {
 using Real = PlaneConditions::Real;
 
 /** The responses of a periodic fluid to a wave of forces on a plane, at the distance z from it. */
+template <typename Real>
 struct PeriodicKernel {
+    Real E, D, coth,
+        c;  // cosh(k y)/sinh(k c), sinh(k y)/sinh(k c) with y = c - z, c half the period
+    Real all, far;
     Real ll, zz, tt;
     Real lz;  // of l to the z of a force below
 
     PeriodicKernel(Real k, Real z, Real period) {
-        const Real c = period / 2, y = c - z, all = -std::expm1(-k * period),
-                   near = std::exp(-k * z), far = std::exp(-k * (period - z)),
-                   E = (near + far) / all, D = (near - far) / all,
-                   coth = (1 + std::exp(-k * period)) / all, F = c * coth * E - y * D;
+        c = period / 2;
+        all = -std::expm1(-k * period);
+        far = std::exp(-k * (period - z));
+        const Real y = c - z, near = std::exp(-k * z);
+        E = (near + far) / all;
+        D = (near - far) / all;
+        coth = (2 - all) / all;
+        const Real F = c * coth * E - y * D;
         ll = (E - k * F) / (4 * k);
         zz = (E + k * F) / (4 * k);
         tt = E / (2 * k);
         lz = -(y * E - c * coth * D) / 4;
+    }
+};
+
+/** What these responses lack compared with those on the plane itself, without loss of digits. */
+struct LessThanOwn {
+    Real ll, zz, tt;
+
+    LessThanOwn(Real k, Real z, Real period) {
+        const PeriodicKernel<Real> at(k, z, period);
+        const Real oneLessD = (-std::expm1(-k * z) - std::exp(-k * period) + at.far) / at.all,
+                   E = std::expm1(-k * z) * std::expm1(-k * (period - z)) / at.all,
+                   F = at.c * at.coth * E - at.c * oneLessD - z * at.D;
+        ll = (E - k * F) / (4 * k);
+        zz = (E + k * F) / (4 * k);
+        tt = E / (2 * k);
     }
 };
 
@@ -75,19 +98,49 @@ PlaneConditions::Matrix PlaneConditions::combine(const Matrix& ofPlanes, int kin
 
 PlaneConditions::Matrices PlaneConditions::periodic(Real k) const {
     const int p = numPlanes();
+    // Differences of planes are made of what each lacks compared with a plane itself. For long
+    // waves, all planes have nearly the same response.
     Matrix t(p, p), lz(2 * p, 2 * p);
     for (int i = 0; i < p; i++)
         for (int j = 0; j < p; j++) {
             const Real away = planes[i] - planes[j];
-            const PeriodicKernel kernel(k, std::abs(away), period);
-            const Real coupling = away < 0 ? -kernel.lz : away > 0 ? kernel.lz : 0;
-            t(i, j) = kernel.tt;
-            lz(i, j) = kernel.ll;
-            lz(p + i, p + j) = kernel.zz;
+            const LessThanOwn lacking(k, std::abs(away), period);
+            const Real below = PeriodicKernel<Real>(k, std::abs(away), period).lz,
+                       coupling = away < 0   ? -below
+                                  : away > 0 ? below
+                                             : 0;
+            t(i, j) = -lacking.tt;
+            lz(i, j) = -lacking.ll;
+            lz(p + i, p + j) = -lacking.zz;
             lz(i, p + j) = coupling;
             lz(p + j, i) = coupling;
         }
-    return {combine(t, 1), combine(lz, 2)};
+    Matrices S = {combine(t, 1), combine(lz, 2)};
+    const PeriodicKernel<Real> own(k, 0, period);
+    const auto ofUniform = combined.rowwise().sum().eval();
+    const Matrix uniform = ofUniform * ofUniform.transpose();
+    S.t += own.tt * uniform;
+    S.lz.topLeftCorner(p, p) += own.ll * uniform;
+    S.lz.bottomRightCorner(p, p) += own.zz * uniform;
+    return S;
+}
+
+PlaneConditions::Response::Response(double k, double z, double period) {
+    const PeriodicKernel<double> kernel(k, z, period);
+    ll = kernel.ll;
+    zz = kernel.zz;
+    tt = kernel.tt;
+    lz = kernel.lz;
+}
+
+double PlaneConditions::meanResponse(double z) const {
+    return static_cast<double>(meanKernel(z, period));
+}
+
+double PlaneConditions::meanResponseToGradient(double z) const {
+    const Real H = height, P = period, below = H / 2 + z, above = H / 2 - z;
+    return static_cast<double>(P * H / 12 - (below * below + above * above) / 4 +
+                               (below * below * below + above * above * above) / (6 * P));
 }
 
 PlaneConditions::Matrices PlaneConditions::law(Real k) const {
@@ -96,7 +149,7 @@ PlaneConditions::Matrices PlaneConditions::law(Real k) const {
     if (kind == Film) {
         // The film and its reflection are a channel, whose period of twice the height has one
         // plane at rest. A force on the surface acts together with its reflection, which is itself.
-        const PeriodicKernel own(k, 0, 2 * height), far(k, height, 2 * height);
+        const PeriodicKernel<Real> own(k, 0, 2 * height), far(k, height, 2 * height);
         t(last, last) = 2 * (own.tt - far.tt * far.tt / own.tt);
         lz(last, last) = 2 * (own.ll - far.ll * far.ll / own.ll);
     } else if (kind == Wall) {

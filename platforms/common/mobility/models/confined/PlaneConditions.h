@@ -69,6 +69,18 @@ public:
     /** S and T of a wave number, which is not 0. */
     Matrices periodic(Real k) const;
     Matrices law(Real k) const;
+    /**
+     * The response of the periodic fluid at the distance z from a plane, to forces on the plane.
+     * The last is that of l to the z of a force below, and minus that of z to l.
+     */
+    struct Response {
+        double ll, zz, tt, lz;
+        Response(double k, double z, double period);
+    };
+    /** Likewise to a mean force, without the uniform velocity, and to one between the first planes.
+     */
+    double meanResponse(double z) const;
+    double meanResponseToGradient(double z) const;
     /** Conditions on the mean flow along an axis: the planes' unknowns, and the flux if it is 0. */
     int numOfMean() const { return numPlanes() + zeroFlux; }
     /** S of these conditions, and T. */

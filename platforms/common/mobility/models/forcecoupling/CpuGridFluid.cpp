@@ -265,12 +265,12 @@ void GridEngine<T>::sumAverages(const GridStencils& stencils, bool gradients, do
 
 void SimdModeNoise::fill(const int* nx, int count, int ny, int nz,
                          std::complex<double>* numbers) const {
-    FieldKernels::best().fillModes(noise, purpose, nx, count, ny, nz, numbers);
+    FieldKernels::best().fillModes(noise, purpose, nx, count, ny, nz, false, numbers);
 }
 
 void SimdModeNoise::fillPlane(const int* nx, int count, int ny, int j,
                               std::complex<double>* numbers) const {
-    FieldKernels::best().fillPlane(noise, purpose, nx, count, ny, j, numbers);
+    FieldKernels::best().fillModes(noise, purpose, nx, count, ny, modeOfPlane(j), true, numbers);
 }
 
 CpuGridFluid::CpuGridFluid(GridThreads threads) : threads(std::move(threads)) {}

@@ -152,9 +152,10 @@ MobilityTraits traitsOnGrid(bool mirrored, bool singlePrecision) {
 
 ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity,
                                      double tolerance, double spacing,
-                                     const std::shared_ptr<GridFluid>& fluid, bool mirrored)
+                                     const std::shared_ptr<GridFluid>& fluid, bool mirrored,
+                                     const PlanesOfGrid& planes)
     : MobilityModel(particles, viscosity, traitsOnGrid(mirrored, fluid->hasSinglePrecision())),
-      resolution(particles, tolerance, spacing), fluid(fluid) {
+      resolution(particles, tolerance, spacing), fluid(fluid), planes(planes) {
     // With a still coarser grid, whole particles are between the nodes, and mobilities are zero or
     // negative.
     const double coarsest = resolution.getCoarsestSpacing();
@@ -170,20 +171,26 @@ ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, dou
 }
 
 GridShape ForceCouplingGrid::shapeFor(const BoxVectors& box) const {
-    GridShape shape = resolution.shapeFor(box);
+    GridShape shape = nodesFor(box);
+    if (planes) shape.planes = planes(shape);
+    return shape;
+}
+
+GridShape ForceCouplingGrid::nodesFor(const BoxVectors& box) const {
+    GridShape shape = planes ? resolution.shapeBetweenPlanes(box) : resolution.shapeFor(box);
     shape.mirrored = traits.isMirrored;
     return shape;
 }
 
 void ForceCouplingGrid::check(const BoxVectors& box) const {
     checkBoxOfGrid(name(), box);
-    checkSizeOfGrid(name(), box, resolution.getSpacing());
-    const GridShape shape = shapeFor(box);
+    checkSizeOfGrid(name(), box, planes ? resolution.getSpacingAcross() : resolution.getSpacing());
+    const GridShape shape = nodesFor(box);
     checkMemoryOfGrid(name(), shape, GridFluid::memory(shape), fluid->memoryHeld());
 }
 
 std::string ForceCouplingGrid::describe(const BoxVectors& box) const {
-    const GridShape shape = shapeFor(box);
+    const GridShape shape = nodesFor(box);
     return "a grid of " + std::to_string(shape.size[0]) + " x " + std::to_string(shape.numRows()) +
            " x " + std::to_string(shape.size[2]) + " nodes, whose products have the tolerance " +
            text(resolution.getTolerance(), 3);
@@ -203,14 +210,14 @@ void ForceCouplingGrid::checkWave(const BoxVectors& box, int axis, int periods) 
                                   ", or a finer grid by setGridSpacing()");
 }
 
-void ForceCouplingGrid::draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+void ForceCouplingGrid::draw(const NoiseStream& noise, uint32_t purpose, const Placement& first,
                              std::unique_ptr<RandomField>& field) const {
     if (!field) field = std::make_unique<Field>(*this);
     // Groups of one Context have the same modes, but each group has its own numbers: those of its
     // first particle.
     NoiseStream own = noise;
     own.field = 1 + particles.systemIndex[0];
-    static_cast<Field&>(*field).draw(own, purpose, box);
+    static_cast<Field&>(*field).draw(own, purpose, first.box);
 }
 
 void ForceCouplingGrid::ownMobility(const HydrodynamicParticles& body,

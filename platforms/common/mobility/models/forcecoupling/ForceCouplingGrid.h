@@ -1,12 +1,16 @@
 #ifndef RIGIDHI_FORCE_COUPLING_GRID_H_
 #define RIGIDHI_FORCE_COUPLING_GRID_H_
 
+#include <functional>
 #include <memory>
 #include <string>
 
 #include "mobility/models/forcecoupling/GridFluid.h"
 
 namespace RigidHIPlugin {
+
+/** The planes that confine the fluid on a grid. */
+using PlanesOfGrid = std::function<std::shared_ptr<const GridPlanes>(const GridShape& shape)>;
 
 /**
  * Force coupling in a periodic box with edges along the axes, on a grid. Products and random fields
@@ -35,10 +39,11 @@ public:
      * @param mirrored  whether the fluid is its own reflection at y = 0, and so also in the middle
      *     of the box. Such a fluid is that of a slip channel, whose particles have their centres
      *     between these two planes, in a box of twice its width.
+     * @param planes  what confines the fluid along z, for each grid; none: nothing does
      */
     ForceCouplingGrid(const HydrodynamicParticles& particles, double viscosity, double tolerance,
                       double spacing, const std::shared_ptr<GridFluid>& fluid,
-                      bool mirrored = false);
+                      bool mirrored = false, const PlanesOfGrid& planes = {});
     const BoxOfModel* box() const override { return this; }
     const GridOfModel* grid() const override { return this; }
     const FieldOfModel* randomField() const override { return this; }
@@ -48,6 +53,8 @@ public:
 
     const GridResolution& getResolution() const { return resolution; }
     GridShape shapeFor(const BoxVectors& box) const;
+    /** Likewise without planes, which take time to make. */
+    GridShape nodesFor(const BoxVectors& box) const;
     GridFluid& getFluid() const { return *fluid; }
 
 protected:
@@ -62,10 +69,11 @@ private:
     std::string describe(const BoxVectors& box) const override;
     GridSeconds getSeconds() const override { return fluid->getSeconds(); }
     bool isLocal() const override { return true; }
-    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+    void draw(const NoiseStream& noise, uint32_t purpose, const Placement& first,
               std::unique_ptr<RandomField>& field) const override;
     const GridResolution resolution;
     const std::shared_ptr<GridFluid> fluid;
+    const PlanesOfGrid planes;
 };
 
 }  // namespace RigidHIPlugin

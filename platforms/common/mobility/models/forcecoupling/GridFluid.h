@@ -174,8 +174,11 @@ private:
     void spread(const GridStencils& stencils, const double* forces);
     void addReflections();
     void respond(double viscosity);
-    template <class Respond>
-    void confine(const Respond& respond);
+    void respondWithoutPlanes(double viscosity, double* netForce);
+    template <class Respond, class Add>
+    void confine(const Respond& respond, const Add& add);
+    void addResponse(int x, int y, const std::complex<double>* forces);
+    std::complex<double>& mode(int c, int x, int y, int z);
     void store(size_t at, const std::complex<double>* mode);
     void backward(GridField& field);
     void drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise,
@@ -189,8 +192,10 @@ private:
     std::vector<AlignedArray> modesOfChannels;  // likewise, three for each channel
 };
 
-/** The flow on a grid at points between its nodes: the sum of its modes there, exactly. Cost: one
- * operation for each mode and point. */
+/**
+ * The flow on a grid at points between its nodes: the sum of its modes there, exactly. Planes add
+ * the flow of their forces with all modes along z. Cost: one operation for each mode and point.
+ */
 class GridFlow {
 public:
     /** The flow that forces make. */
@@ -205,7 +210,13 @@ public:
                Eigen::Matrix3Xd& velocities);
 
 private:
+    struct ForcesOfPlanes {
+        int x, y;  // of the wave vector
+        std::complex<double> forces[9];
+    };
     PlainGridFluid fluid;
+    std::vector<ForcesOfPlanes> ofPlanes;  // whose flow is not among the modes
+    Eigen::VectorXd ofMean[2];
 };
 
 /** The component of the random field of GridFluid::draw() along sin(k x_b + phase) e_a of a wave.

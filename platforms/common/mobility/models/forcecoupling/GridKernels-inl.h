@@ -597,12 +597,12 @@ inline void drawRow(const GridWork<double>& work, const ChannelWork<double>* cha
 }
 
 /**
- * CounterModeNoise::fill() and fillPlane() with packs of modes: draw(index, n) draws the pairs of
- * three components.
+ * CounterModeNoise::fill() with packs of modes.
+ *
+ * @param ofPlane  whether modes with opposite nx and ny have conjugate numbers, whatever nz is
  */
-template <class Draw>
-void fillModes(const int* nx, int count, int ny, int nz, std::complex<double>* numbers,
-               const Draw& draw) {
+inline void fillModes(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny,
+                      int nz, bool ofPlane, std::complex<double>* numbers) {
     const int width = lanes(Pack(0.0));
     const double half = std::sqrt(0.5);
     for (int i = 0; i < count; i += width) {
@@ -610,12 +610,12 @@ void fillModes(const int* nx, int count, int ny, int nz, std::complex<double>* n
         double sign[BodySet::blockSize] = {0};
         const int valid = std::min(width, count - i);
         for (int k = 0; k < valid; k++) {
-            const int s = CounterModeNoise::isMirrored(nx[i + k], ny, nz) ? -1 : 1;
+            const int s = CounterModeNoise::isMirrored(nx[i + k], ny, ofPlane ? 0 : nz) ? -1 : 1;
             sign[k] = s * half;
             index[k] = static_cast<int>(NoiseStream::indexOfMode(s * nx[i + k], s * ny, nz));
         }
         Pack n[6];
-        draw(index, n);
+        noisePairs<3>(noise, purpose, index, NoiseStream::blockOfMode(nz, 0), n);
         double re[BodySet::blockSize], im[BodySet::blockSize];
         for (int c = 0; c < 3; c++) {
             store(n[2 * c], re);
@@ -624,24 +624,6 @@ void fillModes(const int* nx, int count, int ny, int nz, std::complex<double>* n
                 numbers[c * count + i + k] = {half * re[k], sign[k] * im[k]};
         }
     }
-}
-
-inline void fillModes(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny,
-                      int nz, std::complex<double>* numbers) {
-    fillModes(nx, count, ny, nz, numbers, [&](const int* index, Pack(&n)[6]) {
-        noisePairs<3>(noise, purpose, index, NoiseStream::blockOfMode(nz, 0), n);
-    });
-}
-inline void fillPlane(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny,
-                      int j, std::complex<double>* numbers) {
-    fillModes(nx, count, ny, 0, numbers, [&](const int* index, Pack(&n)[6]) {
-        for (int c = 0; c < 3; c++) {
-            Pack pair[2];
-            noisePairs<1>(noise, purpose, index, CounterModeNoise::blockOfPlane(j, c), pair);
-            n[2 * c] = pair[0];
-            n[2 * c + 1] = pair[1];
-        }
-    });
 }
 
 }  // namespace HWY_NAMESPACE

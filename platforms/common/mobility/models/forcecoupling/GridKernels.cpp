@@ -28,8 +28,7 @@ constexpr GridKernels<T> gridKernels() {
             solveRowsBeside<T>, transformSlabBack<T>, averageSlab<T>};
 }
 constexpr FieldKernels fieldKernels() {
-    return {drawRow,   drawRowsBetween, fillSlab<double>, averageFilledSlab<double>,
-            fillModes, fillPlane};
+    return {drawRow, drawRowsBetween, fillSlab<double>, averageFilledSlab<double>, fillModes};
 }
 
 const GridKernels<double>& exactKernels() {

@@ -62,12 +62,13 @@ struct FieldKernels {
     void (*average)(const GridWork<double>& work, const GridStencils& stencils, int slab,
                     const GridSlab<double>& nodes, bool gradients, double* averages,
                     GridScratch<double>& scratch);
-    /** CounterModeNoise::fill(). */
+    /**
+     * CounterModeNoise::fill().
+     *
+     * @param ofPlane  whether modes with opposite nx and ny have conjugate numbers, whatever nz is
+     */
     void (*fillModes)(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny,
-                      int nz, std::complex<double>* numbers);
-    /** CounterModeNoise::fillPlane(). */
-    void (*fillPlane)(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny,
-                      int j, std::complex<double>* numbers);
+                      int nz, bool ofPlane, std::complex<double>* numbers);
 
     static const FieldKernels& best();
 };

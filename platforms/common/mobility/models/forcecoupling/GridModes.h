@@ -54,8 +54,9 @@ public:
             const int sign = isMirrored(nx[i], ny, 0) ? -1 : 1;
             for (int c = 0; c < 3; c++) {
                 double re, im;
-                noise.pair(purpose, NoiseStream::indexOfMode(sign * nx[i], sign * ny, 0),
-                           blockOfPlane(j, c), re, im);
+                noise.pair(purpose,
+                           NoiseStream::indexOfMode(sign * nx[i], sign * ny, modeOfPlane(j)),
+                           NoiseStream::blockOfMode(modeOfPlane(j), c), re, im);
                 numbers[c * count + i] = std::sqrt(0.5) * std::complex<double>(re, sign * im);
             }
         }
@@ -65,8 +66,8 @@ public:
         return nz == 0 && (ny < 0 || (ny == 0 && nx < 0));
     }
 
-    /** A block of numbers that no mode has, for component c of unknown j of planes, j < 16. */
-    static uint32_t blockOfPlane(int j, int c) { return NoiseStream::blockOfMode(3 * j + c, 3); }
+    /** A wave number nz that no grid has, for unknown j of planes, j < 4. */
+    static int modeOfPlane(int j) { return 4095 - j; }
 
 protected:
     const NoiseStream noise;

@@ -57,39 +57,47 @@ public:
             }
     }
 
+    /** Replace the sums by the forces of the planes. */
+    void findForces() {
+        forChunks([&](const Chunk& chunk) {
+            gather(chunk);
+            turn(chunk, velocities);
+            multiply(chunk, planes.responsesOfRow(y), velocities, forces);
+            turnBack(chunk, forces);
+            scatter(chunk);
+        });
+    }
     /**
-     * Replace the sums by the forces of the planes: respond(x, velocities, forces) for each wave
-     * vector except 0.
+     * Likewise for a random field.
+     *
+     * @param numbers  random numbers: component c of unknown j at (3 j + c) * size along x + x
      */
-    template <class Respond>
-    void findForces(const Respond& respond) {
-        const GridShape& shape = work.layout.shape;
-        const int size = shape.size[0];
-        std::complex<double> velocities[9], forces[9];
-        for (int x = 0; x < size; x++) {
-            const int opposite = (size - x) % size;
-            if (numRows == 1 && opposite < x) continue;
-            for (int i = 0; i < planes.numUnknowns(); i++) velocities[i] = forces[i] = 0;
-            // Of kz and -kz, the modes of the latter are the conjugates of those of -kx, -ky and
-            // kz.
-            for (size_t m = 0; m < profiles.size(); m++)
-                for (int c = 0; c < 3; c++) {
-                    const std::complex<double> own = sumOf(0, m, c, x),
-                                               other = sumOf(numRows - 1, m, c, opposite);
-                    const int i = 3 * profiles[m].unknown + c;
-                    velocities[i] += profiles[m].isImaginary
-                                         ? timesI(own) + std::conj(timesI(other))
-                                         : own + std::conj(other);
-                }
-            if (!(shape.isNyquist(0, x) || shape.isNyquist(1, y) || (x == 0 && y == 0)))
-                respond(x, velocities, forces);
-            for (size_t m = 0; m < profiles.size(); m++)
-                for (int c = 0; c < 3; c++) {
-                    const std::complex<double> force = forces[3 * profiles[m].unknown + c];
-                    setForce(0, m, c, x, force);
-                    setForce(numRows - 1, m, c, opposite, std::conj(force));
-                }
-        }
+    void findRandomForces(const std::complex<double>* numbers, double scale) {
+        const int size = work.layout.shape.size[0];
+        forChunks([&](const Chunk& chunk) {
+            for (int side = 0; side < 2; side++)
+                for (int i = 0; i < planes.numUnknowns(); i++)
+                    for (int at = 0; at < chunk.count; at++) {
+                        const int x = chunk.first + at;
+                        const std::complex<double> number =
+                            numbers[i * size + (side == 0 ? x : (size - x) % size)];
+                        forces.re[side][i][at] = scale * number.real();
+                        forces.im[side][i][at] = scale * number.imag();
+                    }
+            turn(chunk, forces);
+            multiply(chunk, planes.rootsOfRow(y), forces, wanted);
+            gather(chunk);
+            turn(chunk, velocities);
+            for (int side = 0; side < 2; side++)
+                for (int i = 0; i < planes.numUnknowns(); i++)
+                    for (int at = 0; at < chunk.count; at++) {
+                        velocities.re[side][i][at] += wanted.re[side][i][at];
+                        velocities.im[side][i][at] += wanted.im[side][i][at];
+                    }
+            multiply(chunk, planes.inversesOfRow(y), velocities, forces);
+            turnBack(chunk, forces);
+            scatter(chunk);
+        });
     }
 
     /** In the row y = 0: respond(c, modes, net force) to the mean flow along axis c. */
@@ -119,25 +127,171 @@ public:
     }
 
 private:
-    static std::complex<double> timesI(const std::complex<double>& x) {
-        return {-x.imag(), x.real()};
+    static constexpr int chunkSize = 64;
+    /** Some x from 0 to half of the size, with the unit vectors of their wave vectors. */
+    struct Chunk {
+        int first, count;
+        double kx[chunkSize], ky[chunkSize];
+    };
+    /**
+     * Complex numbers of a chunk, for x and for -x: number 3 j + c for component c of unknown j.
+     * After turn(), c = 0, 1, 2 are l, t and z, where z is -i times the component.
+     */
+    struct Numbers {
+        double re[2][9][chunkSize], im[2][9][chunkSize];
+    };
+
+    template <class Task>
+    void forChunks(const Task& task) {
+        Chunk chunk;
+        const double k = work.layout.shape.waveNumber(1, y);
+        for (chunk.first = 0; chunk.first < planes.numOfRow(); chunk.first += chunkSize) {
+            chunk.count = std::min(chunkSize, planes.numOfRow() - chunk.first);
+            for (int at = 0; at < chunk.count; at++) {
+                const double kx = work.layout.shape.waveNumber(0, chunk.first + at),
+                             length = std::sqrt(kx * kx + k * k);
+                // The matrices of k = 0 are 0.
+                chunk.kx[at] = length > 0 ? kx / length : 0;
+                chunk.ky[at] = length > 0 ? k / length : 0;
+            }
+            task(chunk);
+        }
     }
+
+    /**
+     * Set the velocities to sums of the modes of kz and of -kz, which are the conjugates of those
+     * of -kx, -ky and kz.
+     */
+    void gather(const Chunk& chunk) {
+        const int size = work.layout.shape.size[0];
+        for (int side = 0; side < 2; side++)
+            for (int i = 0; i < planes.numUnknowns(); i++) {
+                double *re = velocities.re[side][i], *im = velocities.im[side][i];
+                std::fill_n(re, chunkSize, 0.0);
+                std::fill_n(im, chunkSize, 0.0);
+                for (size_t m = 0; m < profiles.size(); m++) {
+                    if (profiles[m].unknown != i / 3) continue;
+                    const T *own = sum(0, m, i % 3), *other = sum(numRows - 1, m, i % 3);
+                    for (int at = 0; at < chunk.count; at++) {
+                        const int x = chunk.first + at, minus = x == 0 ? 0 : size - x,
+                                  here = 2 * (side == 0 ? x : minus),
+                                  there = 2 * (side == 0 ? minus : x);
+                        if (profiles[m].isImaginary) {
+                            re[at] -= static_cast<double>(own[here + 1]) + other[there + 1];
+                            im[at] += static_cast<double>(own[here]) - other[there];
+                        } else {
+                            re[at] += static_cast<double>(own[here]) + other[there];
+                            im[at] += static_cast<double>(own[here + 1]) - other[there + 1];
+                        }
+                    }
+                }
+            }
+    }
+    /** Replace the sums by forces. Their factors are the conjugates of those of velocities. */
+    void scatter(const Chunk& chunk) {
+        const int size = work.layout.shape.size[0];
+        for (int side = 0; side < 2; side++)
+            for (size_t m = 0; m < profiles.size(); m++)
+                for (int c = 0; c < 3; c++) {
+                    const int i = 3 * profiles[m].unknown + c;
+                    const double *re = forces.re[side][i], *im = forces.im[side][i];
+                    T *own = sum(0, m, c), *other = sum(numRows - 1, m, c);
+                    const bool isImaginary = profiles[m].isImaginary;
+                    for (int at = 0; at < chunk.count; at++) {
+                        const int x = chunk.first + at, minus = x == 0 ? 0 : size - x,
+                                  here = 2 * (side == 0 ? x : minus),
+                                  there = 2 * (side == 0 ? minus : x);
+                        const T first = static_cast<T>(isImaginary ? im[at] : re[at]),
+                                second = static_cast<T>(isImaginary ? -re[at] : im[at]);
+                        own[here] = first;
+                        own[here + 1] = second;
+                        // Of the conjugate, with its own factor.
+                        other[there] = isImaginary ? -first : first;
+                        other[there + 1] = isImaginary ? second : -second;
+                    }
+                }
+    }
+
+    void turn(const Chunk& chunk, Numbers& u) const {
+        for (int side = 0; side < 2; side++)
+            for (int j = 0; j < planes.numUnknowns(); j += 3)
+                for (double* x : {u.re[side][j], u.im[side][j]}) {
+                    double* const y = x + chunkSize;
+                    for (int at = 0; at < chunk.count; at++) {
+                        const double kx = side == 0 ? chunk.kx[at] : -chunk.kx[at],
+                                     ky = chunk.ky[at], l = kx * x[at] + ky * y[at],
+                                     t = kx * y[at] - ky * x[at];
+                        x[at] = l;
+                        y[at] = t;
+                    }
+                }
+        turnZ(chunk, u, 1);
+    }
+    void turnBack(const Chunk& chunk, Numbers& u) const {
+        for (int side = 0; side < 2; side++)
+            for (int j = 0; j < planes.numUnknowns(); j += 3)
+                for (double* l : {u.re[side][j], u.im[side][j]}) {
+                    double* const t = l + chunkSize;
+                    for (int at = 0; at < chunk.count; at++) {
+                        const double kx = side == 0 ? chunk.kx[at] : -chunk.kx[at],
+                                     ky = chunk.ky[at], x = kx * l[at] - ky * t[at],
+                                     y = ky * l[at] + kx * t[at];
+                        l[at] = x;
+                        t[at] = y;
+                    }
+                }
+        turnZ(chunk, u, -1);
+    }
+    /** Multiply z by -i, or by i for the sign -1. */
+    void turnZ(const Chunk& chunk, Numbers& u, double sign) const {
+        for (int side = 0; side < 2; side++)
+            for (int j = 2; j < planes.numUnknowns(); j += 3)
+                for (int at = 0; at < chunk.count; at++) {
+                    const double re = u.re[side][j][at];
+                    u.re[side][j][at] = sign * u.im[side][j][at];
+                    u.im[side][j][at] = -sign * re;
+                }
+    }
+
+    /** Compute minus the matrices of the row times velocities along l, t and z. */
+    void multiply(const Chunk& chunk, const double* matrices, const Numbers& u, Numbers& f) const {
+        const int p = planes.numUnknowns() / 3, stride = planes.numOfRow();
+        const double *const t = matrices + chunk.first, *const lz = t + (size_t)p * p * stride;
+        // Lines of l and z, in the order of the matrix.
+        const auto line = [p](int i) { return i < p ? 3 * i : 3 * (i - p) + 2; };
+        for (int side = 0; side < 2; side++) {
+            for (int i = 0; i < p; i++)
+                multiplyRow(
+                    chunk.count, t + (size_t)i * stride, (size_t)p * stride, p, u, side,
+                    [](int j) { return 3 * j + 1; }, f, 3 * i + 1);
+            for (int i = 0; i < 2 * p; i++)
+                multiplyRow(chunk.count, lz + (size_t)i * stride, (size_t)2 * p * stride, 2 * p, u,
+                            side, line, f, line(i));
+        }
+    }
+    template <class Line>
+    static HWY_INLINE void multiplyRow(int count, const double* factors, size_t column,
+                                       int numColumns, const Numbers& u, int side, const Line& line,
+                                       Numbers& f, int i) {
+        const Doubles d;
+        for (int at = 0; at < count; at += hn::Lanes(d)) {
+            // The last pack may go beyond the chunk, where the matrices have other numbers.
+            auto re = hn::Zero(d), im = hn::Zero(d);
+            for (int j = 0; j < numColumns; j++) {
+                const auto factor = hn::LoadU(d, factors + j * column + at);
+                re = hn::NegMulAdd(factor, hn::LoadU(d, u.re[side][line(j)] + at), re);
+                im = hn::NegMulAdd(factor, hn::LoadU(d, u.im[side][line(j)] + at), im);
+            }
+            hn::StoreU(re, d, f.re[side][i] + at);
+            hn::StoreU(im, d, f.im[side][i] + at);
+        }
+    }
+
     T* flow(int row, int z) const {
         return flows + ((size_t)row * work.layout.numModes + z) * 3 * length;
     }
     T* sum(int row, int profile, int c) const {
         return sums + (((size_t)row * profiles.size() + profile) * 3 + c) * length;
-    }
-    std::complex<double> sumOf(int row, int profile, int c, int x) const {
-        const T* at = sum(row, profile, c) + 2 * x;
-        return {static_cast<double>(at[0]), static_cast<double>(at[1])};
-    }
-    /** Factors of forces are the conjugates of those of velocities. */
-    void setForce(int row, int profile, int c, int x, std::complex<double> force) const {
-        if (profiles[profile].isImaginary) force = -timesI(force);
-        T* at = sum(row, profile, c) + 2 * x;
-        at[0] = static_cast<T>(force.real());
-        at[1] = static_cast<T>(force.imag());
     }
 
     void addToSums(const OwnEnvelopes<T>& columns, int r, int z) const {
@@ -195,6 +349,7 @@ private:
     const int y;
     int rows[2], numRows;
     T *flows, *sums;
+    Numbers velocities, forces, wanted;
     double netForce[2] = {0, 0};
 };
 
@@ -208,10 +363,7 @@ void solveRowsBetween(const GridWork<T>& work, const ChannelWork<T>& channel, in
     rows.template makeFlow<false>(
         0.5 / (viscosity * work.layout.shape.numNodes()),
         [](const OwnEnvelopes<T>& columns, int row, int z) { columns.gather(row, z); });
-    rows.findForces(
-        [&](int x, const std::complex<double>* velocities, std::complex<double>* forces) {
-            planes.respond(x, y, velocities, forces);
-        });
+    rows.findForces();
     rows.respondToMean([&](int, std::complex<double>* modes, double netForce) {
         planes.respondToMean(modes, netForce);
     });
@@ -244,12 +396,7 @@ inline void drawRowsBetween(const GridWork<double>& work, const ChannelWork<doub
     if (!shape.isNyquist(1, y))
         for (int j = 0; j < unknowns; j++)
             noise.fillPlane(work.waveIndices, size, y, j, numbers + 3 * j * size);
-    rows.findForces(
-        [&](int x, const std::complex<double>* velocities, std::complex<double>* forces) {
-            std::complex<double> own[9];
-            for (int i = 0; i < 3 * unknowns; i++) own[i] = numbers[i * size + x];
-            planes.respondRandomly(x, y, velocities, own, scale, forces);
-        });
+    rows.findRandomForces(numbers, scale);
     if (y == 0) {
         const GridPlanes::MeanNumbers ofMean(planes, noise);
         rows.respondToMean([&](int c, std::complex<double>* modes, double) {

@@ -72,12 +72,14 @@ GridPlanes::GridPlanes(const PlaneConditions& conditions, const GridShape& gridS
             fluxProfile[z] = 2 / k * std::sin(k * conditions.getHeight() / 2);
         }
     }
-    responses.assign(numbers * numX * (shape.size[1] / 2 + 1), 0.0);
+    // Packs may read a little beyond the last number.
+    const int beyond = 16;
+    responses.assign(numbers * numX * (shape.size[1] / 2 + 1) + beyond, 0.0);
     for (int y = 0; 2 * y < shape.size[1]; y++)
         for (int x = y == 0 ? 1 : 0; 2 * x < shape.size[0]; x++) {
             const Real k = waveNumber(x, y);
             const Matrices S = conditions.periodic(k), T = conditions.law(k);
-            store({responseOf(S.t, T.t), responseOf(S.lz, T.lz)}, &responses[place(x, y)]);
+            store({responseOf(S.t, T.t), responseOf(S.lz, T.lz)}, x, y, responses);
         }
     const int n = conditions.numOfMean();
     Matrix T = Matrix::Zero(n + 1, n + 1);
@@ -89,9 +91,10 @@ double GridPlanes::waveNumber(int x, int y) const {
     return std::hypot(shape.waveNumber(0, x), shape.waveNumber(1, y));
 }
 
-void GridPlanes::store(const Matrices& from, double* to) const {
+void GridPlanes::store(const Matrices& from, int x, int y, std::vector<double>& to) const {
+    double* next = &to[placeOfRow(y) + x];
     for (const Matrix* m : {&from.t, &from.lz})
-        for (int i = 0; i < m->size(); i++) *to++ = static_cast<double>(m->data()[i]);
+        for (int i = 0; i < m->size(); i++, next += numX) *next = static_cast<double>(m->data()[i]);
 }
 
 GridPlanes::Matrices GridPlanes::truncated(Real k) const {
@@ -146,19 +149,22 @@ void GridPlanes::makeFields() const {
         for (int x = y == 0 ? 1 : 0; 2 * x < shape.size[0]; x++) {
             const Real k = waveNumber(x, y);
             const Matrices S = conditions.periodic(k), T = conditions.law(k), own = truncated(k);
-            store({inverseOf(S.t), inverseOf(S.lz)}, &inverses[place(x, y)]);
+            store({inverseOf(S.t), inverseOf(S.lz)}, x, y, inverses);
             // The velocities that planes should have, less what no mode of the grid gives them.
-            store({rootOf(T.t + S.t - own.t), rootOf(T.lz + S.lz - own.lz)}, &roots[place(x, y)]);
+            store({rootOf(T.t + S.t - own.t), rootOf(T.lz + S.lz - own.lz)}, x, y, roots);
         }
     meanInverse = inverseOf(withUniform(conditions)).cast<double>();
     meanRoot =
         rootOf(conditions.meanLaw() + conditions.meanPeriodic() - truncatedMean()).cast<double>();
 }
 
-void GridPlanes::multiply(int x, int y, const double* t, const complex<double>* from,
-                          complex<double>* to) const {
+void GridPlanes::multiply(int x, int y, const std::vector<double>& matrices,
+                          const complex<double>* from, complex<double>* to) const {
     const int p = conditions.numPlanes();
-    const double* lz = t + p * p;
+    const double *const t = &matrices[placeOfRow(y) + std::min(x, shape.size[0] - x)], *const lz =
+                                                                                           t +
+                                                                                           p * p *
+                                                                                               numX;
     const double kx = shape.waveNumber(0, x), ky = shape.waveNumber(1, y),
                  inverse = 1 / std::sqrt(kx * kx + ky * ky), nx = kx * inverse, ny = ky * inverse;
     // l is along k, t along z x k, and u_z is i times the number of z.
@@ -170,9 +176,9 @@ void GridPlanes::multiply(int x, int y, const double* t, const complex<double>* 
         along[p + j] = {u[2].imag(), -u[2].real()};
     }
     for (int j = 0; j < p; j++)
-        for (int i = 0; i < p; i++) resultT[i] += t[j * p + i] * across[j];
+        for (int i = 0; i < p; i++) resultT[i] += t[(j * p + i) * numX] * across[j];
     for (int j = 0; j < 2 * p; j++)
-        for (int i = 0; i < 2 * p; i++) resultLz[i] += lz[j * 2 * p + i] * along[j];
+        for (int i = 0; i < 2 * p; i++) resultLz[i] += lz[(j * 2 * p + i) * numX] * along[j];
     for (int j = 0; j < p; j++) {
         to[3 * j] = ny * resultT[j] - nx * resultLz[j];
         to[3 * j + 1] = -nx * resultT[j] - ny * resultLz[j];
@@ -180,13 +186,47 @@ void GridPlanes::multiply(int x, int y, const double* t, const complex<double>* 
     }
 }
 
+void GridPlanes::addFlow(int x, int y, double z, const complex<double>* forces,
+                         complex<double>* velocities) const {
+    const double k = waveNumber(x, y), nx = shape.waveNumber(0, x) / k,
+                 ny = shape.waveNumber(1, y) / k;
+    for (int plane = 0; plane < conditions.numPlanes(); plane++) {
+        complex<double> f[3] = {};
+        for (int j = 0; j < conditions.numPlanes(); j++)
+            for (int c = 0; c < 3; c++)
+                f[c] +=
+                    static_cast<double>(conditions.combinations()(j, plane)) * forces[3 * j + c];
+        const double away = z - conditions.place(plane);
+        const PlaneConditions::Response response(k, std::abs(away), shape.edge[2]);
+        // u_z is i times the number of z (PlaneConditions).
+        const double lz = away < 0 ? -response.lz : response.lz;
+        const complex<double> i(0, 1),
+            along = nx * f[0] + ny * f[1], across = nx * f[1] - ny * f[0],
+            l = response.ll * along - i * lz * f[2], t = response.tt * across;
+        velocities[0] += nx * l - ny * t;
+        velocities[1] += ny * l + nx * t;
+        velocities[2] += response.zz * f[2] - i * lz * along;
+    }
+}
+
+double GridPlanes::meanFlow(double z, const Eigen::VectorXd& forces) const {
+    double u = forces[conditions.numOfMean()];
+    for (int plane = 0; plane < conditions.numPlanes(); plane++)
+        for (int j = 0; j < conditions.numPlanes(); j++)
+            u += static_cast<double>(conditions.combinations()(j, plane)) * forces[j] *
+                 conditions.meanResponse(std::abs(z - conditions.place(plane)));
+    if (conditions.hasZeroFlux())
+        u += forces[conditions.numPlanes()] * conditions.meanResponseToGradient(z);
+    return u;
+}
+
 void GridPlanes::respondRandomly(int x, int y, const complex<double>* velocities,
                                  const complex<double>* randoms, double scale,
                                  complex<double>* forces) const {
     complex<double> wanted[9];
-    multiply(x, y, matricesOf(roots, x, y), randoms, wanted);
+    multiply(x, y, roots, randoms, wanted);
     for (int i = 0; i < numUnknowns(); i++) wanted[i] = velocities[i] + scale * wanted[i];
-    multiply(x, y, matricesOf(inverses, x, y), wanted, forces);
+    multiply(x, y, inverses, wanted, forces);
 }
 
 GridPlanes::MeanNumbers::MeanNumbers(const GridPlanes& planes, const ModeNoise& noise) {
@@ -224,10 +264,14 @@ void GridPlanes::addMean(const Eigen::VectorXd& forces, complex<double>* modes) 
     }
 }
 
-void GridPlanes::respondToMean(complex<double>* modes, double netForce) const {
+Eigen::VectorXd GridPlanes::meanForces(const complex<double>* modes, double netForce) const {
     Eigen::VectorXd sums = meanOf(modes);
     sums[conditions.numOfMean()] = netForce * shape.edge[2];
-    addMean(-meanResponse * sums, modes);
+    return -meanResponse * sums;
+}
+
+void GridPlanes::respondToMean(complex<double>* modes, double netForce) const {
+    addMean(meanForces(modes, netForce), modes);
 }
 
 void GridPlanes::respondToMeanRandomly(complex<double>* modes, const double* randoms,

@@ -43,8 +43,18 @@ public:
      * The wave vector has the indices x and y along the axes, and is not 0. */
     void respond(int x, int y, const std::complex<double>* velocities,
                  std::complex<double>* forces) const {
-        multiply(x, y, matricesOf(responses, x, y), velocities, forces);
+        multiply(x, y, responses, velocities, forces);
     }
+    /**
+     * The matrices of the wave vectors with the index y for x = 0 ... size/2: element i of one, in
+     * the order of columns, of t before lz (PlaneConditions), is at i * numOfRow() + x. They are 0
+     * where there are no forces. Forces are minus these matrices times velocities, along l, t and
+     * z. Those of random fields are there after prepareFields().
+     */
+    const double* responsesOfRow(int y) const { return &responses[placeOfRow(y)]; }
+    const double* inversesOfRow(int y) const { return &inverses[placeOfRow(y)]; }
+    const double* rootsOfRow(int y) const { return &roots[placeOfRow(y)]; }
+    int numOfRow() const { return numX; }
     /**
      * Likewise for the velocities of a random field.
      *
@@ -54,6 +64,17 @@ public:
     void respondRandomly(int x, int y, const std::complex<double>* velocities,
                          const std::complex<double>* numbers, double scale,
                          std::complex<double>* forces) const;
+    /**
+     * Add the flow of the forces of planes at a height z of the grid, for the wave vector of x and
+     * y. It has all modes kz, also those that the grid leaves out. So the flow at points is at rest
+     * on walls.
+     */
+    void addFlow(int x, int y, double z, const std::complex<double>* forces,
+                 std::complex<double>* velocities) const;
+    /** Likewise of the forces of a mean flow along x or y, from meanForces(). */
+    double meanFlow(double z, const Eigen::VectorXd& forces) const;
+    /** The forces of the planes that respondToMean() finds, and the uniform velocity. */
+    Eigen::VectorXd meanForces(const std::complex<double>* modes, double netForce) const;
     /**
      * Let the planes respond to a mean flow along x or y.
      *
@@ -91,17 +112,10 @@ private:
     Matrix truncatedMean() const;
     void makeFields() const;
     double waveNumber(int x, int y) const;
-    /** The numbers of t and of lz of a wave vector, a column after the other. */
-    size_t place(int x, int y) const {
-        return numbers *
-               ((size_t)std::min(y, shape.size[1] - y) * numX + std::min(x, shape.size[0] - x));
-    }
-    const double* matricesOf(const std::vector<double>& all, int x, int y) const {
-        return all.data() + place(x, y);
-    }
-    void store(const Matrices& from, double* to) const;
-    void multiply(int x, int y, const double* matrices, const std::complex<double>* from,
-                  std::complex<double>* to) const;
+    size_t placeOfRow(int y) const { return numbers * numX * std::min(y, shape.size[1] - y); }
+    void store(const Matrices& from, int x, int y, std::vector<double>& to) const;
+    void multiply(int x, int y, const std::vector<double>& matrices,
+                  const std::complex<double>* from, std::complex<double>* to) const;
     /** Sums over modes of a mean flow, and the other way round. */
     Eigen::VectorXd meanOf(const std::complex<double>* modes) const;
     void addMean(const Eigen::VectorXd& forces, std::complex<double>* modes) const;

@@ -90,13 +90,21 @@ public:
     double cutoff(double radius) const;
     /** The grid for a box, which depends on nothing else. */
     GridShape shapeFor(const BoxVectors& box) const;
+    /**
+     * The largest spacing along z of a fluid between planes z = const. The velocities on the planes
+     * have an error of a part exp(-(pi width/spacing)^2/2) of an envelope of this width, because
+     * only one envelope is there.
+     */
+    double getSpacingAcross() const { return spacingAcross; }
+    /** The grid for a fluid between planes, which are not in it yet. */
+    GridShape shapeBetweenPlanes(const BoxVectors& box) const;
 
 private:
     // Below the smallest tolerance, rounding makes a finer grid no better, and an exponential that
     // underflows would have envelopes without end.
     static constexpr double smallestTolerance = 1e-14, largestTolerance = 0.5;
     explicit GridResolution(double cutoffInWidths) : cutoffInWidths(cutoffInWidths) {}
-    double spacing = 0, tolerance = 0, coarsest = 0, cutoffInWidths;
+    double spacing = 0, spacingAcross = 0, tolerance = 0, coarsest = 0, cutoffInWidths;
 };
 
 /** More nodes along an edge than any grid has: checkSizeOfGrid() refuses so many. */

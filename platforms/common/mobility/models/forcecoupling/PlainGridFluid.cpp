@@ -204,12 +204,25 @@ void PlainGridFluid::forward() {
 
 /** Compute the modes of the flow from the forces on nodes. */
 void PlainGridFluid::respond(double viscosity) {
+    double netForce[2];
+    respondWithoutPlanes(viscosity, netForce);
+    if (!planned.planes) return;
+    const GridPlanes& planes = *planned.planes;
+    confine([&](int x, int y, const complex<double>* velocities,
+                complex<double>* forces) { planes.respond(x, y, velocities, forces); },
+            [&](int x, int y, const complex<double>* forces) { addResponse(x, y, forces); });
+    for (int c = 0; c < 2; c++)
+        planes.respondToMean(reinterpret_cast<complex<double>*>(modes[c].data()), netForce[c]);
+}
+
+/** Likewise for a fluid that no planes confine, with the net force along x and y. */
+void PlainGridFluid::respondWithoutPlanes(double viscosity, double* netForce) {
     const ScopedTimer timer(seconds.transforms);
     forward();
     // u(k) = (1 - k k/k^2) f(k)/(eta k^2); transforms there and back multiply by the number of
     // nodes.
     const double scale = 1 / (viscosity * planned.numNodes());
-    const double netForce[2] = {scale * modes[0][0], scale * modes[1][0]};
+    for (int c = 0; c < 2; c++) netForce[c] = scale * modes[c][0];
     forModes(planned, [&](size_t at, const int*, const double* k, double k2) {
         complex<double> u[3] = {};
         if (k2 > 0) {
@@ -218,28 +231,17 @@ void PlainGridFluid::respond(double viscosity) {
         }
         store(at, u);
     });
-    if (!planned.planes) return;
-    const GridPlanes& planes = *planned.planes;
-    confine([&](int x, int y, const complex<double>* velocities, complex<double>* forces) {
-        planes.respond(x, y, velocities, forces);
-    });
-    for (int c = 0; c < 2; c++)
-        planes.respondToMean(reinterpret_cast<complex<double>*>(modes[c].data()), netForce[c]);
 }
 
 /**
- * Add the response to forces of planes, which respond(x, y, velocities, forces) finds from the
- * velocities on them. The mean flow is left out.
+ * Call add(x, y, forces) with the forces of planes for each wave vector along them, except 0.
+ * respond(x, y, velocities, forces) finds them from the velocities on the planes.
  */
-template <class Respond>
-void PlainGridFluid::confine(const Respond& respond) {
+template <class Respond, class Add>
+void PlainGridFluid::confine(const Respond& respond, const Add& add) {
     const GridPlanes& planes = *planned.planes;
     const std::array<int, 3>& n = planned.size;
     const int numModes = (n[2] + 1) / 2, unknowns = planes.numUnknowns();
-    const auto mode = [&](int c, int x, int y, int z) -> complex<double>& {
-        const size_t at = ((size_t)x * n[1] + y) * planned.numRowModes() + z;
-        return reinterpret_cast<complex<double>*>(modes[c].data())[at];
-    };
     const auto isOut = [&](int x, int y) {
         return (x == 0 && y == 0) || planned.isNyquist(0, x) || planned.isNyquist(1, y);
     };
@@ -264,20 +266,30 @@ void PlainGridFluid::confine(const Respond& respond) {
         for (int y = 0; y < n[1]; y++) {
             if (isOut(x, y)) continue;
             respond(x, y, velocitiesOf(x, y), forces.data());
-            for (int z = 0; z < numModes; z++) {
-                complex<double> u[3] = {};
-                for (const GridPlanes::Profile& profile : planes.getProfiles())
-                    for (int c = 0; c < 3; c++)
-                        u[c] +=
-                            profile.values[z] * forces[3 * profile.unknown + c] *
-                            (profile.isImaginary ? complex<double>(0, -1) : complex<double>(1, 0));
-                const double k[3] = {planned.waveNumber(0, x), planned.waveNumber(1, y),
-                                     planned.waveNumber(2, z)},
-                             k2 = k[0] * k[0] + k[1] * k[1] + k[2] * k[2];
-                project(k, k2, 1 / (k2 * planned.edge[2]), u);
-                for (int c = 0; c < 3; c++) mode(c, x, y, z) += u[c];
-            }
+            add(x, y, forces.data());
         }
+}
+
+/** Add the response to forces of planes to the modes of a wave vector along them. */
+void PlainGridFluid::addResponse(int x, int y, const complex<double>* forces) {
+    const GridPlanes& planes = *planned.planes;
+    for (int z = 0; z < (planned.size[2] + 1) / 2; z++) {
+        complex<double> u[3] = {};
+        for (const GridPlanes::Profile& profile : planes.getProfiles())
+            for (int c = 0; c < 3; c++)
+                u[c] += profile.values[z] * forces[3 * profile.unknown + c] *
+                        (profile.isImaginary ? complex<double>(0, -1) : complex<double>(1, 0));
+        const double k[3] = {planned.waveNumber(0, x), planned.waveNumber(1, y),
+                             planned.waveNumber(2, z)},
+                     k2 = k[0] * k[0] + k[1] * k[1] + k[2] * k[2];
+        project(k, k2, 1 / (k2 * planned.edge[2]), u);
+        for (int c = 0; c < 3; c++) mode(c, x, y, z) += u[c];
+    }
+}
+
+complex<double>& PlainGridFluid::mode(int c, int x, int y, int z) {
+    const size_t at = ((size_t)x * planned.size[1] + y) * planned.numRowModes() + z;
+    return reinterpret_cast<complex<double>*>(modes[c].data())[at];
 }
 
 void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity,
@@ -317,12 +329,15 @@ void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const Mo
     planes.prepareFields();
     const double ofPlanes = planes.scaleOfNumbers(viscosity);
     complex<double> numbers[12];
-    confine([&](int x, int y, const complex<double>* velocities, complex<double>* forces) {
+    const auto respond = [&](int x, int y, const complex<double>* velocities,
+                             complex<double>* forces) {
         const int nx = shape.waveIndex(0, x), ny = shape.waveIndex(1, y);
         for (int j = 0; 3 * j < planes.numUnknowns(); j++)
             noise.fillPlane(&nx, 1, ny, j, numbers + 3 * j);
         planes.respondRandomly(x, y, velocities, numbers, ofPlanes, forces);
-    });
+    };
+    confine(respond,
+            [&](int x, int y, const complex<double>* forces) { addResponse(x, y, forces); });
     GridPlanes::MeanNumbers ofMean(planes, noise);
     for (int c = 0; c < 2; c++)
         planes.respondToMeanRandomly(reinterpret_cast<complex<double>*>(modes[c].data()),
@@ -476,7 +491,24 @@ void PlainGridFluid::drawChannels(const std::vector<GridChannel>& channels, doub
 void GridFlow::spread(const GridStencils& stencils, double viscosity, const double* forces) {
     fluid.prepare(stencils.getShape());
     fluid.spread(stencils, forces);
-    fluid.respond(viscosity);
+    ofPlanes.clear();
+    if (!fluid.planned.planes) {
+        fluid.respond(viscosity);
+        return;
+    }
+    // The forces of planes are kept, because their flow at points has more modes than the grid.
+    const GridPlanes& planes = *fluid.planned.planes;
+    double netForce[2];
+    fluid.respondWithoutPlanes(viscosity, netForce);
+    for (int c = 0; c < 2; c++)
+        ofMean[c] = planes.meanForces(
+            reinterpret_cast<const complex<double>*>(fluid.modes[c].data()), netForce[c]);
+    fluid.confine([&](int x, int y, const complex<double>* velocities,
+                      complex<double>* forces) { planes.respond(x, y, velocities, forces); },
+                  [&](int x, int y, const complex<double>* forces) {
+                      ofPlanes.push_back({x, y, {}});
+                      std::copy_n(forces, planes.numUnknowns(), ofPlanes.back().forces);
+                  });
 }
 
 void GridFlow::draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise) {
@@ -486,6 +518,7 @@ void GridFlow::draw(const GridStencils& stencils, double viscosity, const ModeNo
 void GridFlow::draw(const GridShape& shape, double viscosity, const ModeNoise& noise,
                     const GridFactors* factors) {
     fluid.prepare(shape);
+    ofPlanes.clear();
     fluid.drawInto(shape, viscosity, GridModeNoise(shape, noise), factors);
 }
 
@@ -516,6 +549,16 @@ void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor,
                 velocities(c, p) +=
                     factor * (phases[0](i, p) * (rows.row(p) * phases[1].col(p))(0, 0)).real();
         }
+    for (int p = 0; p < numPoints && !ofPlanes.empty(); p++) {
+        for (const ForcesOfPlanes& of : ofPlanes) {
+            complex<double> u[3] = {};
+            shape.planes->addFlow(of.x, of.y, points[p][2], of.forces, u);
+            const complex<double> phase = factor * phases[0](of.x, p) * phases[1](of.y, p);
+            for (int c = 0; c < 3; c++) velocities(c, p) += (phase * u[c]).real();
+        }
+        for (int c = 0; c < 2; c++)
+            velocities(c, p) += factor * shape.planes->meanFlow(points[p][2], ofMean[c]);
+    }
 }
 
 double amplitudeOfMode(const GridShape& shape, double viscosity, const ModeNoise& noise,

@@ -1,0 +1,121 @@
+#ifndef RIGIDHI_CONFINED_FORCE_COUPLING_H_
+#define RIGIDHI_CONFINED_FORCE_COUPLING_H_
+
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "mobility/models/confined/ConfiningPlanes.h"
+#include "mobility/models/forcecoupling/ForceCouplingGrid.h"
+
+namespace RigidHIPlugin {
+
+class PlaneConditions;
+
+/**
+ * Force coupling above a no-slip wall, between two of them, or in a film on one, periodic along the
+ * planes, on a grid. Random velocities are exact and cost as much as in a periodic fluid.
+ *
+ * Equation:  M_ij = D_i^+ G' D_j, with the envelopes of ForceCouplingGrid and with the response G'
+ *            of a fluid that is periodic along all axes and that planes z = const confine
+ *            (PlaneConditions). The matrix is positive semidefinite wherever particles are, since
+ *            it is a Gram matrix.
+ * Period:    Envelopes reach a little beyond a wall, so the definition says what is there: with the
+ *            largest radius a, the period is the height and a gap of 2 a more. Above a PeriodicWall
+ *            another plane at rest is 1.5 a below the wall, and velocities at some height above all
+ *            envelopes have the law of a fluid that is unbounded there. The result depends neither
+ *            on that height nor on the gap above it.
+ * Mean flow: Planes balance all forces along them. The mean pressure gradient along a NoSlipChannel
+ *            or a Film is zero, or with ZeroFlux the flux along a NoSlipChannel is.
+ * Accuracy:  that of ForceCouplingGrid. Nodes are closer to each other along z where the tolerance
+ *            is below 1e-3.
+ * Cost:      three transforms there and three back, and for each wave vector along the planes a
+ *            product with a matrix of 6 or 9 rows.
+ * Limits:    Boxes with edges along the axes. The error of rounding grows as the square of an edge
+ *            over the height of the fluid, to 1e-10 for the longest edge that a grid can have.
+ * Reference: docs/THEORY.md
+ */
+class ConfinedForceCoupling : public MobilityModel, BoxOfModel, GridOfModel, FieldOfModel {
+public:
+    /**
+     * @param tolerance, spacing, fluid  as for ForceCouplingGrid
+     * @param byProducts  whether matrices are to be avoided; else they are made by as many products
+     *     as they have columns
+     */
+    ConfinedForceCoupling(const HydrodynamicParticles& particles, double viscosity,
+                          const ConfiningPlanes& planes, double tolerance, double spacing,
+                          const std::shared_ptr<GridFluid>& fluid, bool byProducts = true);
+    ~ConfinedForceCoupling() override;
+
+    std::string objection(const Placement& placement) const override {
+        return planes.objection(particles, placement);
+    }
+    /** The matrix is there beyond contact as well. */
+    bool acceptsNearby(const Placement& placement) const override {
+        return planes.areWithin(particles, placement, 1);
+    }
+    WaveFactors waveFactors(double radius, double k) const override {
+        return onGrid.waveFactors(radius, k);
+    }
+    const BoxOfModel* box() const override { return this; }
+    const GridOfModel* grid() const override { return this; }
+    const FieldOfModel* randomField() const override { return this; }
+    void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                     Eigen::MatrixXd& mobility) const override {
+        onGrid.ownMobility(body, sites, mobility);
+    }
+
+    /** The model in the periodic box. */
+    const ForceCouplingGrid& inPeriodicBox() const { return onGrid; }
+    /**
+     * The period of a grid that is high enough for particles at these places.
+     *
+     * @param margin  how far beyond their envelopes it must reach, as a part of them
+     */
+    double periodFor(const std::vector<OpenMM::Vec3>& positions) const;
+    /** Whether a grid of this period is high enough. */
+    bool holds(double period, const std::vector<OpenMM::Vec3>& positions) const;
+    /**
+     * The same placement in the periodic box.
+     *
+     * @throws OpenMMException as BoxOfModel::check()
+     */
+    void toPeriodic(const Placement& placement, double period, Placement& inPeriodic) const;
+    std::vector<OpenMM::Vec3> inPeriodic(const std::vector<OpenMM::Vec3>& points) const;
+    double inPeriodic(double z) const { return z - planes.getLow() - origin; }
+    /** z of the highest point that a grid of this period has fluid at. */
+    double topOf(double period) const;
+    const ConfiningPlanes& getPlanes() const { return planes; }
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
+
+private:
+    void check(const BoxVectors& box) const override;
+    double volume(const BoxVectors& box) const override;
+    void checkWave(const BoxVectors& box, int axis, int periods) const override;
+    std::string describe(const BoxVectors& box) const override;
+    GridSeconds getSeconds() const override {
+        return static_cast<const MobilityModel&>(onGrid).grid()->getSeconds();
+    }
+    bool isLocal() const override { return true; }
+    void draw(const NoiseStream& noise, uint32_t purpose, const Placement& first,
+              std::unique_ptr<RandomField>& field) const override;
+    PlaneConditions conditionsOf(double period) const;
+    std::shared_ptr<const GridPlanes> planesOf(const GridShape& shape) const;
+    BoxVectors periodicBox(const BoxVectors& box, double period) const;
+
+    const ConfiningPlanes planes;
+    double gap, below, origin;
+    const ForceCouplingGrid onGrid;
+    // Planes of grids that were used last. A grid above a wall changes with the heights of
+    // particles.
+    struct Made;
+    mutable std::mutex madeMutex;
+    mutable std::vector<Made> made;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif
