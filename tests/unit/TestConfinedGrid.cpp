@@ -247,6 +247,29 @@ TEST(ConfinedGrid, BothFluidsAndAnyNumberOfThreadsAgree) {
     }
 }
 
+TEST(ConfinedGrid, ProductsInSinglePrecisionAreForFluidsThatAreNotTooFlat) {
+    HydrodynamicParticles particles;
+    for (double a : {1., 0.9}) particles.add(a, true, particles.size(), 0);
+    Accuracy coarse;
+    coarse.error = Accuracy::errorOfSinglePrecision;
+    const MatrixXd identity = MatrixXd::Identity(12, 12);
+    for (const Geometry& geometry : geometries) {
+        const double nearest = geometry.boundary == MobilityForce::PeriodicWall ? 1.5 : 2.1;
+        const auto model = modelOf(geometry, particles, 0.1, 2.1);
+        for (double ratio : {49., 51.}) {
+            const auto there = model->at(at({Vec3(1, 1, 1), Vec3(4, 2, 1.1)},
+                                            {Vec3(ratio * nearest, 0, 0), Vec3(0, 20, 0), Vec3()}));
+            MatrixXd M, single;
+            there->multiply(identity, M);
+            there->multiply(identity, single, coarse);
+            EXPECT_EQ(M == single, ratio > 50) << geometry;
+            EXPECT_LE(normOf(scaled(single - M, particles)),
+                      Accuracy::errorOfSinglePrecision * normOf(scaled(M, particles)))
+                << geometry;
+        }
+    }
+}
+
 TEST(ConfinedGrid, MatricesArePositiveWhereverParticlesAre) {
     // Touching, overlapping, reaching through a plane, and in a fluid hardly higher than a
     // particle.
@@ -639,6 +662,6 @@ TEST(ConfinedGrid, RefusesWhatItCannotHave) {
     below[0][2] = 0.9;
     expectError([&] { between->at(at(below)); }, {"particle 0", "nearer to a plane"});
     expectError([&] { between->box()->checkWave(box, 0, 9); },
-                {"a wave of index 9 along the edge 0", "for a grid of 18 nodes along it"});
+                {"a wave of index 9 along the edge 0", "too short for a grid of 14 nodes"});
     EXPECT_THROW(modelOf(channel, particles, 1e-3, 1.9), OpenMM::OpenMMException);
 }

@@ -25,7 +25,7 @@ class ConfinedAt : public MobilityAt {
 public:
     explicit ConfinedAt(const ConfinedForceCoupling& model) : MobilityAt(model), model(model) {}
     void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy& accuracy) override {
-        onGrid->multiply(forces, velocities, accuracy);
+        onGrid->multiply(forces, velocities, model.mayRound(here.box) ? accuracy : Accuracy());
     }
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
@@ -231,6 +231,11 @@ bool ConfinedForceCoupling::holds(double period, const std::vector<Vec3>& positi
 
 double ConfinedForceCoupling::topOf(double period) const {
     return planes.isWall() ? planes.getLow() + (period - gap - below) : planes.getHigh();
+}
+
+bool ConfinedForceCoupling::mayRound(const BoxVectors& box) const {
+    const double nearest = planes.isWall() ? below : planes.getHeight();
+    return std::max(box[0][0], box[1][1]) <= flattestInSingle * nearest;
 }
 
 BoxVectors ConfinedForceCoupling::periodicBox(const BoxVectors& box, double period) const {

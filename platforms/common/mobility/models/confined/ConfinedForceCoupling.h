@@ -87,6 +87,12 @@ public:
     /** z of the highest point that a grid of this period has fluid at. */
     double topOf(double period) const;
     const ConfiningPlanes& getPlanes() const { return planes; }
+    /**
+     * Whether products in single precision have the error that Accuracy promises. It grows as the
+     * square of the edges over the distance of the nearest two planes, and was 2e-6 at 100.
+     */
+    bool mayRound(const BoxVectors& box) const;
+    static constexpr double flattestInSingle = 50;
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
