@@ -45,7 +45,7 @@ TEST(GridMeans, AmplitudesAreMeansOverTheHeight) {
         const ForceCouplingGrid grid(particles, 1.3, 0.05, spacing, make_shared<PlainGridFluid>());
         const MobilityModel& model = grid;
         unique_ptr<RandomField> field;
-        model.randomField()->draw(NoiseStream{5, 7}, 3, {{}, box}, field);
+        model.randomField()->draw(NoiseStream{5, 7}, 3, box, field);
         const Quadrature quadrature(low, high);
         Velocities flow = Velocities::Zero(3, quadrature.points.size());
         field->addFlowAt(quadrature.points, 1, flow);

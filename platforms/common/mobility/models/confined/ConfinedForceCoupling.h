@@ -106,7 +106,7 @@ private:
         return static_cast<const MobilityModel&>(onGrid).grid()->getSeconds();
     }
     bool isLocal() const override { return true; }
-    void draw(const NoiseStream& noise, uint32_t purpose, const Placement& first,
+    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
               std::unique_ptr<RandomField>& field) const override;
     PlaneConditions conditionsOf(double period) const;
     std::shared_ptr<const GridPlanes> planesOf(const GridShape& shape) const;
