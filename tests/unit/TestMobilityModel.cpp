@@ -130,7 +130,7 @@ TEST(MobilityModel, TraitsAreWhatTheMatricesDo) {
         }
         unique_ptr<RandomField> field;
         if (c.model->randomField())
-            c.model->randomField()->draw(NoiseStream(), NoiseStream::FirstDraw, first, field);
+            c.model->randomField()->draw(NoiseStream(), NoiseStream::FirstDraw, first.box, field);
         EXPECT_EQ(field != nullptr, grid != nullptr);
         EXPECT_NE(string(c.model->name()), "");
     }

@@ -397,7 +397,7 @@ TEST(MobilityProblem, SchemesTakeTheModelsOwnField) {
     move.thermalSlip(again);
     EXPECT_TRUE(first == again);
     unique_ptr<RandomField> field;
-    scene.model->randomField()->draw(step.noise, NoiseStream::ParticleFirstDraw, Placement(),
+    scene.model->randomField()->draw(step.noise, NoiseStream::ParticleFirstDraw, BoxVectors(),
                                      field);
     field->slipsAt(scene.placement(scene.poses), false, expected);
     EXPECT_TRUE(first == expected);

@@ -167,7 +167,7 @@ TEST(SlipChannel, TheRandomFieldHasTheCovarianceOfProducts) {
     noise.seed = 11;
     for (int i = 0; i < samples; i++) {
         noise.step = i;
-        model->randomField()->draw(noise, NoiseStream::ParticleFirstDraw, {places, box}, field);
+        model->randomField()->draw(noise, NoiseStream::ParticleFirstDraw, box, field);
         field->slipsAt({places, box}, false, slips);
         sum += slips * slips.transpose() / samples;
     }
@@ -182,7 +182,7 @@ TEST(SlipChannel, GradientsAreThoseOfTheField) {
     const HydrodynamicParticles particles = mixture();
     const auto model = onGrid(particles, 1e-4);
     unique_ptr<RandomField> field;
-    model->randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, {places, box}, field);
+    model->randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, box, field);
     ASSERT_TRUE(field->hasGradients());
     MatrixXd slips, gradients, ahead, behind;
     field->slipsAt({places, box}, false, slips);

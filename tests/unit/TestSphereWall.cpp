@@ -261,7 +261,7 @@ public:
     void check(const BoxVectors& box) const override { refuse("box", box[0][0]); }
     string describe(const BoxVectors&) const override { return "described"; }
     bool isLocal() const override { return false; }
-    void draw(const NoiseStream&, uint32_t, const Placement&,
+    void draw(const NoiseStream&, uint32_t, const BoxVectors&,
               unique_ptr<RandomField>&) const override {}
     bool hasFastProducts(double error) const override { return error == 0.25; }
     string describeFastProducts(double) const override { return "fast"; }

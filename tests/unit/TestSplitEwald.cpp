@@ -486,7 +486,8 @@ TEST(SplitEwald, FieldsAreThoseOfWavesAndARootOfPairs) {
         SplitScene split(scene, tolerance, plainFluid());
         const RotnePragerYamakawaGrid model(particles, eta, tolerance, 0, split.fluid);
         unique_ptr<RandomField> field;
-        model.randomField()->draw(noise, NoiseStream::ParticleFirstDraw, scene.placement, field);
+        model.randomField()->draw(noise, NoiseStream::ParticleFirstDraw, scene.placement.box,
+                                  field);
         MatrixXd slips, again, others;
         field->slipsAt(scene.placement, false, slips);
 
@@ -593,7 +594,7 @@ TEST(SplitEwald, AmplitudesOfFieldsAreThoseOfTheirFlows) {
     const BoxVectors& box = scene.placement.box;
     const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, plainFluid());
     unique_ptr<RandomField> field;
-    model.randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, {{}, box}, field);
+    model.randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, box, field);
     MatrixXd slips;
     field->slipsAt(scene.placement, false, slips);
     const int number = 28;
@@ -645,7 +646,7 @@ TEST(SplitEwald, FieldsAndProductsShareNoResults) {
     for (int round = 0; round < 2; round++)
         for (const Placement* placement :
              vector<const Placement*>{&scene.placement, &other, &smaller}) {
-            model.randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, *placement,
+            model.randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, placement->box,
                                       field);
             field->slipsAt(*placement, false, slips);
             model.place(a, *placement);

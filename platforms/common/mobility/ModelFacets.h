@@ -64,11 +64,9 @@ public:
      *
      * @param purpose  of the random numbers; with the noise's seed and step it determines the
      *     numbers
-     * @param first  where slips are asked first. Other placements of the field are within a step of
-     *     this one, and in the same box
      * @param field  that of an earlier draw of this model, whose memory is reused, or null
      */
-    virtual void draw(const NoiseStream& noise, uint32_t purpose, const Placement& first,
+    virtual void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                       std::unique_ptr<RandomField>& field) const = 0;
 };
 

@@ -55,7 +55,7 @@ public:
      * are planes. Default: 0, as in a fluid whose mean flow is 0.
      */
     virtual Eigen::Vector3d meanFlow(double low, double high) { return Eigen::Vector3d::Zero(); }
-    /** The number of random numbers that were drawn for the field. */
+    /** The number of random numbers of the field, at the latest when slips have been asked for. */
     virtual long long getNumRandomNumbers() const = 0;
 };
 

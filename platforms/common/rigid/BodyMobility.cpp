@@ -177,9 +177,9 @@ FlowSources BodyMobility::flowSources(const MatrixXd& forces, const DrivenFlow* 
 }
 
 bool BodyMobility::drawField(const NoiseStream& noise, uint32_t purpose,
-                             unique_ptr<RandomField>& field) {
+                             unique_ptr<RandomField>& field) const {
     if (!slipsAreOfField()) return false;
-    bodies.getModel().randomField()->draw(noise, purpose, particlesHere().getPlacement(), field);
+    bodies.getModel().randomField()->draw(noise, purpose, bodies.getBox(), field);
     return true;
 }
 

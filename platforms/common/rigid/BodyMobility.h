@@ -183,7 +183,8 @@ public:
      * Draw the model's random field, for any number of poses. @return whether slips are to be taken
      * from it: there is a field, and slips belong to particles
      */
-    bool drawField(const NoiseStream& noise, uint32_t purpose, std::unique_ptr<RandomField>& field);
+    bool drawField(const NoiseStream& noise, uint32_t purpose,
+                   std::unique_ptr<RandomField>& field) const;
     /** Whether drawField() gives one. */
     bool slipsAreOfField() const {
         return !slipSpace.areOfBodies() && bodies.getModel().randomField();

@@ -128,9 +128,9 @@ void OverdampedMove::drawForSlips(Draw draw) {
     const uint32_t ofParticles =
         draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw;
     slipsAreOfField = mobility.drawField(stream, ofParticles, field);
-    if (slipsAreOfField)
-        randomNumbers += field->getNumRandomNumbers();
-    else if (mobility.slipNoiseIsOfBodies())
+    fieldIsCounted = false;
+    if (slipsAreOfField) return;
+    if (mobility.slipNoiseIsOfBodies())
         drawForBodies(draw == First ? NoiseStream::FirstDraw : NoiseStream::SecondDraw,
                       draw == First ? NoiseStream::FreeFirstDraw : NoiseStream::FreeSecondDraw,
                       W_slip);
@@ -139,9 +139,10 @@ void OverdampedMove::drawForSlips(Draw draw) {
 }
 
 void OverdampedMove::thermalSlip(Vectors& slips) {
-    if (slipsAreOfField)
+    if (slipsAreOfField) {
         mobility.slipsOf(*field, slips);
-    else
+        countField();
+    } else
         mobility.thermalSlip(W_slip, slips);
     if (recorded) recordedSlips = slips;
 }
@@ -350,7 +351,17 @@ void OverdampedMove::removeTurnsFromHolds() {
     mobility.getBodies().getNullTwistsOfFree().addDivergenceOfTurns(turnsOfFixed, -kT, *holds);
 }
 
-double OverdampedMove::divergenceOfField() { return mobility.divergenceOf(*field); }
+double OverdampedMove::divergenceOfField() {
+    const double divergence = mobility.divergenceOf(*field);
+    countField();
+    return divergence;
+}
+
+/** A field may draw its numbers only when slips are asked for. */
+void OverdampedMove::countField() {
+    if (!fieldIsCounted) randomNumbers += field->getNumRandomNumbers();
+    fieldIsCounted = true;
+}
 
 void OverdampedMove::noteDriftFactor(double nu) {
     numDriftFactors++;

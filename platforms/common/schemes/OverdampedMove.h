@@ -334,6 +334,7 @@ private:
     bool isAccepted(const std::vector<Pose>& poses);
     void requireDifferences(const char* method) const;
     [[noreturn]] void failToDisplace(const std::vector<Pose>& poses);
+    void countField();
     void drawForBodies(uint32_t purpose, uint32_t freePurpose, Vectors& W, bool onlyFree = false);
     void drawForParticles(uint32_t purpose, Vectors& W);
 
@@ -345,6 +346,7 @@ private:
     Vectors wrenchAtOtherEnd, slipAtOtherEnd;
     Vectors W, W_slip;
     std::unique_ptr<RandomField> field;
+    bool fieldIsCounted = false;
     bool slipsAreOfField = false;
     NoiseStream stream;
     double differenceStep_ = 0;

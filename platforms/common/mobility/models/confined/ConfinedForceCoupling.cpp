@@ -25,7 +25,7 @@ class ConfinedAt : public MobilityAt {
 public:
     explicit ConfinedAt(const ConfinedForceCoupling& model) : MobilityAt(model), model(model) {}
     void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy& accuracy) override {
-        onGrid->multiply(forces, velocities, accuracy);
+        onGrid->multiply(forces, velocities, model.mayRound(here.box) ? accuracy : Accuracy());
     }
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
@@ -71,22 +71,22 @@ private:
 };
 
 /**
- * The field of the periodic model. If a placement is above the grid that the field was drawn on,
- * the field is drawn on a higher one.
+ * The field of the periodic model, which is drawn where it is asked for first. If a placement is
+ * above the grid that the field was drawn on, the field is drawn on a higher one.
  */
 class Field : public RandomField {
 public:
     explicit Field(const ConfinedForceCoupling& model) : model(model) {}
-    void draw(const NoiseStream& newNoise, uint32_t newPurpose, const Placement& first) {
+    void draw(const NoiseStream& newNoise, uint32_t newPurpose) {
         noise = newNoise;
         purpose = newPurpose;
-        drawFor(first);
+        isDrawn = false;
     }
     void slipsAt(const Placement& placement, bool nearby, MatrixXd& slips) override {
         moveTo(placement);
         onGrid->slipsAt(inPeriodic, nearby, slips);
     }
-    bool hasGradients() const override { return onGrid->hasGradients(); }
+    bool hasGradients() const override { return true; }
     void gradientsAt(const Placement& placement, bool nearby, MatrixXd& gradients) override {
         moveTo(placement);
         onGrid->gradientsAt(inPeriodic, nearby, gradients);
@@ -112,22 +112,26 @@ public:
     Eigen::Vector3d meanFlow(double low, double high) override {
         return onGrid->meanFlow(model.inPeriodic(low), model.inPeriodic(high));
     }
-    long long getNumRandomNumbers() const override { return onGrid->getNumRandomNumbers(); }
+    long long getNumRandomNumbers() const override {
+        return isDrawn ? onGrid->getNumRandomNumbers() : 0;
+    }
 
 private:
     void drawFor(const Placement& placement) {
         period = model.periodFor(placement.positions);
         model.toPeriodic(placement, period, inPeriodic);
-        asModel(model.inPeriodicBox()).randomField()->draw(noise, purpose, inPeriodic, onGrid);
+        asModel(model.inPeriodicBox()).randomField()->draw(noise, purpose, inPeriodic.box, onGrid);
+        isDrawn = true;
     }
     void moveTo(const Placement& placement) {
-        if (!model.holds(period, placement.positions)) drawFor(placement);
+        if (!isDrawn || !model.holds(period, placement.positions)) drawFor(placement);
         model.toPeriodic(placement, period, inPeriodic);
     }
 
     const ConfinedForceCoupling& model;
     NoiseStream noise;
     uint32_t purpose = 0;
+    bool isDrawn = false;
     double period = 0;
     Placement inPeriodic;
     std::unique_ptr<RandomField> onGrid;
@@ -233,6 +237,11 @@ double ConfinedForceCoupling::topOf(double period) const {
     return planes.isWall() ? planes.getLow() + (period - gap - below) : planes.getHigh();
 }
 
+bool ConfinedForceCoupling::mayRound(const BoxVectors& box) const {
+    const double nearest = planes.isWall() ? below : planes.getHeight();
+    return std::max(box[0][0], box[1][1]) <= flattestInSingle * nearest;
+}
+
 BoxVectors ConfinedForceCoupling::periodicBox(const BoxVectors& box, double period) const {
     return {box[0], box[1], Vec3(0, 0, period)};
 }
@@ -278,10 +287,11 @@ std::string ConfinedForceCoupling::describe(const BoxVectors& box) const {
     return result + ", with planes in a period of " + text(period) + " nm";
 }
 
-void ConfinedForceCoupling::draw(const NoiseStream& noise, uint32_t purpose, const Placement& first,
+void ConfinedForceCoupling::draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                                  std::unique_ptr<RandomField>& field) const {
     if (!field) field = std::make_unique<Field>(*this);
-    static_cast<Field&>(*field).draw(noise, purpose, first);
+    check(box);
+    static_cast<Field&>(*field).draw(noise, purpose);
 }
 
 std::unique_ptr<MobilityAt> ConfinedForceCoupling::makePlace() const {

@@ -378,10 +378,10 @@ void RotnePragerYamakawaGrid::checkWave(const BoxVectors& box, int axis, int per
 }
 
 void RotnePragerYamakawaGrid::draw(const NoiseStream& noise, uint32_t purpose,
-                                   const Placement& first,
+                                   const BoxVectors& box,
                                    std::unique_ptr<RandomField>& field) const {
     if (!field) field = std::make_unique<Field>(*this);
-    static_cast<Field&>(*field).draw(noise, purpose, first.box);
+    static_cast<Field&>(*field).draw(noise, purpose, box);
 }
 
 std::unique_ptr<MobilityAt> RotnePragerYamakawaGrid::makePlace() const {

@@ -90,7 +90,7 @@ private:
     std::string describe(const BoxVectors& box) const override;
     GridSeconds getSeconds() const override { return fluid->getSeconds(); }
     bool isLocal() const override { return false; }
-    void draw(const NoiseStream& noise, uint32_t purpose, const Placement& first,
+    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
               std::unique_ptr<RandomField>& field) const override;
     const EwaldSplitting& findSplitting(const BoxVectors& box) const;
     void takeUnshared(std::shared_ptr<SplitParts>& parts) const;

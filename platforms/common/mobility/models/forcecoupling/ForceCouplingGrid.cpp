@@ -210,14 +210,14 @@ void ForceCouplingGrid::checkWave(const BoxVectors& box, int axis, int periods) 
                                   ", or a finer grid by setGridSpacing()");
 }
 
-void ForceCouplingGrid::draw(const NoiseStream& noise, uint32_t purpose, const Placement& first,
+void ForceCouplingGrid::draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                              std::unique_ptr<RandomField>& field) const {
     if (!field) field = std::make_unique<Field>(*this);
     // Groups of one Context have the same modes, but each group has its own numbers: those of its
     // first particle.
     NoiseStream own = noise;
     own.field = 1 + particles.systemIndex[0];
-    static_cast<Field&>(*field).draw(own, purpose, first.box);
+    static_cast<Field&>(*field).draw(own, purpose, box);
 }
 
 void ForceCouplingGrid::ownMobility(const HydrodynamicParticles& body,

@@ -69,7 +69,7 @@ private:
     std::string describe(const BoxVectors& box) const override;
     GridSeconds getSeconds() const override { return fluid->getSeconds(); }
     bool isLocal() const override { return true; }
-    void draw(const NoiseStream& noise, uint32_t purpose, const Placement& first,
+    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
               std::unique_ptr<RandomField>& field) const override;
     const GridResolution resolution;
     const std::shared_ptr<GridFluid> fluid;

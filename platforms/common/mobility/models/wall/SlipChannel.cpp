@@ -103,9 +103,8 @@ private:
 class Field : public RandomField {
 public:
     explicit Field(const SlipChannel& model) : model(model) {}
-    void draw(const NoiseStream& noise, uint32_t purpose, const Placement& first) {
-        model.toTwice(first, inTwice);
-        model.inPeriodicBox().randomField()->draw(noise, purpose, inTwice, mirrored);
+    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& twice) {
+        model.inPeriodicBox().randomField()->draw(noise, purpose, twice, mirrored);
     }
     void slipsAt(const Placement& placement, bool nearby, MatrixXd& slips) override {
         model.toTwice(placement, inTwice);
@@ -234,10 +233,11 @@ void SlipChannel::check(const BoxVectors& box) const {
     periodic->box()->check(twice(box));
 }
 
-void SlipChannel::draw(const NoiseStream& noise, uint32_t purpose, const Placement& first,
+void SlipChannel::draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                        std::unique_ptr<RandomField>& field) const {
+    check(box);
     if (!field) field = std::make_unique<Field>(*this);
-    static_cast<Field&>(*field).draw(noise, purpose, first);
+    static_cast<Field&>(*field).draw(noise, purpose, twice(box));
 }
 
 std::unique_ptr<MobilityAt> SlipChannel::makePlace() const {

@@ -94,7 +94,7 @@ private:
     }
     GridSeconds getSeconds() const override { return periodic->grid()->getSeconds(); }
     bool isLocal() const override { return true; }
-    void draw(const NoiseStream& noise, uint32_t purpose, const Placement& first,
+    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
               std::unique_ptr<RandomField>& field) const override;
     BoxVectors twice(const BoxVectors& box) const;
     /** Whether particle i is at least this far from both walls. */
