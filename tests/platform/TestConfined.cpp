@@ -181,7 +181,8 @@ TEST_P(Confined, EffectsNameThePlanes) {
         {MobilityForce::Film, "between a no-slip wall and a free surface at z = -0.4 and 5.2 nm"}};
     EXPECT_NE(effect.find(planes.at(GetParam().boundary)), string::npos) << effect;
     EXPECT_EQ(effect.find(" on a grid of") != string::npos,
-              GetParam().solver == MobilityForce::MatrixFree)
+              GetParam().solver == MobilityForce::MatrixFree ||
+                  GetParam().model == MobilityForce::ForceCoupling)
         << effect;
     const bool byMatrices = GetParam().solver == MobilityForce::Dense &&
                             GetParam().model == MobilityForce::RotnePragerYamakawa;

@@ -31,8 +31,9 @@ struct GridChoice {
 
 /**
  * The choice for RotnePragerYamakawa and ForceCoupling with periodic boundaries. Other models and
- * boundaries have no grid, and get none. ForceCoupling between no-slip walls has nothing but a
- * grid, and matrices only if setSolver(Dense) asks for them.
+ * boundaries have no grid, and get none. ForceCoupling beside no-slip walls has a grid and no
+ * lattice sums. Its matrices are made of products with the columns of the identity, which Auto
+ * takes for very few rows.
  *
  * The numbers of rows alone decide where nobody has set the System's default box, so that it is
  * OpenMM's own, and where setGridSpacing() asks for a grid.
