@@ -189,6 +189,36 @@ TEST(ConfinedFlow, MultiblobsGoAsTheirBlobsLetThem) {
     }
 }
 
+TEST(ConfinedFlow, OnAGridItIsThatOfMatricesToTheTolerance) {
+    const double tolerance = 1e-3;
+    const vector<FlowCase> cases = flowCases();
+    for (int i : {1, 2, 4}) {  // between walls, one of them moving, and above a wall
+        const FlowCase& one = cases[i];
+        SCOPED_TRACE(one.name);
+        VectorXd twists[2];
+        Vector3d means[2];
+        MatrixXd flows[2];
+        for (bool grid : {false, true}) {
+            ConfinedScene scene(one.boundary);
+            scene.fluid->setSolver(grid ? MobilityForce::MatrixFree : MobilityForce::Dense);
+            scene.fluid->setSolverTolerance(tolerance);
+            one.set(*scene.fluid);
+            scene.addBodies();
+            scene.pushBy(0.3 * someWrenches(2));
+            scene.start();
+            twists[grid] = scene.stepTwists();
+            flows[grid] = scene.flow({Vec3(1, 2, 1), Vec3(7, 1, 3)});
+            if (one.boundary == MobilityForce::NoSlipChannel) means[grid] = scene.meanFlow();
+        }
+        EXPECT_LE((twists[1] - twists[0]).norm(), 5 * tolerance * twists[0].norm());
+        EXPECT_LE((flows[1] - flows[0]).norm(), 20 * tolerance * flows[0].norm());
+        if (one.boundary == MobilityForce::NoSlipChannel) {
+            EXPECT_LE((means[1] - means[0]).norm(), 5 * tolerance * means[0].norm() + 1e-14);
+        }
+        EXPECT_GT((twists[1] - twists[0]).norm(), 0);
+    }
+}
+
 TEST(ConfinedFlow, TheMeanFlowIsThatThroughAPlane) {
     for (auto condition : {MobilityForce::ZeroPressureGradient, MobilityForce::ZeroFlux})
         for (bool noise : {false, true}) {

@@ -109,6 +109,15 @@ double wavesOfWalls(const HydrodynamicParticles& particles, const BoxVectors& bo
     return 6 * planeArea(box) * longest * longest / (8 * M_PI);
 }
 
+/** Of making a matrix of lattice sums. @param images  particles with their images, per particle */
+double secondsOfMatrix(const HydrodynamicParticles& particles, const BoxVectors& box, bool confined,
+                       double images = 1) {
+    const double rows = particles.numRows, n = images * particles.size(),
+                 entries = pow(rows / particles.size(), 2);
+    return 1e-9 * (n * (n + 1) / 2 * (timeOfPair + timeOfEntry * entries) +
+                   (confined ? timeOfWave * wavesOfWalls(particles, box) * rows * rows : 0));
+}
+
 double surfacesProduct(const MobilityForce& force, const HydrodynamicParticles& particles,
                        const BoxVectors& box) {
     double period;
@@ -149,14 +158,11 @@ void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme
         workOf(traitsOf(scheme), !bySurfaces, (inChannel || confined ? bodies : multiblobs).size());
 
     // Matrices. A channel has an image of every particle.
-    const double rows = particles.numRows, n = (inChannel ? 2. : 1.) * particles.size(),
-                 entries = pow(rows / particles.size(), 2);
+    const double rows = particles.numRows;
     choice.matrixSeconds =
-        1e-9 *
-        (work.matrices * (n * (n + 1) / 2 * (timeOfPair + timeOfEntry * entries) +
-                          (confined ? timeOfWave * wavesOfWalls(particles, box) * rows * rows : 0) +
-                          timeOfFactor * pow(rows, 3)) +
-         (hasMomenta ? timeOfEigensystem * pow(bodyRows, 3) : 0));
+        work.matrices * (secondsOfMatrix(particles, box, confined, inChannel ? 2 : 1) +
+                         1e-9 * timeOfFactor * pow(rows, 3)) +
+        (hasMomenta ? 1e-9 * timeOfEigensystem * pow(bodyRows, 3) : 0);
 
     // A grid. A digit costs an iteration, or more if the particles are crowded. Overlapping
     // particles fill less than the sum of their volumes.
@@ -185,14 +191,23 @@ void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme
 }  // namespace
 
 string GridChoice::text() const {
-    if (!isEstimated()) return {};
+    if (!isEstimated()) return costOfMatrices;
     return string("chosen by Auto: a step is estimated to take ") +
            RigidHIPlugin::text(matrixSeconds, 2) + " s with matrices and " +
-           RigidHIPlugin::text(gridSeconds, 2) + " s on a grid, on one thread";
+           RigidHIPlugin::text(gridSeconds, 2) + " s on a grid, on one thread" +
+           (costOfMatrices.empty() ? "" : "; " + costOfMatrices);
 }
 
-GridChoice chooseGrid(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
-                      const BoxVectors& defaultBox, const HydrodynamicParticles& particles) {
+namespace {
+
+bool isKnown(const BoxVectors& box) {
+    const BoxVectors none = {},
+                     unset = {OpenMM::Vec3(2, 0, 0), OpenMM::Vec3(0, 2, 0), OpenMM::Vec3(0, 0, 2)};
+    return box != none && box != unset;
+}
+
+GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
+                  const BoxVectors& defaultBox, const HydrodynamicParticles& particles) {
     GridChoice choice;
     if (!traitsOf(force.getModel()).hasGrid(force.getBoundary())) return choice;
     if (!hasLatticeSums(force)) {
@@ -213,11 +228,25 @@ GridChoice chooseGrid(const MobilityForce& force, CustomRigidHIIntegrator::Schem
         return choice;
     choice.onGrid = true;
     if (rows > mostLatticeRows || force.getGridSpacing() > 0) return choice;
-    const BoxVectors none = {},
-                     unset = {OpenMM::Vec3(2, 0, 0), OpenMM::Vec3(0, 2, 0), OpenMM::Vec3(0, 0, 2)};
-    if (defaultBox == none || defaultBox == unset) return choice;
+    if (!isKnown(defaultBox)) return choice;
     estimate(force, scheme, particles, boxOfGrid(force, defaultBox), choice);
     choice.onGrid = choice.gridSeconds < choice.matrixSeconds;
+    return choice;
+}
+
+}  // namespace
+
+GridChoice chooseGrid(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
+                      const BoxVectors& defaultBox, const HydrodynamicParticles& particles) {
+    GridChoice choice = choose(force, scheme, defaultBox, particles);
+    if (!choice.onGrid && isConfined(force) && isKnown(defaultBox) &&
+        force.getModel() == MobilityForce::RotnePragerYamakawa)
+        choice.costOfMatrices =
+            "each matrix has " + to_string(particles.numRows) + " rows, " +
+            RigidHIPlugin::text(8e-6 * particles.numRows * particles.numRows, 2) +
+            " MB, and is estimated to take " +
+            RigidHIPlugin::text(secondsOfMatrix(particles, defaultBox, true), 2) +
+            " s on one thread";
     return choice;
 }
 

@@ -22,15 +22,18 @@ struct GridChoice {
     double matrixSeconds = 0, gridSeconds = 0;  // of a step on one thread; 0: not estimated
 
     bool isEstimated() const { return gridSeconds > 0; }
-    /** The choice and its reason, for describeEffects(); empty if nothing was estimated. */
+    /** What matrices of a confined fluid cost; empty: there are none, or the box is not known. */
+    std::string costOfMatrices;
+    /** The choice and its reason or its cost, for describeEffects(); empty if nothing was
+     * estimated. */
     std::string text() const;
 };
 
 /**
- * The choice for RotnePragerYamakawa and ForceCoupling with the boundaries Periodic and
- * SlipChannel. Other models and boundaries have no grid, and get none. ForceCoupling beside no-slip
- * walls has a grid and no lattice sums: its matrices are made of products with the columns of the
- * identity, which Auto takes for very few rows.
+ * The choice for RotnePragerYamakawa and ForceCoupling with periodic boundaries. Other models and
+ * boundaries have no grid, and get none. ForceCoupling beside no-slip walls has a grid and no
+ * lattice sums: its matrices are made of products with the columns of the identity, which Auto
+ * takes for very few rows.
  *
  * The numbers of rows alone decide where nobody has set the System's default box, so that it is
  * OpenMM's own, and where setGridSpacing() asks for a grid.

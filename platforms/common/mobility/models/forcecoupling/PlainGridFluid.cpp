@@ -357,6 +357,10 @@ public:
         : shape(shape), numChannels(channels.size()) {
         if (!shape.walls) return;
         const std::array<int, 3>& n = shape.size;
+        for (int x = 0; x < n[0]; x++)
+            for (int y = 0; y < n[1]; y++)
+                along.push_back(
+                    shape.walls->along(std::hypot(shape.waveNumber(0, x), shape.waveNumber(1, y))));
         sums.resize((size_t)n[0] * n[1] * numChannels * numbers);
         forModes(shape, [&](size_t at, const int* index, const double*, double k2) {
             if (!(k2 > 0)) return;
@@ -394,8 +398,7 @@ public:
 private:
     static constexpr int numbers = 3 * GridWalls::numProfiles;
     void profilesAt(const int* index, double (&values)[GridWalls::numProfiles]) const {
-        GridWalls::profiles(shape.walls->along(std::hypot(shape.waveNumber(0, index[0]),
-                                                          shape.waveNumber(1, index[1]))),
+        GridWalls::profiles(along[(size_t)index[0] * shape.size[1] + index[1]],
                             shape.walls->across(index[2]), values);
     }
     complex<double>* sumsAt(int channel, int x, int y) {
@@ -405,6 +408,7 @@ private:
 
     const GridShape& shape;
     const int numChannels;
+    std::vector<GridWalls::Along> along;
     std::vector<complex<double>> sums;
 };
 
