@@ -110,8 +110,8 @@ unique_ptr<MobilityModel> rotnePragerYamakawa(const MobilityForce& force,
                 force, particles, confinedRotnePragerYamakawa(force, scene, particles, own));
         case MobilityForce::NoSlipChannel:
             return confinedRotnePragerYamakawa(force, scene, particles, own);
-        case MobilityForce::SlipChannel:
         case MobilityForce::Film: break;
+        case MobilityForce::SlipChannel: break;
     }
     refuse(force.getModel(), force.getBoundary());
 }
@@ -131,16 +131,12 @@ unique_ptr<MobilityModel> periodicForceCoupling(const MobilityForce& force,
 unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, const MobilityScene& scene,
                                         const HydrodynamicParticles& particles,
                                         const PlatformModels& own) {
-    switch (force.getBoundary()) {
-        case MobilityForce::SlipChannel: break;
-        case MobilityForce::PeriodicWall:
-        case MobilityForce::NoSlipChannel:
-        case MobilityForce::Film:
-            return make_unique<ConfinedForceCoupling>(
-                particles, force.getViscosity(), ConfiningPlanes(force, scene.crossingAllowed),
-                force.getSolverTolerance(), force.getGridSpacing(), gridFluid(own), scene.onGrid);
-        default: return periodicForceCoupling(force, scene, particles, false, own);
-    }
+    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
+    if (boundary.isAcross(2))
+        return make_unique<ConfinedForceCoupling>(
+            particles, force.getViscosity(), ConfiningPlanes(force, scene.crossingAllowed),
+            force.getSolverTolerance(), force.getGridSpacing(), gridFluid(own), scene.onGrid);
+    if (!boundary.hasWalls()) return periodicForceCoupling(force, scene, particles, false, own);
     SlipWalls walls;
     force.getChannelWalls(walls.low, walls.high);
     walls.crossingAllowed = scene.crossingAllowed;
