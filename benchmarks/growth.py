@@ -47,6 +47,12 @@ SERIES = (
     ('spheres', 'ForceCoupling', 'Periodic', 'MatrixFree'),
     ('spheres', 'ForceCoupling', 'SlipChannel', 'Dense'),
     ('spheres', 'ForceCoupling', 'SlipChannel', 'MatrixFree'),
+    ('spheres', 'RotnePragerYamakawa', 'PeriodicWall', 'Dense'),
+    ('spheres', 'RotnePragerYamakawa', 'PeriodicWall', 'MatrixFree'),
+    ('spheres', 'RotnePragerYamakawa', 'NoSlipChannel', 'MatrixFree'),
+    ('spheres', 'ForceCoupling', 'PeriodicWall', 'MatrixFree'),
+    ('spheres', 'ForceCoupling', 'NoSlipChannel', 'MatrixFree'),
+    ('spheres', 'ForceCoupling', 'Film', 'MatrixFree'),
     ('spheres', 'StokesianDynamics', 'Unbounded', 'Dense'),
     ('spheres', 'StokesianDynamics', 'Periodic', 'Dense'),
     ('blobs', 'RotnePragerYamakawa', 'Unbounded', 'Dense'),
@@ -56,6 +62,9 @@ SERIES = (
     ('blobs', 'RotnePragerYamakawa', 'Periodic', 'MatrixFree'),
     ('blobs', 'ForceCoupling', 'Periodic', 'MatrixFree'),
     ('blobs', 'ForceCoupling', 'SlipChannel', 'MatrixFree'),
+    ('blobs', 'RotnePragerYamakawa', 'NoSlipChannel', 'MatrixFree'),
+    ('blobs', 'ForceCoupling', 'PeriodicWall', 'MatrixFree'),
+    ('blobs', 'ForceCoupling', 'NoSlipChannel', 'MatrixFree'),
 )
 # yapf: enable
 COLOURS = {
@@ -64,14 +73,24 @@ COLOURS = {
     'ForceCoupling': 'tab:green',
     'StokesianDynamics': 'tab:red'
 }
-MARKERS = {'Unbounded': 'o', 'NoSlipWall': 's', 'Periodic': '^', 'SlipChannel': 'D'}
+MARKERS = {
+    'Unbounded': 'o',
+    'NoSlipWall': 's',
+    'Periodic': '^',
+    'SlipChannel': 'D',
+    'PeriodicWall': 'P',
+    'NoSlipChannel': 'X',
+    'Film': '*'
+}
+#: Boundaries with walls across z and periods along x and y.
+CONFINED = ('PeriodicWall', 'NoSlipChannel', 'Film')
 PARTS = ('seconds_spreading', 'seconds_fft', 'seconds_averaging', 'seconds_solver')
 
 
 def arranged(count, boundary, spacing):
     """Centres on a lattice, displaced at random, and the box: (count, 3), (3,)."""
     random = np.random.default_rng(1)
-    if boundary in ('NoSlipWall', 'SlipChannel'):
+    if boundary in ('NoSlipWall', 'SlipChannel', *CONFINED):
         layers = max(1, int(np.ceil(count/10000)))
         side = int(np.ceil(np.sqrt(count/layers) - 1e-9))
     else:
@@ -110,8 +129,13 @@ def scene(what, model, boundary, solver, count):
         low, high = positions[:, 1].min() - 2, positions[:, 1].max() + 2
         fluid.setChannelWalls(float(low), float(high))
         box[1] = max(box[1], high - low + 1)  # the box must be longer than the channel is wide
+    if boundary in CONFINED:
+        low, high = positions[:, 2].min() - 2, positions[:, 2].max() + 2
+        fluid.setWallHeight(float(low))
+        fluid.setChannelWalls(float(low), float(high))
+        box[2] = max(box[2], high - low + 1)
     system.addForce(fluid)
-    if boundary in ('Periodic', 'SlipChannel'):
+    if boundary in ('Periodic', 'SlipChannel', *CONFINED):
         system.setDefaultPeriodicBoxVectors(*np.diag(box))
         app.bindBodies(system, integrator)
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('CPU'),
