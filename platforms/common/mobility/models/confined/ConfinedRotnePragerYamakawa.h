@@ -22,13 +22,15 @@ namespace RigidHIPlugin {
  *                  (images of the wall) = (e e' + f f')/8k + (along t) e e'/2k,
  *                  e = exp(-kz), f = (1 + 2kz) exp(-kz), over eta A.
  *                The result does not depend on P.
- *            Waves k = 0 carry forces along the walls only: u = g F/A, with g = min(z, z')/eta
- * above a wall, and between walls g = z (H - z')/(eta H), z < z', where the pressure gradient is 0.
- * ZeroFlux subtracts 3 p p'/(eta H^3), p = z (H - z). Accuracy:  1e-12 of own mobilities. Limits:
- * The matrix is positive definite for a <= z <= H - a. Where the surface of a particle reaches
- * through a wall, M -> B M B, as with NoSlipPlane. No lubrication. Cost:      that of the lattice
- * sum, and six columns of a symmetric product for each of about A k^2/8 pi wave vectors, k =
- * 20/(least height above a wall). Particles high above the walls take part in few of them.
+ *            Waves k = 0 carry forces along the walls only: u = g F/A. Above a wall g =
+ *            min(z, z')/eta. Between walls g = z (H - z')/(eta H), z < z', where the pressure
+ *            gradient is 0. ZeroFlux subtracts 3 p p'/(eta H^3), p = z (H - z).
+ * Accuracy:  1e-12 of own mobilities.
+ * Limits:    The matrix is positive definite for a <= z <= H - a. Where the surface of a particle
+ *            reaches through a wall, M -> B M B, as with NoSlipPlane. There is no lubrication.
+ * Cost:      That of the lattice sum, and six columns of a symmetric product for each of about
+ *            A k^2/8 pi wave vectors, k = 20/(least height above a wall). Particles high above the
+ *            walls take part in few of them.
  * Reference: docs/THEORY.md; Blake, Proc. Camb. Phil. Soc. 70, 303 (1971); Liron and Mochon, J.
  *            Eng. Math. 10, 287 (1976).
  */

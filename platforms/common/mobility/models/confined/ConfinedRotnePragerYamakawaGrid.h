@@ -19,14 +19,15 @@ namespace RigidHIPlugin {
  * Method:    The base is RotnePragerYamakawaGrid in a box that is higher than the fluid by what
  *            stencils reach beyond the walls. Walls are not split: the grid carries all of their
  *            waves, to k with (1 + 2ka)^2 exp(-2ka) = tolerance, and xi follows from this k. Above
- * one wall, the top of the box follows the highest particle in steps, and results do not depend on
- * it but for the tolerance. Accuracy:  That of the base: the norm of the error of products is below
- * the tolerance times the norm of the mobility, both scaled by the square roots of own mobilities.
+ *            one wall, the top of the box follows the highest particle in steps. Results do not
+ *            depend on the top but for the tolerance.
+ * Accuracy:  That of the base: the norm of the error of products is below the tolerance times the
+ *            norm of the mobility, both scaled by the square roots of own mobilities.
  * Noise:     Square roots of whole products by Lanczos' method.
  * Cost:      Grows as the number of particles at constant density and height. A product takes the
  *            transforms of the base, and another pass over its modes.
  * Limits:    Boxes with edges along the axes; at most RotnePragerYamakawaGrid::mostRadii radii.
- * Where surfaces reach through a wall, M -> B M B (NoSlipPlane).
+ *            Where surfaces reach through a wall, M -> B M B (NoSlipPlane).
  */
 class ConfinedRotnePragerYamakawaGrid : public MobilityModel, BoxOfModel, GridOfModel {
 public:

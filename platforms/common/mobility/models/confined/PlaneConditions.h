@@ -19,12 +19,14 @@ namespace RigidHIPlugin {
  *            covariance T that is independent of y (Matheron's rule).
  * Waves:     For a wave vector k along the planes, the velocities are those along k (l), along the
  *            normal times -i (z), and along z x k (t). Forces are alike. Then S and T are real,
- * depend on |k| alone, and couple t with neither l nor z. Modes:     Of two planes at rest the mean
- * velocity and half of the difference are the unknowns, of a third plane the difference from that
- * mean. For waves that are much longer than the planes are far from each other, two planes have
- * nearly equal velocities, and S of the planes themselves would lose the digits of the difference.
+ *            depend on |k| alone, and couple t with neither l nor z.
+ * Modes:     Of two planes at rest the mean velocity and half of the difference are the unknowns,
+ *            of a third plane the difference from that mean. For waves that are much longer than
+ *            the planes are far from each other, two planes have nearly equal velocities. S of the
+ *            planes themselves would lose the digits of the difference.
  * Mean flow: Without a wave vector, S of a velocity along the planes is (P/12 - z/2 + z^2/2P), and
- * a uniform velocity is one more unknown, by which the forces of planes balance all others.
+ *            a uniform velocity is one more unknown, by which the forces of planes balance all
+ *            others.
  *
  * Viscosities are 1, lengths are nm. Numbers are long doubles, because the matrices are nearly
  * singular for long waves.
