@@ -2,53 +2,34 @@
 
 #include <cmath>
 
+#include "mobility/models/confined/PlaneModes.h"
+
 namespace RigidHIPlugin {
 
 namespace {
 
 using Real = PlaneConditions::Real;
 
-/** The responses of a periodic fluid to a wave of forces on a plane, at the distance z from it. */
-template <typename Real>
-struct PeriodicKernel {
-    Real E, D, coth,
-        c;  // cosh(k y)/sinh(k c), sinh(k y)/sinh(k c) with y = c - z, c half the period
-    Real all, far;
-    Real ll, zz, tt;
-    Real lz;  // of l to the z of a force below
-
-    PeriodicKernel(Real k, Real z, Real period) {
-        c = period / 2;
-        all = -std::expm1(-k * period);
-        far = std::exp(-k * (period - z));
-        const Real y = c - z, near = std::exp(-k * z);
-        E = (near + far) / all;
-        D = (near - far) / all;
-        coth = (2 - all) / all;
-        const Real F = c * coth * E - y * D;
-        ll = (E - k * F) / (4 * k);
-        zz = (E + k * F) / (4 * k);
-        tt = E / (2 * k);
-        lz = -(y * E - c * coth * D) / 4;
-    }
-};
-
-/** What these responses lack compared with those on the plane itself, without loss of digits. */
+/**
+ * What the flow of forces on a plane (PeriodicPlane) lacks at the distance z from it, compared with
+ * that on the plane itself, without loss of digits.
+ */
 struct LessThanOwn {
     Real ll, zz, tt;
 
     LessThanOwn(Real k, Real z, Real period) {
-        const PeriodicKernel<Real> at(k, z, period);
-        const Real oneLessD = (-std::expm1(-k * z) - std::exp(-k * period) + at.far) / at.all,
-                   E = std::expm1(-k * z) * std::expm1(-k * (period - z)) / at.all,
-                   F = at.c * at.coth * E - at.c * oneLessD - z * at.D;
+        const PeriodicPlane<Real> at(k, period, z);
+        const Real c = period / 2, coth = (2 - at.rest) / at.rest,
+                   oneLessSh = (-std::expm1(-k * z) - std::exp(-k * period) + at.down) / at.rest,
+                   E = std::expm1(-k * z) * std::expm1(-k * (period - z)) / at.rest,
+                   F = c * coth * E - c * oneLessSh - z * at.sh;
         ll = (E - k * F) / (4 * k);
         zz = (E + k * F) / (4 * k);
         tt = E / (2 * k);
     }
 };
 
-/** Likewise for forces along an axis that are the same everywhere on a plane. The uniform velocity
+/** The flow of forces along an axis that are the same everywhere on a plane. The uniform velocity
  * is not included. */
 Real meanKernel(Real z, Real period) { return period / 12 - z / 2 + z * z / (2 * period); }
 
@@ -105,7 +86,7 @@ PlaneConditions::Matrices PlaneConditions::periodic(Real k) const {
         for (int j = 0; j < p; j++) {
             const Real away = planes[i] - planes[j];
             const LessThanOwn lacking(k, std::abs(away), period);
-            const Real below = PeriodicKernel<Real>(k, std::abs(away), period).lz,
+            const Real below = -PeriodicPlane<Real>(k, period, std::abs(away)).slope / k,
                        coupling = away < 0   ? -below
                                   : away > 0 ? below
                                              : 0;
@@ -116,7 +97,7 @@ PlaneConditions::Matrices PlaneConditions::periodic(Real k) const {
             lz(p + j, i) = coupling;
         }
     Matrices S = {combine(t, 1), combine(lz, 2)};
-    const PeriodicKernel<Real> own(k, 0, period);
+    const PeriodicPlane<Real> own(k, period, 0);
     const auto ofUniform = combined.rowwise().sum().eval();
     const Matrix uniform = ofUniform * ofUniform.transpose();
     S.t += own.tt * uniform;
@@ -126,11 +107,11 @@ PlaneConditions::Matrices PlaneConditions::periodic(Real k) const {
 }
 
 PlaneConditions::Response::Response(double k, double z, double period) {
-    const PeriodicKernel<double> kernel(k, z, period);
+    const PeriodicPlane<double> kernel(k, period, z);
     ll = kernel.ll;
     zz = kernel.zz;
     tt = kernel.tt;
-    lz = kernel.lz;
+    lz = -kernel.slope / k;
 }
 
 double PlaneConditions::meanResponse(double z) const {
@@ -149,7 +130,7 @@ PlaneConditions::Matrices PlaneConditions::law(Real k) const {
     if (kind == Film) {
         // The film and its reflection are a channel, whose period of twice the height has one
         // plane at rest. A force on the surface acts together with its reflection, which is itself.
-        const PeriodicKernel<Real> own(k, 0, 2 * height), far(k, height, 2 * height);
+        const PeriodicPlane<Real> own(k, 2 * height, 0), far(k, 2 * height, height);
         t(last, last) = 2 * (own.tt - far.tt * far.tt / own.tt);
         lz(last, last) = 2 * (own.ll - far.ll * far.ll / own.ll);
     } else if (kind == Wall) {

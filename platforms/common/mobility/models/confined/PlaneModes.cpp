@@ -66,36 +66,20 @@ Vector3cd turned(const complex<double>& l, const complex<double>& t, const compl
 Vector3cd FeltMode::velocity(const PlaneWave& wave) const { return turned(l, t, z, wave); }
 Vector3cd FeltMode::omega(const PlaneWave& wave) const { return turned(turnL, turnT, turnZ, wave); }
 
-PeriodicPlaneFlow::PeriodicPlaneFlow(double k, double period, double zeta) : k(k) {
-    const double c = 0.5 * period, y = c - zeta, kc = k * c, up = std::exp(-k * zeta),
-                 down = std::exp(-k * (period - zeta)),
-                 rest = -std::expm1(-k * period);  // 1 - exp(-kP)
-    E = (up + down) / rest;
-    // sinh(ky)/sinh(kc), without a difference of numbers that are nearly equal
-    sh = (y > 0 ? -up * std::expm1(-2 * k * y) : down * std::expm1(2 * k * y)) / rest;
-    // kc coth(kc) - 1
-    const double seriesBelow = 0.1, x2 = kc * kc;
-    const double coth = kc < seriesBelow
-                            ? x2 / 3 - x2 * x2 / 45 + 2 * x2 * x2 * x2 / 945 -
-                                  x2 * x2 * x2 * x2 / 4725 + 2 * x2 * x2 * x2 * x2 * x2 / 93555
-                            : kc * (1 + std::exp(-2 * kc)) / rest - 1;
-    ofZ = ((2 + coth) * E - k * y * sh) / (4 * k);
-    ofL = (k * y * sh - coth * E) / (4 * k);
-    slopeOfZ = 0.25 * (k * y * E - (1 + coth) * sh);
+FeltMode feltFromZ(const PeriodicPlane<double>& flow, double k, double a) {
+    return FeltMode::ofAcross({flow.zz, flow.slope, -0.5 * k * flow.E, 0.5 * k * k * flow.sh}, k,
+                              a);
 }
 
-FeltMode PeriodicPlaneFlow::fromZ(double a) const {
-    return FeltMode::ofAcross({ofZ, slopeOfZ, -0.5 * k * E, 0.5 * k * k * sh}, k, a);
-}
-
-FeltMode PeriodicPlaneFlow::fromL(double a) const {
+FeltMode feltFromL(const PeriodicPlane<double>& flow, double k, double a) {
     const double k2 = k * k;
-    return FeltMode::ofAcross({slopeOfZ, -k2 * ofL, 0.5 * k2 * sh, -0.5 * k2 * k * E}, k, a) *
+    return FeltMode::ofAcross(
+               {flow.slope, -k2 * flow.ll, 0.5 * k2 * flow.sh, -0.5 * k2 * k * flow.E}, k, a) *
            complex<double>(0, 1 / k);
 }
 
-FeltMode PeriodicPlaneFlow::fromT(double a) const {
-    return FeltMode::ofAlongT({tt(), -0.5 * sh, 0, 0}, k, a);
+FeltMode feltFromT(const PeriodicPlane<double>& flow, double k, double a) {
+    return FeltMode::ofAlongT({flow.tt, -0.5 * flow.sh, 0, 0}, k, a);
 }
 
 }  // namespace RigidHIPlugin

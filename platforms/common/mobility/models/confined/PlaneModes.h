@@ -2,6 +2,7 @@
 #define RIGIDHI_PLANE_MODES_H_
 
 #include <Eigen/Core>
+#include <cmath>
 #include <complex>
 #include <vector>
 
@@ -70,22 +71,43 @@ struct FeltMode {
  *     zz = g = (E + kF)/4k,  ll = (E - kF)/4k,  tt = E/2k,  lap g = -kE/2,
  * and a force along l makes w = (i/k) g'.
  */
-class PeriodicPlaneFlow {
-public:
-    PeriodicPlaneFlow(double k, double period, double zeta);
-    double zz() const { return ofZ; }
-    double ll() const { return ofL; }
-    double tt() const { return 0.5 * E / k; }
-    /** d/dzeta of zz. */
-    double slope() const { return slopeOfZ; }
-    /** What a sphere takes of the flow that a force along l, t or z on the plane makes. */
-    FeltMode fromL(double a) const;
-    FeltMode fromT(double a) const;
-    FeltMode fromZ(double a) const;
+template <typename Real>
+struct PeriodicPlane {
+    Real E, sh;              // sh = sinh(ky)/sinh(kc) = -E'/k
+    Real zz, ll, tt, slope;  // slope = g'
+    Real down, rest;         // exp(-k(P - zeta)), 1 - exp(-kP)
 
-private:
-    double k, E, sh, ofL, ofZ, slopeOfZ;
+    PeriodicPlane(Real k, Real period, Real zeta)
+        : down(std::exp(-k * (period - zeta))), rest(-std::expm1(-k * period)) {
+        using std::expm1;
+        const Real y = period / 2 - zeta, x = k * period / 2, up = std::exp(-k * zeta);
+        E = (up + down) / rest;
+        // without a difference of numbers that are nearly equal
+        sh = (y > 0 ? -up * expm1(-2 * k * y) : down * expm1(2 * k * y)) / rest;
+        const Real m = xCothMinusOne(x);
+        zz = ((2 + m) * E - k * y * sh) / (4 * k);
+        ll = (k * y * sh - m * E) / (4 * k);
+        tt = E / (2 * k);
+        slope = (k * y * E - (1 + m) * sh) / 4;
+    }
+    /** x coth(x) - 1, x > 0 */
+    static Real xCothMinusOne(Real x) {
+        const Real seriesBelow = 0.1L, x2 = x * x;
+        if (x > seriesBelow) return x * (1 + std::exp(-2 * x)) / -std::expm1(-2 * x) - 1;
+        // of Bernoulli's numbers; the next term is below 1e-22
+        const Real terms[] = {
+            1.0L / 3,     -1.0L / 45,           2.0L / 945,      -1.0L / 4725,
+            2.0L / 93555, -1382.0L / 638512875, 4.0L / 18243225, -3617.0L / 162820783125.0L};
+        Real sum = 0;
+        for (int n = 7; n >= 0; n--) sum = (sum + terms[n]) * x2;
+        return sum;
+    }
 };
+
+/** What a sphere of radius a takes of the flow that a force along l, t or z on the plane makes. */
+FeltMode feltFromL(const PeriodicPlane<double>& flow, double k, double a);
+FeltMode feltFromT(const PeriodicPlane<double>& flow, double k, double a);
+FeltMode feltFromZ(const PeriodicPlane<double>& flow, double k, double a);
 
 }  // namespace RigidHIPlugin
 

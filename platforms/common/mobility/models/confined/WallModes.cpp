@@ -37,10 +37,10 @@ void WallModes::fill(double k, bool withImages, double z, double a, SignedMode* 
 }
 
 void WallModes::betweenWalls(double k, double z, double a, SignedMode* modes) const {
-    const PeriodicPlaneFlow onPlane(k, height, 0), flow(k, height, z);
-    modes[0] = {flow.fromL(a), 1 / onPlane.ll()};
-    modes[1] = {flow.fromT(a), 1 / onPlane.tt()};
-    modes[2] = {flow.fromZ(a), 1 / onPlane.zz()};
+    const PeriodicPlane<double> onPlane(k, height, 0), flow(k, height, z);
+    modes[0] = {feltFromL(flow, k, a), 1 / onPlane.ll};
+    modes[1] = {feltFromT(flow, k, a), 1 / onPlane.tt};
+    modes[2] = {feltFromZ(flow, k, a), 1 / onPlane.zz};
 }
 
 /**

@@ -67,9 +67,7 @@ Coefficients aboveWall(double k, double H, double P) {
 /** The response of forces on both planes: C S^-1 C^T, with C the flows of forces on the planes. */
 Coefficients betweenWalls(double k, double H, double P) {
     const double r = std::exp(-k * (P - H)), rest = -std::expm1(-k * P), x = 0.5 * k * P;
-    // kc coth(kc) - 1 (PeriodicPlaneFlow)
-    const double coth = x < 0.1 ? x * x / 3 - x * x * x * x / 45 + 2 * std::pow(x, 6) / 945
-                                : x * (1 + std::exp(-2 * x)) / rest - 1;
+    const double coth = PeriodicPlane<double>::xCothMinusOne(x);
     // Flows of a force along z, and of one along l (times -i), on the lower plane. Those of the
     // upper plane are their reflections, of which the latter have the other sign.
     Matrix4d C;
@@ -78,10 +76,10 @@ Coefficients betweenWalls(double k, double H, double P) {
     C.col(2) << C(2, 0), C(3, 0), C(0, 0), C(1, 0);
     C.col(3) << -C(2, 1), -C(3, 1), -C(0, 1), -C(1, 1);
     C *= 1 / (4 * k * rest);
-    const PeriodicPlaneFlow own(k, P, 0), other(k, P, H);
+    const PeriodicPlane<double> own(k, P, 0), other(k, P, H);
     Matrix4d S;
-    const double g = own.zz(), l = own.ll(), gH = other.zz(), lH = other.ll(),
-                 slope = other.slope() / k;  // of zz at the other plane
+    const double g = own.zz, l = own.ll, gH = other.zz, lH = other.ll,
+                 slope = other.slope / k;  // of zz at the other plane
     S << g, 0, gH, -slope, 0, l, slope, lH, gH, slope, g, 0, -slope, lH, 0, l;
     Coefficients Q;
     Q.across = C * S.inverse() * C.transpose();
@@ -89,7 +87,7 @@ Coefficients betweenWalls(double k, double H, double P) {
     Matrix2d Ct, St;
     Ct << 1, r, r, 1;
     Ct *= 1 / (2 * k * rest);
-    St << own.tt(), other.tt(), other.tt(), own.tt();
+    St << own.tt, other.tt, other.tt, own.tt;
     Q.alongT = Ct * St.inverse() * Ct;
     return Q;
 }
