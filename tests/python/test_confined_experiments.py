@@ -92,7 +92,7 @@ def test_sedimentation(tmp_path):
     hard = [run for run in data['runs'] if run['body'] == 'sphere' and not run['isSoft']]
     assert hard[0]['means']['h']['exact'] == pytest.approx(1 + hard[0]['length'], rel=1e-9)
     for run in data['runs']:
-        # Replicas begin in equilibrium. Errors of 32 replicas: 6 of them are exceeded by chance with
+        # Replicas begin in equilibrium. Of 32 replicas 6 errors are exceeded by chance with
         # probability 1e-6, and seeds are fixed.
         for name, mean in run['means'].items():
             assert abs(mean['mean'] - mean['exact']) < 6*mean['error'], (run['body'], name)

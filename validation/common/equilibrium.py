@@ -158,7 +158,8 @@ def averageMobility(equilibrium, functions, random, poses, atATime=32, **setting
     """Means and standard errors of functions of the mobility over the distribution.
 
     The averages are over `poses` independent poses. functions maps names to f(N (n, 6, 6) times kT
-    in the lab frame, A (n, 3, 3) body to lab, heights (n,)) -> (n,). Settings are those of Replicas.
+    in the lab frame, A (n, 3, 3) body to lab, heights (n,)) -> (n,). Settings are those of
+    Replicas.
     """
     replicas = Replicas(equilibrium.body, atATime, 'RandomFiniteDifference', 1.0, **settings)
     values = {name: [] for name in functions}

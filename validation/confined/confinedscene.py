@@ -1,7 +1,7 @@
 """Contexts of spheres and multiblobs above a periodic wall and between walls, for all scripts here.
 
-Units: the radius of a sphere is 1, kT is 1, and 6 pi eta is 1. So a sphere far from walls has D = 1,
-and the unit of time is that in which it has D = a^2/time. Lengths are OpenMM's nm, times its ps.
+Units: the radius of a sphere is 1, kT is 1, and 6 pi eta is 1. So a sphere far from walls has
+D = 1. Lengths are OpenMM's nm, times its ps.
 """
 import pathlib
 import sys

@@ -4,9 +4,9 @@
     /usr/bin/python3 monolayer.py --output results
     /usr/bin/python3 monolayer.py --output somewhere --quick     # seconds
 
-Short-time coefficients are exact averages of the mobility over configurations: those of one sphere
-(self) and those of all spheres together (collective). Configurations are hard discs of radius 1, from
-Monte Carlo. README.md in this folder says what was measured.
+Short-time coefficients are exact averages of the mobility over configurations: those of one
+sphere (self) and those of all spheres together (collective). Configurations are hard discs of
+radius 1, from Monte Carlo. README.md in this folder says what was measured.
 """
 import argparse
 import pathlib
@@ -55,8 +55,8 @@ class Discs:
 def layer(case, job):
     """Coefficients of one case, averaged over configurations.
 
-    self is the mean of the own (xx + yy)/2, zz, and turns; collective is the velocity along the wall
-    under a unit force on every sphere.
+    self is the mean of the own (xx + yy)/2, zz, and turns; collective is the velocity along the
+    wall under a unit force on every sphere.
     """
     began, random = time.process_time(), np.random.default_rng(case['seed'])
     discs = Discs(case['count'], case['fraction'], random)
@@ -240,7 +240,8 @@ def tables(data):
                 yield f'| {name}, inner quarter | ' + ' | '.join(
                     cell(data, own[f], 'inner') for f in fractions) + ' |'
         yield ''
-    yield '| 30 % of the area | spheres in the box | side | one sphere with images | one sphere, less its own images | all together |'
+    yield ('| 30 % of the area | spheres in the box | side | one sphere with images '
+           '| one sphere, less its own images | all together |')
     yield '|---|---|---|---|---|---|'
     for run in data['runs']:
         if run['kind'] == 'box':

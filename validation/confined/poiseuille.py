@@ -4,9 +4,8 @@
     /usr/bin/python3 poiseuille.py --output results
     /usr/bin/python3 poiseuille.py --output somewhere --quick     # seconds
 
-The flow is that of configurations of hard spheres at rest with each other: the limit of high
-frequencies, or of no Brownian motion, with the structure of equilibrium. No time passes. README.md in
-this folder says what was measured.
+The flow is that of configurations of hard spheres in equilibrium: the limit of high frequencies,
+without Brownian stress. No time passes. README.md in this folder says what was measured.
 """
 import argparse
 import pathlib

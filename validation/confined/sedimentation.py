@@ -1,11 +1,12 @@
 #!/usr/bin/python3
-"""Spheres and Delong's tetramer above a periodic wall, under gravity: heights beside Boltzmann's law.
+"""Spheres and Delong's tetramer above a periodic wall: heights beside Boltzmann's law.
 
     /usr/bin/python3 sedimentation.py --output results
     /usr/bin/python3 sedimentation.py --output somewhere --quick     # seconds
 
-Bodies are alone in the box, with their own images along the wall. The images change the mobility, and
-with it the stochastic drift, but not the equilibrium. README.md in this folder says what was measured.
+Bodies are alone in the box, with their own images along the wall. The images change the mobility,
+and with it the stochastic drift, but not the equilibrium. README.md in this folder says what was
+measured.
 """
 import pathlib
 import sys

@@ -4,8 +4,8 @@
     /usr/bin/python3 slits.py --output results
     /usr/bin/python3 slits.py --output somewhere --quick     # seconds
 
-Each copy is alone in a box with its own images along the walls. README.md in this folder says what was
-measured.
+Each copy is alone in a box with its own images along the walls. README.md in this folder says what
+was measured.
 """
 import argparse
 import pathlib
