@@ -311,6 +311,16 @@ def delong2015():
         ours = e['mobility averages (mean, error)'][f'slope {name}']
         yield 'Figure 4', f'slope of the parallel MSD at t = 0, {name}', text, brackets(
             *ours), *compared(printed(text), ours), poses
+    boxes = read('confined/results/sedimentation.json')['boxes']
+    for name in ('centre', 'vertex'):
+        key, text = f'slope {name}', format(paper[f'slope {name}'], '.2f')
+        (wide, error), (narrow, _) = boxes['64'][key], boxes['32'][key]
+        # Images add a term in 1/L^3.
+        ours = wide - (narrow - wide)/7, error
+        yield ('Figure 4',
+               f'the same, {name}, with images above a PeriodicWall: from periods of 32 '
+               'and 64 a', text, brackets(*ours), *compared(printed(text), ours),
+               f'{boxes["poses"]} independent poses')
     for r in (fixman, rfd):
         yield plateau('Figure 5', r, 'centre perpendicular', 2*e['gravitational height']**2, 0,
                       'perpendicular MSD of the centre')
@@ -576,7 +586,8 @@ STUDIES = (('accuracy/water', 'the cost of accuracy for TIP4P-Ew water'),
             'the effective viscosity where it is known'), ('accuracy/energy',
                                                            'energy conservation without friction'),
            ('accuracy/density',
-            'the density under a barostat'), ('bodies', 'equilibria of bodies with joints'))
+            'the density under a barostat'), ('bodies', 'equilibria of bodies with joints'),
+           ('confined', 'suspensions above a wall and between walls, periodic along them'))
 TOP = '''# Validation: the papers\u2019 numbers and ours
 
 Each published number of four papers stands here beside the one that this plugin computes.

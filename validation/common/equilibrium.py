@@ -154,13 +154,14 @@ def withoutDrift(equilibrium, random, heights=96, rounds=20):
     return {'P': np.round(P, 8), 'mean h': mean}
 
 
-def averageMobility(equilibrium, functions, random, poses, atATime=32):
+def averageMobility(equilibrium, functions, random, poses, atATime=32, **settings):
     """Means and standard errors of functions of the mobility over the distribution.
 
     The averages are over `poses` independent poses. functions maps names to f(N (n, 6, 6) times kT
-    in the lab frame, A (n, 3, 3) body to lab, heights (n,)) -> (n,).
+    in the lab frame, A (n, 3, 3) body to lab, heights (n,)) -> (n,). Settings are those of
+    Replicas.
     """
-    replicas = Replicas(equilibrium.body, atATime, 'RandomFiniteDifference', 1.0)
+    replicas = Replicas(equilibrium.body, atATime, 'RandomFiniteDifference', 1.0, **settings)
     values = {name: [] for name in functions}
     R, q = equilibrium.draw(random, poses // atATime*atATime)
     for k in range(0, len(R), atATime):

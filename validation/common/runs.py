@@ -46,23 +46,25 @@ class Plan:
     settle : float
         time before anything is counted: replicas start from the Boltzmann distribution, which is
         not that of the scheme
+    fluid : dict, optional
+        boundary, side and bestKnown of Replicas, where they are not the default
     """
     def __init__(self, name, body, equilibrium, scheme, step, every, frames, settle, observables,
                  msd=None, lags=(1,), replicas=64, platform='Reference', seed=2015, labels=None,
-                 lateFrom=None):
+                 lateFrom=None, fluid=None):
         self.name, self.body, self.equilibrium = name, body, equilibrium
         self.scheme, self.step = scheme, step
         self.every, self.frames, self.settle, self.observables = every, frames, settle, observables
         self.msd, self.lags, self.replicas, self.platform, self.seed = msd or {}, np.unique(
             np.rint(lags).astype(int)), replicas, platform, seed
-        self.labels, self.lateFrom = labels or {}, lateFrom
+        self.labels, self.lateFrom, self.fluid = labels or {}, lateFrom, fluid or {}
         self.edges = {'h': equilibrium.heightEdges, 'theta': equilibrium.thetaEdges}
         self.exact = {'h': equilibrium.heightBins(), 'theta': equilibrium.thetaBins()}
 
     def settings(self):
         """What must be the same to go on with a run."""
         return json.dumps({
-            'scheme': self.scheme,
+            **self.fluid, 'scheme': self.scheme,
             'step': self.step,
             'every': self.every,
             'frames': self.frames,
@@ -271,7 +273,8 @@ def run(plan, job, minutes=MINUTES):
     numbers[5] += 1
     with warnings.catch_warnings():
         replicas = Replicas(plan.body, plan.replicas, plan.scheme, plan.step,
-                            seed=plan.seed + 100003*int(numbers[5]), platform=plan.platform)
+                            seed=plan.seed + 100003*int(numbers[5]), platform=plan.platform,
+                            **plan.fluid)
     random = np.random.default_rng(plan.seed + int(numbers[5]))
     if fresh:
         replicas.place(*plan.equilibrium.draw(random, plan.replicas))

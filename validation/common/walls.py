@@ -61,12 +61,16 @@ class Replicas:
     scheme : str
         its name; drift-correctors scale the whole step, as in the paper, or the noise alone if
         '+SlipOnly' follows
+    side : float, optional
+        period along x and y, of a boundary that has one
     """
     def __init__(self, body, count, scheme, step, seed=1, boundary='NoSlipWall',
-                 platform='Reference', bestKnown=False):
+                 platform='Reference', bestKnown=False, side=None):
         self.body = body
         self.count = count
         self.system = openmm.System()
+        if side is not None:
+            self.system.setDefaultPeriodicBoxVectors((side, 0, 0), (0, side, 0), (0, 0, side))
         self.integrator = CustomRigidHIIntegrator(TEMPERATURE, step)
         name, _, scaling = scheme.partition('+')
         self.integrator.setScheme(getattr(CustomRigidHIIntegrator, name))
