@@ -520,7 +520,7 @@ TEST(BadFluid, WhatNeedsNoPositionsIsRefusedBeforeThem) {
          [](MobilityForce& f) { f.setModel(MobilityForce::ForceCoupling); },
          {"boundary Unbounded can be used with the model FreeDraining or RotnePragerYamakawa or "
           "StokesianDynamics",
-          "not with ForceCoupling; use setModel(", "or setBoundary(Periodic or SlipChannel)"}},
+          "not with ForceCoupling; use setModel(", "or setBoundary(Periodic or SlipChannel or PeriodicWall"}},
         {true,
          [](MobilityForce& f) {
              f.setModel(MobilityForce::FreeDraining);
@@ -534,7 +534,7 @@ TEST(BadFluid, WhatNeedsNoPositionsIsRefusedBeforeThem) {
          },
          {"boundary NoSlipWall can be used with the model RotnePragerYamakawa, not with "
           "ForceCoupling",
-          "or setBoundary(Periodic or SlipChannel)"}},
+          "or setBoundary(Periodic or SlipChannel or PeriodicWall"}},
         {true,
          [](MobilityForce& f) { f.setBoundary(MobilityForce::Periodic); },
          {"body 0", "are in different molecules", "bindBodies"}},

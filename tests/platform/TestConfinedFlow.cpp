@@ -370,7 +370,7 @@ TEST(ConfinedFlow, EffectsNameIt) {
     EXPECT_NE(fluid.find("RotnePragerYamakawa between no-slip walls at z = -0.6 and 7.3 nm"),
               string::npos)
         << fluid;
-    EXPECT_NE(fluid.find("with all images along x and y, of the periods (9, 0, 0) and (0, 9, 0) "
+    EXPECT_NE(fluid.find("with all images along x and y (of the periods (9, 0, 0) and (0, 9, 0) "
                          "nm"),
               string::npos)
         << fluid;

@@ -71,9 +71,9 @@ string FluidReport::describeImages() const {
     const BoundaryTraits& boundary = traitsOf(fluid.force.getBoundary());
     const string axes = boundary.hasWalls() ? string("along ") + boundary.namesAlongWalls() : "";
     if (fluid.userFlow.hasPlanes())  // the third vector of the box is not a period
-        return " with all images " + axes + ", of the periods " +
+        return " with all images " + axes + " (of the periods " +
                RigidHIPlugin::text(fluid.box[0]) + " and " + RigidHIPlugin::text(fluid.box[1]) +
-               " nm,";
+               " nm)";
     return " with all images " + (axes.empty() ? "" : axes + " ") + "in " + textOf(fluid.box);
 }
 

@@ -34,7 +34,8 @@ const int fewRowsOfGrid = 30;
 
 // Times in ns on one thread, measured (benchmarks/README.md).
 const double timeOfPair = 3200, timeOfEntry = 315;  // of lattice sums
-const double timeOfWave = 0.06;                     // for each wave of walls, and each row squared
+const double timeOfWave = 0.008;  // for each wave of walls, and each row squared; of all particles
+                                  // at the wall three times as much, of most ones away from it half
 const double timeOfFactor = 0.04;  // for each row cubed: a factor of a symmetric matrix
 const double timeOfEigensystem = 0.4;
 const double timeOfTransform = 0.25;  // for each node, each doubling of the number of nodes, and
