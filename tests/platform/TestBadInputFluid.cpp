@@ -520,7 +520,8 @@ TEST(BadFluid, WhatNeedsNoPositionsIsRefusedBeforeThem) {
          [](MobilityForce& f) { f.setModel(MobilityForce::ForceCoupling); },
          {"boundary Unbounded can be used with the model FreeDraining or RotnePragerYamakawa or "
           "StokesianDynamics",
-          "not with ForceCoupling; use setModel(", "or setBoundary(Periodic or SlipChannel or PeriodicWall"}},
+          "not with ForceCoupling; use setModel(",
+          "or setBoundary(Periodic or SlipChannel or PeriodicWall"}},
         {true,
          [](MobilityForce& f) {
              f.setModel(MobilityForce::FreeDraining);

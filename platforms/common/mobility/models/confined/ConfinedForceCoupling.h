@@ -68,11 +68,7 @@ public:
 
     /** The model in the periodic box. */
     const ForceCouplingGrid& inPeriodicBox() const { return onGrid; }
-    /**
-     * The period of a grid that is high enough for particles at these places.
-     *
-     * @param margin  how far beyond their envelopes it must reach, as a part of them
-     */
+    /** The period of a grid that is high enough for particles at these places. */
     double periodFor(const std::vector<OpenMM::Vec3>& positions) const;
     /** Whether a grid of this period is high enough. */
     bool holds(double period, const std::vector<OpenMM::Vec3>& positions) const;
