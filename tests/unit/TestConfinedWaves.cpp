@@ -140,6 +140,22 @@ TEST(ConfinedWaves, TheTopAboveAWallDoesNotMatter) {
     }
 }
 
+TEST(ConfinedWaves, TheBaseStaysFromStepToStep) {
+    // Checks of the box ask for the lowest base in between.
+    const Scene scene(4, 5, 6);
+    const ConfinedRotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, planesOf(Wall),
+                                                fluidOf(true));
+    const BoxVectors& box = scene.placement.box;
+    const auto low = model.baseFor(box, 2), high = model.baseFor(box, 4);
+    EXPECT_NE(low.model, high.model);
+    model.check(box);
+    EXPECT_EQ(model.baseFor(box, 4).model, high.model);
+    EXPECT_EQ(model.baseFor(box, 4.001).model, high.model);
+    BoxVectors wider = box;
+    wider[0][0] += 1;
+    EXPECT_NE(model.baseFor(wider, 4).model, high.model);
+}
+
 TEST(ConfinedWaves, TheThirdVectorOfTheBoxDoesNotMatter) {
     Scene scene(4, 5, 6);
     const MatrixXd before = onGrid(scene, planesOf(Channel), 1e-3);

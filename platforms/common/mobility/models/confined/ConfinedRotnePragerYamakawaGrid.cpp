@@ -57,7 +57,7 @@ private:
 
     const ConfinedRotnePragerYamakawaGrid& model;
     const ConfiningPlanes& planes;
-    ConfinedRotnePragerYamakawaGrid::Base base = {nullptr, 0, 0};
+    ConfinedRotnePragerYamakawaGrid::Base base;
     BoxVectors box = {};
     std::vector<Vec3> lifted;
     VectorXd weights;  // B, for each row; empty: no particle reaches through a wall
@@ -184,9 +184,9 @@ ConfinedRotnePragerYamakawaGrid::Base ConfinedRotnePragerYamakawaGrid::baseFor(
     const BoxVectors& box, double highest) const {
     const double height = topFor(box, highest);
     const std::lock_guard<std::mutex> lock(mutex);
-    if (last.model && last.height == height && lastBox[0] == box[0] && lastBox[1] == box[1])
-        return last;
-    Base made = {nullptr, height, 0};
+    for (const Base& base : bases)
+        if (base.height == height && base.box[0] == box[0] && base.box[1] == box[1]) return base;
+    Base made = {nullptr, height, 0, box};
     splittingFor(particles, tolerance, spacing, box, height, made.period);
     WallMaker walls;
     walls.longest = longest;
@@ -195,8 +195,10 @@ ConfinedRotnePragerYamakawaGrid::Base ConfinedRotnePragerYamakawaGrid::baseFor(
     };
     made.model = std::make_shared<RotnePragerYamakawaGrid>(
         particles, viscosity, toleranceOfBase(tolerance), spacing, fluid, walls);
-    last = made;
-    lastBox = box;
+    // check() asks for the lowest one, and placements above a wall for higher ones.
+    const size_t most = 3;
+    if (bases.size() == most) bases.erase(bases.begin());
+    bases.push_back(made);
     return made;
 }
 

@@ -4,6 +4,7 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <vector>
 
 #include "mobility/models/confined/ConfiningPlanes.h"
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
@@ -56,7 +57,8 @@ public:
     /** The base of a fluid up to a height over the lower wall, and its period. */
     struct Base {
         std::shared_ptr<const RotnePragerYamakawaGrid> model;
-        double height, period;
+        double height = 0, period = 0;
+        BoxVectors box = {};
     };
     /** The base for a box and the height of the highest particle. */
     Base baseFor(const BoxVectors& box, double highest) const;
@@ -86,10 +88,9 @@ private:
     const ConfiningPlanes planes;
     const std::shared_ptr<GridFluid> fluid;
     double smallest = 0, longest = 0;
-    /** The base that was made last. */
+    /** Bases that were made last. */
     mutable std::mutex mutex;
-    mutable Base last;
-    mutable BoxVectors lastBox = {};
+    mutable std::vector<Base> bases;
 };
 
 }  // namespace RigidHIPlugin
