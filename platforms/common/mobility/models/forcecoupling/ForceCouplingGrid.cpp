@@ -91,8 +91,8 @@ public:
     double amplitudeOf(const DrivenFlow& wave) override {
         if (wave.hasPlanes) {
             const int index = std::lround(wave.k * field.shape.edge[wave.waveAxis] / (2 * M_PI));
-            const std::complex<double> u =
-                meanOverHeight(field, wave.waveAxis, index, wave.low, wave.high)[wave.forceAxis];
+            const std::complex<double> u = meanOverHeight(inOnePiece(), wave.waveAxis, index,
+                                                          wave.low, wave.high)[wave.forceAxis];
             // u exp(ikx) and its conjugate: 2 Re(u) cos(kx) - 2 Im(u) sin(kx)
             return 2 * u.real() * std::sin(wave.phase) - 2 * u.imag() * std::cos(wave.phase);
         }
@@ -101,7 +101,7 @@ public:
     }
     Vector3d meanFlow(double low, double high) override {
         if (!field.shape.planes) return Vector3d::Zero();
-        return meanOverHeight(field, 0, 0, low, high).real();
+        return meanOverHeight(inOnePiece(), 0, 0, low, high).real();
     }
     bool hasGradients() const override { return true; }
     void gradientsAt(const Placement& placement, bool nearby, MatrixXd& gradients) override {
@@ -111,6 +111,13 @@ public:
     long long getNumRandomNumbers() const override { return GridModeNoise::numbersOf(field.shape); }
 
 private:
+    /** The same field as PlainGridFluid arranges it; other fluids have an order of their own. */
+    GridField inOnePiece() const {
+        PlainGridFluid plain;
+        GridField same;
+        plain.draw(stencils, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw), same);
+        return same;
+    }
     /**
      * Schemes ask for slips and for their divergence at one placement. Nothing is computed twice
      * there.
