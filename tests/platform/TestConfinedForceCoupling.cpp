@@ -100,3 +100,58 @@ TEST(ConfinedForceCoupling, FlowsAreAtRestOnWalls) {
         EXPECT_LE(max(norm(flow[0]), norm(flow[1])), 1e-2 * norm(flow[2]));
     }
 }
+
+TEST(ConfinedForceCoupling, MeansAndModesAreThoseOfTheFlowAtPoints) {
+    // Nodes of Gauss and Legendre for the mean over the height, and equal steps along the planes.
+    const double nodes[] = {0.0950125098376374, 0.2816035507792589, 0.4580167776572274,
+                            0.6178762444026438, 0.7554044083550030, 0.8656312023878318,
+                            0.9445750230732326, 0.9894009349916499},
+                 weights[] = {0.1894506104550685, 0.1826034150449236, 0.1691565193950025,
+                              0.1495959888165767, 0.1246289712555339, 0.0951585116824928,
+                              0.0622535239386479, 0.0271524594117541};
+    for (auto boundary : {MobilityForce::NoSlipChannel, MobilityForce::Film}) {
+        FluidScene scene(300, 1e-3);
+        const double low = -0.5, high = 4.5, accuracy = 1e-3;
+        scene.integrator.setScheme(CustomRigidHIIntegrator::DriftCorrectorFD);
+        scene.fluid->setModel(MobilityForce::ForceCoupling);
+        scene.fluid->setBoundary(boundary);
+        scene.fluid->setChannelWalls(low, high);
+        scene.fluid->setSolverTolerance(accuracy);
+        scene.fluid->setSinusoidalForceDensity(2, 0, 1, 1);
+        scene.side = 6;
+        scene.add(sphereKind(1), Vec3(0, 0, 1.5));
+        scene.add(sphereKind(1), Vec3(3, 2, 2.5));
+        scene.start(testPlatform());
+        scene.integrator.step(1);
+        const int along = 24;
+        vector<Vec3> points;
+        vector<double> parts;
+        for (int node = 0; node < 16; node++) {
+            const double s = node < 8 ? -nodes[node] : nodes[node - 8],
+                         z = 0.5 * (low + high + (high - low) * s);
+            for (int i = 0; i < along * along; i++) {
+                points.push_back(
+                    Vec3(i % along * scene.side / along, i / along * scene.side / along, z));
+                parts.push_back(0.5 * weights[node % 8] / (along * along));
+            }
+        }
+        const vector<Vec3> flow = scene.fluid->getFlowInContext(*scene.context, points);
+        Vec3 mean;
+        double sine = 0, cosine = 0, size = 0;
+        for (size_t p = 0; p < points.size(); p++) {
+            const double angle = 2 * M_PI * points[p][1] / scene.side;
+            mean += flow[p] * parts[p];
+            sine += 2 * parts[p] * flow[p][0] * sin(angle);
+            cosine += 2 * parts[p] * flow[p][0] * cos(angle);
+            size += parts[p] * flow[p].dot(flow[p]);
+        }
+        // The flow at points has the error of the grid.
+        const double tolerance = accuracy * sqrt(size);
+        const Vec3 found = scene.fluid->getMeanFlowInContext(*scene.context);
+        for (int k = 0; k < 3; k++) EXPECT_NEAR(found[k], mean[k], tolerance);
+        const vector<double> mode = scene.fluid->getFlowModeInContext(*scene.context, 0, 1, 1);
+        EXPECT_NEAR(mode[0], sine, tolerance);
+        EXPECT_NEAR(mode[1], cosine, tolerance);
+        EXPECT_GT(hypot(mode[0], mode[1]), 10 * tolerance);
+    }
+}
