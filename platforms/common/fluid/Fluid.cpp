@@ -68,7 +68,8 @@ static BoxVectors periodsOf(const BoundaryTraits& boundary, BoxVectors box) {
 
 void Fluid::checkBox() {
     if (!contents.isPeriodic() || boxIsChecked) return;
-    const Lattice lattice(periodsOf(traitsOf(contents.force.getBoundary()), contents.box));
+    const BoundaryTraits& boundary = traitsOf(contents.force.getBoundary());
+    const Lattice lattice(periodsOf(boundary, contents.box));
     const double rounding = 1e-12, shortest = lattice.getShortest();
     for (const auto& group : contents.groups)
         for (size_t e = 0; e < group->bodies.getElements().size(); e++) {
@@ -81,8 +82,9 @@ void Fluid::checkBox() {
                  << textOf(contents.box) << " the shortest lattice vector has the length "
                  << shortest
                  << " nm; make the box larger by setPeriodicBoxVectors() on the Context (or "
-                    "setDefaultPeriodicBoxVectors() on the System before), or use the boundary "
-                    "Unbounded";
+                    "setDefaultPeriodicBoxVectors() on the System before)";
+            // Beside walls another boundary would be another fluid.
+            if (!boundary.hasWalls()) text << ", or use the boundary Unbounded";
             fail(text.str());
         }
     for (const auto& group : contents.groups)
