@@ -36,6 +36,9 @@ else()
 endif()
 
 set(PLATFORM_LIBRARIES OpenMMRigidHIReference OpenMMRigidHICPU OpenMMRigidHIAny)
+foreach(platform ${RIGIDHI_DEVICE_PLATFORMS})
+    list(APPEND PLATFORM_LIBRARIES OpenMMRigidHI${platform})
+endforeach()
 install(TARGETS OpenMMRigidHI EXPORT OpenMMRigidHI LIBRARY DESTINATION ${API_DIR} COMPONENT libraries)
 install(TARGETS ${PLATFORM_LIBRARIES} LIBRARY DESTINATION ${API_DIR}/plugins COMPONENT libraries)
 # Below a prefix of its own OpenMM is not where the system's loader looks.

@@ -225,7 +225,8 @@ void setOpenMMException(const char* message) {
 %typemap(in, numinputs=0) double& mass (double value), double& gamma (double value),
                double& Gamma (double value), double& low (double value),
                double& high (double value), double& f0 (double value),
-               double& radius (double value), double& rate (double value)
+               double& radius (double value), double& rate (double value),
+               double& whole (double value), double& nothing (double value)
     "$1 = &value;"
 %typemap(argout) std::vector<int>& particles, std::vector<OpenMM::Vec3>& sitePositions {
     $result = SWIG_AppendOutput($result, toBuffer($1->data(), $1->size()));
@@ -234,12 +235,13 @@ void setOpenMMException(const char* message) {
     $result = SWIG_AppendOutput($result, toBuffer($1, 1));
 }
 %typemap(argout) double& mass, double& gamma, double& Gamma, double& low, double& high,
-                 double& f0, double& radius, double& rate {
+                 double& f0, double& radius, double& rate, double& whole, double& nothing {
     $result = SWIG_AppendOutput($result, PyFloat_FromDouble(*$1));
 }
 %typemap(in, numinputs=0) int& bodyIndex (int value), int& body (int value), int& forceAxis (int value),
                int& waveAxis (int value), int& waveVectorIndex (int value),
-               int& hinge (int value) "$1 = &value;"
+               int& hinge (int value), int& flowAxis (int value), int& gradientAxis (int value)
+    "$1 = &value;"
 %typemap(in, numinputs=0) std::vector<double>& parameters (std::vector<double> value),
                std::vector<double>& gradient (std::vector<double> value) "$1 = &value;"
 %typemap(in, numinputs=0) OpenMM::Vec3& velocity (OpenMM::Vec3 value),
@@ -249,7 +251,7 @@ void setOpenMMException(const char* message) {
     $result = SWIG_AppendOutput($result, toBuffer($1, 1));
 }
 %typemap(argout) int& bodyIndex, int& body, int& forceAxis, int& waveAxis, int& waveVectorIndex,
-                 int& hinge {
+                 int& hinge, int& flowAxis, int& gradientAxis {
     $result = SWIG_AppendOutput($result, PyLong_FromLong(*$1));
 }
 %typemap(argout) std::vector<double>& parameters, std::vector<double>& gradient {
@@ -468,6 +470,10 @@ public:
     }
 };
 
+// Python's own method makes an enumerator of these.
+%ignore MobilityForce::setLubrication(bool);
+%ignore MobilityForce::setLubrication(Solver);
+
 class MobilityForce : public OpenMM::Force {
 public:
     enum Model : int {
@@ -481,6 +487,7 @@ public:
 #undef RIGIDHI_ROW
     };
     enum SphereWallMobility : int { FromModel = 0, BestKnown = 1 };
+    enum Lubrication : int { AutoLubrication = 0, On = 1, Off = 2 };
     enum ChannelCondition : int { ZeroPressureGradient = 0, ZeroFlux = 1 };
     enum Solver : int { Auto = 0, Dense = 1, MatrixFree = 2 };
 
@@ -505,8 +512,12 @@ public:
     void setChannelCondition(ChannelCondition condition);
     SphereWallMobility getSphereWallMobility() const;
     void setSphereWallMobility(SphereWallMobility mobility);
-    bool getLubrication() const;
-    void setLubrication(bool enabled);
+    Lubrication getLubrication() const;
+    void setLubrication(Lubrication lubrication);
+    void setLubrication(bool lubrication);
+    void setLubrication(Solver lubrication);
+    void getLubricationReach(double& whole, double& nothing) const;
+    void setLubricationReach(double whole, double nothing);
     double getMinimumGap() const;
     void setMinimumGap(double gap);
     Solver getSolver() const;
@@ -526,6 +537,8 @@ public:
     void setWallVelocity(const OpenMM::Vec3& velocity);
     OpenMM::Vec3 getBodyForceDensity() const;
     void setBodyForceDensity(const OpenMM::Vec3& forceDensity);
+    void getShear(double& rate, int& flowAxis, int& gradientAxis) const;
+    void setShear(double rate, int flowAxis, int gradientAxis);
 
     void setBodyMobility(int body, const std::vector<double>& mobility);
     void setBodyFriction(int body, const std::vector<double>& friction);
@@ -566,6 +579,7 @@ public:
                                                    int waveAxis, int waveVectorIndex) const;
     OpenMM::Vec3 getMeanFlowInContext(OpenMM::Context& context) const;
     OpenMM::Vec3 getRandomMeanFlowInContext(OpenMM::Context& context) const;
+    std::vector<double> getStressInContext(OpenMM::Context& context) const;
     bool usesPeriodicBoundaryConditions() const;
 
     %extend {

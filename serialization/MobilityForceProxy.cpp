@@ -15,9 +15,12 @@ namespace RigidHIPlugin {
 namespace {
 
 const char* const className = "MobilityForce";
-/** The latest version, which is written only for what earlier versions of the library would ignore:
- * slips of bodies, and forces that bodies exert on the fluid. */
-constexpr int formatVersion = 2;
+/**
+ * The later versions, which are written only for what earlier versions of the library would ignore:
+ * slips of bodies, forces that bodies exert on the fluid, lubrication of models other than
+ * StokesianDynamics and its reach; and shear.
+ */
+constexpr int versionOfActive = 2, versionOfShear = 3, formatVersion = 3;
 
 template <class Enum, class Row, size_t count>
 EnumNames<Enum> namesOf(const Row (&table)[count]) {
@@ -36,6 +39,10 @@ const EnumNames<MobilityForce::ChannelCondition> channelConditions = {
 const EnumNames<MobilityForce::Solver> solvers = {{"Auto", MobilityForce::Auto},
                                                   {"Dense", MobilityForce::Dense},
                                                   {"MatrixFree", MobilityForce::MatrixFree}};
+const EnumNames<MobilityForce::Lubrication> lubrications = {
+    {"Auto", MobilityForce::AutoLubrication},
+    {"On", MobilityForce::On},
+    {"Off", MobilityForce::Off}};
 
 /** The settings that are plain numbers. A new one is a line at the end. */
 const struct {
@@ -115,8 +122,16 @@ MobilityForceProxy::MobilityForceProxy() : SerializationProxy(className) {}
 
 void MobilityForceProxy::serialize(const void* object, SerializationNode& node) const {
     const MobilityForce& force = *static_cast<const MobilityForce*>(object);
-    const bool isActive = !force.getBodiesWithSlip().empty() || force.getNumBodyForcesOnFluid() > 0;
-    node.setIntProperty("version", isActive ? formatVersion : 1);
+    double whole, nothing, rate;
+    int flowAxis, gradientAxis;
+    force.getLubricationReach(whole, nothing);
+    force.getShear(rate, flowAxis, gradientAxis);
+    const bool isActive = !force.getBodiesWithSlip().empty() || force.getNumBodyForcesOnFluid() > 0,
+               isLubricated = whole > 0 || (force.getLubrication() == MobilityForce::On &&
+                                            force.getModel() != MobilityForce::StokesianDynamics),
+               isSheared = rate != 0 || flowAxis != 0 || gradientAxis != 1;
+    const int version = isSheared ? versionOfShear : isActive || isLubricated ? versionOfActive : 1;
+    node.setIntProperty("version", version);
     node.setIntProperty("forceGroup", force.getForceGroup());
     node.setStringProperty("name", force.getName());
     for (const auto& number : numbers) node.setDoubleProperty(number.name, (force.*number.get)());
@@ -129,7 +144,9 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
                            nameOf(sphereWallMobilities, force.getSphereWallMobility()));
     node.setStringProperty("channelCondition",
                            nameOf(channelConditions, force.getChannelCondition()));
-    node.setBoolProperty("lubrication", force.getLubrication());
+    node.setBoolProperty("lubrication", force.getLubrication() != MobilityForce::Off);
+    node.setStringProperty("lubricationSetting", nameOf(lubrications, force.getLubrication()));
+    node.setDoubleProperty("wholeLubrication", whole).setDoubleProperty("noLubrication", nothing);
     node.setStringProperty("solver", nameOf(solvers, force.getSolver()));
     node.setBoolProperty("fastSummation", force.getFastSummation());
     double f0;
@@ -170,15 +187,20 @@ void MobilityForceProxy::serialize(const void* object, SerializationNode& node) 
     groups.setIntProperty("count", force.getGroups().size());
     for (int group : force.getGroups())
         groups.createChildNode("Group").setIntProperty("group", group);
-    if (!isActive) return;
+    if (version == 1) return;
     writeSlips(node.createChildNode("Slips"), force);
     writeForcesOnFluid(node.createChildNode("ForcesOnFluid"), force);
+    if (!isSheared) return;
+    node.createChildNode("Shear")
+        .setDoubleProperty("rate", rate)
+        .setIntProperty("flowAxis", flowAxis)
+        .setIntProperty("gradientAxis", gradientAxis);
 }
 
 void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     const StrictNode node(root, className);
     const int version = node.integer("version");
-    if (version < 1 || version > formatVersion) node.wrongValue("version", "1 or 2");
+    if (version < 1 || version > formatVersion) node.wrongValue("version", "1, 2 or 3");
     auto force = make_unique<MobilityForce>();
     force->setForceGroup(node.integer("forceGroup"));
     force->setName(node.text("name"));
@@ -195,7 +217,13 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
         force->setSphereWallMobility(valueOf(sphereWallMobilities, node, "sphereWallMobility"));
     if (node.has("channelCondition"))
         force->setChannelCondition(valueOf(channelConditions, node, "channelCondition"));
-    force->setLubrication(node.boolean("lubrication"));
+    // Older files say whether StokesianDynamics has lubrication, as it has by default.
+    if (node.has("lubricationSetting")) {
+        force->setLubrication(valueOf(lubrications, node, "lubricationSetting"));
+        force->setLubricationReach(node.number("wholeLubrication"), node.number("noLubrication"));
+    } else if (!node.boolean("lubrication")) {
+        force->setLubrication(MobilityForce::Off);
+    }
     force->setSolver(valueOf(solvers, node, "solver"));
     // Fast sums.
     if (node.has("fastSummation")) force->setFastSummation(node.boolean("fastSummation"));
@@ -236,9 +264,14 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
     for (const SerializationNode& child : list.children())
         groups.push_back(StrictNode(child, className).integer("group"));
     force->setGroups(groups);
-    if (version >= 2) {
+    if (version >= versionOfActive) {
         readSlips(node.child("Slips"), *force);
         readForcesOnFluid(node.child("ForcesOnFluid"), *force);
+    }
+    if (version >= versionOfShear) {
+        const StrictNode shear = node.child("Shear");
+        force->setShear(shear.number("rate"), shear.integer("flowAxis"),
+                        shear.integer("gradientAxis"));
     }
     return force.release();
 }

@@ -1,7 +1,11 @@
 #include "TestSupport.h"
 
+#include "Instrumented.h"
 #include "openmmrigidhi/SchemeTraits.h"
 
+#include <openmm/Force.h>
+#include <openmm/internal/ContextImpl.h>
+#include <openmm/internal/ForceImpl.h>
 #include <openmm/reference/SimTKOpenMMRealType.h>
 
 #include <cstdlib>
@@ -23,14 +27,16 @@ Platform& platform(const string& name) {
         const string beside = OPENMM_PLUGINS_BESIDE;
         const bool known = getenv("OPENMM_PLUGIN_DIR") || !filesystem::is_directory(beside);
         Platform::loadPluginsFromDirectory(known ? Platform::getDefaultPluginsDirectory() : beside);
-        for (const char* p : {"Reference", "CPU", "Any"})
-            Platform::loadPluginLibrary(string(RIGIDHI_PLUGIN_DIR) + "/libOpenMMRigidHI" + p +
-                                        ".so");
+        for (const char* p : {"Reference", "CPU", "Any", "OpenCL", "CUDA", "HIP"}) {
+            const string library = string(RIGIDHI_PLUGIN_DIR) + "/libOpenMMRigidHI" + p + ".so";
+            if (filesystem::exists(library)) Platform::loadPluginLibrary(library);
+        }
         return true;
     }();
     (void)loaded;
     Platform& found = Platform::getPlatformByName(name);
-    if (name == "OpenCL") found.setPropertyDefaultValue("Precision", testPrecision());
+    if (name != "Reference" && name != "CPU")
+        found.setPropertyDefaultValue("Precision", testPrecision());
     return found;
 }
 
@@ -39,8 +45,19 @@ string testPrecision() {
     return precision ? precision : "double";
 }
 
+bool isInstrumented() {
+#ifdef RIGIDHI_INSTRUMENTED
+    return true;
+#else
+    return false;
+#endif
+}
+
 map<string, string> threads(const string& platformName, int count) {
     if (platformName != "CPU") return {};
+#ifdef __SANITIZE_THREAD__
+    count = max(count, 2);  // one thread has no races
+#endif
     return {{"Threads", to_string(count)}};
 }
 
@@ -200,6 +217,21 @@ double largestDistortion(const vector<Vec3>& positions, const Shape& shape, int 
                                        norm(shape.sites[i] - shape.sites[j])));
     return worst;
 }
+
+namespace {
+
+/** A Force may ask for the implementation of a Context. */
+struct Opener : Force {
+    ContextImpl& open(Context& context) { return getContextImpl(context); }
+    bool usesPeriodicBoundaryConditions() const override { return false; }
+
+protected:
+    ForceImpl* createImpl() const override { return nullptr; }
+};
+
+}  // namespace
+
+ContextImpl& implOf(Context& context) { return Opener().open(context); }
 
 vector<Vec3> positionsOf(Context& context) {
     return context.getState(State::Positions).getPositions();

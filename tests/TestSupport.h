@@ -17,6 +17,10 @@
 
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 
+namespace OpenMM {
+class ContextImpl;
+}
+
 namespace RigidHITest {
 
 using OpenMM::Vec3;
@@ -28,13 +32,14 @@ extern const double boltzmann;
 
 /** Load the plugin (once) and give a platform by name. */
 OpenMM::Platform& platform(const std::string& name);
-/** The platform that a program made from a file in platform/ tests: "Reference", "CPU" or "OpenCL".
+/** The platform that a program made from a file in platform/ tests: "Reference", "CPU", "OpenCL",
+ * or that of another device.
  */
 std::string testPlatformName();
 inline OpenMM::Platform& testPlatform() { return platform(testPlatformName()); }
 inline bool onCpu() { return testPlatformName() == "CPU"; }
 /** Whether forces are a device's, and particles are copied to and from it. */
-inline bool onDevice() { return testPlatformName() == "OpenCL"; }
+inline bool onDevice() { return testPlatformName() != "Reference" && testPlatformName() != "CPU"; }
 /** "double", except for device platforms. Their precision is given by the environment variable
  * RIGIDHI_TEST_PRECISION. */
 std::string testPrecision();
@@ -107,6 +112,8 @@ std::vector<Vec3> randomPoses(const Shape& shape, int copies, double spacing, in
 /** The largest deviation of a distance between members of bodies from that in the shape. */
 double largestDistortion(const std::vector<Vec3>& positions, const Shape& shape, int copies);
 
+/** OpenMM's inner part of a Context. */
+OpenMM::ContextImpl& implOf(OpenMM::Context& context);
 std::vector<Vec3> positionsOf(OpenMM::Context& context);
 std::vector<Vec3> velocitiesOf(OpenMM::Context& context);
 /** Whether two arrays are the same bit for bit. */

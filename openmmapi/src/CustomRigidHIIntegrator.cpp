@@ -871,13 +871,66 @@ map<string, double> CustomRigidHIIntegrator::computeMidStepTemperatures() const 
 
 // ---- What the scene costs ----
 
+namespace {
+
+/** The order in which describeEffects() names effects; the others follow. */
+const char* const orderOfEffects[] = {"scheme",
+                                      "momenta",
+                                      "noise",
+                                      "translational friction",
+                                      "rotational friction",
+                                      "inertia scale",
+                                      "bodies",
+                                      "rotation",
+                                      "slowed spins",
+                                      "elongated bodies",
+                                      "held bodies",
+                                      "prescribed motion",
+                                      "joints",
+                                      "body forces",
+                                      "free particles",
+                                      "constraints of free particles",
+                                      "hydrodynamics",
+                                      "hydrodynamic interactions",
+                                      "driven flow",
+                                      "active slip",
+                                      "forces on the fluid",
+                                      "stochastic drift",
+                                      "finite differences",
+                                      "mobilities asked for",
+                                      "barostat",
+                                      "centre-of-mass motion removal"};
+
+/** A text as a sentence. */
+string sentence(string text) {
+    if (!text.empty()) text[0] = toupper(static_cast<unsigned char>(text[0]));
+    return text.empty() || text.back() == '.' ? text : text + ".";
+}
+
+}  // namespace
+
 string CustomRigidHIIntegrator::describeEffects() const {
-    string text;
-    for (const auto& effect : boundKernel("describeEffects()").getBodies().getEffects()) {
-        string value = effect.second;  // "on: why" or "off: why"
-        text += effect.first + ": " + value.replace(value.find(':'), 1, ",") + "\n";
-    }
-    return text;
+    BodiesInContext& bound = boundKernel("describeEffects()").getBodies();
+    map<string, string> effects = bound.getEffects();
+    effects.erase("warnings");
+    string on = "on:\n", off;
+    const auto name = [&](const string& effect) {
+        const auto found = effects.find(effect);
+        if (found == effects.end()) return;
+        const string& value = found->second;  // "on: why" or "off: why"
+        const size_t colon = value.find(':');
+        if (value.compare(0, colon, "on") == 0)
+            on += "  " + effect + value.substr(colon) + "\n";
+        else
+            off += (off.empty() ? "" : ", ") + effect;
+        effects.erase(found);
+    };
+    for (const char* effect : orderOfEffects) name(effect);
+    while (!effects.empty()) name(string(effects.begin()->first));
+    const vector<string> warnings = bound.getWarnings();
+    string last = warnings.empty() ? "warnings: none\n" : "warnings:\n";
+    for (const string& warning : warnings) last += "  " + sentence(warning) + "\n";
+    return on + (off.empty() ? "" : "off (getEffects() says why): " + off + "\n") + last;
 }
 
 map<string, string> CustomRigidHIIntegrator::getEffects() const {

@@ -85,7 +85,7 @@ MobilityForce::MobilityForce()
     : viscosity(viscosityOfWater), minimumGap(0), solverTolerance(1e-6), gridSpacing(0),
       wallHeight(0), channelLow(0), channelHigh(0), model(RotnePragerYamakawa), boundary(Unbounded),
       sphereWallMobility(FromModel), channelCondition(ZeroPressureGradient), solver(Auto),
-      lubrication(true) {}
+      lubrication(AutoLubrication) {}
 
 // The destructor is not inline, so that other libraries do not export it too.
 MobilityForce::~MobilityForce() {}
@@ -176,6 +176,33 @@ void MobilityForce::setSphereWallMobility(SphereWallMobility mobility) {
     sphereWallMobility = mobility;
 }
 
+void MobilityForce::setLubrication(Lubrication wanted) {
+    if (wanted < AutoLubrication || wanted > Off)
+        fail("setLubrication()", "the number " + text(wanted) + " stands for no setting",
+             "it must be one of Auto, On, Off", "use the class constants");
+    lubrication = wanted;
+}
+
+void MobilityForce::setLubrication(Solver wanted) {
+    if (wanted != Auto)
+        fail("setLubrication()", "got the number " + text(wanted) + " of a solver",
+             "it must be one of Auto, On, Off", "use setSolver() for solvers");
+    lubrication = AutoLubrication;
+}
+
+void MobilityForce::setLubricationReach(double whole, double nothing) {
+    const double contact = 2;
+    if (!(whole == 0 && nothing == 0) &&
+        !(isfinite(whole) && isfinite(nothing) && whole >= contact && nothing > whole))
+        fail("setLubricationReach()",
+             "lubrication is whole up to " + text(whole) + " and nothing from " + text(nothing) +
+                 " mean radii on",
+             "the first must be at least 2, which is contact, and the second above it, both finite",
+             "give two distances of centres in mean radii, or 0, 0 for those of the model");
+    wholeLubrication = whole;
+    noLubrication = nothing;
+}
+
 void MobilityForce::setMinimumGap(double gap) {
     if (!isfinite(gap) || gap < 0)
         fail("setMinimumGap()", "gap is " + text(gap) + " mean radii",
@@ -263,6 +290,33 @@ void MobilityForce::setBodyForceDensity(const Vec3& density) {
              "it must be finite and along the walls",
              "give a force density along x and y, with z = 0");
     bodyForceDensity = density;
+}
+
+void MobilityForce::getShear(double& rate, int& alongFlow, int& alongGradient) const {
+    rate = shearRate;
+    alongFlow = flowAxis;
+    alongGradient = gradientAxis;
+}
+
+void MobilityForce::setShear(double rate, int alongFlow, int alongGradient) {
+    if (!isfinite(rate))
+        fail("setShear()", "the rate is " + text(rate) + "/ps", "it must be finite",
+             "give a finite rate, or 0 for none");
+    for (int axis : {alongFlow, alongGradient})
+        if (axis < 0 || axis > 2)
+            fail("setShear()", "an axis is " + text(axis),
+                 "the axes of a flow and its gradient are 0, 1 or 2, for x, y or z",
+                 "correct the axis");
+    if (alongFlow >= alongGradient)
+        fail("setShear()",
+             "the flow is along axis " + text(alongFlow) + " and its gradient along axis " +
+                 text(alongGradient),
+             "OpenMM's boxes are lower triangular and tilt along an axis before that of the "
+             "gradient only",
+             "give the axes (0, 1), (0, 2) or (1, 2), and name the axes of the System to match");
+    shearRate = rate;
+    flowAxis = alongFlow;
+    gradientAxis = alongGradient;
 }
 
 // ---- Tensors and groups ----
@@ -491,6 +545,10 @@ Vec3 MobilityForce::getMeanFlowInContext(Context& context) const {
 
 Vec3 MobilityForce::getRandomMeanFlowInContext(Context& context) const {
     return kernelIn(context, "getRandomMeanFlowInContext()").getFluid().getRandomMeanFlow();
+}
+
+vector<double> MobilityForce::getStressInContext(Context& context) const {
+    return kernelIn(context, "getStressInContext()").getFluid().getStress();
 }
 
 ForceImpl* MobilityForce::createImpl() const { return new MobilityForceImpl(*this); }

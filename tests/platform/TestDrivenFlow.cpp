@@ -255,31 +255,29 @@ struct StokesianScene : FlowScene {
 
 TEST(DrivenFlow, SpheresResistStrainByStresslets) {
     const LinearFlow flow = generalFlow();
-    for (bool lubrication : {false, true}) {
-        StokesianScene scene(lubrication);
-        flow.set(*scene.fluid);
-        scene.addSpheres();
-        scene.start();
-        const VectorXd expected = spheresInFlow(scene.x, scene.a, flow, 0.6);
-        // The effect of stresslets must be large in this scene, or the test would show little.
-        VectorXd carried(18);
-        for (int i = 0; i < 3; i++)
-            carried.segment<6>(6 * i) << flow.at(scene.x[i]), flow.halfCurl();
-        EXPECT_GT((expected - carried).norm(), 0.05 * carried.norm());
-        expectNear(scene.stepTwists(), expected, 1e-12);
-        // The velocities are also right at the positions after the step.
-        const auto places = scene.integrator.getBodyPositions();
-        for (int i = 0; i < 3; i++) scene.x[i] = toEigen(places[i]);
-        expectNear(scene.stepTwists(), spheresInFlow(scene.x, scene.a, flow, 0.6), 1e-12);
-    }
+    // Without lubrication, whose strain is tested in unit/TestStokesianDynamics.cpp.
+    StokesianScene scene(false);
+    flow.set(*scene.fluid);
+    scene.addSpheres();
+    scene.start();
+    const VectorXd expected = spheresInFlow(scene.x, scene.a, flow, 0.6);
+    // The effect of stresslets must be large in this scene, or the test would show little.
+    VectorXd carried(18);
+    for (int i = 0; i < 3; i++) carried.segment<6>(6 * i) << flow.at(scene.x[i]), flow.halfCurl();
+    EXPECT_GT((expected - carried).norm(), 0.05 * carried.norm());
+    expectNear(scene.stepTwists(), expected, 1e-12);
+    // The velocities are also right at the positions after the step.
+    const auto places = scene.integrator.getBodyPositions();
+    for (int i = 0; i < 3; i++) scene.x[i] = toEigen(places[i]);
+    expectNear(scene.stepTwists(), spheresInFlow(scene.x, scene.a, flow, 0.6), 1e-12);
     StokesianScene alone(true);
     flow.set(*alone.fluid);
     alone.x.resize(1);
     alone.addSpheres();
     alone.start();
-    VectorXd expected(6);
-    expected << flow.at(alone.x[0]), flow.halfCurl();
-    expectNear(alone.stepTwists(), expected, 1e-13);
+    VectorXd ofAlone(6);
+    ofAlone << flow.at(alone.x[0]), flow.halfCurl();
+    expectNear(alone.stepTwists(), ofAlone, 1e-13);
 }
 
 TEST(DrivenFlow, TwoSpheresFarApartAreThoseOfBatchelorAndGreen) {
@@ -501,8 +499,12 @@ TEST(DrivenFlow, EffectsNameIt) {
     StokesianScene spheres(true);
     shear(0.2).set(*spheres.fluid);
     spheres.addSpheres();
-    expectWords(effect(spheres),
-                {"spheres resist its strain by stresslets, without lubrication of the strain"});
+    expectWords(effect(spheres), {"spheres resist its strain by stresslets and lubrication"});
+    StokesianScene unlubricated(false);
+    shear(0.2).set(*unlubricated.fluid);
+    unlubricated.addSpheres();
+    expectWords(effect(unlubricated),
+                {"spheres resist its strain by stresslets, without lubrication"});
     PeriodicScene periodic(periodicModels[0]);
     Wave{-0.3, 0, 2, 2}.set(*periodic.fluid);
     periodic.add(sphereKind(0.8));

@@ -218,7 +218,8 @@ TEST(Periodic, WhatIsNotThereIsRefused) {
     };
     expectError(
         [&] { start(MobilityForce::StokesianDynamics, MobilityForce::MatrixFree); },
-        {"solver MatrixFree cannot be used with", "with boundary Periodic; use setSolver(Dense)"});
+        {"model StokesianDynamics cannot be used with solver MatrixFree and scheme LangevinHI",
+         "use setSolver(Dense)"});
 }
 
 TEST(Periodic, BarostatsAreRefused) {

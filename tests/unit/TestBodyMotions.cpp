@@ -12,15 +12,6 @@ using namespace std;
 
 namespace {
 
-/** Gives the implementation of a Context. */
-struct Opener : Force {
-    ContextImpl& open(Context& context) { return getContextImpl(context); }
-    bool usesPeriodicBoundaryConditions() const override { return false; }
-
-protected:
-    ForceImpl* createImpl() const override { return nullptr; }
-};
-
 /** CustomBodyMotions beside a Context of four bodies: without a step, so that no scheme matters. */
 struct Motions : testing::Test {
     System system;
@@ -44,7 +35,7 @@ struct Motions : testing::Test {
         vector<ForceImpl*> all;
         for (const auto& force : forces) {
             impls.push_back(make_unique<CustomBodyMotionImpl>(*force));
-            impls.back()->initialize(Opener().open(*context));
+            impls.back()->initialize(implOf(*context));
             for (const auto& parameter : impls.back()->getDefaultParameters())
                 parameters.insert(parameter);
             all.push_back(impls.back().get());
@@ -127,12 +118,12 @@ TEST_F(Motions, NewParametersOfBodies) {
     motions.evaluate(parameters, 0, values);
     EXPECT_EQ(values(4, 3), 2);
     auto& impl = dynamic_cast<CustomBodyMotionImpl&>(*impls[0]);
-    impl.updateParametersInContext(Opener().open(*context));
+    impl.updateParametersInContext(implOf(*context));
     motions.evaluate(parameters, 0, values);
     EXPECT_EQ(values(4, 3), 5);
     EXPECT_EQ(values(4, 0), 1);
     force.setBodyParameters(1, 2, {5});
-    expectError([&] { impl.updateParametersInContext(Opener().open(*context)); },
+    expectError([&] { impl.updateParametersInContext(implOf(*context)); },
                 {"CustomBodyMotion: updateParametersInContext(): the force acts on other bodies",
                  "call Context::reinitialize()"});
 }

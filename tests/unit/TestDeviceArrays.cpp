@@ -181,8 +181,9 @@ private:
 };
 
 /**
- * Waters, a body of one site, and free particles with a constraint and a virtual site. The spin of
- * the body of one site is known from its twist alone.
+ * Waters, a body of one site, free particles with a constraint and a virtual site, and bodies of
+ * two sites. The spin of the body of one site is known from its twist alone. Velocities of the
+ * bodies of two sites, which have a block of their own, are taken in by a loop over blocks.
  */
 struct DeviceScene {
     DevicePlatform device;
@@ -207,6 +208,9 @@ struct DeviceScene {
         if (momenta) system.addConstraint(first, second, 0.1);
         system.setVirtualSite(site, new TwoParticleAverageSite(first, second, 0.5, 0.5));
         for (double x : {0.0, 0.1, 0.05}) start.emplace_back(x + 1.0 / 3, 2.0 / 3, 0.0);
+        const Shape pair{"two sites", {1.0, 35.0}, {Vec3(), Vec3(0.127, 0, 0)}};
+        addBodies(system, integrator, pair, 3);
+        for (const Vec3& x : randomPoses(pair, 3, 0.4, 11)) start.push_back(x - Vec3(0, 0.5, 0));
         numParticles = system.getNumParticles();
         auto* field =
             new CustomExternalForce("20*(x^2+1.3*(y-1)^2+0.7*z^2)+select(broken,sqrt(-1-x^2),0)");
@@ -340,7 +344,7 @@ TEST(DeviceArrays, RemovalOfMomentumKeepsItsFrequency) {
     const auto momentum = [&] {
         Vec3 p = velocitiesOf(*scene.context)[10] * 12 + velocitiesOf(*scene.context)[11] * 1;
         const auto v = scene.integrator.getBodyVelocities();
-        for (int b = 0; b < 4; b++) p += v[b] * (b < 3 ? 18.0154 : 5);
+        for (int b = 0; b < 7; b++) p += v[b] * (b < 3 ? 18.0154 : b < 4 ? 5 : 36);
         return p;
     };
     scene.integrator.setIntegrationForceGroups(0);

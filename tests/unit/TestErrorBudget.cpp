@@ -29,6 +29,7 @@ namespace {
 struct Kind {
     const char* name;
     bool hasSingle, hasFast, isDivergenceFree;
+    bool hasFastSingle = false;
 };
 
 /**
@@ -79,6 +80,7 @@ private:
         traits.isIsotropic = true;
         traits.isDivergenceFree = kind.isDivergenceFree;
         traits.hasSinglePrecision = kind.hasSingle;
+        traits.hasFastSinglePrecision = kind.hasFastSingle;
         return traits;
     }
 };
@@ -466,4 +468,26 @@ TEST(ErrorBudget, ProductsBecomeFinerOneAfterTheOther) {
     EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-2), 1e-3);
     EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-5), 1e-5);
     EXPECT_EQ(ErrorBudget(1e-3).inSolves(fast, 1e-8), 1e-6);
+}
+
+TEST(ErrorBudget, OneProductIsOfSinglePrecisionWhereADeviceMakesIt) {
+    HydrodynamicParticles none;
+    const RecordingModel host({"host", true, false, false}, none, 1),
+        device({"device", true, false, false, true}, none, 1);
+    ErrorBudget::Needs needed;
+    const auto error = [&](double tolerance, const RecordingModel& model) {
+        return ErrorBudget(tolerance, needed).ofProductsAsSolves(model).error;
+    };
+    needed.exactSolves = false;
+    EXPECT_EQ(error(1e-2, device), 1e-4);
+    EXPECT_EQ(error(1e-2, host), 0);
+    EXPECT_EQ(error(9e-5, device), 0);
+    needed.exactSolves = true;
+    EXPECT_EQ(error(1e-2, device), 0);
+    EXPECT_TRUE(ErrorBudget::savesTime(device, 1e-6));
+    EXPECT_FALSE(ErrorBudget::savesTime(device, 9e-7));
+    EXPECT_FALSE(ErrorBudget::savesTime(host, 1e-2));
+    // Iterations ask for no larger errors, which would take as long.
+    EXPECT_EQ(ErrorBudget(1e-3).inRoots(device, 1, 0).size(), 1u);
+    EXPECT_EQ(ErrorBudget(1e-3).inSolves(device, 1e-2), Accuracy::errorOfSinglePrecision);
 }

@@ -4,6 +4,7 @@
 #include <openmm/internal/ThreadPool.h>
 #include "simd/SimdTargets.h"  // must precede Highway
 
+#include "Instrumented.h"
 #include "TestSupport.h"
 #include "hwy/targets.h"
 #include "mobility/fastsum/FastSum.h"
@@ -299,6 +300,7 @@ TEST(FastSum, ConvergesToTheSumOverPairs) {
     for (bool hasWall : {false, true})
         for (Kind kind : {Blobs, Spheres, Mixed})
             for (bool equalRadii : {true, false}) {
+                if (isInstrumented() && (kind != Mixed || equalRadii)) continue;
                 const Scene scene = cloud(300, kind, equalRadii, hasWall, 21);
                 const MatrixXd forces = forcesFor(scene), exact = exactly(scene, forces);
                 const VectorXd scale = scene.scale();
@@ -316,9 +318,11 @@ TEST(FastSum, ConvergesToTheSumOverPairs) {
             }
 }
 
-// Errors keep below the promised bound at scenes that the table of accuracies was not made from.
-TEST(FastSum, ErrorsAreBelowWhatWasAskedFor) {
-    const int n = 6000;
+namespace {
+
+/** Errors keep below the promised bound at scenes that the table of accuracies was not made from.
+ */
+void checkErrorsOfSums(int n) {
     for (bool hasWall : {false, true})
         for (Held shape : allHeld) {
             const Scene scene = heldOut(n, shape, Kind(shape % 3), hasWall);
@@ -346,6 +350,11 @@ TEST(FastSum, ErrorsAreBelowWhatWasAskedFor) {
         }
 }
 
+}  // namespace
+
+TEST(FastSum, ErrorsAreBelowWhatWasAskedFor) { checkErrorsOfSums(3000); }
+TEST(FastSum, FullErrorsOfLargerSumsAreBelowWhatWasAskedFor) { checkErrorsOfSums(12000); }
+
 TEST(FastSum, ChoosesByNumbersAlone) {
     for (bool hasWall : {false, true}) {
         EXPECT_FALSE(FastSum::choose(1e-2, 1000, hasWall));
@@ -363,7 +372,7 @@ TEST(FastSum, ChoosesByNumbersAlone) {
 
 TEST(FastSum, NeitherThreadsNorWidthOfPacksShow) {
     for (bool hasWall : {false, true}) {
-        const Scene scene = cloud(1500, Mixed, false, hasWall, 30);
+        const Scene scene = cloud(allOrFew(1500, 500), Mixed, false, hasWall, allOrFew(30, 20));
         const MatrixXd forces = forcesFor(scene);
         for (int floats : {0, 1, 2}) {
             const FastSum::Accuracy accuracy = {5, 0.7, 20, floats};
@@ -432,7 +441,7 @@ TEST(FastSum, HardPlaces) {
     for (int i = 0; i < 300; i++)
         scene.positions[i] = i % 2 ? Vec3(1e9, 0, 0) : Vec3(1e-3 * i, 0, 0);
     compare(1e-4);
-    scene = cloud(2000, Mixed, false, false, 60);
+    scene = cloud(allOrFew(2000, 500), Mixed, false, false, allOrFew(60, 40));
     scene.particles.radii[17] = 25;  // one sphere contains many others
     compare(1e-4);
     const Scene alone = cloud(1, Spheres, true, true, 5);
@@ -482,6 +491,7 @@ TEST(FastSum, OfAModelAtAPlace) {
 TEST(FastSum, DifferencesOfAModel) {
     const double error = 1e-2;
     for (bool hasWall : {false, true}) {
+        if (isInstrumented() && !hasWall) continue;  // a wall has all that is there without
         const Scene scene = cloud(fewestAt(error, hasWall), Blobs, true, hasWall, 80);
         const MatrixXd forces = forcesFor(scene).leftCols(1);
         const CpuRotnePragerYamakawa model = scene.model();
@@ -547,7 +557,7 @@ TEST(FastSum, TheUnitOfLengthDoesNotShow) {
     for (bool hasWall : {false, true})
         for (int floats : {0, 2}) {
             const FastSum::Accuracy accuracy = {4, 0.8, 40, floats};
-            const Scene scene = cloud(2000, Mixed, false, hasWall, 60);
+            const Scene scene = cloud(allOrFew(2000, 500), Mixed, false, hasWall, 60);
             const MatrixXd forces = forcesFor(scene), velocities = fast(scene, forces, accuracy);
             EXPECT_LT((velocities - exactly(scene, forces)).norm(), 1e-2 * velocities.norm());
             for (int power : {-40, -27, 30, 50}) {

@@ -53,15 +53,21 @@ MatrixXd latticeSum(const HydrodynamicParticles& particles, const BoxVectors& bo
     for (double a : particles.radii) narrowest = min(narrowest, torqueEnvelopeWidth(a));
     const double largest = sqrt(2 * 37.0) / narrowest;
     int n[3];
-    for (int c = 0; c < 3; c++) n[c] = ceil(largest * box[c][c] / (2 * M_PI));
+    // |n_c| = |k.a_c|/2 pi for the vector a_c of the box, and the reciprocal vectors are those to
+    // it.
+    Matrix3d vectors;
+    for (int c = 0; c < 3; c++) {
+        vectors.row(c) << box[c][0], box[c][1], box[c][2];
+        n[c] = ceil(largest * vectors.row(c).norm() / (2 * M_PI));
+    }
+    const Matrix3d reciprocal = 2 * M_PI * vectors.inverse();
     MatrixXd M = MatrixXd::Zero(particles.numRows, particles.numRows);
     const double volume = box[0][0] * box[1][1] * box[2][2];
     // k and -k give the same real part.
     for (int x = 0; x <= n[0]; x++)
         for (int y = -n[1]; y <= n[1]; y++)
             for (int z = -n[2]; z <= n[2]; z++) {
-                const Vector3d k(2 * M_PI * x / box[0][0], 2 * M_PI * y / box[1][1],
-                                 2 * M_PI * z / box[2][2]);
+                const Vector3d k = reciprocal * Vector3d(x, y, z);
                 const double k2 = k.squaredNorm();
                 if (k2 == 0 || k2 > largest * largest) continue;
                 Matrix3d cross;
@@ -437,7 +443,7 @@ TEST(CpuGridFluid, ThreadsDoNotChangeABit) {
     }
 }
 
-TEST(CpuGridFluid, RoughProductsHaveTheErrorThatTheyPromise) {
+TEST(CpuGridFluid, RoughProductsHaveTheErrorThatTheyPromiseOnAnyThreads) {
     // The cases have spheres and blobs that overlap or do not, boxes that stencils fit into or not,
     // and channels.
     const HydrodynamicParticles particles = mixture();
@@ -475,4 +481,60 @@ TEST(ForceCouplingGrid, NeedsABox) {
             model.at({{Vec3()}, {}});
         },
         {"ForceCoupling on a grid", "needs a periodic box, but the System has none"});
+}
+
+TEST(ForceCouplingGrid, TakesTriclinicBoxes) {
+    const vector<BoxVectors> boxes = {
+        {{Vec3(3.1, 0, 0), Vec3(1.55, 2.6, 0), Vec3(0, 0, 4.4)}},
+        {{Vec3(3.1, 0, 0), Vec3(0, 2.6, 0), Vec3(0, -1.3, 4.4)}},
+        {{Vec3(3.1, 0, 0), Vec3(-1.2, 2.6, 0), Vec3(0.9, 1.1, 3.4)}},
+    };
+    for (const BoxVectors& box : boxes)
+        for (bool torques : {false, true}) {
+            const HydrodynamicParticles particles = torques ? mixture() : blobs(4, 0.3);
+            const MatrixXd exact = latticeSum(particles, box, places(box));
+            for (double tolerance : {1e-2, 1e-4, 1e-6, 1e-8}) {
+                const ForceCouplingGrid model(particles, eta, tolerance, 0,
+                                              make_shared<CpuGridFluid>());
+                MatrixXd M;
+                model.at({places(box), box})->dense(M);
+                const double error = normOf(scaled(M - exact, particles));
+                EXPECT_LE(error, tolerance) << (torques ? " with torques" : "");
+                EXPECT_LE((M - M.transpose()).norm(), 1e-15 * M.norm() * particles.numRows);
+            }
+        }
+}
+
+TEST(ForceCouplingGrid, FieldsInTriclinicBoxesHaveTheSlipsForAverages) {
+    // Particles move with the average of the flow over their Gaussians, here by Gauss's rule.
+    const BoxVectors box = {{Vec3(3.1, 0, 0), Vec3(1.4, 2.6, 0), Vec3(0, 0, 4.4)}};
+    const HydrodynamicParticles particles = blobs(4, 0.5);
+    const ForceCouplingGrid model(particles, eta, 1e-6, 0, make_shared<CpuGridFluid>());
+    unique_ptr<RandomField> field;
+    model.randomField()->draw(NoiseStream(), NoiseStream::RandomField, box, field);
+    MatrixXd slips;
+    field->slipsAt({places(box), box}, false, slips);
+    // The field has no derivatives by positions here, and schemes take differences.
+    EXPECT_FALSE(field->hasGradients());
+    const int number = 20;
+    MatrixXd recurrence = MatrixXd::Zero(number, number);
+    for (int i = 1; i < number; i++) recurrence(i, i - 1) = recurrence(i - 1, i) = sqrt(i);
+    const SelfAdjointEigenSolver<MatrixXd> rule(recurrence);
+    for (int p = 0; p < particles.size(); p++) {
+        vector<Vec3> points;
+        VectorXd weights(number * number * number);
+        for (int i = 0; i < weights.size(); i++) {
+            Vec3 x = places(box)[p];
+            weights[i] = 1;
+            const int node[3] = {i % number, i / number % number, i / number / number};
+            for (int axis = 0; axis < 3; axis++) {
+                x[axis] += 0.5 / sqrt(M_PI) * rule.eigenvalues()[node[axis]];
+                weights[i] *= pow(rule.eigenvectors()(0, node[axis]), 2);
+            }
+            points.push_back(x);
+        }
+        Velocities flow = Velocities::Zero(3, points.size());
+        field->addFlowAt(points, 1, flow);
+        EXPECT_LE((flow * weights - slips.col(0).segment<3>(3 * p)).norm(), 1e-5 * slips.norm());
+    }
 }

@@ -76,3 +76,31 @@ TEST(KernelArrays, StepsOnCopiesAreThoseOnTheContextsOwnArrays) {
     for (size_t i = 0; i < own.size(); i++)
         EXPECT_TRUE(sameBits(own[i], copies[i])) << "scheme " << i;
 }
+
+TEST(KernelArrays, ABoxThatTiltsIsRefusedWhereNeighboursWouldNotFollow) {
+    platform("Reference");  // loads the libraries
+    ReferencePlatform withCopies;
+    withCopies.registerKernelFactory(IntegrateRigidBodiesKernel::Name(), new FactoryOfCopies());
+    System system;
+    CustomRigidHIIntegrator integrator(0, 0.01);
+    integrator.setScheme(CustomRigidHIIntegrator::EulerMaruyama);
+    integrator.addRigidBody({system.addParticle(1)}, 1, Vec3(1, 1, 1), {Vec3()});
+    auto* fluid = new MobilityForce();
+    fluid->addParticle(0.5);
+    fluid->setBoundary(MobilityForce::Periodic);
+    fluid->setShear(0.25, 0, 1);
+    system.addForce(fluid);
+    system.setDefaultPeriodicBoxVectors(Vec3(9, 0, 0), Vec3(0, 9, 0), Vec3(0, 0, 9));
+    expectError([&] { Context context(system, integrator, withCopies); },
+                {"shear (setShear()) of the rate 0.25/ps tilts the box at each step",
+                 "use the platform CPU or Reference"});
+    fluid->setShear(0, 0, 1);
+    CustomRigidHIIntegrator another(0, 0.01);
+    another.setScheme(CustomRigidHIIntegrator::EulerMaruyama);
+    another.addRigidBody({0}, 1, Vec3(1, 1, 1), {Vec3()});
+    Context context(system, another, withCopies);
+    context.setPositions({Vec3(1, 2, 3)});
+    expectError([&] { fluid->getStressInContext(context); },
+                {"strains the box for the stress of OpenMM's forces",
+                 "ask on the platform CPU or Reference"});
+}

@@ -4,6 +4,7 @@
 
 #include "CoupledBodiesSupport.h"
 #include "TestSupport.h"
+#include "mobility/models/lubricated/LubricatedMobility.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 #include "mobility/models/periodic/PeriodicStokesianDynamics.h"
 #include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
@@ -59,6 +60,22 @@ vector<Case> cases(const HydrodynamicParticles& particles) {
     add("PeriodicForceCoupling", new PeriodicForceCoupling(particles, eta), false, true);
     add("PeriodicStokesianDynamics", new PeriodicStokesianDynamics(particles, eta, true, 0), false,
         true);
+    LubricationScene inFluid, atTheWall, periodic;
+    inFluid.reach = atTheWall.reach = periodic.reach = {3, 4};
+    atTheWall.low = 0;
+    periodic.numPeriods = 3;
+    add("RotnePragerYamakawa with lubrication",
+        new LubricatedMobility(particles, eta, overSurfaces(), inFluid,
+                               make_unique<RotnePragerYamakawa>(particles, eta)),
+        false);
+    add("RotnePragerYamakawaWall with lubrication",
+        new LubricatedMobility(particles, eta, overSurfaces(), atTheWall,
+                               make_unique<RotnePragerYamakawaWall>(particles, eta, wall)),
+        true);
+    add("PeriodicRotnePragerYamakawa with lubrication",
+        new LubricatedMobility(particles, eta, overSurfaces(), periodic,
+                               make_unique<PeriodicRotnePragerYamakawa>(particles, eta)),
+        false, true);
     add("PeriodicStokesianDynamics without lubrication",
         new PeriodicStokesianDynamics(particles, eta, false, 0), false, true);
     return all;

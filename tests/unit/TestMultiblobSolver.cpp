@@ -1,5 +1,5 @@
 // The solver of rigid multiblobs keeps its promises at any tolerance, with exact and rough
-// products, with first guesses, and with threads.
+// products, with first guesses, and in any number of ranges.
 
 #include "CoupledBodiesSupport.h"
 #include "HydrodynamicSupport.h"
@@ -38,10 +38,10 @@ struct Layer {
     vector<FluidElement> elements;
     vector<Pose> poses;
     unique_ptr<CoupledBodies> bodies;
-    /** @param threads  0: the model without SIMD, which has no rough products, in unbounded fluid
+    /** @param numRanges  0: the model without SIMD, which has no rough products, in unbounded fluid
      */
     Layer(const vector<Vector3d>& sites, double blobRadius, double spacing, int count,
-          int threads = 1) {
+          int numRanges = 1) {
         mt19937 random(7);
         for (int b = 0; b <= count; b++) {
             const bool isFree = b == count;
@@ -58,14 +58,14 @@ struct Layer {
             pose.q = {q[0], q[1], q[2], q[3]};
             poses.push_back(pose);
         }
-        bodies =
-            make_unique<CoupledBodies>(elements, [threads](const HydrodynamicParticles& particles) {
+        bodies = make_unique<CoupledBodies>(
+            elements, [numRanges](const HydrodynamicParticles& particles) {
                 unique_ptr<MobilityModel> model;
-                const auto ranges = [threads](int size, const function<void(int, int)>& task) {
-                    for (int t = 0; t < threads; t++)
-                        task(size * t / threads, size * (t + 1) / threads);
+                const auto ranges = [numRanges](int size, const function<void(int, int)>& task) {
+                    for (int t = 0; t < numRanges; t++)
+                        task(size * t / numRanges, size * (t + 1) / numRanges);
                 };
-                if (threads == 0)
+                if (numRanges == 0)
                     model = make_unique<RotnePragerYamakawa>(particles, 1);
                 else
                     model = make_unique<CpuRotnePragerYamakawa>(particles, 1, ranges,
@@ -483,20 +483,20 @@ TEST(MultiblobSolver, BeginsAtAGuessThatTurnsWithTheBodies) {
         }
 }
 
-TEST(MultiblobSolver, ThreadsDoNotShow) {
+TEST(MultiblobSolver, RangesDoNotShow) {
     mt19937 random(6);
     MatrixXd first;
-    for (int threads : {1, 2, 3, 4}) {
-        Layer layer(shell(42, 0.8), 0.2, 2.2, 4, threads);
+    for (int numRanges : {1, 2, 3, 4}) {
+        Layer layer(shell(42, 0.8), 0.2, 2.2, 4, numRanges);
         layer.byProducts().setPoses(layer.poses);
-        if (threads == 1) first = normal(random, layer.bodies->getNumRows(), 1);
+        if (numRanges == 1) first = normal(random, layer.bodies->getNumRows(), 1);
         MatrixXd twists, slips;
         layer.byProducts().solve(first, twists);
         layer.byProducts().thermalSlip(
             MatrixXd::Constant(layer.bodies->getNumParticleRows(), 1, 0.3), slips);
         static MatrixXd twistsOfOne, slipsOfOne;
-        if (threads == 1) twistsOfOne = twists, slipsOfOne = slips;
-        EXPECT_EQ(twists, twistsOfOne) << threads;
-        EXPECT_EQ(slips, slipsOfOne) << threads;
+        if (numRanges == 1) twistsOfOne = twists, slipsOfOne = slips;
+        EXPECT_EQ(twists, twistsOfOne) << numRanges;
+        EXPECT_EQ(slips, slipsOfOne) << numRanges;
     }
 }

@@ -428,7 +428,7 @@ TEST(PeriodicModels, TooManyRowsAreRefusedBeforeAnythingIsAllocated) {
                 {"dense matrices of at most 12000 rows", "12006", "or the grid, by setSolver("});
     expectError([] { PeriodicForceCoupling(particlesOf(vector<double>(4001, 1), false), 1); },
                 {"12003"});
-    expectError([] { PeriodicStokesianDynamics(particlesOf(vector<double>(1001, 1)), 1, true, 0); },
-                {"dense matrices of at most 11000 rows", "11011",
-                 "setModel(RotnePragerYamakawa) or setModel(ForceCoupling), which have a grid"});
+    expectError(
+        [] { PeriodicStokesianDynamics(particlesOf(vector<double>(1001, 1)), 1, true, 0); },
+        {"dense matrices of at most 11000 rows", "11011", "or the grid, by setSolver(MatrixFree)"});
 }

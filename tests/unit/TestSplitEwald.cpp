@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "EigenInstances.h"
+#include "Instrumented.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
 #include "mobility/models/ewald/NearField.h"
@@ -20,6 +21,7 @@ using namespace OpenMM;
 using namespace RigidHIPlugin;
 using namespace std;
 using RigidHITest::covarianceOfFields;
+using RigidHITest::isInstrumented;
 using RigidHITest::UnitNoise;
 
 namespace {
@@ -28,6 +30,10 @@ const double eta = 0.7;
 
 BoxVectors orthogonal(double x, double y, double z) {
     return {{Vec3(x, 0, 0), Vec3(0, y, 0), Vec3(0, 0, z)}};
+}
+
+BoxVectors leaning(double x, double y, double z, double xOfY, double xOfZ, double yOfZ) {
+    return {{Vec3(x, 0, 0), Vec3(xOfY, y, 0), Vec3(xOfZ, yOfZ, z)}};
 }
 
 /** Particles at random places, inside and outside of the box, which may overlap. */
@@ -78,7 +84,26 @@ vector<Scene> scenes() {
          orthogonal(4.2, 4.2, 42),
          Scene::Spheres,
          {1.7, 0.17, 0.6},
-         14}};
+         14},
+        {"a cube sheared by half", 50, leaning(9, 9, 9, 4.5, 0, 0), Scene::Mixed, {1, 1.4}, 15},
+        {"a flat box sheared along its long edge",
+         30,
+         leaning(16, 8, 7, 0, 0, -3.1),
+         Scene::Spheres,
+         {1},
+         16},
+        {"a rhombic dodecahedron",
+         60,
+         leaning(12, 12, 6 * sqrt(2.0), 0, 6, 6),
+         Scene::Blobs,
+         {1, 0.7},
+         17},
+        {"a small triclinic box that pairs reach across",
+         3,
+         leaning(2.8, 2.6, 2.7, -0.9, 1.2, 0.7),
+         Scene::Mixed,
+         {1, 0.5},
+         18}};
 }
 
 VectorXd roots(const HydrodynamicParticles& particles) {
@@ -194,7 +219,9 @@ vector<Scene> arrangements() {
 
 }  // namespace
 
-TEST(SplitEwald, ProductsHaveTheTolerance) {
+namespace {
+
+void checkProducts(const vector<double>& tolerances) {
     vector<Scene> all = scenes();
     for (const Scene& scene : arrangements()) all.push_back(scene);
     for (const Scene& scene : all) {
@@ -204,7 +231,7 @@ TEST(SplitEwald, ProductsHaveTheTolerance) {
         const VectorXd root = exact.diagonal().cwiseSqrt().cwiseInverse();
         const double normInBox = normOf(root.asDiagonal() * exact * root.asDiagonal());
         double worst = 0;
-        for (double tolerance : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8}) {
+        for (double tolerance : tolerances) {
             const RotnePragerYamakawaGrid model(scene.particles, eta, tolerance, 0,
                                                 make_shared<CpuGridFluid>());
             MatrixXd M;
@@ -225,6 +252,11 @@ TEST(SplitEwald, ProductsHaveTheTolerance) {
         printf("%s: errors up to %.2f of the tolerance\n", scene.what, worst);
     }
 }
+
+}  // namespace
+
+TEST(SplitEwald, ProductsHaveTheTolerance) { checkProducts({1e-2, 1e-4, 1e-6, 1e-8}); }
+TEST(SplitEwald, FullProductsHaveTolerancesInBetween) { checkProducts({1e-3, 1e-5, 1e-7}); }
 
 TEST(SplitEwald, ThreadsDoNotChangeABit) {
     for (const Scene& scene : scenes()) {
@@ -350,22 +382,23 @@ TEST(SplitEwald, PairsDoNotDependOnTheCells) {
 }
 
 TEST(SplitEwald, FieldsOfWavesHaveTheCovarianceOfProducts) {
-    const Scene mixed("unequal spheres and blobs", 4, orthogonal(3.1, 2.6, 4.4), Scene::Mixed,
-                      {0.5, 0.8}, 5);
-    for (bool fast : {false, true}) {
-        SplitScene split(mixed, 1e-2, fast ? make_shared<CpuGridFluid>() : plainFluid());
-        const MatrixXd M = split.denseOfWaves();
-        vector<GridField> fields;
-        const array<int, 3>& size = split.splitting.shape.size;
-        const MatrixXd covariance =
-            covarianceOfFields(size, M.rows(), -size[1] / 2, CounterModeNoise::isMirrored,
-                               [&](const UnitNoise& noise) {
-                                   split.waves.draw(*split.fluid, eta, noise, fields);
-                                   VectorXd column = VectorXd::Zero(M.rows());
-                                   split.waves.addAverages(*split.fluid, fields, column.data());
-                                   return column;
-                               });
-        EXPECT_LE((covariance - M).norm(), 1e-12 * M.norm());
+    for (const BoxVectors& box : {orthogonal(3.1, 2.6, 4.4), leaning(3.1, 2.6, 4.4, 1.4, 0, 0)}) {
+        const Scene mixed("unequal spheres and blobs", 4, box, Scene::Mixed, {0.5, 0.8}, 5);
+        for (bool fast : {false, true}) {
+            SplitScene split(mixed, 1e-2, fast ? make_shared<CpuGridFluid>() : plainFluid());
+            const MatrixXd M = split.denseOfWaves();
+            vector<GridField> fields;
+            const array<int, 3>& size = split.splitting.shape.size;
+            const MatrixXd covariance =
+                covarianceOfFields(size, M.rows(), -size[1] / 2, CounterModeNoise::isMirrored,
+                                   [&](const UnitNoise& noise) {
+                                       split.waves.draw(*split.fluid, eta, noise, fields);
+                                       VectorXd column = VectorXd::Zero(M.rows());
+                                       split.waves.addAverages(*split.fluid, fields, column.data());
+                                       return column;
+                                   });
+            EXPECT_LE((covariance - M).norm(), 1e-12 * M.norm());
+        }
     }
 }
 
@@ -396,12 +429,12 @@ TEST(SplitEwald, FastGridsArePlainOnesToRounding) {
 
 TEST(SplitEwald, BoxesAwayMakeNoDifference) {
     for (const Scene& scene : scenes()) {
+        if (isInstrumented() && scene.particles.size() > 40) continue;
         const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-4, 0, plainFluid());
         Placement away = scene.placement;
         for (size_t i = 0; i < away.positions.size(); i++)
             for (int axis = 0; axis < 3; axis++)
-                away.positions[i][axis] +=
-                    ((int)(7 * i + axis) % 5 - 2) * 64.0 * away.box[axis][axis];
+                away.positions[i] += away.box[axis] * (((int)(7 * i + axis) % 5 - 2) * 64.0);
         MatrixXd here, there;
         model.at(scene.placement)->dense(here);
         model.at(away)->dense(there);
@@ -537,8 +570,8 @@ struct SurfaceRule {
 };
 
 /** Spheres and blobs of four radii that do not overlap, one across a face of the box. */
-Scene apart() {
-    Scene scene("apart", 4, orthogonal(9, 10, 8), Scene::Mixed, {1, 0.6, 1.3, 0.8}, 1);
+Scene apart(double tilt = 0) {
+    Scene scene("apart", 4, leaning(9, 10, 8, tilt, 0, 0), Scene::Mixed, {1, 0.6, 1.3, 0.8}, 1);
     scene.placement.positions = {Vec3(1, 2, 3), Vec3(2.5, 2.8, 3.4), Vec3(4.5, 5, 7.8),
                                  Vec3(7, 8, 1)};
     return scene;
@@ -549,10 +582,11 @@ Scene apart() {
 /** Particles move with the average of a field's flow over their surfaces, and turn with the average
  * of its moment. So flow and slips belong to one field. */
 TEST(SplitEwald, FlowsOfFieldsHaveTheSlipsForAverages) {
-    const Scene scene = apart();
-    const HydrodynamicParticles& particles = scene.particles;
     const SurfaceRule rule(24);
-    for (double tolerance : {1e-3, 1e-6}) {
+    const pair<double, double> cases[] = {{1e-3, 0}, {1e-6, 0}, {1e-3, -4}};
+    for (const auto& [tolerance, tilt] : cases) {
+        const Scene scene = apart(tilt);
+        const HydrodynamicParticles& particles = scene.particles;
         const RotnePragerYamakawaGrid model(particles, eta, tolerance, 0, plainFluid());
         unique_ptr<RandomField> field;
         model.randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw,
@@ -587,10 +621,11 @@ TEST(SplitEwald, FlowsOfFieldsHaveTheSlipsForAverages) {
     }
 }
 
+namespace {
+
 /** The amplitude of a field along a wave is the component of its flow, by a sum over a lattice of
- * points. */
-TEST(SplitEwald, AmplitudesOfFieldsAreThoseOfTheirFlows) {
-    const Scene scene = apart();
+ * points. In a triclinic box only some waves along the axes are periodic. */
+void checkAmplitudes(const Scene& scene) {
     const BoxVectors& box = scene.placement.box;
     const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, plainFluid());
     unique_ptr<RandomField> field;
@@ -600,13 +635,14 @@ TEST(SplitEwald, AmplitudesOfFieldsAreThoseOfTheirFlows) {
     const int number = 28;
     vector<Vec3> points;
     for (int i = 0; i < number * number * number; i++)
-        points.push_back(Vec3((i % number + 0.5) * box[0][0] / number,
-                              (i / number % number + 0.5) * box[1][1] / number,
-                              (i / number / number + 0.5) * box[2][2] / number));
+        points.push_back(box[0] * ((i % number + 0.5) / number) +
+                         box[1] * ((i / number % number + 0.5) / number) +
+                         box[2] * ((i / number / number + 0.5) / number));
     Velocities flow = Velocities::Zero(3, points.size());
     field->addFlowAt(points, 1, flow);
     for (int a = 0; a < 3; a++)
         for (int periods : {1, 3}) {
+            if (a == 2 && fmod(periods * box[1][0] / box[0][0], 1) != 0) continue;
             DrivenFlow wave;
             wave.waveVelocity = 1;
             wave.forceAxis = a;
@@ -623,6 +659,11 @@ TEST(SplitEwald, AmplitudesOfFieldsAreThoseOfTheirFlows) {
             EXPECT_NEAR(found, sum, 1e-3 * slips.topRows<3>().norm()) << a << " " << periods;
         }
 }
+
+}  // namespace
+
+TEST(SplitEwald, AmplitudesOfFieldsAreThoseOfTheirFlows) { checkAmplitudes(apart()); }
+TEST(SplitEwald, AmplitudesOfFieldsInASkewBoxAreThoseOfTheirFlows) { checkAmplitudes(apart(3)); }
 
 TEST(SplitEwald, FieldsAndProductsShareNoResults) {
     // Products are the same bit for bit, whatever products and fields were evaluated before, and
@@ -678,4 +719,54 @@ TEST(SplitEwald, ASplittingByHandIsRightToo) {
                       tolerance * norm)
                 << tolerance << " " << xi;
         }
+}
+
+TEST(SplitEwald, ASkewBoxIsItsLattice) {
+    // Boxes that lean by whole edges more are the same lattice. The grid of a shear has one size.
+    const double L = 8.5;
+    Scene scene("blobs", 40, orthogonal(L, L, L), Scene::Blobs, {1}, 19);
+    for (double tolerance : {1e-3, 1e-6}) {
+        const RotnePragerYamakawaGrid model(scene.particles, eta, tolerance, 0, plainFluid());
+        for (double tilt : {0.5, 0.2}) {
+            MatrixXd M[2];
+            for (int more = 0; more < 2; more++) {
+                Placement placement = scene.placement;
+                placement.box[1][0] = (tilt - more) * L;
+                model.at(placement)->dense(M[more]);
+            }
+            EXPECT_LE(normOf(scaled(0.5 * (M[1] + M[1].transpose() - M[0] - M[0].transpose()),
+                                    scene.particles)),
+                      2 * tolerance * normOf(scaled(M[0], scene.particles)))
+                << tolerance << " " << tilt;
+        }
+        const array<int, 3> size = model.splittingFor(leaning(L, L, L, 0.5 * L, 0, 0)).shape.size;
+        for (double tilt : {-0.5, -0.3, 1e-6, 0.4})
+            EXPECT_EQ(model.splittingFor(leaning(L, L, L, tilt * L, 0, 0)).shape.size, size);
+    }
+}
+
+TEST(SplitEwald, FieldsAreThoseOfTheBoxWhereTheyAreAskedFor) {
+    // A field that was drawn in one box has in another box the slips of one that was drawn there,
+    // and goes on smoothly where a tilt flips.
+    const double L = 8.5;
+    Scene scene("mixed", 12, orthogonal(L, L, L), Scene::Mixed, {1, 0.7}, 20);
+    for (Vec3& r : scene.placement.positions) r += Vec3(3, 4, -5) * L;
+    const RotnePragerYamakawaGrid model(scene.particles, eta, 1e-3, 0, plainFluid());
+    const auto slipsAt = [&](const BoxVectors& drawn, const BoxVectors& asked) {
+        unique_ptr<RandomField> field;
+        model.randomField()->draw(NoiseStream(), NoiseStream::ParticleFirstDraw, drawn, field);
+        Placement there = scene.placement;
+        there.box = asked;
+        MatrixXd slips;
+        field->slipsAt(there, false, slips);
+        return slips;
+    };
+    const auto tilted = [&](double tilt) { return leaning(L, L, L, tilt * L, 0, 0); };
+    const pair<double, double> tilts[] = {{0, 0.1}, {0.1, 0}, {0.2, 0.25}};
+    for (const auto& [from, to] : tilts)
+        EXPECT_EQ(slipsAt(tilted(from), tilted(to)), slipsAt(tilted(to), tilted(to)));
+    const MatrixXd before = slipsAt(tilted(0.4999), tilted(0.4999));
+    const MatrixXd after = slipsAt(tilted(0.4999), tilted(-0.4999));
+    EXPECT_LE((after - before).norm(), 0.01 * before.norm());
+    EXPECT_GT((slipsAt(tilted(-0.4999), tilted(-0.4999)) - before).norm(), 0.1 * before.norm());
 }

@@ -2,9 +2,14 @@
 // isolated pair, and far fields of known accuracy.
 
 #include <Eigen/Dense>
+#include <Eigen/Geometry>
 
 #include "EigenInstances.h"
+#include "ReferenceScenes.h"
 #include "TestSupport.h"
+#include "mobility/StressletBasis.h"
+#include "mobility/models/periodic/Lattice.h"
+#include "mobility/models/periodic/PeriodicStokesianDynamics.h"
 #include "mobility/models/stokesian/ForceTorqueStresslet.h"
 #include "mobility/models/stokesian/StokesianDynamics.h"
 
@@ -12,7 +17,9 @@ using namespace OpenMM;
 using namespace RigidHIPlugin;
 using namespace RigidHITest;
 using namespace std;
+using Eigen::Matrix3d;
 using Eigen::MatrixXd;
+using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 namespace {
@@ -417,4 +424,184 @@ TEST(StokesianDynamics, StressletsAndStrainsAreReciprocal) {
         (alone.stresslets(F, E, viscosity) + 20 * M_PI / 3 * viscosity * pow(1.4, 3) * E).norm(),
         1e-12);
     EXPECT_EQ(velocitiesIn(alone, E).norm(), 0);
+}
+
+TEST(StokesianDynamics, RowOfThreeInShear) {
+    // Three free spheres in a row along the gradient: velocities of the outer ones over the shear
+    // rate times a radius. The values of this model are those of an independent program in a box
+    // of 50 radii. The exact ones are in unbounded fluid, by boundary collocation with Lamb's
+    // solutions about all three spheres.
+    struct Case {
+        double gap, inABox, exact;
+    };
+    for (const Case& c : {Case{10, 11.999809, 11.9999}, Case{1, 2.982804, 2.98372480},
+                          Case{0.1, 2.015156, 2.02073358}, Case{0.01, 1.881179, 1.88685740}}) {
+        const double r = 2 + c.gap, L = 50;
+        DrivenFlow flow;
+        flow.gradient(0, 1) = 1;
+        Placement row = {{Vec3(0, -r, 0), Vec3(), Vec3(0, r, 0)}};
+        const auto velocity = [&](const StokesianDynamics& model) {
+            MatrixXd slips;
+            model.follow(flow, row, slips);
+            model.at(row)->addStressletsOf(flow, slips);
+            EXPECT_NEAR(slips(0, 0), -slips(12, 0), 1e-12);
+            return slips(12, 0);
+        };
+        EXPECT_NEAR(velocity(StokesianDynamics(spheres({1, 1, 1}), 1, true, 0)), c.exact,
+                    3.1e-3 * c.exact);
+        row.box = {Vec3(L, 0, 0), Vec3(0, L, 0), Vec3(0, 0, L)};
+        EXPECT_NEAR(velocity(PeriodicStokesianDynamics(spheres({1, 1, 1}), 1, true, 0)), c.inABox,
+                    1e-6);
+    }
+}
+
+TEST(StokesianDynamics, TwoFreeSpheresInStrainAreExact) {
+    // Batchelor and Green's relative velocity of two free spheres, U = E.r - [A d d + B (1 - d d)].
+    // E.r, from the exact friction and the exact forces of strain; a general direction, radii and
+    // flow, spheres in either order. Stresslets by the exact functions, too.
+    const double viscosity = 0.7;
+    for (double gap : {3e-3, 0.3, 4.0})
+        for (bool swapped : {false, true}) {
+            vector<double> radii = {0.9, 0.36};
+            if (swapped) swap(radii[0], radii[1]);
+            const double mean = (radii[0] + radii[1]) / 2;
+            const Vector3d d = Vector3d(2, -1, 2) / 3;
+            const Vector3d first(0.5, 0.6, 0.7), second = first + d * mean * (2 + gap);
+            const Placement pair = {
+                {Vec3(first[0], first[1], first[2]), Vec3(second[0], second[1], second[2])}};
+            StokesianDynamics model(spheres(radii), viscosity, true, 0);
+            DrivenFlow flow;
+            flow.gradient << 0.3, -0.2, 0.5, 0.8, -0.7, 0.1, -0.4, 0.6, 0.4;
+            const auto at = model.at(pair);
+            MatrixXd background, slips;
+            model.follow(flow, pair, background);
+            slips = background;
+            at->addStressletsOf(flow, slips);
+            const MatrixXd w = slips - background;
+            const FlowSources sources = at->sources(MatrixXd::Zero(12, 1), &flow);
+
+            // Expected: R w = F of strain, with E at both spheres.
+            const Matrix3d E = (flow.gradient + flow.gradient.transpose()) / 2;
+            const TwoSphereValues<double> f = solveTwoSpheres(radii[1] / radii[0], gap);
+            const auto tensor = [&](const Matrix3d& m) -> Matrix3d {
+                return m - m.trace() / 3 * Matrix3d::Identity();
+            };
+            VectorXd forces = VectorXd::Zero(12);
+            Matrix3d stresslets[2] = {Matrix3d::Zero(), Matrix3d::Zero()};
+            for (int p = 0; p < 2; p++)
+                for (int q = 0; q < 2; q++) {
+                    const double s = radii[p] + radii[q], b = M_PI * viscosity * s * s, c = b * s;
+                    const Vector3d e = E * d;
+                    const double dd = d.dot(e);
+                    forces.segment<3>(6 * p) +=
+                        b * (f[XG11 + 2 * q + p] * dd * d + 2 * f[YG11 + 2 * q + p] * (e - dd * d));
+                    forces.segment<3>(6 * p + 3) -= 2 * c * f[YH11 + 2 * q + p] * e.cross(d);
+                    const Vector3d U = w.col(0).segment<3>(6 * q),
+                                   spin = w.col(0).segment<3>(6 * q + 3).cross(d);
+                    const Matrix3d ddt = d * d.transpose();
+                    stresslets[p] +=
+                        b * (f[XG11 + 2 * p + q] * d.dot(U) * tensor(ddt) +
+                             f[YG11 + 2 * p + q] *
+                                 (d * U.transpose() + U * d.transpose() - 2 * d.dot(U) * ddt)) +
+                        c * f[YH11 + 2 * p + q] * (d * spin.transpose() + spin * d.transpose());
+                    const Matrix3d part0 = 1.5 * dd * tensor(ddt),
+                                   part1 = d * e.transpose() + e * d.transpose() - 2 * dd * ddt;
+                    stresslets[p] -= 5 * c / 6 *
+                                     (f[XM11 + p + q] * part0 + f[YM11 + p + q] * part1 +
+                                      f[ZM11 + p + q] * (E - part0 - part1));
+                }
+            const MatrixXd friction = frictionOf(radii, pair.positions, true, 0, viscosity);
+            EXPECT_LT((friction * w.col(0) - forces).norm(), 1e-9 * forces.norm()) << gap;
+            for (int p = 0; p < 2; p++)
+                EXPECT_LT(
+                    (sources.stresslets.segment<5>(5 * p) - inStressletBasis(stresslets[p])).norm(),
+                    2e-9 * stresslets[p].norm())
+                    << gap;
+        }
+}
+
+TEST(StokesianDynamics, ShearedScenesHaveTheirTwistsStressletsAndStress) {
+    // 22 spheres of two radii, gaps from 0.02, in cubic and tilted boxes: values of an independent
+    // program, with ten digits (tests/data/sheared).
+    const JsonValue scenes = readTestData("sheared/periodic_sheared");
+    ASSERT_EQ(scenes.size(), 3);
+    for (int which = 0; which < scenes.size(); which++) {
+        const JsonValue& scene = scenes[which];
+        const auto asVec3 = [](const Vector3d& v) { return Vec3(v[0], v[1], v[2]); };
+        Placement place;
+        for (int k = 0; k < 3; k++) place.box[k] = asVec3(scene["box"][k].vector3());
+        const vector<double> radii = scene["radii"].numbers();
+        for (size_t i = 0; i < radii.size(); i++)
+            place.positions.push_back(asVec3(scene["positions"][i].vector3()));
+        PeriodicStokesianDynamics model(spheres(radii), scene["eta"].number, true, 0);
+        const auto at = model.at(place);
+        const auto expectNear = [&](const VectorXd& value, const char* name) {
+            const VectorXd expected = scene[name].column();
+            EXPECT_LT((value - expected).norm(), 1e-9 * expected.norm()) << name;
+        };
+        const VectorXd wrench = scene["wrench"].column();
+        MatrixXd twists, friction, slips, background;
+        at->multiply(wrench, twists);
+        expectNear(twists.col(0), "twistOfWrench");
+        at->friction(friction);
+        expectNear(friction * wrench, "frictionTimesWrenchNumbers");
+        expectNear(at->sources(wrench, nullptr).stresslets, "stressletOfWrench");
+        DrivenFlow flow;
+        for (int row = 0; row < 3; row++)
+            flow.gradient.row(row) = scene["gradient"][row].vector3().transpose();
+        slips.setZero(6 * radii.size(), 1);
+        at->addStressletsOf(flow, slips);
+        expectNear(slips.col(0), "twistInShearMinusBackground");
+        const VectorXd stresslets = at->sources(MatrixXd::Zero(slips.rows(), 1), &flow).stresslets;
+        expectNear(stresslets, "stressletInShear");
+        double xy = 0;
+        for (size_t i = 0; i < radii.size(); i++) xy += stresslets[5 * i + 2] / sqrt(2);
+        EXPECT_NEAR(1 - xy / Lattice(place.box).getVolume(), scene["relativeViscosity"].number,
+                    1e-9);
+    }
+}
+
+TEST(StokesianDynamics, ShearedArraysHaveTheirViscosity) {
+    // Simple cubic arrays of unit spheres sheared by s: independent values of this model.
+    struct Case {
+        double fraction, tilt, viscosity;
+    };
+    for (const Case& c :
+         {Case{0.064, 0, 1.155534}, Case{0.064, 0.2, 1.159853}, Case{0.064, 0.5, 1.167487},
+          Case{0.216, 0, 1.562794}, Case{0.216, 0.3, 1.653166}, Case{0.45, 0.5, 3.903194}}) {
+        const double L = cbrt(4 * M_PI / 3 / c.fraction);
+        Placement place = {{Vec3()}, {Vec3(L, 0, 0), Vec3(0, L, 0), Vec3(0, 0, L)}};
+        place.box[1][0] = c.tilt * L;
+        PeriodicStokesianDynamics model(spheres({1}), 1, true, 0);
+        DrivenFlow flow;
+        flow.gradient(0, 1) = 1;
+        const VectorXd stresslet = model.at(place)->sources(MatrixXd::Zero(6, 1), &flow).stresslets;
+        EXPECT_NEAR(1 - stresslet[2] / sqrt(2) / (L * L * L), c.viscosity, 1e-6) << c.fraction;
+    }
+}
+
+TEST(StokesianDynamics, LubricationLeavesTheStrainOfAWaveAlone) {
+    // In longer and longer waves the velocities of free spheres, which stresslets alone make, have
+    // no share of lubrication; in a uniform gradient they have one.
+    const double spacing = 2.4;
+    const int count = 6;
+    Placement row = {{}, {Vec3(spacing, 0, 0), Vec3(0, count * spacing, 0), Vec3(0, 0, spacing)}};
+    for (int i = 0; i < count; i++) row.positions.push_back(Vec3(0.1 * i, i * spacing, 0));
+    DrivenFlow wave, shear;
+    wave.waveVelocity = 1;
+    wave.k = 2 * M_PI / (count * spacing);
+    shear.gradient(0, 1) = 1;
+    for (const DrivenFlow& flow : {wave, shear}) {
+        MatrixXd velocities[2];
+        for (int lubrication : {0, 1}) {
+            PeriodicStokesianDynamics model(spheres(vector<double>(count, 1)), 1, lubrication, 0);
+            velocities[lubrication].setZero(6 * count, 1);
+            model.at(row)->addStressletsOf(flow, velocities[lubrication]);
+        }
+        const double change = (velocities[1] - velocities[0]).norm() / velocities[0].norm();
+        if (flow.waveVelocity != 0)
+            EXPECT_EQ(change, 0);
+        else
+            EXPECT_GT(change, 0.05);
+    }
 }

@@ -12,6 +12,7 @@ using namespace OpenMM;
 using namespace RigidHIPlugin;
 using namespace RigidHITest;
 using namespace std;
+using Eigen::MatrixXd;
 
 using Values = TwoSphereValues<double>;
 
@@ -66,11 +67,11 @@ const vector<Reference> references = {
  * so does B. */
 Values exchanged(const Values& f) {
     Values g = f;
-    for (int first : {XA11, YA11, XC11, YC11}) swap(g[first], g[first + 2]);
-    g[YB11] = -f[YB22];
-    g[YB12] = -f[YB21];
-    g[YB21] = -f[YB12];
-    g[YB22] = -f[YB11];
+    for (int first : {XA11, YA11, XC11, YC11, XM11, YM11, ZM11}) swap(g[first], g[first + 2]);
+    for (int first : {YB11, XG11, YG11, YH11}) {
+        const double sign = first == YH11 ? 1 : -1;
+        for (int k = 0; k < 4; k++) g[first + k] = sign * f[first + 3 - k];
+    }
     return g;
 }
 
@@ -86,13 +87,100 @@ const vector<double> ratios = {1, 0.7, 0.3, 0.1, 2.5};
 TEST(TwoSpheres, ReferenceValues) {
     for (const Reference& reference : references) {
         const double gap = reference.s - 2;
-        const Values expected = Eigen::Map<const Values>(reference.values.data());
-        EXPECT_LT((solveTwoSpheres(reference.ratio, gap) - expected).abs().maxCoeff(),
-                  reference.tolerance)
+        const auto expected = Eigen::Map<const Eigen::ArrayXd>(reference.values.data(), XG11);
+        const Values solution = solveTwoSpheres(reference.ratio, gap),
+                     table = TwoSphereResistance(reference.ratio).exact(gap);
+        EXPECT_LT((solution.head(XG11) - expected).abs().maxCoeff(), reference.tolerance)
             << reference.ratio;
-        EXPECT_LT((TwoSphereResistance(reference.ratio).exact(gap) - expected).abs().maxCoeff(),
-                  max(reference.tolerance, 1e-10));
+        EXPECT_LT((table.head(XG11) - expected).abs().maxCoeff(), max(reference.tolerance, 1e-10));
     }
+}
+
+TEST(TwoSpheres, ReferenceValuesOfStrain) {
+    // Equal spheres, by boundary collocation with Lamb's solution: the force along the line of a
+    // sphere's own strain sqrt(2/3) (zz - (xx + yy)/2), and the stresslets of its own strain.
+    struct Case {
+        double gap, force, stresslets[3];
+    };
+    for (const Case& c : {Case{1, 3.34425676, {1.08534939, 1.01453981, 1.00052004}},
+                          Case{0.1, 42.50324431, {2.57280143, 1.18112812, 1.01217811}},
+                          Case{0.01, 396.03234893, {16.34623813, 1.43973110, 1.02219056}}}) {
+        const Values f = TwoSphereResistance(1).exact(c.gap);
+        EXPECT_NEAR(4 * M_PI * sqrt(2.0 / 3) * f[XG11], c.force, 6e-9);
+        int k = 0;
+        for (int function : {XM11, YM11, ZM11}) EXPECT_NEAR(f[function], c.stresslets[k++], 6e-9);
+    }
+}
+
+TEST(TwoSpheres, AffineMotionIsNotSingular) {
+    // Where both surfaces take part in one affine motion, nothing flows out of the gap: with the
+    // second sphere's velocity E.(2 + gap) (equal spheres) all singular terms cancel, of stresslets
+    // of strain and of rotation alike. The three products of the gap are 1e-6, 1e-4, 1e-2.
+    const TwoSphereResistance table(1);
+    Values last = Values::Zero();
+    for (double gap : {1e-6, 1e-4, 1e-2}) {
+        const Values f = table.exact(gap);
+        const double r = 2 + gap;
+        // in units of pi eta (2a)^2 a: strain along the line, across it, rotation
+        const double along = 5.0 / 3 * (f[XM11] + f[XM12]) + f[XG12] * r * 2 / 3,
+                     across = 5.0 / 3 * (f[YM11] + f[YM12]) + f[YG12] * r,
+                     spin = 2 * (f[YH11] + f[YH12]) + f[YG12] * r;
+        printf("gap %g: %.6f %.6f %.6f\n", gap, along, across, spin);
+        Values now = Values::Zero();
+        now[0] = along, now[1] = across, now[2] = spin;
+        if (gap > 1e-6) {
+            EXPECT_LT((now - last).abs().maxCoeff(), 3 * gap * abs(log(gap)));
+        }
+        last = now;
+    }
+}
+
+TEST(TwoSpheres, DifferencesArePositive) {
+    // Exact - FTS of forces, torques and stresslets is positive semidefinite, at any gap.
+    for (double ratio : ratios)
+        for (double gap : {1e-6, 1e-4, 3e-3, 0.05, 1.0, 8.0, 18.0}) {
+            const Values f = TwoSphereResistance::get(ratio)->correction(gap);
+            const double a[2] = {1, ratio};
+            // Parts of azimuthal order 0, 1 and 2 of each sphere: force and stresslet along the
+            // line; force, torque and stresslet across; stresslet. Units of own frictions.
+            MatrixXd zero(4, 4), one(6, 6), two(2, 2);
+            for (int p = 0; p < 2; p++)
+                for (int q = 0; q < 2; q++) {
+                    const double s = a[p] + a[q], A = s / 2 / sqrt(a[p] * a[q]),
+                                 cube = s * s * s / 8 / pow(a[p] * a[q], 1.5);
+                    const auto ofForce = [&](int i, int j) {
+                        // Stresslet of i, force of j: pi s^2 over sqrt(6 pi a_j 20/3 pi a_i^3)
+                        const double t = a[i] + a[j];
+                        return t * t / sqrt(40 * a[j] * pow(a[i], 3));
+                    };
+                    zero(2 * p, 2 * q) = A * f[XA11 + p + q];
+                    zero(2 * p + 1, 2 * q + 1) = cube * f[XM11 + p + q];
+                    zero(2 * p + 1, 2 * q) = sqrt(2.0 / 3) * ofForce(p, q) * f[XG11 + 2 * p + q];
+                    zero(2 * q, 2 * p + 1) = zero(2 * p + 1, 2 * q);
+                    one(3 * p, 3 * q) = A * f[YA11 + p + q];
+                    one(3 * p + 1, 3 * q + 1) = cube * f[YC11 + p + q];
+                    one(3 * p + 2, 3 * q + 2) = cube * f[YM11 + p + q];
+                    one(3 * p + 1, 3 * q) =
+                        -s * s / sqrt(48 * a[q] * pow(a[p], 3)) * f[YB11 + 2 * p + q];
+                    one(3 * q, 3 * p + 1) = one(3 * p + 1, 3 * q);
+                    one(3 * p + 2, 3 * q) = sqrt(2.0) * ofForce(p, q) * f[YG11 + 2 * p + q];
+                    one(3 * q, 3 * p + 2) = one(3 * p + 2, 3 * q);
+                    one(3 * p + 2, 3 * q + 1) = sqrt(2.0) * s * s * s /
+                                                sqrt(8 * 20.0 / 3 * pow(a[p] * a[q], 3)) *
+                                                f[YH11 + 2 * p + q];
+                    one(3 * q + 1, 3 * p + 2) = one(3 * p + 2, 3 * q + 1);
+                    two(p, q) = cube * f[ZM11 + p + q];
+                }
+            double least = INFINITY;
+            for (const MatrixXd& m : {zero, one, two}) {
+                EXPECT_EQ(m, m.transpose());
+                least = min(least, Eigen::SelfAdjointEigenSolver<MatrixXd>(m).eigenvalues()[0]);
+            }
+            EXPECT_GT(least, -1e-9 * max(1.0, f[XA11])) << ratio << " " << gap;
+            if (ratio == 1 && gap == 1.0) {
+                EXPECT_GT(least, 5e-6);
+            }
+        }
 }
 
 TEST(TwoSpheres, TableAgainstSolutionAtEveryGap) {
@@ -153,7 +241,9 @@ TEST(TwoSpheres, FarApart) {
         const TwoSphereResistance table(ratio);
         // At infinity each sphere is alone.
         Values alone = Values::Zero();
-        for (int f : {XA11, XA22, YA11, YA22, XC11, XC22, YC11, YC22}) alone[f] = 1;
+        for (int f :
+             {XA11, XA22, YA11, YA22, XC11, XC22, YC11, YC22, XM11, XM22, YM11, YM22, ZM11, ZM22})
+            alone[f] = 1;
         EXPECT_LT((table.exact(1e7) - alone).abs().maxCoeff(), 1e-6);
         // Rotne-Prager-Yamakawa is the far field of A12: -6 eta pi a_1 a_2 3/(2 r), and so on. The
         // terms that FTS lacks are much smaller.

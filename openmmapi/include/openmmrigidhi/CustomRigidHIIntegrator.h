@@ -692,7 +692,7 @@ public:
      */
     std::map<std::string, double> computeMidStepTemperatures() const;
 
-    /** Get which effects are on, and why, as text. Needs a Context. */
+    /** Get what is on and why, what is off, and warnings, as text. Needs a Context. */
     std::string describeEffects() const;
     /** Get which effects are on, and why: name to "on: reason" or "off: reason". Needs a Context.
      */
@@ -706,6 +706,12 @@ public:
      *   - seconds_fft: Fourier transforms, with the fluid's response,
      *   - seconds_averaging: velocities over nodes,
      *   - seconds_solver: iterations without the products.
+     *
+     * For bodies on a device (getEffects(), "bodies on the device") there are counters of what the
+     * device was asked for, which are 0 otherwise:
+     *   - deviceLaunches: kernels, without those of OpenMM,
+     *   - deviceTransfers: states or lists in either direction,
+     *   - deviceLooks: at a flag or a few sums, for which the host waits.
      *
      * Needs a Context.
      */

@@ -68,6 +68,15 @@ public:
          */
         BestKnown = 1
     };
+    /** Whether spheres have lubrication; Auto is that of Solver. */
+    enum Lubrication : int {
+        /** StokesianDynamics has lubrication, and other models have none. */
+        AutoLubrication = 0,
+        /** Spheres have lubrication with each other, and with no-slip walls. */
+        On = 1,
+        /** No sphere has lubrication. */
+        Off = 2
+    };
     /** What drives or stops the mean flow along the walls of a NoSlipChannel. */
     enum ChannelCondition : int {
         /**
@@ -173,18 +182,57 @@ public:
      * Overlap; without them no Context is created.
      */
     void setSphereWallMobility(SphereWallMobility mobility);
-    /** Get whether StokesianDynamics includes lubrication. */
-    bool getLubrication() const { return lubrication; }
-    /** Set whether StokesianDynamics includes lubrication (default true; other models have none).
+    /** Get whether spheres have lubrication, as setLubrication() has set it. */
+    Lubrication getLubrication() const { return lubrication; }
+    /**
+     * Set whether spheres that are close to each other, or to a no-slip wall, have lubrication
+     * (default Auto: with StokesianDynamics they have, with other models they have not).
+     *
+     * With RotnePragerYamakawa and ForceCoupling the friction is that of the model plus what it
+     * lacks for each pair of spheres, and for each sphere and wall, by themselves: (M^-1 +
+     * Delta)^-1 is exact for two spheres, and for one above a wall. Spheres are bodies of one
+     * hydrodynamic particle; multiblobs and free particles have no lubrication. The models' pages
+     * say how accurate it is.
+     *
+     * Spheres must not overlap each other (see setMinimumGap()) and not touch walls, and ratios of
+     * their radii are up to 10. A Context is refused with SphereWallMobility BestKnown, which the
+     * lubrication at walls replaces, with the wall rejection Crossing, and with ForceCoupling
+     * between or above walls.
+     *
+     * @throws OpenMMException for a value that is none of the enumerators
      */
-    void setLubrication(bool enabled) { lubrication = enabled; }
-    /** Get the smallest gap of StokesianDynamics. */
+    void setLubrication(Lubrication lubrication);
+    /** Likewise: On or Off. */
+    void setLubrication(bool lubrication) { setLubrication(lubrication ? On : Off); }
+    /**
+     * Likewise, so that Auto may be given by its name.
+     *
+     * @throws OpenMMException for another value than Auto
+     */
+    void setLubrication(Solver lubrication);
+    /** Get how far lubrication of pairs reaches, as setLubricationReach() has set it. */
+    void getLubricationReach(double& whole, double& nothing) const {
+        whole = wholeLubrication;
+        nothing = noLubrication;
+    }
+    /**
+     * Set how far lubrication of pairs reaches, in mean radii of a pair: it is whole up to the
+     * first distance of the centres, 0 from the second one on, and smooth between them. 0, 0
+     * (default) stands for the distances of the model: 3 and 4, but with matrices of
+     * StokesianDynamics 8 and 10 with Periodic, and all distances with Unbounded. Lubrication at
+     * walls is whole at every height.
+     *
+     * @throws OpenMMException if the first distance is below 2, contact, or the second not above
+     *     it, or if one is not finite; both may be 0
+     */
+    void setLubricationReach(double whole, double nothing);
+    /** Get the smallest gap between spheres with lubrication. */
     double getMinimumGap() const { return minimumGap; }
     /**
-     * Set the smallest gap between spheres for StokesianDynamics, relative to the mean of the two
-     * radii (default 0). Smaller gaps, and overlaps, are treated as this gap. With 0, a start with
-     * overlapping spheres is refused, and a step after which spheres overlap is redone with new
-     * noise.
+     * Set the smallest gap between spheres with lubrication, and of StokesianDynamics, relative to
+     * the mean of the two radii (default 0). Smaller gaps, and overlaps, are treated as this gap.
+     * With 0, a start with overlapping spheres is refused, and a step after which spheres overlap
+     * is redone with new noise.
      *
      * @throws OpenMMException if negative or not finite
      */
@@ -338,6 +386,34 @@ public:
      * @throws OpenMMException if not finite, or if z is not 0
      */
     void setBodyForceDensity(const OpenMM::Vec3& forceDensity);
+    /** Get the shear that setShear() has set: rate in 1/ps, and axes. */
+    void getShear(double& rate, int& flowAxis, int& gradientAxis) const;
+    /**
+     * Shear a periodic fluid steadily (default: rate 0, none), with the boundary conditions of Lees
+     * and Edwards. Without bodies the fluid flows with v = rate x_gradientAxis along flowAxis. The
+     * box tilts with the flow: steps set the Context's box, and forces are computed in the box of
+     * their time. Its tilt starts from that of the Context's box. Where a tilt exceeds half an
+     * edge, the box goes on with the other tilt that has the same lattice, so that positions,
+     * which are not wrapped, and forces stay as they are. States and checkpoints hold the box, and
+     * with it the strain.
+     *
+     * Bodies follow the flow as in setBackgroundFlow(). The velocity gradient is the mean one of
+     * the fluid with its bodies, so that the relative viscosity is 1 + stress/(eta rate), with the
+     * stress of getStressInContext().
+     *
+     * Refused at Context creation: boundaries other than Periodic, the model FreeDraining, schemes
+     * with momenta, barostats, a sinusoidal force density beside the shear, and platforms other
+     * than Reference and CPU. Steps are refused whose strain rate times step size is above 0.1, and
+     * after the box was set without positions. OpenMM's PME is not the same to its tolerance in the
+     * two boxes of one lattice, so that forces jump there by its error.
+     *
+     * @param rate          1/ps
+     * @param flowAxis      0 or 1: x or y
+     * @param gradientAxis  1 or 2: y or z; after flowAxis, since OpenMM's boxes are lower
+     *     triangular
+     * @throws OpenMMException if rate is not finite, or an axis is not as above
+     */
+    void setShear(double rate, int flowAxis, int gradientAxis);
 
     /**
      * Give a body a mobility tensor of its own. The tensor gives the body's velocity and angular
@@ -458,10 +534,10 @@ public:
     void setGroups(const std::vector<int>& groups);
 
     /**
-     * Copy changed viscosity, radii, own tensors, slips, forces on the fluid, lubrication, minimum
-     * gap, solver, tolerance, grid spacing, fast summation and flows to a Context. A radius may not
-     * change between 0 and not 0. Changes of model, boundary, wall height, channel walls,
-     * sphere-wall mobility and groups need reinitialize().
+     * Copy changed viscosity, radii, own tensors, slips, forces on the fluid, lubrication and its
+     * reach, minimum gap, solver, tolerance, grid spacing, fast summation and flows to a Context. A
+     * radius may not change between 0 and not 0. Changes of model, boundary, wall height, channel
+     * walls, sphere-wall mobility and groups need reinitialize().
      */
     void updateParametersInContext(OpenMM::Context& context);
     /**
@@ -570,6 +646,28 @@ public:
      * without nu; as getRandomFlowModeInContext().
      */
     OpenMM::Vec3 getRandomMeanFlowInContext(OpenMM::Context& context) const;
+    /**
+     * Get the stress that the bodies add to a periodic fluid, by parts, at present poses: four
+     * matrices 3 x 3, row after row, kJ/(mol nm^3). Each is a mean over the box, and is symmetric.
+     *
+     *   hydrodynamic   of the resistance of force-free bodies to the driven flow, and of swimmers
+     *   Brownian       one sample of a random finite difference, whose mean is the Brownian stress;
+     *                  0 at temperature 0
+     *   interparticle  of OpenMM's forces and torques on bodies and free particles
+     *   ideal          -n kT, with the number density n of bodies and free particles
+     *
+     * Means over a run of the sum are the stress of the suspension beside that of the fluid. The
+     * hydrodynamic and Brownian parts have no trace, because the models know no pressure in bodies.
+     * Spheres of StokesianDynamics have stresslets, and multiblobs have them by their blobs; single
+     * spheres of the other models have none. OpenMM's forces must not depend on absolute positions
+     * or orientations. Their virial is a difference of energies: to 1e-9 on Reference, and to about
+     * 1e-4 on CPU, which computes in single precision.
+     *
+     * @throws OpenMMException for boundaries other than Periodic, FreeDraining, several groups,
+     *     schemes with momenta, bodies that are held, driven, joined or exert forces on the fluid,
+     *     a CustomBodyForce, and platforms other than Reference and CPU
+     */
+    std::vector<double> getStressInContext(OpenMM::Context& context) const;
 
     /**
      * Get whether the fluid is periodic. If it is, OpenMM has a box, and bodies that OpenMM does
@@ -595,9 +693,13 @@ private:
     SphereWallMobility sphereWallMobility;
     ChannelCondition channelCondition;
     Solver solver;
-    bool lubrication, fastSummation = true;
+    Lubrication lubrication;
+    double wholeLubrication = 0, noLubrication = 0;
+    bool fastSummation = true;
     double forceDensity = 0;
     int forceAxis = 0, waveAxis = 1, waveVectorIndex = 1;
+    double shearRate = 0;
+    int flowAxis = 0, gradientAxis = 1;
     OpenMM::Vec3 flowVelocity, wallVelocity, bodyForceDensity;
     std::vector<double> flowGradient = std::vector<double>(9, 0.0);
     std::map<int, OwnTensor> ownTensors;

@@ -80,6 +80,21 @@ constexpr const BoundaryTraits& traitsOf(MobilityForce::Boundary boundary) {
 }
 constexpr const ModelTraits& traitsOf(MobilityForce::Model model) { return modelTable[model]; }
 
+/** Whether spheres of a model can have lubrication: those that feel each other. */
+constexpr bool mayHaveLubrication(MobilityForce::Model model) {
+    return traitsOf(model).couplesBodies;
+}
+/** Whether spheres have lubrication with this model and setting: Auto is on with StokesianDynamics.
+ */
+constexpr bool hasLubrication(MobilityForce::Model model, MobilityForce::Lubrication lubrication) {
+    return lubrication == MobilityForce::On ? mayHaveLubrication(model)
+                                            : lubrication == MobilityForce::AutoLubrication &&
+                                                  model == MobilityForce::StokesianDynamics;
+}
+inline bool hasLubrication(const MobilityForce& force) {
+    return hasLubrication(force.getModel(), force.getLubrication());
+}
+
 /** Whether a table has a row of this number. */
 template <class Row, size_t count>
 constexpr bool hasRow(const Row (&)[count], int number) {

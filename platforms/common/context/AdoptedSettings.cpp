@@ -22,8 +22,7 @@ Thermostat schemeCoefficients(CustomRigidHIIntegrator::Scheme scheme, const Body
 
 Warnings AdoptedSettings::adopt(Scene& scene) {
     const CustomRigidHIIntegrator& integrator = scene.integrator;
-    const pair<int, double> wanted(integrator.getSettingsVersion(), integrator.getStepSize());
-    if (adopted == wanted) return {};
+    if (areAdopted(integrator)) return {};
     checkScheme(scene.system, scene.definitions.underPresentScheme(), scene.stock);
     scene.adoptInertia();
     scene.fluid.adoptSettings();
@@ -39,13 +38,18 @@ Warnings AdoptedSettings::adopt(Scene& scene) {
     difference = integrator.getFiniteDifferenceStep();
     driftCorrectorScaling = integrator.getDriftCorrectorScaling();
     needsMiddle = hydrodynamic && scene.fluid->getMomenta().needsMiddle();
-    adopted = wanted;
+    adopted = {integrator.getSettingsVersion(), integrator.getStepSize()};
+    version++;
     // The watch forgets what it found when it adopts the settings.
     Warnings warnings = findWarnings(scene);
     if (!traits().isOverdamped()) setThermostats(scene);
     scene.bodies.keepTorquesInLab(traits().isOverdamped());
     scene.watch.adopt(scene);
     return warnings;
+}
+
+bool AdoptedSettings::areAdopted(const CustomRigidHIIntegrator& integrator) const {
+    return adopted == pair<int, double>(integrator.getSettingsVersion(), integrator.getStepSize());
 }
 
 void AdoptedSettings::setThermostats(Scene& scene) {

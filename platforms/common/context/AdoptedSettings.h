@@ -27,9 +27,14 @@ public:
      * settings in any case.
      */
     void forget() { adopted.reset(); }
+    /** Whether adopt() would find nothing new. */
+    bool areAdopted(const CustomRigidHIIntegrator& integrator) const;
+    /** How often settings were adopted. */
+    long long getVersion() const { return version; }
 
 private:
     void setThermostats(Scene& scene);
+    long long version = 0;
     std::optional<std::pair<int, double>>
         adopted;  // the integrator's version of its settings, and its step size
 };

@@ -68,6 +68,19 @@ public:
      */
     virtual void afterForcesActed(bool movedParticles) {}
 
+    /**
+     * The platform itself has moved particles, and the arrays have been brought up to date.
+     * @param agree  whether the Context has what the arrays have, except for rounding; otherwise it
+     *     is to be given the arrays
+     */
+    virtual void wereWrittenThere(bool agree) {}
+
+    /**
+     * Whether numbers that differ from the Context's by rounding only need not be given to it,
+     * since the platform itself will write them (NativeSteps).
+     */
+    virtual void leaveRounding(bool leave) {}
+
     /** How far a number that the platform returns may be from the one it was given. */
     virtual Rounding rounding() const { return Rounding(); }
     /**
@@ -77,6 +90,13 @@ public:
     virtual bool removesMomentumExactly() const { return true; }
 
     virtual void getBox(OpenMM::Vec3 (&box)[3]) const = 0;
+    /** Whether setBox() can follow a box that tilts. */
+    virtual bool canSetBox() const { return false; }
+    /**
+     * Give the Context another box, and see to it that OpenMM finds neighbours anew. To be called
+     * only where canSetBox().
+     */
+    virtual void setBox(const OpenMM::Vec3 (&box)[3]) {}
     /**
      * The longest edge of the box. Positions may be rounded after this length has been added to
      * them.
@@ -88,6 +108,11 @@ public:
         for (const OpenMM::Vec3& edge : box) longest = std::max(longest, std::sqrt(edge.dot(edge)));
         return longest;
     }
+    /**
+     * The largest speed among these velocities, if the platform's own steps round velocities as
+     * sums of such numbers (a body's velocity and that of its turning); else 0.
+     */
+    virtual double largestSummand(const std::vector<OpenMM::Vec3>& velocities) const { return 0; }
     virtual double getTime() const = 0;
     virtual void setTime(double time) = 0;
     virtual long long getStepCount() const = 0;

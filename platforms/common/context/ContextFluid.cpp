@@ -19,9 +19,22 @@ FluidSettings ContextFluid::settings() const {
                          scene.definitions.motors());
 }
 
-void ContextFluid::check(const MobilityForce& force) const {
+void ContextFluid::checkWithIntegrator(const MobilityForce& force) const {
     checkBoundary(force, scene.integrator);
     checkSlips(force, scene.integrator);
+    checkShear(force, scene.integrator);
+    double rate;
+    int flowAxis, gradientAxis;
+    force.getShear(rate, flowAxis, gradientAxis);
+    constexpr ErrorsOf fail{"MobilityForce"};
+    if (rate != 0 && !scene.arrays->canSetBox())
+        fail("a shear (setShear()) of the rate " + number(rate) +
+             "/ps tilts the box at each step, which the platform of the Context does not allow for "
+             "where it keeps lists of neighbours; use the platform CPU or Reference");
+}
+
+void ContextFluid::check(const MobilityForce& force) const {
+    checkWithIntegrator(force);
     Fluid::check(force, settings(), scene.system, scene.definitions.particlesOfBodies(),
                  *scene.freeParticles, *scene.loops);
 }
@@ -34,8 +47,7 @@ unique_ptr<Fluid> ContextFluid::make(const vector<BodyGeometry>& geometries,
                                      const BodySet& bodies) const {
     if (!parameters) return nullptr;
     // Settings of the integrator may have been changed since the Context was created.
-    checkBoundary(*parameters, scene.integrator);
-    checkSlips(*parameters, scene.integrator);
+    checkWithIntegrator(*parameters);
     auto made = make_unique<Fluid>(*parameters, settings(), scene.system,
                                    scene.definitions.particlesOfBodies(), geometries, bodies,
                                    *scene.freeParticles, *scene.loops);

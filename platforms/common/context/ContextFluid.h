@@ -54,6 +54,7 @@ public:
 private:
     FluidSettings settings() const;
     void check(const MobilityForce& force) const;
+    void checkWithIntegrator(const MobilityForce& force) const;
     void rebuild();
     std::unique_ptr<Fluid> make(const std::vector<BodyGeometry>& geometries,
                                 const BodySet& bodies) const;

@@ -45,6 +45,7 @@ void ContextMirror::forgetWritten() {
 void ContextMirror::positionsWereSet() {
     scene.watch.restart();
     positionsAreSet = true;
+    boxIsOfStep = false;
     if (loaded) {
         // OpenMM reads the positions of a checkpoint after its bodies. Where positions and bodies
         // contradict, positions count.
@@ -69,6 +70,7 @@ void ContextMirror::stateWasLoaded(const SavedState& saved, const vector<int>& t
     // Arrays that are not the saved ones count as changed by the user.
     lastPositions.forgetAll();
     lastVelocities.forgetAll();
+    boxIsOfStep = false;
     loaded.reset(new Loaded{saved, toBeFitted});
 }
 
@@ -80,6 +82,28 @@ void ContextMirror::takeInBox() {
     if (memcmp(box.data(), lastBox.data(), sizeof box) == 0) return;
     scene.noteChange();
     lastBox = box;
+}
+
+void ContextMirror::setBox(const BoxVectors& box) {
+    boxIsOfStep = true;
+    boxOfStep = box;
+    if (memcmp(box.data(), lastBox.data(), sizeof box) == 0) return;
+    const Vec3 vectors[3] = {box[0], box[1], box[2]};
+    scene.arrays->setBox(vectors);
+    scene.fluid->setBox(box);
+    lastBox = box;
+}
+
+void ContextMirror::checkBoxOfShear() const {
+    if (!boxIsOfStep || !scene.fluid || !scene.fluid->getContents().userFlow.isSheared()) return;
+    const BoxVectors box = scene.getBox();
+    if (memcmp(box.data(), boxOfStep.data(), sizeof box) == 0) return;
+    constexpr ErrorsOf fail{"MobilityForce"};
+    fail("the last step left " + textOf(boxOfStep) +
+         " of a sheared fluid (setShear()), and the Context now has " + textOf(box) +
+         ", although no positions were set since; the box tilts with the flow and must go on "
+         "from where it was: set it back by setPeriodicBoxVectors(), load a State or "
+         "checkpoint, or set positions after the box to start from there");
 }
 
 void ContextMirror::takeInChanges(bool stepping) {
@@ -178,7 +202,8 @@ void ContextMirror::keepWhatAgrees(const Loaded& loaded, const Rounding& roundin
     vector<Vec3>& array = positions ? scene.arrays->positions() : scene.arrays->velocities();
     RememberedArray& last = positions ? lastPositions : lastVelocities;
     const double relative = positions ? rounding.positions : rounding.velocities,
-                 beside = positions ? scene.arrays->longestEdge() : 0;
+                 beside =
+                     positions ? scene.arrays->longestEdge() : scene.arrays->largestSummand(array);
     const vector<Vec3> now = array;
     // Virtual sites follow their parents.
     const auto agrees = [&](int p, const Vec3& saved) {
@@ -395,6 +420,14 @@ void ContextMirror::writePoses() {
     rememberOtherParticles();
     scene.arrays->pushPositions();
     scene.arrays->pushVelocities();
+}
+
+void ContextMirror::takeOver(bool agree) {
+    run(BodyLoop::ScatterPositions);
+    if (scene.settings.hasMomenta()) run(BodyLoop::ScatterVelocities);
+    placeFreeVirtualSites();
+    rememberOtherParticles();
+    scene.arrays->wereWrittenThere(agree);
 }
 
 void ContextMirror::writeTwists() {

@@ -39,6 +39,13 @@ public:
     void takeInChanges(bool stepping = false);
     /** Likewise for the box alone, which Forces that change the state (barostats) read. */
     void takeInBox();
+    /** A step tilts the box. Bodies and fluid are as before in the new box. */
+    void setBox(const BoxVectors& box);
+    /**
+     * @throws OpenMMException if the box of a sheared fluid is not that of the last step, although
+     *     positions were not set since
+     */
+    void checkBoxOfShear() const;
     /**
      * Bring twists up to date if velocities were changed, but not because of positions: a barostat
      * asks for the energy of trial positions.
@@ -63,6 +70,11 @@ public:
     /** Write poses and twists to the Context's particles. */
     void writePoses();
     void writeTwists();
+    /**
+     * Steps were taken elsewhere (NativeSteps), and bodies and free particles are up to date again:
+     * bring the arrays up to date. @param agree  as in ContextArrays::wereWrittenThere()
+     */
+    void takeOver(bool agree = true);
     /**
      * Velocities of free particles that were changed together with the twists count as written by
      * the mirror.
@@ -119,6 +131,8 @@ private:
     Scene& scene;
     RememberedArray lastPositions, lastVelocities;  // as the mirror wrote or took them in
     BoxVectors lastBox = {};
+    BoxVectors boxOfStep = {};  // of a sheared fluid, where a step left it
+    bool boxIsOfStep = false;   // there is one, and nobody has set positions since
     std::unique_ptr<Loaded> loaded;
     DrawnVelocities drawn;
     Owed owed = Owed::Nothing;

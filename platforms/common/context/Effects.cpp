@@ -64,6 +64,12 @@ private:
     void findScheme() {
         set("scheme", true, scheme.name);
         set("loops", true, platform + ": " + scene.loops->describe());
+        const string reason = scene.native ? scene.native->reasonForHost()
+                                           : "platform " + platform + " has no steps of its own";
+        set("bodies on the device", reason.empty(),
+            reason.empty() ? scene.native->describe() : "the host moves bodies: " + reason);
+        const auto products = scene.loops->describeProducts();
+        set("products on the device", products.first, products.second);
         const bool momenta = scheme.hasMomenta, hydrodynamic = scheme.needsFluid();
         set("momenta", momenta, momenta ? "the scheme has them" : "a scheme without momenta");
         const bool dissipates = !momenta || gamma > 0 || Gamma > 0 || hydrodynamic;
@@ -106,7 +112,7 @@ private:
             : flow.empty()
                 ? string(
                       "neither setBackgroundFlow() nor setSinusoidalForceDensity() drives a flow, "
-                      "and neither does a moving wall or a uniform force density")
+                      "and neither does a moving wall, a uniform force density or setShear()")
                 : flow);
         const int interacting = fluid ? FluidReport(fluid->getContents()).numInteracting() : 0;
         set("hydrodynamic interactions", interacting > 0,
@@ -359,7 +365,12 @@ map<string, int> countDegreesOfFreedom(const Scene& scene) {
 map<string, double> nameCounters(const Scene& scene) {
     const ContextFluid& fluid = scene.fluid;
     const GridSeconds grid = fluid ? fluid->getCosts().getGridSeconds() : GridSeconds();
+    const NativeSteps::Counts native =
+        scene.native ? scene.native->getCounts() : NativeSteps::Counts();
     return {{"steps", scene.counters.steps},
+            {"deviceLaunches", native.launches},
+            {"deviceTransfers", native.transfers},
+            {"deviceLooks", native.looks},
             {"forceEvaluations", scene.counters.forceEvaluations},
             {"mobilityProducts", fluid ? fluid->getCosts().getNumProducts() : 0},
             {"solverIterations", scene.counters.iterations},

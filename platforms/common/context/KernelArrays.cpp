@@ -22,12 +22,6 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * Device platforms have fixed-point forces below 2^31 kJ/(mol nm). NaN and larger forces come back
- * as about this number.
- */
-const double largestForce = 2e9;
-
-/**
  * OpenMM's device platforms report their precision by a property. A platform without it is taken to
  * keep doubles.
  */
@@ -38,7 +32,8 @@ Rounding roundingOf(ContextImpl& context) {
     const string precision = platform.getPropertyValue(context.getOwner(), "Precision");
     // Positions are wrapped and unwrapped when the platform sorts particles: three roundings of
     // half a unit, and as much again as margin.
-    const double few = 4, single = few * pow(2, -24), dual = few * pow(2, -53);
+    // In double precision they are also computed in other orders on the device than on the host.
+    const double few = 4, single = few * pow(2, -24), dual = 16 * few * pow(2, -53);
     Rounding rounding;
     rounding.positions =
         precision == "double" ? dual : single;  // "mixed" sorts in single precision
@@ -96,8 +91,20 @@ void KernelArrays::pullVelocities() {
     if (inSteps && velocitiesThere.isKnown) return;
     kernel().getVelocities(context, read);
     transfers_.velocitiesPulled++;
-    takeChanged(read, rounding_.velocities, 0, velocitiesThere.shown, ownVelocities);
+    // OpenMM's constraints may leave any velocity at a virtual site, and it means nothing.
+    for (int p : virtualSites) read[p] = velocitiesThere.shown[p];
+    takeChanged(read, rounding_.velocities, largestSummand(ownVelocities), velocitiesThere.shown,
+                ownVelocities);
     velocitiesThere.isShown = velocitiesThere.isKnown = true;
+}
+
+double KernelArrays::largestSummand(const vector<Vec3>& velocities) const {
+    const double coarse = 1e-10;  // single precision is coarser than any sum in double precision
+    double largest = 0;
+    if (rounding_.velocities < coarse)
+        for (const Vec3& v : velocities)
+            for (int k = 0; k < 3; k++) largest = max(largest, abs(v[k]));
+    return isfinite(largest) ? largest : 0;
 }
 
 void KernelArrays::pullForces() {
@@ -105,7 +112,8 @@ void KernelArrays::pullForces() {
     transfers_.forcesPulled++;
     for (Vec3& force : ownForces)
         for (int k = 0; k < 3; k++)
-            if (!(abs(force[k]) < largestForce)) force[k] = numeric_limits<double>::quiet_NaN();
+            if (!(abs(force[k]) < largestFixedPointForce))
+                force[k] = numeric_limits<double>::quiet_NaN();
 }
 
 /** Platforms that sort particles by place have crashed on non-finite positions. */
@@ -128,9 +136,19 @@ void KernelArrays::give(const vector<Vec3>& positions) {
     positionsThere.isShown = true;
 }
 
+/** Whether the Context has these numbers, or will get them where only rounding is missing. */
+bool KernelArrays::agree(const vector<Vec3>& own, const Device& there, double relative,
+                         double beside) const {
+    if (sameBits(own, there.shown)) return true;
+    if (!leavesRounding) return false;
+    for (size_t p = 0; p < own.size(); p++)
+        if (!isRounded(there.shown[p], own[p], relative, beside)) return false;
+    return true;
+}
+
 void KernelArrays::pushPositions() {
     if (positionsThere.isShown && !positionsThere.isImage &&
-        sameBits(ownPositions, positionsThere.shown))
+        agree(ownPositions, positionsThere, rounding_.positions, isPeriodic ? longestEdge() : 0))
         return;
     give(ownPositions);
     positionsThere.isImage = false;
@@ -149,7 +167,9 @@ void KernelArrays::pushPositionsForForces() {
 
 void KernelArrays::pushVelocities() {
     if (inSteps && !velocitiesAreActedOn()) return;  // nobody reads them before the steps end
-    if (velocitiesThere.isShown && sameBits(ownVelocities, velocitiesThere.shown)) return;
+    if (velocitiesThere.isShown &&
+        agree(ownVelocities, velocitiesThere, rounding_.velocities, largestSummand(ownVelocities)))
+        return;
     requireFinite(ownVelocities, "velocity");
     kernel().setVelocities(context, ownVelocities);
     transfers_.velocitiesPushed++;
@@ -199,6 +219,13 @@ void KernelArrays::afterForcesActed(bool movedParticles) {
         // A barostat whose move is rejected may leave molecules shifted by the box. Such a shift is
         // no motion.
         positionsThere.isShown = false;
+}
+
+void KernelArrays::wereWrittenThere(bool agree) {
+    positionsThere.shown = ownPositions;
+    velocitiesThere.shown = ownVelocities;
+    positionsThere.isShown = velocitiesThere.isShown = agree;
+    positionsThere.isImage = false;
 }
 
 double KernelArrays::getTime() const { return kernel().getTime(context); }

@@ -44,7 +44,10 @@ public:
     void pushEndOfStep() override;
     void beforeForcesAct() override;
     void afterForcesActed(bool movedParticles) override;
+    void wereWrittenThere(bool agree) override;
+    void leaveRounding(bool leave) override { leavesRounding = leave; }
     Rounding rounding() const override { return rounding_; }
+    double largestSummand(const std::vector<OpenMM::Vec3>& velocities) const override;
     bool removesMomentumExactly() const override { return rounding_.isExact(); }
     void getBox(OpenMM::Vec3 (&box)[3]) const override {
         context.getPeriodicBoxVectors(box[0], box[1], box[2]);
@@ -91,7 +94,9 @@ private:
     const Rounding rounding_;
     const bool isPeriodic;
     const ActingForces acting;
-    bool inSteps = false;
+    bool agree(const std::vector<OpenMM::Vec3>& own, const Device& there, double relative,
+               double beside) const;
+    bool inSteps = false, leavesRounding = false;
     Device positionsThere, velocitiesThere;
     OpenMM::Vec3 boxBefore[3];
     std::vector<int> virtualSites;

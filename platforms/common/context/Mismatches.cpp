@@ -44,6 +44,11 @@ string unboundedFluidWithPeriodicForces(const Scene& scene) {
            "periodic boundary conditions";
 }
 
+string lubricationWithoutEffect(const Scene& scene) {
+    return scene.fluid ? FluidReport(scene.fluid->getContents()).lubricationWithoutEffect()
+                       : string();
+}
+
 string watersWithoutBodies(const Scene& scene) {
     const SystemInventory& stock = scene.stock;
     if (stock.numFreeWaters == 0) return {};
@@ -160,7 +165,8 @@ void addMismatches(const Scene& scene, Warnings& warnings) {
         {WarningCause::UnboundedFluid, unboundedFluidWithPeriodicForces(scene)},
         {WarningCause::WatersWithoutBodies, watersWithoutBodies(scene)},
         {WarningCause::ImagesAcross, imagesAcrossTheFluid(scene)},
-        {WarningCause::BarostatTemperature, barostatAtAnotherTemperature(scene)}};
+        {WarningCause::BarostatTemperature, barostatAtAnotherTemperature(scene)},
+        {WarningCause::LubricationWithoutEffect, lubricationWithoutEffect(scene)}};
     for (const auto& mismatch : found)
         if (!mismatch.second.empty()) warnings.insert(mismatch);
 }

@@ -16,16 +16,22 @@ namespace RigidHIPlugin {
 class RememberedArray {
 public:
     /** At first nothing is known. */
-    explicit RememberedArray(int size) : values(size), known(size, false) {}
-    void forgetAll() { std::fill(known.begin(), known.end(), allAreKnown = false); }
-    void forget(int i) { known[i] = allAreKnown = false; }
+    explicit RememberedArray(int size) : values(size), known(size, false), numUnknown(size) {}
+    void forgetAll() {
+        std::fill(known.begin(), known.end(), false);
+        numUnknown = known.size();
+    }
+    void forget(int i) {
+        numUnknown += known[i];
+        known[i] = false;
+    }
     void remember(const std::vector<OpenMM::Vec3>& array) {
         values = array;
         allWereWritten();
     }
     void remember(int i, const OpenMM::Vec3& value) {
         values[i] = value;
-        known[i] = true;
+        wasWritten(i);
     }
     /** Whether entry i is known and has these bits. */
     bool is(int i, const OpenMM::Vec3& value) const {
@@ -33,20 +39,27 @@ public:
     }
     /** Whether all entries are known and have these bits. */
     bool is(const std::vector<OpenMM::Vec3>& array) const {
-        return allAreKnown && array.size() == values.size() &&
+        return numUnknown == 0 && array.size() == values.size() &&
                std::memcmp(values.data(), array.data(), values.size() * sizeof values[0]) == 0;
     }
     /** For loops, which then say what they have written. */
     double* data() { return &values[0][0]; }
     void wereWritten(const std::vector<int>& entries) {
-        for (int i : entries) known[i] = true;
+        for (int i : entries) wasWritten(i);
     }
-    void allWereWritten() { std::fill(known.begin(), known.end(), allAreKnown = true); }
+    void allWereWritten() {
+        std::fill(known.begin(), known.end(), true);
+        numUnknown = 0;
+    }
 
 private:
+    void wasWritten(int i) {
+        numUnknown -= !known[i];
+        known[i] = true;
+    }
     std::vector<OpenMM::Vec3> values;
     std::vector<char> known;
-    bool allAreKnown = false;
+    int numUnknown;
 };
 
 }  // namespace RigidHIPlugin

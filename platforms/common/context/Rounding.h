@@ -9,6 +9,12 @@
 namespace RigidHIPlugin {
 
 /**
+ * Device platforms have fixed-point forces below 2^31 kJ/(mol nm). NaN and larger forces come back
+ * as about this number.
+ */
+const double largestFixedPointForce = 2e9;
+
+/**
  * How a platform rounds positions and velocities. An array that the platform returns is the one it
  * was given if the two differ by no more than this.
  */

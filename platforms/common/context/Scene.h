@@ -22,6 +22,7 @@
 #include "forces/BodyForces.h"
 #include "forces/BodyMotions.h"
 #include "host/FreeParticles.h"
+#include "host/NativeSteps.h"
 #include "host/PlatformLoops.h"
 #include "openmmrigidhi/CustomRigidHIIntegrator.h"
 #include "rigidbody/BodySet.h"
@@ -101,6 +102,8 @@ public:
     WarningPrinter warnings;
     TemperatureWatch watch;
     StepCounters counters;
+    /** The platform's own steps, if it has any. */
+    const NativeSteps* native = nullptr;
 
 private:
     void adoptHeld();

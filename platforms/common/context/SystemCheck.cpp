@@ -251,6 +251,20 @@ void checkSlips(const MobilityForce& force, const CustomRigidHIIntegrator& integ
          "the slip away by clearBodySlip()");
 }
 
+void checkShear(const MobilityForce& force, const CustomRigidHIIntegrator& integrator) {
+    constexpr ErrorsOf fail{"MobilityForce"};
+    double rate;
+    int flowAxis, gradientAxis;
+    force.getShear(rate, flowAxis, gradientAxis);
+    if (rate == 0) return;
+    const SchemeTraits& traits = traitsOf(integrator.getScheme());
+    if (!traits.isOverdamped())
+        fail("a shear (setShear()) of the rate " + number(rate) +
+             "/ps needs a scheme without momenta, and the scheme is " + traits.name +
+             "; use setScheme() with one such as TractionEulerMaruyama, or setShear() with "
+             "the rate 0");
+}
+
 /** Check that each particle that is held can be held. */
 static void checkHeldParticles(const System& system, const CustomRigidHIIntegrator& integrator,
                                const SystemInventory& stock) {
@@ -479,6 +493,7 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
     if (!traits.hasMomenta) checkNoMomenta(stock, name, hydrodynamic ? "LangevinHI" : "LangevinC");
     checkHeld(system, integrator, stock);
     if (stock.mobilityForce) checkSlips(*stock.mobilityForce, integrator);
+    if (stock.mobilityForce) checkShear(*stock.mobilityForce, integrator);
     if (traits.kind == SchemeKind::FluidThermostat) {
         if (stock.hasCMMotionRemover)
             fail("the System has a CMMotionRemover, but with scheme " + name +

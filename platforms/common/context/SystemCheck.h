@@ -52,6 +52,11 @@ void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& in
  * those of the integrator.
  */
 void checkBoundary(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
+/**
+ * Check that the scheme is one for a fluid that users shear. Schemes that are have no barostats.
+ * @throws OpenMMException
+ */
+void checkShear(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
 /** Check that the scheme moves bodies by their slips and forces on the fluid. @throws
  * OpenMMException */
 void checkSlips(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);

@@ -117,9 +117,8 @@ void TemperatureWatch::restart() {
     finding.clear();
 }
 
-void TemperatureWatch::look(const Scene& scene) {
+void TemperatureWatch::look(const Scene& scene, const MidStepEnergies& now) {
     if (steps <= window) return;  // the scene may relax first
-    const MidStepEnergies now = midStepEnergiesOfMeans(scene.bodies, scene.settings);
     sum.translational += now.translational;
     sum.rotational += now.rotational;
     sum.momentum += now.momentum;

@@ -29,10 +29,13 @@ public:
     void adopt(const Scene& scene);
     /** Positions, velocities or the state were set from outside. Begin anew. */
     void restart();
-    /** A step has ended, and the forces that bodies have belong to its end. */
-    void stepEnded(const Scene& scene) {
-        if (isOn && ++steps % interval == 0) look(scene);
-    }
+    /** A step has ended. @return whether look() is to be called */
+    bool countStep() { return isOn && ++steps % interval == 0; }
+    /**
+     * Add the energies at the end of this step.
+     * @param now  midStepEnergiesOfMeans(), with the forces at the end of the step
+     */
+    void look(const Scene& scene, const MidStepEnergies& now);
     /**
      * What the last whole window, or all windows together, have found, as a sentence for users;
      * empty: nothing wrong.
@@ -60,7 +63,6 @@ private:
      * looks would tell little more.
      */
     static const int interval = 100;
-    void look(const Scene& scene);
     void judge(const Scene& scene, const MidStepEnergies& energies, long long number);
     bool isOn = false;
     Expectation translation, rotation;

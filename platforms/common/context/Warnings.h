@@ -29,6 +29,7 @@ enum class WarningCause {
     WatersWithoutBodies,
     ImagesAcross,
     BarostatTemperature,
+    LubricationWithoutEffect,
     WrongTemperature
 };
 using Warnings = std::map<WarningCause, std::string>;

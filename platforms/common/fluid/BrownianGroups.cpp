@@ -41,15 +41,15 @@ LoopResult BrownianGroups::runStage(int stage, const StepSettings& settings,
         group->objection.clear();
         if (group->brownian->getStage() == stage) operations += group->brownian->getOperations();
     }
-    const BrownianGroup::Surroundings around = {fluid.getFlow(), fluid.box, fluid.hasOneFlow(),
+    const BrownianGroup::Surroundings around = {fluid.getFlow(), fluid.box, fluid.remembersSteps(),
                                                 prescribed};
     const auto task = [&](int i) {
         FluidGroup& group = *fluid.groups[i];
-        const bool isRun =
+        ran[i] =
             group.brownian->runStage(stage, settings, around, bodies, freeParticles, positions);
-        if (isRun && group.brownian->getOutcome().isFinite)
-            group.objection = group.objectionTo(bodies, positions);
+        if (ran[i] && !fluid.userFlow.isSheared()) judge(i, bodies, positions);
     };
+    ran.assign(fluid.groups.size(), false);
     fluid.forGroups(fluid.groups.size(), operations, cref(task));
     LoopResult result;
     for (const auto& group : fluid.groups) {
@@ -60,6 +60,18 @@ LoopResult BrownianGroups::runStage(int stage, const StepSettings& settings,
         result.finite = result.finite && outcome.isFinite;
     }
     return result;
+}
+
+void BrownianGroups::judge(int g, const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    FluidGroup& group = *fluid.groups[g];
+    if (group.brownian->getOutcome().isFinite)
+        group.objection = group.objectionTo(bodies, positions);
+}
+
+void BrownianGroups::judgeInNextBox(const BodySet& bodies, const vector<OpenMM::Vec3>& positions) {
+    const OneBlasThread single;
+    for (size_t g = 0; g < fluid.groups.size(); g++)
+        if (ran[g]) judge(g, bodies, positions);
 }
 
 BrownianGroups::Rejections BrownianGroups::takeBackRejected(

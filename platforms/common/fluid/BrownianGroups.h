@@ -40,6 +40,12 @@ public:
     LoopResult runStage(int stage, const StepSettings& settings, const Eigen::MatrixXd* prescribed,
                         BodySet& bodies, const FreeParticles& freeParticles,
                         std::vector<OpenMM::Vec3>& positions);
+    /**
+     * In a fluid that is sheared: look whether the model has a mobility where the last stage led.
+     * To be called in the box of the time that the stage led to. In other fluids runStage() does
+     * it.
+     */
+    void judgeInNextBox(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
     struct Rejections {
         int number = 0;         // of groups
         int attempts = 0;       // largest number in a row of one group
@@ -61,9 +67,11 @@ public:
     void showStage(int stage, BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;
 
 private:
+    void judge(int group, const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
     const FluidContents& fluid;
     FlowReader& flowReader;
     CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::EulerMaruyama;
+    std::vector<char> ran;  // the groups whose stage the last one was
 };
 
 }  // namespace RigidHIPlugin

@@ -127,7 +127,7 @@ void FlowReader::flowOfVelocities(FluidGroup& group, const FlowQuestion& questio
 
 bool FlowReader::findLastStep(const BodySet& bodies, const vector<OpenMM::Vec3>& positions,
                               CustomRigidHIIntegrator::Scheme scheme) {
-    if (!fluid.hasOneFlow() || !lastStepIsPresent(bodies, positions)) return false;
+    if (!fluid.remembersSteps() || !lastStepIsPresent(bodies, positions)) return false;
     FluidGroup& group = *fluid.groups[0];
     const LastStep& last = group.brownian->getLastStep();
     if (last.scheme != scheme) return false;

@@ -122,11 +122,9 @@ VectorXd FluidAnswers::apply(const VectorXd& wrenches, const BodySet& bodies,
                     group->checkTorque(e, twoRotations(mobility.getTurn(e)).transpose() * wrench,
                                        0);
             }
-        // Products are exact where the model has no fast ones: rounding to floats gains little in
-        // one product.
         const double tolerance = fluid.force.getSolverTolerance();
         const bool fast =
-            group->bodies.hasModel() && group->bodies.getModel().hasFastProducts(tolerance);
+            group->bodies.hasModel() && ErrorBudget::savesTime(group->bodies.getModel(), tolerance);
         if (group->joints)
             u = mobilityWithJoints(*group, mobility) * f;
         else

@@ -64,6 +64,21 @@ struct FluidContents {
      * data of steps are kept.
      */
     bool hasOneFlow() const { return groups.size() == 1 && !isFreeDraining(); }
+    /**
+     * Whether the flow of the last step can be asked for, so that data of steps are kept. The
+     * stages of a sheared step are in different boxes, and are not done again.
+     */
+    bool remembersSteps() const {
+        return hasOneFlow() && !userFlow.isSheared() && !losesFlowOfNoise();
+    }
+    /**
+     * Whether the flow that noise makes cannot be asked for: slips of parts
+     * (MobilityTraits::slipsOfParts) make stresslets that no share of forces has.
+     */
+    bool losesFlowOfNoise() const {
+        return groups[0]->bodies.hasModel() &&
+               groups[0]->bodies.getModel().getTraits().slipsOfParts;
+    }
     /** Find what held fixed components in the last step, where steps leave this to be found. */
     void findHolds() const;
     /**

@@ -101,6 +101,10 @@ string FluidReport::describe(const SchemeTraits& scheme) const {
         if (!largest->gridChoice.empty())
             text << (grid ? " (" : " by matrices of lattice sums (") << largest->gridChoice << ")";
     }
+    if (largest && largest->bodies.hasModel()) {
+        const string lubrication = largest->bodies.getModel().describeLubrication();
+        if (!lubrication.empty()) text << ", with " << lubrication;
+    }
     text << ", " << counted(numSeen(fluid.groupOfBody), "body", "bodies") << " and "
          << counted(numSeen(fluid.groupOfFree), "free particle", "free particles") << "; ";
     if (!overdamped) text << thermostats << " alone with constant isotropic drag (no matrices), ";
@@ -112,6 +116,28 @@ string FluidReport::describe(const SchemeTraits& scheme) const {
                                  overdamped && largest->brownian->differencesIterate(scheme),
                                  scheme);
     return text.str();
+}
+
+string FluidReport::lubricationWithoutEffect() const {
+    const MobilityForce& force = fluid.force;
+    double whole, nothing;
+    force.getLubricationReach(whole, nothing);
+    const string model = modelName(force.getModel());
+    if (force.getLubrication() == MobilityForce::On && !mayHaveLubrication(force.getModel()))
+        return "setLubrication(On) has no effect with model " + model +
+               ", whose bodies do not feel each other; use RotnePragerYamakawa, ForceCoupling or "
+               "StokesianDynamics";
+    if (nothing > 0 && !hasLubrication(force))
+        return "setLubricationReach() has no effect, for there is no lubrication; use "
+               "setLubrication(On)";
+    if (force.getLubrication() != MobilityForce::On) return {};
+    for (const auto& group : fluid.groups)
+        if (!group->bodies.hasModel() || force.getModel() == MobilityForce::StokesianDynamics ||
+            !group->bodies.getModel().describeLubrication().empty())
+            return {};
+    return "setLubrication(On) has no effect, for only single spheres have lubrication, with each "
+           "other, with images and with no-slip walls, and no group of bodies has such spheres; "
+           "use setLubrication(Off)";
 }
 
 string FluidReport::describeFlow() const {
@@ -149,6 +175,13 @@ string FluidReport::describeFlow() const {
              << " nm/ps at the origin, gradient in rows " << row(0) << ", " << row(1) << ", "
              << row(2) << "/ps";
     }
+    if (user.isSheared()) {
+        nameNext("");
+        text << "shear of the rate " << number(user.shearRate) << "/ps along "
+             << axes[user.flowAxis] << " with its gradient along " << axes[user.gradientAxis]
+             << ", with which the box tilts (at a tilt of half an edge it goes on with the other "
+                "tilt of the same lattice, where forces of PME jump by their error)";
+    }
     if (!flow.hasGradient()) return text.str();
     bool stresslets = true, own = false;
     for (const auto& group : fluid.groups) {
@@ -157,10 +190,13 @@ string FluidReport::describeFlow() const {
         for (const FluidElement& element : group->bodies.getElements())
             own = own || element.ownMobility.size() > 0;
     }
-    text
-        << (stresslets
-                ? "; spheres resist its strain by stresslets, without lubrication of the strain"
-                : "; multiblobs resist its strain by their blobs, single spheres and blobs do not");
+    if (!stresslets)
+        text << "; multiblobs resist its strain by their blobs, single spheres and blobs do not";
+    else if (!hasLubrication(fluid.force))
+        text << "; spheres resist its strain by stresslets, without lubrication";
+    else
+        text << "; spheres resist its strain by stresslets and lubrication"
+             << (flow.waveVelocity != 0 ? ", that of a wave by stresslets alone" : "");
     if (own) text << "; bodies with tensors of their own resist it as their blobs do";
     return text.str();
 }

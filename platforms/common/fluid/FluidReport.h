@@ -14,6 +14,8 @@ public:
     explicit FluidReport(const FluidContents& fluid) : fluid(fluid) {}
     /** What the fluid is, and how many groups are solved in which way. */
     std::string describe(const SchemeTraits& scheme) const;
+    /** Which setting of lubrication does nothing, and why; empty: none. */
+    std::string lubricationWithoutEffect() const;
     /** The flow that users drive; empty: there is none. */
     std::string describeFlow() const;
     /**

@@ -7,6 +7,7 @@
 #include "mobility/GridChoice.h"
 #include "mobility/Models.h"
 #include "openmmrigidhi/internal/Errors.h"
+#include "openmmrigidhi/internal/Messages.h"
 #include "rigidbody/EigenVec3.h"
 
 using namespace Eigen;
@@ -47,9 +48,26 @@ bool isThermostatTensor(const MatrixXd& friction) {
            abs(friction(0, 0) - friction(2, 2)) <= isotropyTolerance * friction(0, 0);
 }
 
+/** Whether a model that has no lubrication of its own has that of LubricatedMobility. */
+bool isLubricatedByPairs(const MobilityForce& force) {
+    return hasLubrication(force) && force.getModel() != MobilityForce::StokesianDynamics;
+}
+
+/** Whether MatrixFree asks for StokesianDynamics on a grid. */
+bool isStokesianGrid(const MobilityForce& force) {
+    return force.getModel() == MobilityForce::StokesianDynamics &&
+           force.getSolver() == MobilityForce::MatrixFree &&
+           traitsOf(force.getModel()).hasGrid(force.getBoundary());
+}
+
+/** What products are iterations of, in messages. */
+string whatIterates(const MobilityForce& force) {
+    return (isLubricatedByPairs(force) ? "lubrication of model " : "model ") +
+           string(modelName(force.getModel()));
+}
+
 [[noreturn]] void refuseMatrixFree(const MobilityForce& force) {
     fail("solver MatrixFree cannot be used with model " + string(modelName(force.getModel())) +
-         (force.getBoundary() == MobilityForce::Periodic ? " with boundary Periodic" : "") +
          "; use setSolver(Dense), or setModel(RotnePragerYamakawa)");
 }
 
@@ -93,6 +111,8 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
     }
     checkSlips();
     checkForcesOnFluid();
+    checkLubrication();
+    checkIterations();
 
     int nextGroup = 0;
     for (int b = 0; b < numBodies; b++) {
@@ -186,6 +206,48 @@ void GroupBuilder::checkForcesOnFluid() const {
                  "is at a site without a surface, which model StokesianDynamics has no lubrication "
                  "for; use setModel(RotnePragerYamakawa)");
     }
+}
+
+/** Refuse what cannot go together with the iterations of spheres with lubrication or stresslets. */
+void GroupBuilder::checkIterations() const {
+    if (force.getSolver() != MobilityForce::MatrixFree ||
+        !(isLubricatedByPairs(force) || isStokesianGrid(force)))
+        return;
+    const string start = whatIterates(force) + " cannot be used with solver MatrixFree and ";
+    if (force.getMinimumGap() > 0)
+        fail(
+            start + "the minimum gap " + text(force.getMinimumGap()) +
+            "; use setSolver(Dense), or setMinimumGap(0), with which steps to overlaps are redone");
+    const SchemeTraits& scheme = traitsOf(settings.scheme);
+    if (scheme.kind == SchemeKind::FluidThermostat)
+        fail(start + "scheme " + scheme.name +
+             ", whose friction is stiff where spheres are close; use setSolver(Dense), or a scheme "
+             "without momenta, such as TractionEulerMaruyama");
+    if (scheme.differenced == Differenced::Roots)
+        fail(start + "scheme " + scheme.name +
+             ", whose differences of random velocities know nothing of lubrication; use "
+             "TractionEulerMaruyama, or setSolver(Dense)");
+}
+
+/** Refuse what cannot go together with lubrication of models other than StokesianDynamics. */
+void GroupBuilder::checkLubrication() const {
+    if (!isLubricatedByPairs(force)) return;
+    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
+    if (force.getModel() == MobilityForce::ForceCoupling && boundary.hasWalls())
+        fail(string("lubrication cannot be used with model ForceCoupling and boundary ") +
+             boundary.name +
+             ", where the mobility of one of its spheres beside a wall is not known in closed "
+             "form; use setModel(RotnePragerYamakawa), or setLubrication(Off)");
+    if (boundary.hasWalls() && settings.wallRejection == CustomRigidHIIntegrator::Crossing)
+        fail(
+            "lubrication is known only for spheres that do not overlap the wall, so it cannot be "
+            "used with the wall rejection Crossing; use setWallRejection(Overlap) or "
+            "setLubrication(Off)");
+    if (force.getSphereWallMobility() == MobilityForce::BestKnown)
+        fail(
+            "lubrication has the exact mobility of single spheres at the wall already, so it "
+            "cannot be used with sphere-wall mobility BestKnown; use "
+            "setSphereWallMobility(FromModel) or setLubrication(Off)");
 }
 
 /** A force on the fluid and the index of its body, in the user's body frame. */
@@ -299,7 +361,8 @@ unique_ptr<FluidGroup> GroupBuilder::makeGroup(const vector<FluidElement>& eleme
             make_unique<CoupledBodies>(fixed, [&](const HydrodynamicParticles& particles) {
                 return makeModel(particles, mayUseThreads, unused);
             });
-    group->dependsOnScheme = choice.isEstimated();
+    group->dependsOnScheme =
+        choice.isEstimated() || isLubricatedByPairs(force) || isStokesianGrid(force);
     for (size_t e = 0; e < elements.size(); e++) {
         group->members.freeIndex.push_back(
             elements[e].isFree() ? indexOfFree[elements[e].particles[0]] : -1);
@@ -381,7 +444,14 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     }
     const bool solved = !group.isThermostat && !coupled.isConstantInBodyFrame();
     const bool wanted = force.getSolver() == MobilityForce::MatrixFree;
-    if (solved && wanted && !coupled.hasProducts()) refuseMatrixFree(force);
+    if (solved && wanted && !coupled.hasProducts()) {
+        if (isLubricatedByPairs(force) || isStokesianGrid(force))
+            fail(whatIterates(force) +
+                 " cannot be used with solver MatrixFree where bodies of several particles, bodies "
+                 "with their origin off the centre of their sphere, or held and driven bodies are "
+                 "among the others; use setSolver(Dense)");
+        refuseMatrixFree(force);
+    }
     // The slips of bodies with tensors of their own are not known to the iterations that hold
     // bodies.
     const bool mayIterate = !isFixed || !coupled.getOwnTensors().any();
@@ -389,9 +459,15 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
         fail(
             "solver MatrixFree cannot be used where bodies are held or driven and others in their "
             "group have tensors of their own; use setSolver(Dense), or clearBodyMobility()");
+    // Where MatrixFree is refused with lubrication, matrices are what Auto takes.
+    const SchemeTraits& scheme = traitsOf(settings.scheme);
+    const bool schemeMayIterate =
+        !coupled.productsIterate() ||
+        (scheme.kind != SchemeKind::FluidThermostat && scheme.differenced != Differenced::Roots &&
+         force.getMinimumGap() == 0);
     const bool productsOnly = coupled.hasModel() && coupled.getModel().getTraits().isMatrixFree;
     const auto takesKrylov = [&](bool large) {
-        return solved && coupled.hasProducts() && mayIterate &&
+        return solved && coupled.hasProducts() && mayIterate && schemeMayIterate &&
                (wanted || productsOnly || (force.getSolver() == MobilityForce::Auto && large));
     };
     const int particleRows = coupled.getNumParticleRows();

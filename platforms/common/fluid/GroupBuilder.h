@@ -46,6 +46,8 @@ public:
 private:
     void checkSlips() const;
     void checkForcesOnFluid() const;
+    void checkLubrication() const;
+    void checkIterations() const;
     std::pair<int, ForceOnFluid> forceOnFluid(int index) const;
     void addShape(FluidElement& element, const std::vector<BodyGeometry>& geometries,
                   const BodySet& bodies) const;

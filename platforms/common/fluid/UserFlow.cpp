@@ -15,13 +15,6 @@ namespace {
 
 constexpr ErrorsOf fail{"MobilityForce"};
 
-/** Whether a boundary is a periodic fluid with no-slip walls, whose force densities drive flows
- * that are 0 there. */
-bool hasNoSlipPlanes(MobilityForce::Boundary boundary) {
-    return boundary == MobilityForce::PeriodicWall || boundary == MobilityForce::NoSlipChannel ||
-           boundary == MobilityForce::Film;
-}
-
 }  // namespace
 
 UserFlow::UserFlow(const MobilityForce& force)
@@ -32,6 +25,7 @@ UserFlow::UserFlow(const MobilityForce& force)
       boundary(force.getBoundary()), viscosity(force.getViscosity()) {
     force.getSinusoidalForceDensity(f0, forceAxis, waveAxis, waveVectorIndex);
     force.getBackgroundFlow(velocity, gradient);
+    force.getShear(shearRate, flowAxis, gradientAxis);
     findWalls(force, low, high);
 }
 
@@ -43,7 +37,7 @@ bool UserFlow::isAlongPlanes() const {
     return wallVelocity != OpenMM::Vec3() || bodyForceDensity != OpenMM::Vec3();
 }
 
-bool UserFlow::hasPlanes() const { return hasNoSlipPlanes(boundary); }
+bool UserFlow::hasPlanes() const { return isConfined(boundary); }
 
 void UserFlow::setPlanes(DrivenFlow& flow) const {
     if (!hasPlanes()) return;
@@ -66,6 +60,7 @@ DrivenFlow UserFlow::inBox(const BoxVectors& box) const {
     setPlanes(flow);
     flow.velocity = toEigen(velocity);
     flow.gradient = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(gradient.data());
+    flow.gradient(flowAxis, gradientAxis) += shearRate;
     flow.forceAxis = forceAxis;
     flow.waveAxis = waveAxis;
     const double edge = box[waveAxis][waveAxis];
@@ -84,7 +79,17 @@ DrivenFlow UserFlow::inBox(const BoxVectors& box) const {
     return flow;
 }
 
+BoxVectors UserFlow::tilted(BoxVectors box, double time) const {
+    // Lower triangular boxes stay so, since the flow is along an axis before that of its gradient.
+    for (OpenMM::Vec3& vector : box) vector[flowAxis] += shearRate * time * vector[gradientAxis];
+    for (int k = 1; k < 3; k++)
+        for (int shorter = k - 1; shorter >= 0; shorter--)
+            box[k] -= box[shorter] * round(box[k][shorter] / box[shorter][shorter]);
+    return box;
+}
+
 void UserFlow::check() const {
+    checkShear();
     if (hasWave() && isFreeDraining)
         fail(
             "a sinusoidal force density drives a fluid that bodies share, and under FreeDraining "
@@ -113,7 +118,7 @@ void UserFlow::checkBackground() const {
     const BoundaryTraits& traits = traitsOf(boundary);
     const bool isAboveWall =
         boundary == MobilityForce::NoSlipWall || boundary == MobilityForce::PeriodicWall;
-    if (hasNoSlipPlanes(boundary) && !isAboveWall)
+    if (isConfined(boundary) && !isAboveWall)
         fail("a background flow cannot be used with boundary " + string(traits.name) +
              ", whose flows are 0 on its walls; use " +
              (boundary == MobilityForce::NoSlipChannel ? "setWallVelocity() or " : "") +
@@ -139,6 +144,25 @@ void UserFlow::checkBackground() const {
              "/ps along the wall; give a flow that depends on z alone and is 0 at the wall, such "
              "as a shear flow, by setBackgroundFlow()");
     }
+}
+
+void UserFlow::checkShear() const {
+    if (!isSheared()) return;
+    const string shear = "a shear (setShear()) of the rate " + number(shearRate) + "/ps ";
+    if (boundary != MobilityForce::Periodic)
+        fail(shear + "tilts a periodic box, and the boundary is " + boundaryName(boundary) +
+             "; use setBackgroundFlow() with the gradient of the shear" +
+             (boundary == MobilityForce::NoSlipChannel ? " or setWallVelocity()" : "") +
+             ", or setBoundary(Periodic), or setShear() with the rate 0");
+    if (isFreeDraining)
+        fail(shear +
+             "moves one fluid around all bodies, which the model FreeDraining does not have; use "
+             "setModel(RotnePragerYamakawa), or setShear() with the rate 0");
+    if (hasWave())
+        fail(shear +
+             "cannot be used together with a sinusoidal force density, whose wave is not periodic "
+             "in a box that tilts; use setSinusoidalForceDensity() with f0 = 0, or setShear() with "
+             "the rate 0");
 }
 
 void UserFlow::checkAlongPlanes() const {

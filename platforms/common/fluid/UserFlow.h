@@ -18,7 +18,14 @@ struct UserFlow {
     bool hasBackground() const;
     /** Whether there is the flow of a moving wall, or that of a uniform force density. */
     bool isAlongPlanes() const;
-    bool isAny() const { return hasWave() || hasBackground() || isAlongPlanes(); }
+    /** Whether the periodic box tilts with the flow. */
+    bool isSheared() const { return shearRate != 0; }
+    bool isAny() const { return hasWave() || hasBackground() || isAlongPlanes() || isSheared(); }
+    /**
+     * The box that has moved with the shear for so long, ps, in OpenMM's form: each vector changes
+     * by shorter ones until it tilts by half of them at most.
+     */
+    BoxVectors tilted(BoxVectors box, double time) const;
     /** @throws OpenMMException if the boundary has no such flow */
     void check() const;
     /** The flow in a box; without its wave where there is no box yet. */
@@ -35,6 +42,8 @@ struct UserFlow {
 
     double f0;
     int forceAxis, waveAxis, waveVectorIndex;
+    double shearRate;
+    int flowAxis, gradientAxis;
     OpenMM::Vec3 velocity, wallVelocity, bodyForceDensity;
     std::vector<double> gradient;
     double low, high;  // walls, nm; infinite where there are none
@@ -42,6 +51,7 @@ struct UserFlow {
 private:
     void checkBackground() const;
     void checkAlongPlanes() const;
+    void checkShear() const;
 
     const bool isFreeDraining, hasZeroFlux;
     const MobilityForce::Boundary boundary;

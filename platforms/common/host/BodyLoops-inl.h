@@ -10,10 +10,8 @@
 #define RIGIDHI_BODY_LOOPS_INL_H_
 #endif
 
+#include "host/BodyMoves-inl.h"
 #include "host/StepSettings.h"
-#include "rigidbody/BodySet.h"
-#include "rigidbody/FreeRotor-inl.h"
-#include "rigidbody/Quaternion-inl.h"
 #include "schemes/Thermostats-inl.h"
 
 namespace RigidHIPlugin {
@@ -52,12 +50,21 @@ inline Real loadScalar(const BodySet::Column& v, int slot) {
     return r;
 }
 
-/**
- * One body (or pack) on its way through a step. The members are the moves that schemes are made of.
- */
+/** One body (or pack) on its way through a step: loads and stores around the moves. */
 template <class Real>
-class BodyFlow {
+class BodyFlow : public BodyMoves<Real, double, BodyFlow<Real>> {
+    using Moves = BodyMoves<Real, double, BodyFlow<Real>>;
+
 public:
+    using Moves::force_lab;
+    using Moves::inverseMass;
+    using Moves::inverseMoments;
+    using Moves::l;
+    using Moves::p;
+    using Moves::q;
+    using Moves::R;
+    using Moves::torque;
+
     BodyFlow(BodySet& bodies, const StepSettings& settings, int slot)
         : bodies(bodies), settings(settings), slot(slot),
           block(bodies.blocks[slot / BodySet::blockSize]) {
@@ -84,55 +91,36 @@ public:
         storeVector(l, bodies.l, slot);
     }
 
-    /** p <- p + t f, l <- l + t tau. Axes without inertia take no angular momentum. */
-    void kick(double t) {
-        p += Real(t) * force_lab;
-        if (block.rotor == RotorKind::General)
-            l += Real(t) * torque;
-        else if (block.rotor == RotorKind::Linear)
-            l += Real(t) * Vector3<Real>{Real(0.0), torque.y, torque.z};
-    }
-    /** R <- R + t p/m; free rotation over t. */
-    void drift(double t) {
-        R += Real(t) * inverseMass * p;
-        if (block.rotor == RotorKind::General)
-            rotateFreely(q, l, inverseMoments, t);
-        else if (block.rotor == RotorKind::Linear)
-            rotateLinearBodyFreely(q, l, inverseMoments, t);
-    }
-    /** p <- decay p, l <- decay l. */
-    void damp() {
-        p = loadScalar<Real>(bodies.decay_p, slot) * p;
-        l = multiply(loadVector<Real>(bodies.decay_l, slot), l);
-    }
-    /** Add noise to p and l, with the random numbers of set `draw` of this step. */
-    void addNoise(int draw) {
-        if (!block.hasNoise) return;
-        Vector3<Real> xi, eta;
-        drawNoise(draw, xi, eta);
-        p += loadScalar<Real>(bodies.noise_p, slot) * xi;
-        if (block.rotor != RotorKind::Point)
-            l += multiply(loadVector<Real>(bodies.noise_l, slot), eta);
-    }
-    void ornsteinUhlenbeck(int draw) {
-        damp();
-        addNoise(draw);
-    }
-    /** The step of the gradient thermostat (GradientThermostat-inl.h). */
-    void gradientMove(int draw) {
-        const Vector3<Real> move_q = loadVector<Real>(bodies.move_q, slot);
-        const Vector3<Real> turn_body = multiply(move_q, torque);
-        Vector3<Real> right = turn_body;
-        R += loadScalar<Real>(bodies.move_R, slot) * force_lab;
-        const Vector3<Real> left = Rotation<Real>(q).toLab(turn_body);
-        if (block.hasNoise) {
-            Vector3<Real> xi, eta;
-            drawNoise(draw, xi, eta);
-            R += loadScalar<Real>(bodies.noise_R, slot) * xi;
-            if (block.rotor != RotorKind::Point)
-                right += multiply(loadVector<Real>(bodies.noise_q, slot), eta);
+    // What the moves ask for.
+    RotorKind rotor() const { return block.rotor; }
+    bool hasNoise() const { return block.hasNoise; }
+    Real decay_p() const { return loadScalar<Real>(bodies.decay_p, slot); }
+    Real noise_p() const { return loadScalar<Real>(bodies.noise_p, slot); }
+    Real move_R() const { return loadScalar<Real>(bodies.move_R, slot); }
+    Real noise_R() const { return loadScalar<Real>(bodies.noise_R, slot); }
+    Vector3<Real> decay_l() const { return loadVector<Real>(bodies.decay_l, slot); }
+    Vector3<Real> noise_l() const { return loadVector<Real>(bodies.noise_l, slot); }
+    Vector3<Real> move_q() const { return loadVector<Real>(bodies.move_q, slot); }
+    Vector3<Real> noise_q() const { return loadVector<Real>(bodies.noise_q, slot); }
+    void drawNoise(int draw, Vector3<Real>& xi, Vector3<Real>& eta) {
+        const uint32_t purpose = draw == 0 ? NoiseStream::FirstDraw : NoiseStream::SecondDraw;
+        const int* index = &bodies.bodyOfSlot[slot];
+        if (block.rotor == RotorKind::Point) {
+            Real n[4];
+            noisePairs<2>(settings.noise, purpose, index, 0, n);
+            xi = {n[0], n[1], n[2]};
+            eta = {Real(0.0), Real(0.0), Real(0.0)};
+        } else {
+            Real n[6];
+            noisePairs<3>(settings.noise, purpose, index, 0, n);
+            xi = {n[0], n[1], n[2]};
+            eta = {n[3], n[4], n[5]};
         }
-        if (block.rotor != RotorKind::Point) q = exponential(left) * q * exponential(right);
+        int active = 0;
+        for (int i = 0; i < lanes(R.x); i++) active += bodies.drawsNoise[slot + i];
+        randomNumbers += active * (block.rotor == RotorKind::Point    ? 3
+                                   : block.rotor == RotorKind::Linear ? 5
+                                                                      : 6);
     }
 
     /** Add up the forces of the particles: force in the lab frame, torque about the origin in the
@@ -200,9 +188,6 @@ public:
         return isFinite(force_lab.x + force_lab.y + force_lab.z + torque.x + torque.y + torque.z);
     }
 
-    Vector3<Real> R, p, l, force_lab, torque, inverseMoments;
-    Quaternion<Real> q;
-    Real inverseMass;
     long long randomNumbers = 0;
 
 private:
@@ -241,26 +226,6 @@ private:
             if (particle[i] >= 0)
                 for (int c = 0; c < 3; c++)
                     copy[3 * particle[i] + c] = to[3 * particle[i] + c] = v[c][i];
-    }
-    void drawNoise(int draw, Vector3<Real>& xi, Vector3<Real>& eta) {
-        const uint32_t purpose = draw == 0 ? NoiseStream::FirstDraw : NoiseStream::SecondDraw;
-        const int* index = &bodies.bodyOfSlot[slot];
-        if (block.rotor == RotorKind::Point) {
-            Real n[4];
-            noisePairs<2>(settings.noise, purpose, index, 0, n);
-            xi = {n[0], n[1], n[2]};
-            eta = {Real(0.0), Real(0.0), Real(0.0)};
-        } else {
-            Real n[6];
-            noisePairs<3>(settings.noise, purpose, index, 0, n);
-            xi = {n[0], n[1], n[2]};
-            eta = {n[3], n[4], n[5]};
-        }
-        int active = 0;
-        for (int i = 0; i < lanes(R.x); i++) active += bodies.drawsNoise[slot + i];
-        randomNumbers += active * (block.rotor == RotorKind::Point    ? 3
-                                   : block.rotor == RotorKind::Linear ? 5
-                                                                      : 6);
     }
     BodySet& bodies;
     const StepSettings& settings;

@@ -81,6 +81,8 @@ public:
                                 std::vector<OpenMM::Vec3> velocities, double constraintTolerance);
     double mass(int i) const { return masses[i]; }
     OpenMM::Vec3 getForce(int i) const { return forces[i]; }
+    void setForce(int i, const OpenMM::Vec3& force) { forces[i] = force; }
+    const Thermostat& getThermostat(int i) const { return thermostats[i]; }
 
     struct Snapshot {
         std::vector<OpenMM::Vec3> positions, velocities, forces;

@@ -3,6 +3,8 @@
 
 #include <functional>
 #include <memory>
+#include <string>
+#include <utility>
 
 #include "host/StepSettings.h"
 #include "mobility/MobilityModel.h"
@@ -43,6 +45,13 @@ public:
                                                           bool mayUseThreads) = 0;
     /** How the loops run, for describeEffects(). */
     virtual std::string describe() const = 0;
+    /**
+     * Whether products with mobilities are made by the platform's device, and which or why not, for
+     * describeEffects().
+     */
+    virtual std::pair<bool, std::string> describeProducts() const {
+        return {false, "the host makes all products: the platform has no device for them"};
+    }
 };
 
 }  // namespace RigidHIPlugin

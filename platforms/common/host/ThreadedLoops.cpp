@@ -8,7 +8,6 @@
 #include "host/SimdBodyLoops.h"
 #include "mobility/Models.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
-#include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
 
 using namespace OpenMM;
 
@@ -92,10 +91,16 @@ std::unique_ptr<MobilityModel> ThreadedLoops::createMobility(const MobilityForce
     };
     own.rotnePragerYamakawa = [&](const HydrodynamicParticles& seen, double viscosity,
                                   const std::optional<NoSlipPlane>& wall) {
-        return std::make_unique<CpuRotnePragerYamakawa>(seen, viscosity, threads, wall,
-                                                        force.getFastSummation());
+        return createRotnePragerYamakawa(seen, viscosity, threads, wall, force.getFastSummation());
     };
     return RigidHIPlugin::createMobility(force, scene, particles, own);
+}
+
+std::unique_ptr<MobilityModel> ThreadedLoops::createRotnePragerYamakawa(
+    const HydrodynamicParticles& particles, double viscosity,
+    const CpuRotnePragerYamakawa::ForRanges& threads, const std::optional<NoSlipPlane>& wall,
+    bool fastSums) {
+    return std::make_unique<CpuRotnePragerYamakawa>(particles, viscosity, threads, wall, fastSums);
 }
 
 std::string ThreadedLoops::describe() const {

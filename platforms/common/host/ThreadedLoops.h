@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "host/PlatformLoops.h"
+#include "mobility/models/rotneprager/CpuRotnePragerYamakawa.h"
 
 namespace RigidHIPlugin {
 
@@ -26,6 +27,13 @@ public:
                                                   const HydrodynamicParticles& particles,
                                                   bool mayUseThreads) override;
     std::string describe() const override;
+
+protected:
+    /** The model of RotnePragerYamakawa, above the wall if there is one. */
+    virtual std::unique_ptr<MobilityModel> createRotnePragerYamakawa(
+        const HydrodynamicParticles& particles, double viscosity,
+        const CpuRotnePragerYamakawa::ForRanges& threads, const std::optional<NoSlipPlane>& wall,
+        bool fastSums);
 
 private:
     template <class Task>

@@ -10,6 +10,7 @@
 #include "context/Effects.h"
 #include "context/MidStepTemperatures.h"
 #include "context/SystemCheck.h"
+#include "context/Warnings.h"
 #include "stepping/Stepper.h"
 
 using namespace OpenMM;
@@ -152,19 +153,19 @@ public:
     }
 
     double computeTranslationalKineticEnergy() override {
-        if (!hasMomenta() || !mirror.hasPositions()) return 0;
+        if (!hasMomenta() || !mirror.hasPositions() || isActedOn()) return 0;
         mirror.takeInVelocitiesIfChanged();
         return scene.bodies.translationalKineticEnergy();
     }
 
     Vec3 computeRotationalKineticEnergies() override {
-        if (!hasMomenta() || !mirror.hasPositions()) return Vec3();
+        if (!hasMomenta() || !mirror.hasPositions() || isActedOn()) return Vec3();
         mirror.takeInVelocitiesIfChanged();
         return scene.bodies.rotationalKineticEnergies();
     }
 
     double computeFreeParticleKineticEnergy() override {
-        if (!hasMomenta()) return 0;
+        if (!hasMomenta() || isActedOn()) return 0;
         scene.adoptInertia();
         scene.arrays->pullVelocities();
         return scene.freeParticles->kineticEnergy(scene.arrays->velocities());
@@ -183,10 +184,16 @@ public:
     // ---- Effects and counters -------------------------------------------------------------------
 
     map<string, string> getEffects() override {
-        if (!scene.isBuilt() && mirror.hasPositions()) mirror.takeInChanges();
-        scene.adoptInertia();
-        scene.fluid.takeBox();
+        takeInWhatEffectsAreOf();
         return findEffects(scene, platform);
+    }
+
+    vector<string> getWarnings() override {
+        takeInWhatEffectsAreOf();
+        vector<string> texts;
+        if (scene.isBuilt())
+            for (const auto& warning : findWarnings(scene)) texts.push_back(warning.second);
+        return texts;
     }
 
     map<string, double> getStepStatistics() override { return nameCounters(scene); }
@@ -199,6 +206,15 @@ public:
     }
 
 private:
+    void takeInWhatEffectsAreOf() {
+        if (!scene.isBuilt() && mirror.hasPositions()) mirror.takeInChanges();
+        scene.adoptInertia();
+        scene.fluid.takeBox();
+    }
+
+    /** Bodies are in the middle of a step elsewhere, and only barostats ask. */
+    bool isActedOn() const { return scene.native && scene.native->isActedOn(); }
+
     void prepare(const char* method) {
         mirror.requirePositions(method);
         mirror.takeInChanges();

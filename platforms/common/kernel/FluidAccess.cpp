@@ -4,6 +4,7 @@
 
 #include "context/ContextMirror.h"
 #include "context/Messages.h"
+#include "fluid/StressReader.h"
 #include "stepping/Stepper.h"
 
 using namespace OpenMM;
@@ -100,6 +101,36 @@ public:
         return prepareFlow("getRandomMeanFlowInContext()").randomMeanFlow(askForFlow());
     }
 
+    vector<double> getStress() override {
+        const char* const method = "getStressInContext()";
+        const auto scheme = scene.integrator.getScheme();
+        StressReader(prepare(method).getContents()).check();
+        if (!traitsOf(scheme).isOverdamped())
+            fail(string(method) +
+                 " is for schemes without momenta, where no body has inertia, and the scheme is " +
+                 traitsOf(scheme).name + "; ask with one such as TractionEulerMaruyama");
+        if (!scene.arrays->canSetBox())
+            fail(string(method) +
+                 " strains the box for the stress of OpenMM's forces, which the platform does not "
+                 "allow for; ask on the platform CPU or Reference");
+        if (scene.bodyForces.isOn(scene.integrator.getIntegrationForceGroups()))
+            fail(string(method) +
+                 " does not know the stress of a CustomBodyForce; ask in a Context without it, or "
+                 "leave its group out by setIntegrationForceGroups()");
+        const Eigen::Matrix3d virial = stepper.findVirial();
+        stepper.evaluateForces();
+        const StepSettings& settings = scene.settings;
+        const StressParts parts =
+            StressReader(prepare(method).getContents())
+                .find(askForFlow(), {settings.h, settings.kT, settings.difference, settings.noise},
+                      virial);
+        vector<double> numbers;
+        for (const Eigen::Matrix3d& part :
+             {parts.hydrodynamic, parts.brownian, parts.interparticle, parts.ideal})
+            for (double x : rowAfterRow(part)) numbers.push_back(x);
+        return numbers;
+    }
+
 private:
     /** The fluid with changes taken in; an error that names the method if there is none. */
     Fluid& prepare(const char* method) {
@@ -113,7 +144,14 @@ private:
 
     /** Likewise, with present forces evaluated if the flow is theirs. */
     FlowReader& prepareFlow(const char* method) {
-        FlowReader& reader = prepare(method).getFlowReader();
+        Fluid& fluid = prepare(method);
+        if (scene.integrator.getTemperature() > 0 && fluid.getContents().hasOneFlow() &&
+            fluid.getContents().losesFlowOfNoise())
+            fail(string(method) +
+                 " gives the flow of a step with that of its noise, which model StokesianDynamics "
+                 "with solver MatrixFree does not keep; ask at the temperature 0, take the stress "
+                 "by getStressInContext(), or use setSolver(Dense)");
+        FlowReader& reader = fluid.getFlowReader();
         const auto scheme = scene.integrator.getScheme();
         if (traitsOf(scheme).hasMomenta ||
             reader.findLastStep(scene.bodies, scene.arrays->positions(), scheme))

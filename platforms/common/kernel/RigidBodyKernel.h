@@ -8,6 +8,7 @@
 
 #include "context/ContextMirror.h"
 #include "context/Scene.h"
+#include "host/NativeSteps.h"
 #include "openmmrigidhi/RigidHIKernels.h"
 #include "stepping/Stepper.h"
 
@@ -21,6 +22,10 @@ struct PlatformParts {
     std::function<std::unique_ptr<ContextArrays>(OpenMM::ContextImpl& context)> arrays;
     /** Makes the platform's loops over bodies. */
     std::function<std::unique_ptr<PlatformLoops>(OpenMM::ContextImpl& context)> loops;
+    /** Makes the platform's own steps. No function: it has none, and the host takes all steps. */
+    std::function<std::unique_ptr<NativeSteps>(OpenMM::ContextImpl& context, Scene& scene,
+                                               ContextMirror& mirror, Stepper& stepper)>
+        native = nullptr;
 };
 
 /**
@@ -34,8 +39,14 @@ public:
         : IntegrateRigidBodiesKernel(name, platform), parts(parts) {}
     void initialize(OpenMM::ContextImpl& context,
                     const CustomRigidHIIntegrator& integrator) override;
-    BodiesInContext& getBodies() override { return *bodies; }
-    FluidInContext& getFluid() override { return *fluid; }
+    BodiesInContext& getBodies() override {
+        bringBack();
+        return *bodies;
+    }
+    FluidInContext& getFluid() override {
+        bringBack();
+        return *fluid;
+    }
     void step(int steps) override;
     void stateChanged(OpenMM::State::DataType changed) override;
     void resetBodyGeometry() override;
@@ -50,10 +61,15 @@ public:
     void deserialize(const OpenMM::SerializationNode& node) override;
 
 private:
+    /** Bring bodies and particles up to date, if the platform itself has moved them. */
+    void bringBack() {
+        if (native) native->bringBack();
+    }
     const PlatformParts parts;
     std::unique_ptr<Scene> scene;
     std::unique_ptr<ContextMirror> mirror;
     std::unique_ptr<Stepper> stepper;
+    std::unique_ptr<NativeSteps> native;  // null: the platform has none
     std::unique_ptr<BodiesInContext> bodies;
     std::unique_ptr<FluidInContext> fluid;
 };

@@ -89,12 +89,6 @@ double forceCouplingProduct(const MobilityForce& force, const HydrodynamicPartic
     return 1e-9 * time;
 }
 
-/** Whether the fluid is periodic along walls of which at least one is no-slip. */
-bool isConfined(const MobilityForce& force) {
-    const BoundaryTraits& traits = traitsOf(force.getBoundary());
-    return traits.isPeriodic && traits.isAcross(2);
-}
-
 /** The height of a confined fluid. That above one wall is not known before there are positions, but
  * hardly more than the box. */
 double heightOf(const MobilityForce& force, const BoxVectors& box) {
@@ -123,26 +117,27 @@ double surfacesProduct(const MobilityForce& force, const HydrodynamicParticles& 
                        const BoxVectors& box) {
     double period;
     const double seconds =
-        isConfined(force) ? 1.25 * ConfinedRotnePragerYamakawaGrid::splittingFor(
-                                       particles, force.getSolverTolerance(),
-                                       force.getGridSpacing(), box, heightOf(force, box), period)
-                                       .seconds
-                          : EwaldSplitting(kindsOf(particles), force.getSolverTolerance(),
-                                           force.getGridSpacing(), box)
-                                .seconds;
+        isConfined(force.getBoundary())
+            ? 1.25 * ConfinedRotnePragerYamakawaGrid::splittingFor(
+                         particles, force.getSolverTolerance(), force.getGridSpacing(), box,
+                         heightOf(force, box), period)
+                         .seconds
+            : EwaldSplitting(kindsOf(particles), force.getSolverTolerance(), force.getGridSpacing(),
+                             box)
+                  .seconds;
     return timesOfSplitting * seconds;
 }
 
 /** Whether matrices are made by sums. Else their columns are products on the grid. */
 bool hasLatticeSums(const MobilityForce& force) {
-    return !(force.getModel() == MobilityForce::ForceCoupling && isConfined(force));
+    return !(force.getModel() == MobilityForce::ForceCoupling && isConfined(force.getBoundary()));
 }
 
 void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
               const HydrodynamicParticles& particles, const BoxVectors& box, GridChoice& choice) {
     const bool bySurfaces = force.getModel() == MobilityForce::RotnePragerYamakawa,
                inChannel = force.getBoundary() == MobilityForce::SlipChannel,
-               confined = isConfined(force);
+               confined = isConfined(force.getBoundary());
     set<int> bodies, multiblobs;
     int bodyRows = 0;
     for (int i = 0; i < particles.size(); i++)
@@ -154,9 +149,11 @@ void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme
         }
     bodyRows += 6 * bodies.size();
     const bool hasMomenta = traitsOf(scheme).kind == SchemeKind::FluidThermostat;
-    // Only beside walls do spheres have a drift.
+    // Only beside walls, and with lubrication, do spheres have a drift. Lubrication iterates.
+    const bool lubricated = hasLubrication(force);
     const SchemeWork work =
-        workOf(traitsOf(scheme), !bySurfaces, (inChannel || confined ? bodies : multiblobs).size());
+        workOf(traitsOf(scheme), !bySurfaces,
+               (inChannel || confined || lubricated ? bodies : multiblobs).size());
 
     // Matrices. A channel has an image of every particle.
     const double rows = particles.numRows;
@@ -173,12 +170,12 @@ void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme
         min(0.2, ofParticles / (planeArea(box) * (confined ? heightOf(force, box) : box[2][2]) /
                                 (inChannel ? 2 : 1)));
     const double iterations = -log10(force.getSolverTolerance()) * (1 + 7 * sqrt(volumeFraction)),
-                 ofSolve = multiblobs.empty() ? 1 : 1 + iterations;
+                 ofSolve = multiblobs.empty() && !lubricated ? 1 : 1 + iterations;
     const double product = bySurfaces ? surfacesProduct(force, particles, box)
                                       : forceCouplingProduct(force, particles, box);
-    // In units of a product. Pairs must be found and have noise of their own. Beside walls, noise
-    // takes the iterations of a root.
-    const double ofField = confined     ? iterations
+    // In units of a product. Pairs must be found and have noise of their own. With lubrication,
+    // noise takes the iterations of a root.
+    const double ofField = lubricated   ? iterations
                            : bySurfaces ? 3
                                         : 1,
                  ofPlace = bySurfaces ? 1.5 : 0;
@@ -207,6 +204,18 @@ bool isKnown(const BoxVectors& box) {
     return box != none && box != unset;
 }
 
+/** Whether lubrication has products for this scheme and these particles (GroupBuilder). */
+bool lubricationMayIterate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
+                           const HydrodynamicParticles& particles) {
+    const SchemeTraits& traits = traitsOf(scheme);
+    if (traits.kind == SchemeKind::FluidThermostat || traits.differenced == Differenced::Roots ||
+        force.getMinimumGap() > 0)
+        return false;
+    for (int i = 0; i < particles.size(); i++)
+        if (!particles.hasTorque[i] && particles.body[i] >= 0) return false;
+    return true;
+}
+
 GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
                   const BoxVectors& defaultBox, const HydrodynamicParticles& particles) {
     GridChoice choice;
@@ -218,15 +227,20 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
         return choice;
     }
     choice.onGrid = force.getSolver() == MobilityForce::MatrixFree;
-    if (force.getSolver() != MobilityForce::Auto) return choice;
+    // The reach of lubrication is another one on a grid, so that StokesianDynamics has a grid only
+    // where it is asked for.
+    if (force.getSolver() != MobilityForce::Auto ||
+        force.getModel() == MobilityForce::StokesianDynamics)
+        return choice;
     const bool isTriclinic =
         defaultBox[1][0] != 0 || defaultBox[2][0] != 0 || defaultBox[2][1] != 0;
     const int rows =
         (force.getBoundary() == MobilityForce::SlipChannel ? 2 : 1) * particles.numRows;
-    if (rows <= fewRows || isTriclinic ||
+    if (rows <= fewRows || (isTriclinic && force.getBoundary() != MobilityForce::Periodic) ||
         (force.getModel() == MobilityForce::RotnePragerYamakawa &&
          (int)kindsOf(particles).size() > RotnePragerYamakawaGrid::mostRadii))
         return choice;
+    if (hasLubrication(force) && !lubricationMayIterate(force, scheme, particles)) return choice;
     choice.onGrid = true;
     if (rows > mostLatticeRows || force.getGridSpacing() > 0) return choice;
     if (!isKnown(defaultBox)) return choice;
@@ -240,7 +254,7 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
 GridChoice chooseGrid(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
                       const BoxVectors& defaultBox, const HydrodynamicParticles& particles) {
     GridChoice choice = choose(force, scheme, defaultBox, particles);
-    if (!choice.onGrid && isConfined(force) && isKnown(defaultBox) &&
+    if (!choice.onGrid && isConfined(force.getBoundary()) && isKnown(defaultBox) &&
         force.getModel() == MobilityForce::RotnePragerYamakawa)
         choice.costOfMatrices =
             "each matrix has " + to_string(particles.numRows) + " rows, " +

@@ -30,10 +30,10 @@ struct GridChoice {
 };
 
 /**
- * The choice for RotnePragerYamakawa and ForceCoupling with periodic boundaries. Other models and
- * boundaries have no grid, and get none. ForceCoupling beside no-slip walls has a grid and no
- * lattice sums. Its matrices are made of products with the columns of the identity, which Auto
- * takes for very few rows.
+ * The choice for RotnePragerYamakawa and ForceCoupling with periodic boundaries. StokesianDynamics
+ * has a grid where MatrixFree asks for it. Other models and boundaries have no grid, and get none.
+ * ForceCoupling beside no-slip walls has a grid and no lattice sums. Its matrices are made of
+ * products with the columns of the identity, which Auto takes for very few rows.
  *
  * The numbers of rows alone decide where nobody has set the System's default box, so that it is
  * OpenMM's own, and where setGridSpacing() asks for a grid.

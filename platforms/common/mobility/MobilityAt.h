@@ -14,6 +14,7 @@ namespace RigidHIPlugin {
 
 struct HydrodynamicParticles;
 class MobilityModel;
+class NearAndFar;
 struct DrivenFlow;
 
 /** The vectors of a periodic box, nm. Zeros mean that there is no box. */
@@ -86,6 +87,9 @@ public:
      */
     virtual void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
                            double factor, Velocities& velocities);
+    /** M and Delta of a mobility (M^-1 + Delta)^-1. Default: null, this mobility has no such parts.
+     */
+    virtual NearAndFar* parts() { return nullptr; }
     /** Seconds of the caller's thread in products with a grid; 0 for models without a grid. */
     virtual double getSecondsOfGrid() const { return secondsOfGrid; }
 

@@ -3,11 +3,28 @@
 #include <openmm/OpenMMException.h>
 
 #include <Eigen/Cholesky>
+#include <cmath>
 
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 #include "rigidbody/EigenVec3.h"
 
 namespace RigidHIPlugin {
+
+Eigen::VectorXd rootsOfOwnFriction(const HydrodynamicParticles& particles, bool stresslets) {
+    Eigen::VectorXd roots(particles.numRows + (stresslets ? 5 * particles.size() : 0));
+    for (int i = 0; i < particles.size(); i++) {
+        const double a = particles.radii[i];
+        roots.segment<3>(particles.firstRow[i]).setConstant(std::sqrt(a));
+        if (particles.hasTorque[i])
+            roots.segment<3>(particles.firstRow[i] + 3)
+                .setConstant(std::sqrt(4.0 / 3.0 * a * a * a));
+        // Of a force dipole that a rate of strain takes, 20/3 pi viscosity a^3.
+        if (stresslets)
+            roots.segment<5>(particles.numRows + 5 * i)
+                .setConstant(std::sqrt(10.0 / 9.0 * a * a * a));
+    }
+    return roots;
+}
 
 void refuseIndefiniteMobility(int numParticles) {
     throw OpenMM::OpenMMException(

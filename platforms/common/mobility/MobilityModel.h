@@ -40,6 +40,13 @@ struct HydrodynamicParticles {
 };
 
 /**
+ * For each row, the root of a particle's own friction over 6 pi viscosity.
+ *
+ * @param stresslets  whether there are 5 more rows for each particle, after all others
+ */
+Eigen::VectorXd rootsOfOwnFriction(const HydrodynamicParticles& particles, bool stresslets = false);
+
+/**
  * @throws OpenMMException  always: the mobility matrix of so many particles is not positive
  *     definite. The message says where to look.
  */
@@ -129,6 +136,10 @@ public:
      * asked for between no-slip planes (DrivenFlow::hasPlanes) alone. Default: 1.
      */
     virtual double weightInFormulas(int particle, const OpenMM::Vec3& position) const { return 1; }
+
+    /** Which spheres have lubrication and how far it reaches, for describeEffects(). Default: the
+     * model's name says it. */
+    virtual std::string describeLubrication() const { return {}; }
 
     // ---- What some models have and others lack: null where the model lacks it
     /** The periodic box. */

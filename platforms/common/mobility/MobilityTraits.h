@@ -57,11 +57,27 @@ struct MobilityTraits {
     /** Whether MobilityAt::multiply() needs no matrix, so that Krylov methods make sense. */
     bool hasProducts = true;
     /**
+     * Whether these products are iterations themselves (MobilityAt::parts()). They serve where
+     * bodies are spheres about their centres and nothing is fixed.
+     */
+    bool productsIterate = false;
+    /**
+     * Whether noise and differences of such a mobility are slips of its parts (NearAndFar), so that
+     * one solve makes velocities of all of them. All particles are spheres then, and the far part
+     * has rows of stresslets: five more for each, after all others.
+     */
+    bool slipsOfParts = false;
+    /**
      * Whether products in single precision take less time than exact ones
      * (Accuracy::allowsSinglePrecision()), so that iterations should use them where their error is
      * small enough.
      */
     bool hasSinglePrecision = false;
+    /**
+     * Whether they take so much less time that a single product should be one of them where its
+     * error may be so large: a device makes them.
+     */
+    bool hasFastSinglePrecision = false;
     /**
      * Whether MobilityAt::dense() makes products with the columns of the identity, so that it is
      * useful for few rows only.

@@ -9,7 +9,9 @@
 #include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawaGrid.h"
 #include "mobility/models/ewald/RotnePragerYamakawaGrid.h"
+#include "mobility/models/ewald/StokesianDynamicsGrid.h"
 #include "mobility/models/forcecoupling/ForceCouplingGrid.h"
+#include "mobility/models/lubricated/LubricatedMobility.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 #include "mobility/models/periodic/PeriodicStokesianDynamics.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
@@ -52,6 +54,37 @@ unique_ptr<MobilityModel> withSphereWallMobility(const MobilityForce& force,
     refuse(force.getModel(), force.getBoundary());
 }
 
+/**
+ * In mean radii, where the user has set no distances: the lubrication of models with pairs has few
+ * pairs, so that products and matrices can be the same.
+ */
+const LubricationReach reachByDefault = {3, 4};
+
+/** The user's distances; those of the model where the user has set none. */
+LubricationReach reachOf(const MobilityForce& force, const LubricationReach& ofModel) {
+    LubricationReach reach;
+    force.getLubricationReach(reach.whole, reach.nothing);
+    return reach.nothing > 0 ? reach : ofModel;
+}
+
+/** A model with the lubrication of its spheres, where the user wants it and there is any. */
+unique_ptr<MobilityModel> withLubrication(const MobilityForce& force,
+                                          const HydrodynamicParticles& particles,
+                                          unique_ptr<MobilityModel> model) {
+    if (!hasLubrication(force)) return model;
+    const BoundaryTraits& boundary = traitsOf(force.getBoundary());
+    LubricationScene scene;
+    scene.reach = reachOf(force, reachByDefault);
+    scene.minimumGap = force.getMinimumGap();
+    scene.numPeriods = !boundary.isPeriodic ? 0 : boundary.hasWalls() ? 2 : 3;
+    findWalls(force, scene.low, scene.high);
+    if (!Lubrication::isAny(particles, scene)) return model;
+    return make_unique<LubricatedMobility>(
+        particles, force.getViscosity(),
+        force.getModel() == MobilityForce::ForceCoupling ? overGaussians() : overSurfaces(), scene,
+        move(model));
+}
+
 shared_ptr<GridFluid> gridFluid(const PlatformModels& own) {
     return own.gridFluid ? own.gridFluid() : make_shared<PlainGridFluid>();
 }
@@ -65,6 +98,20 @@ unique_ptr<MobilityModel> periodicRotnePragerYamakawa(const MobilityForce& force
     return make_unique<RotnePragerYamakawaGrid>(particles, force.getViscosity(),
                                                 force.getSolverTolerance(), force.getGridSpacing(),
                                                 gridFluid(own));
+}
+
+unique_ptr<MobilityModel> periodicStokesianDynamics(const MobilityForce& force,
+                                                    const MobilityScene& scene,
+                                                    const HydrodynamicParticles& particles,
+                                                    const PlatformModels& own) {
+    if (!scene.onGrid)
+        return make_unique<PeriodicStokesianDynamics>(
+            particles, force.getViscosity(), hasLubrication(force), force.getMinimumGap(),
+            reachOf(force, PeriodicStokesianDynamics::reachByDefault));
+    return make_unique<StokesianDynamicsGrid>(
+        particles, force.getViscosity(), hasLubrication(force), force.getSolverTolerance(),
+        force.getGridSpacing(), reachOf(force, StokesianDynamicsGrid::reachByDefault),
+        gridFluid(own));
 }
 
 unique_ptr<MobilityModel> unboundedRotnePragerYamakawa(const MobilityForce& force,
@@ -155,17 +202,19 @@ unique_ptr<MobilityModel> createMobility(const MobilityForce& force, const Mobil
     switch (force.getModel()) {
         case MobilityForce::StokesianDynamics:
             if (force.getBoundary() == MobilityForce::Periodic)
-                return make_unique<PeriodicStokesianDynamics>(
-                    particles, force.getViscosity(), force.getLubrication(), force.getMinimumGap());
+                return periodicStokesianDynamics(force, scene, particles, own);
             return make_unique<StokesianDynamics>(particles, force.getViscosity(),
-                                                  force.getLubrication(), force.getMinimumGap());
-        case MobilityForce::ForceCoupling: return forceCoupling(force, scene, particles, own);
+                                                  hasLubrication(force), force.getMinimumGap(),
+                                                  reachOf(force, StokesianDynamics::everywhere));
+        case MobilityForce::ForceCoupling:
+            return withLubrication(force, particles, forceCoupling(force, scene, particles, own));
         // Particles that do not feel others still feel themselves: the blobs of one body make its
         // tensor. They do not feel images.
         case MobilityForce::FreeDraining:
             return unboundedRotnePragerYamakawa(force, particles, own);
         case MobilityForce::RotnePragerYamakawa:
-            return rotnePragerYamakawa(force, scene, particles, own);
+            return withLubrication(force, particles,
+                                   rotnePragerYamakawa(force, scene, particles, own));
     }
     refuse(force.getModel(), force.getBoundary());
 }

@@ -52,6 +52,13 @@ const char* boundaryName(MobilityForce::Boundary boundary);
  * nm; infinite where there is no wall.
  */
 void findWalls(const MobilityForce& force, double& low, double& high);
+/**
+ * Whether a boundary is a periodic fluid along no-slip walls, whose flows are 0 there. These walls
+ * are across z, and those that slip are across y.
+ */
+inline bool isConfined(MobilityForce::Boundary boundary) {
+    return traitsOf(boundary).isPeriodic && traitsOf(boundary).isAcross(2);
+}
 /** Whether a model has a boundary; false for values that are no enumerators. */
 bool hasBoundary(MobilityForce::Model model, MobilityForce::Boundary boundary);
 

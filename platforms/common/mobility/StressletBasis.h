@@ -5,6 +5,13 @@
 
 namespace RigidHIPlugin {
 
+/** The matrix of v x. */
+inline Eigen::Matrix3d crossProduct(const Eigen::Vector3d& v) {
+    Eigen::Matrix3d m;
+    m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+    return m;
+}
+
 /** Columns r.B_a of an orthonormal basis B_a (a = 0..4) of the symmetric traceless tensors. */
 inline Eigen::Matrix<double, 3, 5> contractBasis(const Eigen::Vector3d& r) {
     const double half = std::sqrt(0.5), third = std::sqrt(1.0 / 6);
@@ -16,7 +23,14 @@ inline Eigen::Matrix<double, 3, 5> contractBasis(const Eigen::Vector3d& r) {
     return v;
 }
 
-/** B_a : E, for a symmetric traceless tensor. */
+/** sum over a of s_a B_a */
+inline Eigen::Matrix3d tensorOfStresslet(const Eigen::Matrix<double, 5, 1>& numbers) {
+    Eigen::Matrix3d tensor;
+    for (int k = 0; k < 3; k++) tensor.col(k) = contractBasis(Eigen::Vector3d::Unit(k)) * numbers;
+    return tensor;
+}
+
+/** B_a : E, for any tensor: of its symmetric part without the trace. */
 inline Eigen::Matrix<double, 5, 1> inStressletBasis(const Eigen::Matrix3d& E) {
     Eigen::Matrix<double, 5, 1> numbers = Eigen::Matrix<double, 5, 1>::Zero();
     for (int k = 0; k < 3; k++)

@@ -111,6 +111,21 @@ public:
     virtual void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda,
                                 MatrixXd& slips) = 0;
     /**
+     * slips = (M at `forward` - M at `backward`) lambda, for the column of getBlobForces() that
+     * lambda is, which is the first one. Both poses are small displacements away from those set
+     * last.
+     *
+     * @param noiseIsFrozen  whether the noise of a step has the same wrenches of near pairs
+     * wherever the bodies are. Slips of parts then lack the wrenches that near pairs make of it.
+     */
+    virtual void differenceNearby(const std::vector<Pose>& forward,
+                                  const std::vector<Pose>& backward, const MatrixXd& lambda,
+                                  bool noiseIsFrozen, MatrixXd& slips) {
+        multiplyNearby(forward, lambda, slips);
+        multiplyNearby(backward, lambda, slipsAtOtherEnd);
+        slips -= slipsAtOtherEnd;
+    }
+    /**
      * slips = K U; wrenches = K^T lambda at any poses; and the twists nearest to slips: see
      * SlipSpace.
      */
@@ -132,6 +147,13 @@ public:
      * follow the flow at their origin.
      */
     void flowSlips(const DrivenFlow& flow, MatrixXd& slips);
+    /**
+     * The slips with which a solve gives these twists. Default: flowSlips(). Slips of parts have
+     * the strain of the flow without a solve.
+     */
+    virtual void flowSlipsOfSolve(const DrivenFlow& flow, MatrixXd& slips) {
+        flowSlips(flow, slips);
+    }
     /**
      * The slips of active bodies at the poses set last, -A u of the velocities u of setBodySlip()
      * and what forces of bodies on the fluid make it do, in the form that flowSlips() has.
@@ -181,13 +203,14 @@ public:
     // ---- Noise
     /**
      * Draw the model's random field, for any number of poses. @return whether slips are to be taken
-     * from it: there is a field, and slips belong to particles
+     * from it: there is a field, and slips belong to particles or to parts
      */
     bool drawField(const NoiseStream& noise, uint32_t purpose,
                    std::unique_ptr<RandomField>& field) const;
     /** Whether drawField() gives one. */
     bool slipsAreOfField() const {
-        return !slipSpace.areOfBodies() && bodies.getModel().randomField();
+        return (!slipSpace.areOfBodies() || slipSpace.areOfParts()) &&
+               bodies.getModel().randomField();
     }
     /** Whether divergenceOf() gives the divergence of such slips: the field is one flow. */
     bool divergenceIsOfField() const {
@@ -210,6 +233,13 @@ public:
     virtual bool wrenchNoiseIsOfBodies() const { return true; }
     /** Whether W of thermalSlip() has the rows of the bodies. */
     bool slipNoiseIsOfBodies() const { return slipSpace.areOfBodies() && wrenchNoiseIsOfBodies(); }
+    /**
+     * Give the numbers of the noise that pairs of particles have of their own, in addition to W, to
+     * all thermal vectors until the next call. Default: there is none.
+     */
+    virtual void drawForPairs(const NoiseStream& noise, uint32_t purpose) {}
+    /** The number of random numbers of pairs since the last call. */
+    virtual long long takeNumPairNumbers() { return 0; }
     /** A wrench with the covariance N^-1. */
     virtual void thermalWrench(const MatrixXd& W, MatrixXd& wrench) = 0;
     /** Slips with the covariance M. */
@@ -305,6 +335,7 @@ private:
 
     SlipSpace slipSpace;
     const MatrixXd noSlips;
+    MatrixXd slipsAtOtherEnd;
     Placement asked, placementOfSites;
     std::unique_ptr<MobilityAt> sites;  // with all particles, at the poses set last
     MatrixXd forcesOfSites, velocitiesOfSites;

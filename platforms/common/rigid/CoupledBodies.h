@@ -126,17 +126,22 @@ public:
      */
     double spinOfSlips(int element) const { return spinsOfSlips[element]; }
     /** Whether the model has products, so that N can be multiplied by without a matrix. */
-    bool hasProducts() const { return model && model->getTraits().hasProducts; }
+    bool hasProducts() const {
+        return model && model->getTraits().hasProducts &&
+               (!productsIterate() || (motion.isIdentity() && !freeMotion.any()));
+    }
+    /** Whether products with the model are iterations themselves (MobilityTraits). */
+    bool productsIterate() const { return model && model->getTraits().productsIterate; }
     /** Whether products with N need no iterations, and so have no error of iterations: spheres. */
     bool multipliesWithoutIterations() const {
-        return motion.isIdentity() && !freeMotion.any() && hasProducts();
+        return motion.isIdentity() && !freeMotion.any() && hasProducts() && !productsIterate();
     }
     /**
      * Whether N takes less time by iterations, column by column, than by factors. The answer
      * depends on numbers of rows only, so that it is the same on any machine.
      */
     bool isWorthIterations() const {
-        return hasProducts() && !multipliesWithoutIterations() &&
+        return hasProducts() && !multipliesWithoutIterations() && !productsIterate() &&
                getNumParticleRows() > model->getTraits().rowsWorthIterations * getNumRows();
     }
 

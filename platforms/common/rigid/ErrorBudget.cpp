@@ -111,11 +111,18 @@ Accuracy ErrorBudget::ofDifferences() const {
     return {min(most, part * tolerance), Accuracy::Difference};
 }
 
+bool ErrorBudget::savesTime(const MobilityModel& model, double error) {
+    // Rounding to floats gains little in one product of the host.
+    const bool isSingle =
+        model.getTraits().hasFastSinglePrecision && error >= Accuracy::errorOfSinglePrecision;
+    return isSingle || model.hasFastProducts(error);
+}
+
 Accuracy ErrorBudget::ofProductsAsSolves(const MobilityModel& model) const {
     // The tolerance is in the norm of the friction. In this norm errors of products were up to a
     // hundred times as large.
     const double error = 0.01 * ofIterations();
-    return {!needed.exactSolves && model.hasFastProducts(error) ? error : 0, Accuracy::Value};
+    return {!needed.exactSolves && savesTime(model, error) ? error : 0, Accuracy::Value};
 }
 
 double ErrorBudget::largeInSolves(const MobilityModel& model, double mostUseful) const {

@@ -33,7 +33,8 @@ struct Differencing {
  *                          Accuracy::leastToleranceOfSinglePrecision on; then none
  *   products in solves     what MultiblobSolver::errorFor() allows, but at least that of single
  *                          precision
- *   products as solves     a hundredth of the tolerance, where K = 1 and nobody differences them
+ *   products as solves     a hundredth of the tolerance, where K = 1 and nobody differences them,
+ *                          if the model has faster products of such an error
  *   differences            a tenth of the tolerance
  *   roots of grids         Accuracy::partForDifferences of the tolerance (RotnePragerYamakawaGrid)
  *
@@ -101,6 +102,9 @@ public:
     Accuracy ofDifferences() const;
     /** Whether products that are solves are differenced. */
     bool solvesAreDifferenced() const { return needed.differencedSolves; }
+    /** Whether a model takes less time for a single product of such an error than for an exact one,
+     * so much that it should. */
+    static bool savesTime(const MobilityModel& model, double error);
     /** Of products that are solves: where K = 1 nothing iterates. */
     Accuracy ofProductsAsSolves(const MobilityModel& model) const;
     /**

@@ -1,6 +1,7 @@
 #include "rigid/KrylovMobility.h"
 
 #include "linearalgebra/Symmetrise.h"
+#include "mobility/NearAndFar.h"
 #include "rigid/FrictionFactor.h"
 #include "rigidbody/EigenVec3.h"
 
@@ -14,15 +15,7 @@ KrylovMobility::KrylovMobility(const CoupledBodies& bodies, double tolerance)
       spheres(bodies.getMotion().isIdentity() && !bodies.getFreeMotion().any()),
       wantedTolerance(tolerance), budget(ErrorBudget::beforeSteps(tolerance)), here(bodies, costs),
       elsewhere(bodies, costs) {
-    if (!spheres) return;
-    const HydrodynamicParticles& particles = bodies.getParticles();
-    ownScale.resize(particles.numRows);
-    for (int i = 0; i < particles.size(); i++) {
-        const double a = particles.radii[i];
-        ownScale.segment<3>(particles.firstRow[i]).setConstant(sqrt(a));
-        if (particles.hasTorque[i])
-            ownScale.segment<3>(particles.firstRow[i] + 3).setConstant(sqrt(4.0 / 3.0 * a * a * a));
-    }
+    if (spheres) ownScale = rootsOfOwnFriction(bodies.getParticles(), getSlipSpace().areOfParts());
 }
 
 void KrylovMobility::setErrors(const ErrorBudget& errors) {
@@ -94,7 +87,13 @@ void KrylovMobility::multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd
         own.wrenchesForModel(at.getTurns(), scratch);
         forces = &scratch;
     }
-    if (spheres) {
+    if (bodies.productsIterate()) {
+        NearAndFar& parts = *at.particles().parts();
+        const long long products = parts.getNumProducts(), iterations = parts.getNumIterations();
+        at.particles().multiply(*forces, twists, accuracy);
+        costs.products += parts.getNumProducts() - products;
+        costs.iterations += parts.getNumIterations() - iterations;
+    } else if (spheres) {
         at.particles().multiply(*forces, twists, accuracy);
         costs.products += wrenches.cols();
     } else {
@@ -120,13 +119,39 @@ void KrylovMobility::solve(const MatrixXd& wrenches, const MatrixXd& slips, Matr
         iterate(wrenches, slips, twists);
         return;
     }
-    if (budget.solvesAreDifferenced() && !bodies.getOwnTensors().any()) {
+    if (getSlipSpace().areOfParts()) {
+        solveParts(wrenches, slips, twists);
+        return;
+    }
+    if (bodies.productsIterate()) {
+        multiplyAt(here, wrenches, twists,
+                   Accuracy{budget.solvesAreDifferenced() ? 0 : budget.ofIterations()});
+    } else if (budget.solvesAreDifferenced() && !bodies.getOwnTensors().any()) {
         here.particles().multiply(wrenches, twists, budget.ofDifferences());
         costs.products += wrenches.cols();
     } else
         multiply(wrenches, twists, budget.ofProductsAsSolves(bodies.getModel()));
     wrenchesOfSolve = wrenches;
+    twistsOfSolve = twists;
     if (slips.size() > 0) twists += slips;
+}
+
+void KrylovMobility::solveParts(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists) {
+    NearAndFar& parts = *here.particles().parts();
+    const int rows = bodies.getNumRows();
+    MatrixXd forces = wrenches, ofFar;
+    if (slips.rows() > rows) {
+        forces += slips.middleRows(rows, rows);
+        ofFar = slips.bottomRows(getSlipSpace().getNumFarRows());
+    }
+    const long long products = parts.getNumProducts(), iterations = parts.getNumIterations();
+    parts.solve(budget.solvesAreDifferenced() ? 0 : budget.ofIterations(), forces, ofFar, twists,
+                farForcesOfSolve);
+    costs.products += parts.getNumProducts() - products;
+    costs.iterations += parts.getNumIterations() - iterations;
+    wrenchesOfSolve = wrenches;
+    twistsOfSolve = twists;
+    if (slips.size() > 0) twists += slips.topRows(rows);
 }
 
 void KrylovMobility::keepForces(int column) {
@@ -165,6 +190,71 @@ void KrylovMobility::multiplyNearby(const vector<Pose>& poses, const MatrixXd& f
     }
     elsewhere.particles().multiply(forces, slips, budget.ofDifferences());
     costs.products += forces.cols();
+}
+
+MobilityAt& KrylovMobility::ofRoots() {
+    NearAndFar* const parts = here.particles().parts();
+    return parts ? parts->far() : here.particles();
+}
+
+/** M f and Delta U at poses nearby. */
+void KrylovMobility::variationAt(const vector<Pose>& poses, const MatrixXd& forces,
+                                 const MatrixXd& twists, MatrixXd& ofFar, MatrixXd& ofNear) {
+    elsewhere.anchorTo(here);
+    elsewhere.setPoses(poses, true);
+    NearAndFar& parts = *elsewhere.particles().parts();
+    parts.far().multiply(forces, ofFar, budget.ofDifferences());
+    costs.products += forces.cols();
+    ofNear.setZero(twists.rows(), twists.cols());
+    parts.addNear(twists, 1, ofNear);
+}
+
+/**
+ * With lubrication the difference of N is that of M and Delta (NearAndFar), so that no iterations
+ * are differenced, and one solve makes velocities of it.
+ */
+void KrylovMobility::differenceNearby(const vector<Pose>& forward, const vector<Pose>& backward,
+                                      const MatrixXd& lambda, bool noiseIsFrozen, MatrixXd& slips) {
+    if (!bodies.productsIterate() || bodies.getOwnTensors().any()) {
+        BodyMobility::differenceNearby(forward, backward, lambda, noiseIsFrozen, slips);
+        return;
+    }
+    const Solving timed(*this);
+    NearAndFar& parts = *here.particles().parts();
+    MatrixXd twists, forces = lambda, farBack, near, nearBack;
+    if (getSlipSpace().areOfParts()) {
+        const int rows = bodies.getNumRows();
+        MatrixXd ofFar;
+        twists = twistsOfSolve.col(0);
+        forces = farForcesOfSolve.col(0);
+        variationAt(forward, forces, twists, ofFar, near);
+        variationAt(backward, forces, twists, farBack, nearBack);
+        slips.setZero(getSlipSpace().getNumRows(), 1);
+        if (!noiseIsFrozen) slips.middleRows(rows, rows) = nearBack - near;
+        slips.bottomRows(ofFar.rows()) = ofFar - farBack;
+        return;
+    }
+    if (wrenchesOfSolve.rows() == lambda.rows() && wrenchesOfSolve.col(0) == lambda.col(0))
+        twists = twistsOfSolve.col(0);
+    else
+        multiplyAt(here, lambda, twists, Accuracy{budget.ofIterations()});
+    parts.addNear(twists, -1, forces);
+    variationAt(forward, forces, twists, slips, near);
+    variationAt(backward, forces, twists, farBack, nearBack);
+    slips -= farBack;
+    near -= nearBack;
+    parts.far().multiply(near, farBack);
+    slips -= farBack;
+    const long long products = parts.getNumProducts(), iterations = parts.getNumIterations();
+    parts.solve(budget.ofIterations(), slips);
+    costs.products += 1 + parts.getNumProducts() - products;
+    costs.iterations += parts.getNumIterations() - iterations;
+}
+
+long long KrylovMobility::takeNumPairNumbers() {
+    const long long count = numPairNumbers;
+    numPairNumbers = 0;
+    return count;
 }
 
 /**
@@ -210,7 +300,7 @@ void KrylovMobility::findCollectiveModes() {
 class KrylovMobility::ScaledFunction {
 public:
     ScaledFunction(KrylovMobility& mobility, Function kind)
-        : mobility(mobility), kind(kind), modes(mobility.modes), blobs(mobility.here.particles()),
+        : mobility(mobility), kind(kind), modes(mobility.modes), blobs(mobility.ofRoots()),
           solver(mobility.spheres ? nullptr : &mobility.solverAt(mobility.here)) {}
     SpectralFunction ofEigenvalues() const;
     /** y = S' x; `error` as in Accuracy. */
@@ -326,11 +416,47 @@ void KrylovMobility::thermalWrench(const MatrixXd& W, MatrixXd& wrench) {
     costs.roots++;
     applyFunction(InverseSquareRoot, W, scratch, &courseOfWrench);
     if (spheres)
-        wrench = ownScale.asDiagonal() * scratch;
+        wrench = (ownScale.asDiagonal() * scratch).topRows(bodies.getNumParticleRows());
     else
         solverAt(here).wrenchesFromScaled(scratch, wrench);
+    addPairNoise(wrench);
     // N = B N_model B^T, so that a wrench on the bodies is B^-T times a wrench in the model.
     bodies.getOwnTensors().wrenchesFromModel(here.getTurns(), wrench);
+}
+
+void KrylovMobility::addPairNoise(MatrixXd& wrench) {
+    NearAndFar* const parts = here.particles().parts();
+    if (!parts) return;
+    const long long numbers = parts->addNearNoise(noiseOfPairs, purposeOfPairs, wrench);
+    if (!pairsAreCounted) numPairNumbers += numbers;
+    pairsAreCounted = true;
+}
+
+void KrylovMobility::slipsOf(RandomField& field, MatrixXd& slips) {
+    if (!getSlipSpace().areOfParts()) {
+        BodyMobility::slipsOf(field, slips);
+        return;
+    }
+    const int rows = bodies.getNumRows();
+    MatrixXd ofField, wrench = MatrixXd::Zero(rows, 1);
+    BodyMobility::slipsOf(field, ofField);
+    addPairNoise(wrench);
+    slips.setZero(getSlipSpace().getNumRows(), 1);
+    slips.middleRows(rows, rows) = wrench;
+    slips.bottomRows(ofField.rows()) = ofField;
+}
+
+void KrylovMobility::flowSlipsOfSolve(const DrivenFlow& flow, MatrixXd& slips) {
+    MatrixXd forces, ofFar;
+    if (!getSlipSpace().areOfParts() ||
+        !here.particles().parts()->slipsOfStrain(flow, forces, ofFar)) {
+        flowSlips(flow, slips);
+        return;
+    }
+    MatrixXd ofFlow;
+    bodies.getModel().follow(flow, here.getPlacement(), ofFlow);
+    slips.resize(getSlipSpace().getNumRows(), 1);
+    slips << ofFlow, forces, ofFar;
 }
 
 void KrylovMobility::thermalSlip(const MatrixXd& W, MatrixXd& slips) {
@@ -372,6 +498,7 @@ void KrylovMobility::forcesOfSlips(const MatrixXd& slips, MatrixXd& forces) {
         solverAt(here).scaledFromSlips(slips, scaledSlips);
     applyFunction(Inverse, scaledSlips, scratch);
     forcesFromScaled(scratch, forces);
+    if (NearAndFar* const parts = here.particles().parts()) parts->addNear(slips, 1, forces);
 }
 
 void KrylovMobility::particleForces(const MatrixXd& wrenches, const MatrixXd& slips,

@@ -42,7 +42,17 @@ public:
     void getBlobForces(MatrixXd& lambda) override;
     void multiplyNearby(const std::vector<Pose>& poses, const MatrixXd& lambda,
                         MatrixXd& slips) override;
+    void differenceNearby(const std::vector<Pose>& forward, const std::vector<Pose>& backward,
+                          const MatrixXd& lambda, bool noiseIsFrozen, MatrixXd& slips) override;
     bool wrenchNoiseIsOfBodies() const override { return false; }
+    void drawForPairs(const NoiseStream& noise, uint32_t purpose) override {
+        noiseOfPairs = noise;
+        purposeOfPairs = purpose;
+        pairsAreCounted = false;
+    }
+    long long takeNumPairNumbers() override;
+    void slipsOf(RandomField& field, MatrixXd& slips) override;
+    void flowSlipsOfSolve(const DrivenFlow& flow, MatrixXd& slips) override;
     void thermalWrench(const MatrixXd& W, MatrixXd& wrench) override;
     void thermalSlip(const MatrixXd& W, MatrixXd& slips) override;
     void forcesOfThermalSlip(const MatrixXd& W, MatrixXd& forces) override;
@@ -51,7 +61,8 @@ public:
     const MatrixXd& friction() override { return here.friction(); }
     void multiply(const MatrixXd& wrenches, MatrixXd& twists,
                   const Accuracy& accuracy = Accuracy()) override {
-        multiplyAt(here, wrenches, twists, accuracy);
+        multiplyAt(here, wrenches, twists,
+                   bodies.productsIterate() ? Accuracy{budget.ofIterations()} : accuracy);
     }
 
 protected:
@@ -68,6 +79,13 @@ private:
     class ScaledFunction;
     void setBudget(const ErrorBudget& newBudget);
     double errorInSolves();
+    /** The mobility that roots are built on: that without lubrication where products iterate. */
+    MobilityAt& ofRoots();
+    /** A solve of slips of parts. */
+    void solveParts(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists);
+    void addPairNoise(MatrixXd& wrench);
+    void variationAt(const std::vector<Pose>& poses, const MatrixXd& forces, const MatrixXd& twists,
+                     MatrixXd& ofFar, MatrixXd& ofNear);
     void iterate(const MatrixXd& wrenches, const MatrixXd& slips, MatrixXd& twists,
                  bool fromGuess = false);
     void multiplyAt(BodiesAt& at, const MatrixXd& wrenches, MatrixXd& twists,
@@ -91,13 +109,18 @@ private:
     std::unique_ptr<Lanczos> lanczos;         // likewise; one for each tolerance
     CollectiveModes modes;                    // likewise; those of the first root of a step
     bool modesAreKnown = false;
+    NoiseStream noiseOfPairs;
+    uint32_t purposeOfPairs = 0;
+    long long numPairNumbers = 0;
+    bool pairsAreCounted = true;
     Lanczos::Course courseOfWrench, courseOfSlip;  // of the thermal vectors, for one W each
     Eigen::VectorXd ownScale;  // of rows of spheres: about the root of a particle's own friction
                                // over 6 pi viscosity
     int solving = 0;           // depth of nested calls
     std::chrono::steady_clock::time_point beginOfSolving;
     double gridSecondsBefore = 0;
-    MatrixXd scratch, scaled, inner, thermal, wrenchesOfSolve, N, columns, twistsOfColumns;
+    MatrixXd scratch, scaled, inner, thermal, wrenchesOfSolve, twistsOfSolve, farForcesOfSolve, N,
+        columns, twistsOfColumns;
 };
 
 }  // namespace RigidHIPlugin

@@ -7,6 +7,7 @@ namespace RigidHIPlugin {
 
 SlipSpace::SlipSpace(const CoupledBodies& bodies)
     : bodies(bodies), ofBodies(bodies.slipsAreOfBodies()),
+      ofParts(ofBodies && bodies.hasModel() && bodies.getModel().getTraits().slipsOfParts),
       identity(ofBodies || bodies.getMotion().isIdentity()) {
     nearest_body.resize(bodies.getElements().size());
     if (identity) return;
@@ -17,9 +18,23 @@ SlipSpace::SlipSpace(const CoupledBodies& bodies)
     }
 }
 
+/** With zeros in the rows of parts. */
+void SlipSpace::extend(MatrixXd& slips) const {
+    const int rows = slips.rows();
+    if (rows == getNumRows()) return;
+    slips.conservativeResize(getNumRows(), slips.cols());
+    slips.bottomRows(getNumRows() - rows).setZero();
+}
+
+void SlipSpace::add(const MatrixXd& slips, MatrixXd& sum) const {
+    if (slips.rows() > sum.rows()) extend(sum);
+    sum.topRows(slips.rows()) += slips;
+}
+
 void SlipSpace::rigidSlips(const vector<Pose>& poses, const MatrixXd& twists, MatrixXd& slips) {
     if (identity) {
         slips = twists;
+        if (ofParts) extend(slips);
         return;
     }
     setTurns(poses, turns);

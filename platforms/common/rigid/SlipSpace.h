@@ -12,11 +12,26 @@ namespace RigidHIPlugin {
  * Whether slips (random velocities) belong to hydrodynamic particles or to bodies. Slips of
  * particles have three rows each, six for a sphere. Slips belong to bodies where there is no M
  * (CoupledBodies::slipsAreOfBodies()). For bodies, and for spheres about their centres, K = 1.
+ *
+ * Slips of parts (MobilityTraits::slipsOfParts) are slips of bodies that may have more rows: first
+ * the twists, then wrenches on the bodies, then slips of the far part. Slips that have the rows of
+ * twists alone have zeros in the others.
  */
 class SlipSpace {
 public:
     explicit SlipSpace(const CoupledBodies& bodies);
-    int getNumRows() const { return ofBodies ? bodies.getNumRows() : bodies.getNumParticleRows(); }
+    int getNumRows() const {
+        return areOfParts()    ? 2 * bodies.getNumRows() + getNumFarRows()
+               : areOfBodies() ? bodies.getNumRows()
+                               : bodies.getNumParticleRows();
+    }
+    bool areOfParts() const { return ofParts; }
+    /** Rows of slips of the far part, with those of stresslets. */
+    int getNumFarRows() const {
+        return bodies.getNumParticleRows() + 5 * bodies.getParticles().size();
+    }
+    /** sum += slips, with the rows of either. */
+    void add(const Eigen::MatrixXd& slips, Eigen::MatrixXd& sum) const;
     bool areOfBodies() const { return ofBodies; }
     /** Whether K = 1. */
     bool isIdentity() const { return identity; }
@@ -44,7 +59,8 @@ private:
                                   const Eigen::MatrixXd& slips, Eigen::MatrixXd& twists) const;
 
     const CoupledBodies& bodies;
-    const bool ofBodies, identity;
+    void extend(Eigen::MatrixXd& slips) const;
+    const bool ofBodies, ofParts, identity;
     std::vector<Eigen::MatrixXd> nearest_body;  // (K^T K)^-1 K^T of elements, body frame
     std::vector<Eigen::Matrix3d> turns;         // of poses that are asked about
 };

@@ -35,9 +35,9 @@ inline Quaternion<Real> turnAboutAxis(const Quaternion<Real>& q, const Real& sin
  * Psi_{t,axis} of eq. 17: rotation about one body axis only; l turns the other way in the body
  * frame.
  */
-template <int axis, class Real>
+template <int axis, class Real, class Time>
 inline void rotateAboutAxis(Quaternion<Real>& q, Vector3<Real>& l,
-                            const Vector3<Real>& inverseMoments, double t) {
+                            const Vector3<Real>& inverseMoments, const Time& t) {
     const Real l_axis = axis == 1 ? l.x : axis == 2 ? l.y : l.z;
     const Real inverseMoment = axis == 1   ? inverseMoments.x
                                : axis == 2 ? inverseMoments.y
@@ -59,9 +59,9 @@ inline void rotateAboutAxis(Quaternion<Real>& q, Vector3<Real>& l,
  * Psi_t of eq. 18: axes 3-2-1-2-3. With I_1 <= I_2 <= I_3 the thinnest axis is innermost, where its
  * fast spin does no harm.
  */
-template <class Real>
+template <class Real, class Time>
 inline void rotateFreely(Quaternion<Real>& q, Vector3<Real>& l, const Vector3<Real>& inverseMoments,
-                         double t) {
+                         const Time& t) {
     rotateAboutAxis<3>(q, l, inverseMoments, 0.5 * t);
     rotateAboutAxis<2>(q, l, inverseMoments, 0.5 * t);
     rotateAboutAxis<1>(q, l, inverseMoments, t);
@@ -73,9 +73,9 @@ inline void rotateFreely(Quaternion<Real>& q, Vector3<Real>& l, const Vector3<Re
  * The exact rotation of a linear body (I_1 = 0, l_1 = 0, I_2 = I_3): about l, which is constant.
  * The splitting above would let l_1, which has no friction, drift away from 0.
  */
-template <class Real>
+template <class Real, class Time>
 inline void rotateLinearBodyFreely(Quaternion<Real>& q, const Vector3<Real>& l,
-                                   const Vector3<Real>& inverseMoments, double t) {
+                                   const Vector3<Real>& inverseMoments, const Time& t) {
     q = q * exponential(Real(0.5 * t) * multiply(l, inverseMoments));
 }
 

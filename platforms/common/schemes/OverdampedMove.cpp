@@ -108,6 +108,16 @@ void OverdampedMove::drawForBodies(uint32_t purpose, uint32_t freePurpose, Vecto
 
 void OverdampedMove::drawForParticles(uint32_t purpose, Vectors& numbers) {
     const HydrodynamicParticles& particles = mobility.getBodies().getParticles();
+    if (mobility.getSlipSpace().areOfParts()) {
+        numbers.resize(mobility.getSlipSpace().getNumFarRows(), 1);
+        double ofParticle[11];
+        for (int i = 0; i < particles.size(); i++) {
+            drawNumbers(purpose, particles.systemIndex[i], 11, ofParticle);
+            std::copy_n(ofParticle, 6, &numbers(particles.firstRow[i], 0));
+            std::copy_n(ofParticle + 6, 5, &numbers(particles.numRows + 5 * i, 0));
+        }
+        return;
+    }
     numbers.resize(particles.numRows, 1);
     for (int i = 0; i < particles.size(); i++)
         drawNumbers(purpose, particles.systemIndex[i], particles.hasTorque[i] ? 6 : 3,
@@ -121,7 +131,10 @@ void OverdampedMove::thermalWrench(Draw draw, Vectors& wrench) {
     else
         drawForParticles(
             draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw, W);
+    mobility.drawForPairs(
+        stream, draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw);
     mobility.thermalWrench(W, wrench);
+    randomNumbers += mobility.takeNumPairNumbers();
 }
 
 void OverdampedMove::drawForSlips(Draw draw) {
@@ -129,6 +142,7 @@ void OverdampedMove::drawForSlips(Draw draw) {
         draw == First ? NoiseStream::ParticleFirstDraw : NoiseStream::ParticleSecondDraw;
     slipsAreOfField = mobility.drawField(stream, ofParticles, field);
     fieldIsCounted = false;
+    mobility.drawForPairs(stream, ofParticles);
     if (slipsAreOfField) return;
     if (mobility.slipNoiseIsOfBodies())
         drawForBodies(draw == First ? NoiseStream::FirstDraw : NoiseStream::SecondDraw,
@@ -144,6 +158,7 @@ void OverdampedMove::thermalSlip(Vectors& slips) {
         countField();
     } else
         mobility.thermalSlip(W_slip, slips);
+    randomNumbers += mobility.takeNumPairNumbers();
     if (recorded) recordedSlips = slips;
 }
 
@@ -157,14 +172,14 @@ const OverdampedMove::Vectors& OverdampedMove::slipsOf(const Column& column) {
     const auto add = [&](const Vectors& more) {
         if (more.size() == 0) return;
         if (any)
-            slipsOfColumn += more;
+            mobility.getSlipSpace().add(more, slipsOfColumn);
         else
             slipsOfColumn = more;  // without allocation: its size stays
         any = true;
     };
     add(column.slips);
     if (flow) {
-        mobility.flowSlips(*flow, slipsOfFlow);
+        mobility.flowSlipsOfSolve(*flow, slipsOfFlow);
         add(slipsOfFlow);
     }
     if (active) {
@@ -261,6 +276,16 @@ const OverdampedMove::Vectors& OverdampedMove::findPrescribed(const vector<Pose>
 
 void OverdampedMove::addPrescribed(Vectors& twists) {
     if (prescribed) twists += findPrescribed(start);
+}
+
+void OverdampedMove::addShear(Vectors& twists) {
+    // Only a box that tilts has both periods and a gradient.
+    const CoupledBodies& bodies = mobility.getBodies();
+    if (!flow || flow->gradient.isZero(0) || !bodies.hasModel() || !bodies.getModel().box()) return;
+    atStart();
+    mobility.flowSlips(*flow, slipsOfFlow);
+    nearestTwists(slipsOfFlow, twistsOfFlow);
+    twists += twistsOfFlow;
 }
 
 void OverdampedMove::solve(const Column& column, Vectors& twists) {
@@ -469,7 +494,7 @@ void OverdampedMove::displaceBothWays(double& step) {
     failToDisplace(forward);
 }
 
-void OverdampedMove::drawTractions(Vectors& forces, Vectors& slips) {
+void OverdampedMove::drawTractions(Vectors& forces, Vectors& slips, bool noiseIsFrozen) {
     requireDifferences("drawTractions()");
     mobility.getBlobForces(lambdas);
     lambda = lambdas.col(0);
@@ -479,9 +504,8 @@ void OverdampedMove::drawTractions(Vectors& forces, Vectors& slips) {
     mobility.totalWrenches(backward, lambda, forces);
     mobility.totalWrenches(forward, lambda, wrenchAtOtherEnd);
     forces = (forces - wrenchAtOtherEnd) / centralStep;
-    mobility.multiplyNearby(forward, lambda, slips);
-    mobility.multiplyNearby(backward, lambda, slipAtOtherEnd);
-    slips = (slips - slipAtOtherEnd) / centralStep;
+    mobility.differenceNearby(forward, backward, lambda, noiseIsFrozen, slips);
+    slips /= centralStep;
 }
 
 void OverdampedMove::rigidSlipDifference(const Vectors& twists, Vectors& slips) {

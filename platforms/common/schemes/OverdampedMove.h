@@ -218,8 +218,11 @@ public:
      * the last solve (its first column, for the directions as wrenches). Forces are -(K^T(Q+) -
      * K^T(Q-)) lambda / delta and slips are (M(Q+) - M(Q-)) lambda / delta, where Q+- is the start
      * displaced by +-delta/2.
+     *
+     * @param noiseIsFrozen  whether thermal slips of the start are taken at other poses too. What
+     *     slips of parts (SlipSpace) hold of wrenches is then the same there, and makes no drift.
      */
-    void drawTractions(Vectors& forces, Vectors& slips);
+    void drawTractions(Vectors& forces, Vectors& slips, bool noiseIsFrozen = false);
     /** (K(Q+) - K(Q-)) U / delta at the Q+- of drawTractions(). */
     void rigidSlipDifference(const Vectors& twists, Vectors& slips);
     // Components that are fixed along axes which turn with their body, and joints: C U = b, C =
@@ -282,6 +285,11 @@ public:
     void goFromStart(double t, const Vectors& twists, double nu = 1);
     /** Add the prescribed velocities of fixed components at the start. */
     void addPrescribed(Vectors& twists);
+    /**
+     * twists += the twists that are nearest to a shear, whose box tilts, at the start; nothing in
+     * other flows. The mobility is at the start afterwards.
+     */
+    void addShear(Vectors& twists);
     /**
      * Whether divergenceOfField() is known, so that no differences are needed. It is where slips
      * are of the model's random field, which is one flow.
@@ -369,7 +377,7 @@ private:
     std::vector<Eigen::Matrix3d> turnsOfFixed;
     Vectors* holds = nullptr;
     Vectors twistsOfFixed, scaledTwists, slipsOfFixed, forcesOfSolve, wrenchesOfSolve;
-    Vectors slipsOfFlow, slipsOfActive, slipsOfColumn, wrenchOfColumn, recordedSlips;
+    Vectors slipsOfFlow, twistsOfFlow, slipsOfActive, slipsOfColumn, wrenchOfColumn, recordedSlips;
     Vectors wrenches, slips;  // of two columns
     const Vectors noSlips;
     long long numDriftFactors = 0;

@@ -1,9 +1,17 @@
 #include "stepping/BrownianStep.h"
 
+#include "context/Messages.h"
 #include "schemes/OverdampedSchemes.h"
 #include "stepping/NonFinite.h"
 
 namespace RigidHIPlugin {
+
+namespace {
+
+/** The largest strain of a step in a sheared fluid. */
+const double largestStrain = 0.1;
+
+}  // namespace
 
 void BrownianStep::take() {
     Scene& scene = parts.scene;
@@ -11,10 +19,12 @@ void BrownianStep::take() {
     const FluidChecks& checks = scene.fluid->getChecks();
     const OverdampedEntry& scheme = overdampedScheme(scene.settings.scheme);
     findPrescribed();
+    checkStrain();
     // First: whatever fails from here on restores what this keeps.
     groups.begin(scene.settings.scheme);
     if (scheme.needsForces(0)) checks.checkTorques(scene.bodies, scene.arrays->forces());
     for (int stage = 0; stage < scheme.numStages(); stage = groups.nextStage()) {
+        tiltBox(stage == 0 ? 0 : scheme.forcesAt[stage]);
         if (stage > 0) {
             groups.showStage(stage, scene.bodies, scene.arrays->positions());
             writePositions();
@@ -26,6 +36,30 @@ void BrownianStep::take() {
     }
     writePositions();
     groups.end();
+}
+
+bool BrownianStep::isSheared() const {
+    return parts.scene.fluid->getContents().userFlow.isSheared();
+}
+
+void BrownianStep::checkStrain() const {
+    if (!isSheared()) return;
+    const UserFlow& flow = parts.scene.fluid->getContents().userFlow;
+    const double strain = std::abs(flow.shearRate) * parts.scene.settings.h;
+    if (strain <= largestStrain) return;
+    constexpr ErrorsOf fail{"MobilityForce"};
+    fail("a step of " + number(parts.scene.settings.h) + " ps strains the fluid by " +
+         number(strain) + " at the shear rate of setShear(), " + number(flow.shearRate) +
+         "/ps; it must be at most " + number(largestStrain) +
+         " for bodies to follow the flow: take a smaller step, or a smaller rate");
+}
+
+/** Set the box that the shear has tilted from the start of the step to a part of it. */
+void BrownianStep::tiltBox(double part) {
+    if (!isSheared()) return;
+    const UserFlow& flow = parts.scene.fluid->getContents().userFlow;
+    const BoxVectors& box = parts.start.getBox();
+    parts.mirror.setBox(part == 0 ? box : flow.tilted(box, part * parts.scene.settings.h));
 }
 
 /** Evaluate prescribed velocities at the times of all stages, before anything has moved. */
@@ -58,6 +92,11 @@ void BrownianStep::runStage(int stage) {
     scene.counters.add(result);
     parts.forces.drop();  // poses have changed
     if (!result.finite) reportNonFinite(scene, "position");
+    if (isSheared()) {
+        const OverdampedEntry& scheme = overdampedScheme(scene.settings.scheme);
+        tiltBox(stage + 1 < scheme.numStages() ? scheme.forcesAt[stage + 1] : 1);
+        groups.judgeInNextBox(scene.bodies, scene.arrays->positions());
+    }
     const BrownianGroups::Rejections rejected =
         groups.takeBackRejected(parts.start.bodies(), parts.start.freeParticles(), scene.bodies,
                                 *scene.freeParticles, scene.arrays->positions());

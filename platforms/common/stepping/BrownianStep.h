@@ -15,6 +15,9 @@ namespace RigidHIPlugin {
  * all groups. The other groups are then placed where their forces of that stage were evaluated, and
  * keep their results. If OpenMM forces act between groups, the other groups have felt the poses
  * that were rejected.
+ *
+ * In a sheared fluid the box tilts with the flow. Each stage has the box of its time: for its
+ * forces, for the fluid, and where its end is judged.
  */
 class BrownianStep : public Step {
 public:
@@ -23,6 +26,9 @@ public:
 
 private:
     void findPrescribed();
+    bool isSheared() const;
+    void checkStrain() const;
+    void tiltBox(double part);
     void runStage(int stage);
     void writePositions();
     StepParts parts;

@@ -44,6 +44,13 @@ public:
     void withThoseOfNextStep(const std::function<void()>& work);
     /** The forces belong to no configuration that a step may begin with. */
     void drop() { evaluatedAfter = -1; }
+    /** Whether a step that begins at this time may begin with the forces that bodies have. */
+    bool areCurrentAt(double time) {
+        dropIfOutOfDate(time);
+        return areCurrent();
+    }
+    /** Somebody else has evaluated forces at the present positions. */
+    void wereEvaluated() { evaluatedAfter = scene.numChanges(); }
     /** A step is given up. Bodies and free particles get the forces that it began with. */
     void stepFailed();
 

@@ -3,6 +3,7 @@
 namespace RigidHIPlugin {
 
 void StartOfStep::save() {
+    box = scene.getBox();
     scene.bodies.save(bodySnapshot);
     scene.freeParticles->save(freeSnapshot, scene.arrays->positions(), scene.arrays->velocities());
 }
@@ -14,7 +15,10 @@ void StartOfStep::show() {
 }
 
 void StartOfStep::putBack() {
-    if (scene.fluid) scene.fluid->getMemory().restore();
+    if (scene.fluid) {
+        if (scene.fluid->getContents().userFlow.isSheared()) mirror.setBox(box);
+        scene.fluid->getMemory().restore();
+    }
     show();
     mirror.writePoses();
 }

@@ -11,17 +11,20 @@ public:
     StartOfStep(Scene& scene, ContextMirror& mirror) : scene(scene), mirror(mirror) {}
     void save();
     /**
-     * Restore bodies, free particles and the fluid's memory, and with them the Context's particles.
+     * Restore bodies, free particles, the box and the fluid's memory, and with them the Context's
+     * particles.
      */
     void putBack();
     /** Restore bodies and free particles only, so that the start can be examined. */
     void show();
+    const BoxVectors& getBox() const { return box; }
     const BodySet::Snapshot& bodies() const { return bodySnapshot; }
     const FreeParticles::Snapshot& freeParticles() const { return freeSnapshot; }
 
 private:
     Scene& scene;
     ContextMirror& mirror;
+    BoxVectors box = {};
     BodySet::Snapshot bodySnapshot;
     FreeParticles::Snapshot freeSnapshot;
 };

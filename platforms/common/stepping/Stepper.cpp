@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "context/Messages.h"
+#include "stepping/Virial.h"
 
 using namespace OpenMM;
 
@@ -54,6 +55,12 @@ void Stepper::evaluateForces() {
     });
 }
 
+Eigen::Matrix3d Stepper::findVirial() {
+    Eigen::Matrix3d virial;
+    withArrays([&] { virial = virialOf(context, scene); });
+    return virial;
+}
+
 MidStepEnergies Stepper::findMidStepEnergies() {
     mirror.requirePositions("computeMidStepTemperature()");
     MidStepEnergies result;
@@ -70,16 +77,28 @@ MidStepEnergies Stepper::findMidStepEnergies() {
     return result;
 }
 
-void Stepper::takeStep() {
+/** What a step does before Forces that change the state (barostats) see it. */
+void Stepper::startStep() {
     mirror.requirePositions("step()");
     if (!std::isfinite(scene.arrays->getTime()))
         fail("the Context's time is " + text(scene.arrays->getTime()) +
              " ps, which is not finite; set a finite time by setTime()");
     if (scene.isBuilt()) scene.updateSettings();
-    // Before Forces that change the state (barostats) see it:
+    mirror.checkBoxOfShear();
     mirror.takeInBox();
     if (mirror.awaitsTakingIn()) takeInChanges();
     scene.warnings.printOfBarostat(scene);
+}
+
+void Stepper::makeReady() {
+    withArrays([&] {
+        startStep();
+        takeInChanges();
+    });
+}
+
+void Stepper::takeStep() {
+    startStep();
     const bool removal = momentum.isToBeUndone(), removesMomentum = removal && momentum.isDue();
     if (removal) {
         mirror.takeInChanges(true);
@@ -136,7 +155,8 @@ void Stepper::advance() {
     arrays.setTime(arrays.getTime() + scene.settings.h);
     arrays.setStepCount(arrays.getStepCount() + 1);
     scene.settings.noise.step++;
-    scene.watch.stepEnded(scene);
+    if (scene.watch.countStep())
+        scene.watch.look(scene, midStepEnergiesOfMeans(scene.bodies, scene.settings));
 }
 
 }  // namespace RigidHIPlugin

@@ -20,9 +20,17 @@ public:
      */
     void takeSteps(int number);
     /**
+     * Steps are about to be taken elsewhere (NativeSteps): take in the changes of others, adopt
+     * settings, and give the Context what it is to have, as at the start of a step.
+     */
+    void makeReady();
+    Forces& getForces() { return forces; }
+    /**
      * Evaluate forces at the present poses and time, and gather them for bodies and free particles.
      */
     void evaluateForces();
+    /** virialOf() at present positions. */
+    Eigen::Matrix3d findVirial();
     /**
      * The mid-step kinetic energies of the present state (MidStep.h). Forces are evaluated if they
      * are out of date; the next step evaluates its own, so that this call does not change it.
@@ -33,6 +41,7 @@ private:
     template <class Work>
     void withArrays(const Work& work);
     void takeStep();
+    void startStep();
     void takeInChanges();
     void advance();
     Step& kindOfStep();

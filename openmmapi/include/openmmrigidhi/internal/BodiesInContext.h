@@ -54,6 +54,8 @@ public:
     virtual std::map<std::string, double> computeMidStepTemperatures() = 0;
 
     virtual std::map<std::string, std::string> getEffects() = 0;
+    /** What the user should mind, one text each; getEffects() has them all in "warnings". */
+    virtual std::vector<std::string> getWarnings() = 0;
     virtual std::map<std::string, double> getStepStatistics() = 0;
     virtual int getNumRejectedSteps() = 0;
 };

@@ -31,6 +31,7 @@ public:
                                                   int waveVectorIndex) = 0;
     virtual OpenMM::Vec3 getMeanFlow() = 0;
     virtual OpenMM::Vec3 getRandomMeanFlow() = 0;
+    virtual std::vector<double> getStress() = 0;
 };
 
 }  // namespace RigidHIPlugin

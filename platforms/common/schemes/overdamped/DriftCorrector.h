@@ -16,6 +16,8 @@
 //            displaced by delta times the body's length.
 //            Random fields (fluids on grids): V~ at every pose is that of the same field, whose
 //            divergence needs no square roots and no solves.
+//            In a box that a shear tilts, Q^m follows the flow too: bodies of distant images would
+//            else be at other places beside each other.
 // Order:     weak 1; 1 at T = 0 (the mid-point follows the noise only).
 // Cost:      one force evaluation (at t + h/2), one solve. Square roots of M: two, and one for each
 //            row of the twists (FD) or one (RFD).
@@ -62,6 +64,7 @@ private:
             }
         }
         m.addPrescribed(U);
+        m.addShear(U);
         m.goFromStart(m.h / 2, U);
     }
     void correct(OverdampedMove& m) {

@@ -57,7 +57,7 @@ private:
                 m.solve(m.direction(0, m.directions), m.velocity(0.5, m.force, slip), U_both);
                 m.keepForces(1);
                 U_start = U_both.col(1);
-                m.drawTractions(forceDifference, difference);
+                m.drawTractions(forceDifference, difference, true);
                 m.recordTractions(m.kT);
                 if (m.axesTurn()) m.drawAxisForces(axisForces);
                 slip += 2 * m.kT * difference;

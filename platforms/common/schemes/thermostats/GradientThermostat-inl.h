@@ -26,12 +26,12 @@ namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
 
 struct GradientThermostat {
-    template <class Flow>
-    static void beforeForces(Flow& flow, double) {
+    template <class Flow, class Time>
+    static void beforeForces(Flow& flow, const Time&) {
         flow.gradientMove(0);  // R_{k+1} and Q_{k+1} from the forces at k
     }
-    template <class Flow>
-    static void afterForces(Flow&, double) {}
+    template <class Flow, class Time>
+    static void afterForces(Flow&, const Time&) {}
     static Thermostat coefficients(const BodyInertia& body, const HeatBath& bath, double h) {
         Thermostat c;
         c.move_R = h * bath.upsilon / body.mass;

@@ -25,15 +25,15 @@ namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
 
 struct LangevinA {
-    template <class Flow>
-    static void beforeForces(Flow& flow, double h) {
+    template <class Flow, class Time>
+    static void beforeForces(Flow& flow, const Time& h) {
         flow.damp();       // P_1 = exp(-gamma h/2) P,  Pi_1 = exp(-Gamma J h/2) Pi
         flow.kick(h / 2);  // P_2 = P_1 + h/2 f + sqrt(h)/2 sqrt(2 m gamma kT) xi,
         flow.addNoise(0);  // Pi_2 likewise with F and sqrt(2 M Gamma kT) sum_l S_l Q eta_l
         flow.drift(h);     // R_{k+1} = R_k + h/m P_2,  (Q_{k+1}, Pi_3) = Psi_h(Q_k, Pi_2)
     }
-    template <class Flow>
-    static void afterForces(Flow& flow, double h) {
+    template <class Flow, class Time>
+    static void afterForces(Flow& flow, const Time& h) {
         flow.kick(h / 2);  // Pi_4, P_3: with the forces at k+1 and the same xi, eta
         flow.addNoise(0);
         flow.damp();  // P_{k+1}, Pi_{k+1}

@@ -21,14 +21,14 @@ namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
 
 struct LangevinB {
-    template <class Flow>
-    static void beforeForces(Flow& flow, double h) {
+    template <class Flow, class Time>
+    static void beforeForces(Flow& flow, const Time& h) {
         flow.ornsteinUhlenbeck(0);  // P_1, Pi_1: over h/2, with xi and eta
         flow.kick(h / 2);           // P_2 = P_1 + h/2 f,  Pi_2 = Pi_1 + h/2 F
         flow.drift(h);              // R_{k+1} = R_k + h/m P_2,  (Q_{k+1}, Pi_3) = Psi_h(Q_k, Pi_2)
     }
-    template <class Flow>
-    static void afterForces(Flow& flow, double h) {
+    template <class Flow, class Time>
+    static void afterForces(Flow& flow, const Time& h) {
         flow.kick(h / 2);  // Pi_4, P_3: with the forces at k+1
         flow.ornsteinUhlenbeck(
             1);  // P_{k+1}, Pi_{k+1}: over h/2, with new numbers zeta and varsigma

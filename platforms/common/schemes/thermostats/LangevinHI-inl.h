@@ -26,25 +26,25 @@ namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
 
 struct LangevinHI {
-    template <class Flow>
-    static void beforeFriction(Flow& flow, double h) {
+    template <class Flow, class Time>
+    static void beforeFriction(Flow& flow, const Time& h) {
         flow.kick(h / 2);           // P_1 = P_k + h/2 f,  Pi_1 = Pi_k + h/2 F
         flow.drift(h / 2);          // R_1 = R_k + h/(2m) P_1,  (Q_1, Pi_2) = Psi_{h/2}(Q_k, Pi_1)
         flow.ornsteinUhlenbeck(0);  // P_2, Pi_3 of bodies that the fluid does not couple; Fluid
                                     // does the others at (R_1, Q_1)
     }
-    template <class Flow>
-    static void afterFriction(Flow& flow, double h) {
+    template <class Flow, class Time>
+    static void afterFriction(Flow& flow, const Time& h) {
         flow.drift(h / 2);  // R_{k+1} = R_1 + h/(2m) P_2,  (Q_{k+1}, Pi_4) = Psi_{h/2}(Q_1, Pi_3)
     }
     /** Both parts in one, where the fluid couples nothing. */
-    template <class Flow>
-    static void beforeForces(Flow& flow, double h) {
+    template <class Flow, class Time>
+    static void beforeForces(Flow& flow, const Time& h) {
         beforeFriction(flow, h);
         afterFriction(flow, h);
     }
-    template <class Flow>
-    static void afterForces(Flow& flow, double h) {
+    template <class Flow, class Time>
+    static void afterForces(Flow& flow, const Time& h) {
         flow.kick(h / 2);  // P_{k+1} = P_2 + h/2 f_{k+1},  Pi_{k+1} = Pi_4 + h/2 F_{k+1}
     }
     /**

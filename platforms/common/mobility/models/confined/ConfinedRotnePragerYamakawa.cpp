@@ -235,7 +235,7 @@ ConfinedRotnePragerYamakawa::ConfinedRotnePragerYamakawa(const HydrodynamicParti
                                                          double viscosity,
                                                          const ConfiningPlanes& planes)
     : MobilityModel(particles, viscosity, traitsBetween(planes)), planes(planes) {
-    checkPeriodicRows(particles.numRows, mostLatticeRows, true);
+    checkPeriodicRows(particles.numRows, mostLatticeRows);
     planes.checkRadii(particles);
 }
 

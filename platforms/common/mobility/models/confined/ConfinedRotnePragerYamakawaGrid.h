@@ -24,13 +24,17 @@ namespace RigidHIPlugin {
  *            depend on the top but for the tolerance.
  * Accuracy:  That of the base: the norm of the error of products is below the tolerance times the
  *            norm of the mobility, both scaled by the square roots of own mobilities.
- * Noise:     Square roots of whole products by Lanczos' method.
+ * Noise:     A random field of waves with planes, and a square root by Lanczos' method of the pairs
+ *            alone, given that their flow is 0 on the planes (ConfinedRandomField).
  * Cost:      Grows as the number of particles at constant density and height. A product takes the
  *            transforms of the base, and another pass over its modes.
  * Limits:    Boxes with edges along the axes; at most RotnePragerYamakawaGrid::mostRadii radii.
  *            Where surfaces reach through a wall, M -> B M B (NoSlipPlane).
  */
-class ConfinedRotnePragerYamakawaGrid : public MobilityModel, BoxOfModel, GridOfModel {
+class ConfinedRotnePragerYamakawaGrid : public MobilityModel,
+                                        BoxOfModel,
+                                        GridOfModel,
+                                        FieldOfModel {
 public:
     /**
      * @param tolerance, spacing, fluid  as in RotnePragerYamakawaGrid
@@ -53,6 +57,8 @@ public:
     WaveFactors waveFactors(double radius, double k) const override;
     const BoxOfModel* box() const override { return this; }
     const GridOfModel* grid() const override { return this; }
+    const FieldOfModel* randomField() const override { return this; }
+    double getTolerance() const { return tolerance; }
 
     /** The base of a fluid up to a height over the lower wall, and its period. */
     struct Base {
@@ -60,8 +66,18 @@ public:
         double height = 0, period = 0;
         BoxVectors box = {};
     };
-    /** The base for a box and the height of the highest particle. */
-    Base baseFor(const BoxVectors& box, double highest) const;
+    /** The base for a box and particles whose surfaces reach up to a height. */
+    Base baseFor(const BoxVectors& box, double top) const;
+    /** Particles as the formulas have them: moved to contact where they reach through a wall. */
+    struct Lifted {
+        std::vector<OpenMM::Vec3> positions;
+        Eigen::VectorXd weights;  // B, for each row; empty: no particle reaches through a wall
+        double top = 0;           // up to which surfaces reach, over the lower wall
+    };
+    /** @param nearby  whether the placement is a small way from an accepted one, as it is then */
+    void lift(const Placement& placement, bool nearby, Lifted& lifted) const;
+    /** The largest wave number along walls that the grid has. */
+    double getLongestWave() const { return longest; }
     void check(const BoxVectors& box) const override;
     /**
      * The splitting of the base for particles up to a height over the lower wall.
@@ -82,7 +98,10 @@ private:
     void checkWave(const BoxVectors& box, int axis, int periods) const override;
     std::string describe(const BoxVectors& box) const override;
     GridSeconds getSeconds() const override { return fluid->getSeconds(); }
-    double topFor(const BoxVectors& box, double highest) const;
+    double topFor(const BoxVectors& box, double top) const;
+    bool isLocal() const override { return false; }
+    void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
+              std::unique_ptr<RandomField>& field) const override;
 
     const double tolerance, spacing;
     const ConfiningPlanes planes;

@@ -66,6 +66,15 @@ PlaneConditions PlaneConditions::wall(double height, double gap, double below) {
     return made;
 }
 
+PlaneConditions PlaneConditions::layer(double height, double gap) {
+    PlaneConditions made(Wall, height, height + gap, false);
+    made.origin = height / 2;
+    made.planes = {-made.height / 2, made.height / 2};
+    made.combined.resize(2, 2);
+    made.combined << 0.5, 0.5, -0.5, 0.5;
+    return made;
+}
+
 /** Combine rows and columns of planes, which come `kinds` times one after the other. */
 PlaneConditions::Matrix PlaneConditions::combine(const Matrix& ofPlanes, int kinds) const {
     const int p = numPlanes();

@@ -56,6 +56,8 @@ public:
      * `below` behind the first one.
      */
     static PlaneConditions wall(double height, double gap, double below);
+    /** Likewise without a second plane at rest, for particles that are whole between the planes. */
+    static PlaneConditions layer(double height, double gap);
 
     int numPlanes() const { return planes.size(); }
     /** z of a plane. The first two are at equal distances from z = 0. */

@@ -14,14 +14,16 @@ namespace {
 
 /** Shares of the tolerance, measured to keep the error below it (docs/grid_accuracy.md). */
 const double shareOfWaves = 0.4, shareOfPairs = 0.4, shareOfGrid = 0.15;
+/** With dipoles: the slopes of a Gaussian have more of the waves that the grid takes for others. */
+const double shareOfGridWithDipoles = 0.03;
 
 /** Times in ns on one thread, measured (benchmarks/README.md). */
 const double timeOfTransform =
     0.16;  // for each node, each doubling of the number of nodes, and each of six transforms
 const double timeOfMode = 1;    // for each node: the response of the fluid
 const double timeOfNode = 1.2;  // for each node of a stencil, spreading and averaging
-const double timeOfPair = 5,
-             timeOfTorquePair = 12;  // for each pair, one way, with its share in making the list
+const double timeOfPair = 5, timeOfTorquePair = 12,
+             timeOfStressletPair = 30;  // for each pair, one way, with its share in making the list
 
 /**
  * The smallest wave number beyond which waves add no more than `allowed` to the mobility of a
@@ -57,7 +59,8 @@ double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density
             const double a = ends[i]->radius, b = ends[j]->radius;
             if ((i > 0 || j > 0) && kinds.size() == 1) continue;
             const bool torques = ends[i]->torques + ends[j]->torques > 0;
-            const NearPair pair(a, b, xi, torques);
+            const bool stresslets = ends[i]->stresslets;
+            const NearPair pair(a, b, xi, torques, stresslets);
             const double ofForces = 0.75 * std::sqrt(a * b), ofTorques = std::pow(a * b, 1.5),
                          ofBoth = std::sqrt(0.75) * std::max(std::sqrt(a) * std::pow(b, 1.5),
                                                              std::sqrt(b) * std::pow(a, 1.5));
@@ -71,6 +74,19 @@ double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density
                     most = std::max(
                         {most, ofBoth * r * std::max(std::abs(f.tr), std::abs(f.rt)),
                          ofTorques * std::max(std::abs(f.rrI), std::abs(f.rrI + f.rrR * r2))});
+                if (stresslets) {
+                    // Roots of own mobilities: 5/6 a^3 of strain rates, 3/4 a of velocities.
+                    const double ofStrains = 5.0 / 6 * ofTorques,
+                                 withForces = std::sqrt(5.0 / 6) * ofBoth,
+                                 withTorques = std::sqrt(5.0 / 6) * ofTorques;
+                    most = std::max(
+                        {most, withForces * r * std::max(std::abs(f.ts), std::abs(f.st)),
+                         withForces * r *
+                             std::max(std::abs(f.ts + f.tsR * r2), std::abs(f.st + f.stR * r2)),
+                         withTorques * r2 * std::abs(f.rs), ofStrains * std::abs(f.ssI),
+                         ofStrains * std::abs(f.ssI + 0.5 * f.ssV * r2),
+                         ofStrains * std::abs(f.ssI + 2.0 / 3 * (f.ssV * r2 + f.ssR * r2 * r2))});
+                }
                 sum += step * 4 * M_PI * r2 * density * most;
                 if (sum <= allowed) continue;
                 largest = std::max(largest, r - pair.getContact());
@@ -121,11 +137,12 @@ double leastEndsOfWalls(double longest, double tolerance) {
 
 }  // namespace
 
-std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles) {
+std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles, bool stresslets) {
     std::map<double, EwaldKind> byRadius;
     for (int i = 0; i < particles.size(); i++) {
         EwaldKind& kind =
-            byRadius.insert({particles.radii[i], {particles.radii[i], 0, 0}}).first->second;
+            byRadius.insert({particles.radii[i], {particles.radii[i], 0, 0, stresslets}})
+                .first->second;
         kind.particles++;
         kind.torques += particles.hasTorque[i] ? 1 : 0;
     }
@@ -143,16 +160,19 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
     bool anyTorques = false;
     for (const EwaldKind& kind : kinds) {
         numParticles += kind.particles;
-        numPasses += kind.particles + kind.torques;
+        numPasses += kind.particles + (kind.stresslets ? 2 : 1) * kind.torques;
         numChannels += kind.torques > 0 ? 2 : 1;
         anyTorques = anyTorques || kind.torques > 0;
     }
     const double smallest = kinds.front().radius, largest = kinds.back().radius;
     tolerance *= partOfFreeMobility(largest, box);
+    const GridLean lean(box);
     // Where particles are crowded, they have more neighbours than on average.
     const double crowd = 0.1 / (4 * M_PI / 3 * largest * largest * largest),
                  density = std::max(numParticles / volume, crowd);
-    const double ofGrid = std::log(1 / (shareOfGrid * tolerance)),
+    const bool stresslets = haveStresslets(kinds);
+    const double ofGrid = std::log(
+                     1 / ((stresslets ? shareOfGridWithDipoles : shareOfGrid) * tolerance)),
                  ends =
                      std::max(std::sqrt(2 * ofGrid), leastEndsOfWalls(longestOfWalls, tolerance));
     seconds = std::numeric_limits<double>::infinity();
@@ -166,14 +186,16 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
         double nearby = -1;
         for (double h = coarsest; h > 0.5 * coarsest; h *= 0.95) {
             GridShape grid;
+            grid.skew = GridSkew(box);
             double widest = 0;
             for (int axis = 0; axis < 3; axis++) {
                 grid.edge[axis] = box[axis][axis];
-                const double size = grid.edge[axis] / (spacing > 0 ? spacing : h);
+                const double size =
+                    lean.stretch[axis] * grid.edge[axis] / (spacing > 0 ? spacing : h);
                 // GridWalls needs an odd number of nodes.
                 grid.size[axis] =
                     longestOfWalls > 0 && axis == 2 ? nextOddGridSize(size) : nextGridSize(size);
-                widest = std::max(widest, grid.spacing(axis));
+                widest = std::max(widest, lean.stretch[axis] * grid.spacing(axis));
             }
             if (widest > coarsest) break;  // the spacing is the user's
             // The worst error of aliased waves (waves that the grid takes for others) is exp(-2
@@ -183,6 +205,14 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
             if (root >= 0) {
                 const double w = std::sqrt((1 - std::sqrt(root)) / (4 * x * x)),
                              P = 2 * ends * w / widest;
+                // Along an edge that leans the error is that of the width w stretch, and the ends
+                // of a Gaussian must not be amplified: exp(w^2 k'^2/2) <= exp(k^2/8 xi^2).
+                bool isNarrow = 4 * x * x * w * w * lean.squares <= 1 || lean.squares == 1;
+                for (const double stretch : lean.stretch) {
+                    const double w2 = w * w * stretch * stretch;
+                    isNarrow = isNarrow && (stretch == 1 || w2 * (1 - 2 * x * x * w2) >= c);
+                }
+                if (!isNarrow) continue;
                 const double nodes = grid.numNodes();
                 double time =
                     numChannels * nodes * (6 * timeOfTransform * std::log2(nodes) + timeOfMode) +
@@ -193,7 +223,10 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
                     const double range = nearby + 2 * largest,
                                  around =
                                      numParticles / volume * 4 * M_PI / 3 * range * range * range;
-                    time += numParticles * around * (anyTorques ? timeOfTorquePair : timeOfPair);
+                    time += numParticles * around *
+                            (stresslets   ? timeOfStressletPair
+                             : anyTorques ? timeOfTorquePair
+                                          : timeOfPair);
                     if (time < 1e9 * seconds) {
                         seconds = 1e-9 * time;
                         xi = x;

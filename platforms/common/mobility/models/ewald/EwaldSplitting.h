@@ -9,12 +9,21 @@ namespace RigidHIPlugin {
 
 /** Particles of one radius. */
 struct EwaldKind {
-    double radius;           // nm
-    int particles, torques;  // how many, and of how many the fluid takes torques
+    double radius;            // nm
+    int particles, torques;   // how many, and of how many the fluid takes torques
+    bool stresslets = false;  // whether it takes torques and stresslets of all of them
 };
 
-/** The kinds of particles, by radius. */
-std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles);
+/**
+ * The kinds of particles, by radius.
+ *
+ * @param stresslets  of all particles, which then have torques
+ */
+std::vector<EwaldKind> kindsOf(const HydrodynamicParticles& particles, bool stresslets = false);
+/** Whether the fluid takes stresslets, of some kind and so of all. */
+inline bool haveStresslets(const std::vector<EwaldKind>& kinds) {
+    return !kinds.empty() && kinds.front().stresslets;
+}
 
 /**
  * Where the periodic Rotne-Prager-Yamakawa mobility is split into pairs and waves, and how far each
@@ -34,7 +43,8 @@ struct EwaldSplitting {
      * @param tolerance  of products: the norm of their error over the norm of the mobility, both
      *     scaled by the square roots of own mobilities
      * @param spacing  of the grid, at most, nm; 0: the fastest
-     * @param box  with edges along the axes
+     * @param box  One that leans along one axis gets the splitting of the box that leans by half an
+     *     edge (GridLean), so that a box has one splitting while it is sheared.
      * @param wantedXi  for tests and benchmarks: this xi, 1/nm; 0: the fastest
      * @param longestOfWalls  the largest wave number along walls that the grid must carry, 1/nm; 0:
      *     there are no walls

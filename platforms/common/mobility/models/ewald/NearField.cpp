@@ -1,9 +1,11 @@
 #include "mobility/models/ewald/NearField.h"
 
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 
+#include "mobility/StressletBasis.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 
 using OpenMM::Vec3;
@@ -14,9 +16,12 @@ namespace RigidHIPlugin {
 
 namespace {
 
+constexpr int allNumbers = NearTables::withStresslets;
+
 void numbersOf(const PairFunctions& f, double* to) {
-    const double all[] = {f.ttI, f.ttR, f.tr, f.rt, f.rrI, f.rrR};
-    std::copy_n(all, 6, to);
+    const double all[allNumbers] = {f.ttI, f.ttR, f.tr,  f.rt, f.rrI, f.rrR, f.ts,
+                                    f.tsR, f.st,  f.stR, f.rs, f.ssI, f.ssV, f.ssR};
+    std::copy_n(all, allNumbers, to);
 }
 
 /** Make polynomials for `count` intervals from `first` on, by Chebyshev nodes. */
@@ -24,7 +29,8 @@ template <int degree, class Function>
 void tabulate(const Function& function, int numbers, double first, double step, int count,
               std::vector<double>& table) {
     const int n = degree + 1;
-    Eigen::MatrixXd powers(n, n), values(n, 6);  // of nodes
+    const int columns = std::max(6, numbers);
+    Eigen::MatrixXd powers(n, n), values(n, columns);  // of nodes
     for (int a = 0; a < n; a++) {
         const double x = std::cos(M_PI * (a + 0.5) / n);
         for (int m = 0; m < n; m++) powers(a, m) = std::pow(x, m);
@@ -32,9 +38,9 @@ void tabulate(const Function& function, int numbers, double first, double step, 
     const Eigen::MatrixXd fromNodes = powers.inverse();
     for (int interval = 0; interval < count; interval++) {
         for (int a = 0; a < n; a++) {
-            double f[6];
+            double f[allNumbers];
             numbersOf(function(first + step * (interval + 0.5 + 0.5 * powers(a, 1))), f);
-            values.row(a) = Eigen::Map<const Eigen::RowVectorXd>(f, 6);
+            values.row(a) = Eigen::Map<const Eigen::RowVectorXd>(f, columns);
         }
         const Eigen::MatrixXd coefficients = fromNodes * values;
         for (int m = degree; m >= 0; m--)
@@ -53,6 +59,11 @@ NearTables::NearTables(const std::vector<EwaldKind>& kinds, int numbers, double 
             pair.radius_i = i.radius;
             pair.radius_j = j.radius;
             pair.contact = i.radius + j.radius;
+            if (pair.contact == 0) {  // points, which are no pair
+                pair.reach = pair.inverseStep = 0;
+                pairs.push_back(pair);
+                continue;
+            }
             pair.reach = gap + pair.contact;
             largest = std::max(largest, pair.reach);
             // The part with H has waves up to about 8 xi, and the other one consists of powers of
@@ -60,7 +71,8 @@ NearTables::NearTables(const std::vector<EwaldKind>& kinds, int numbers, double 
             // below 1e-10.
             const double step = std::min(0.1 / xi, pair.contact / 20);
             pair.inverseStep = 1 / step;
-            const NearPair functions(i.radius, j.radius, xi, numbers > 2);
+            const NearPair functions(i.radius, j.radius, xi, numbers > 2,
+                                     numbers == withStresslets);
             const auto intervals = [&](double length) { return (int)std::ceil(length / step) + 1; };
             tabulate<degree>([&](double r) { return functions.at(r); }, numbers, pair.contact, step,
                              intervals(gap + margin), pair.apart);
@@ -72,18 +84,22 @@ NearTables::NearTables(const std::vector<EwaldKind>& kinds, int numbers, double 
 
 template <int numbers>
 void NearTables::overlapping(const Pair& pair, double distance, double* f) const {
-    double free[6];
+    double free[allNumbers];
     evaluate<numbers>(pair.screened, distance * pair.inverseStep, f);
-    numbersOf(overSurfaces().free(pair.radius_i, pair.radius_j, distance, numbers > 2, false),
+    numbersOf(overSurfaces().free(pair.radius_i, pair.radius_j, distance, numbers > 2,
+                                  numbers == withStresslets),
               free);
     for (int c = 0; c < numbers; c++) f[c] = free[c] - f[c];
 }
 template void NearTables::overlapping<2>(const Pair& pair, double distance, double* f) const;
 template void NearTables::overlapping<6>(const Pair& pair, double distance, double* f) const;
+template void NearTables::overlapping<NearTables::withStresslets>(const Pair& pair, double distance,
+                                                                  double* f) const;
 
 // ---- Where particles are
 
-NearField::NearField(const HydrodynamicParticles& particles) : particles(particles) {
+NearField::NearField(const HydrodynamicParticles& particles, bool stresslets)
+    : particles(particles), stresslets(stresslets) {
     for (char torque : particles.hasTorque) anyTorques = anyTorques || torque;
 }
 
@@ -95,8 +111,12 @@ void NearField::setTables(const NearTables& newTables, const std::vector<int>& k
     anchors.clear();
     // Cells have half the reach as their edge, and two cells on each side are searched. The ball of
     // the reach is a third of their volume.
-    const double reach = tables->largestReach();
+    const GridSkew& skew = box.skew;
+    const double stretch[3] = {std::sqrt(1 + skew.xy * skew.xy + skew.xz * skew.xz),
+                               std::sqrt(1 + skew.yz * skew.yz), 1};
     for (int axis = 0; axis < 3; axis++) {
+        // A ball is as long as this in the coordinates of cells.
+        const double reach = stretch[axis] * tables->largestReach();
         cells[axis] = std::max(1, std::min(512, (int)(2 * box.edge[axis] / reach)));
         depth[axis] = (int)std::ceil(reach * cells[axis] / box.edge[axis]);
         extended[axis] = cells[axis] + 2 * depth[axis];
@@ -117,12 +137,15 @@ void NearField::findAnchors(const std::vector<Vec3>& positions, bool keep, doubl
                             std::abs(offset[2]) <= farthest;
         if (hasNone || !keep || !isNear) {
             anchors[p] = positions[p];
+            Vec3 inBox = box.skew.toGrid(positions[p]);
             for (int axis = 0; axis < 3; axis++) {
-                const double L = box.edge[axis], x = positions[p][axis];
-                anchorsInBox[p][axis] = x - L * std::floor(x / L);
+                const double L = box.edge[axis], x = inBox[axis];
+                inBox[axis] = x - L * std::floor(x / L);
                 cellOfParticle[3 * p + axis] =
-                    std::min(cells[axis] - 1, (int)(anchorsInBox[p][axis] / L * cells[axis]));
+                    std::min(cells[axis] - 1, (int)(inBox[axis] / L * cells[axis]));
             }
+            inBox = box.skew.fromGrid(inBox);
+            for (int axis = 0; axis < 3; axis++) anchorsInBox[p][axis] = inBox[axis];
             offset = Vec3();
             moved = true;
         }
@@ -158,7 +181,7 @@ void NearField::sortIntoCells() {
         shift = period * box.edge[axis];
         return c - period * cells[axis];
     };
-    double shift[3];
+    Vec3 shift;
     for (int x = -depth[0]; x < cells[0] + depth[0]; x++)
         for (int y = -depth[1]; y < cells[1] + depth[1]; y++)
             for (int z = -depth[2]; z < cells[2] + depth[2]; z++) {
@@ -166,11 +189,12 @@ void NearField::sortIntoCells() {
                 const int cell = inner(wrapped(0, x, shift[0]), wrapped(1, y, shift[1]),
                                        wrapped(2, z, shift[2]));
                 const bool isOwn = shift[0] == 0 && shift[1] == 0 && shift[2] == 0;
+                const Vec3 image = box.skew.fromGrid(shift);
                 for (int t = firstOfInner[cell]; t < firstOfInner[cell + 1]; t++) {
                     const int p = targets[t];
                     if (isOwn) sourceOfTarget[t] = sources.size();
-                    sources.push_back({anchorsInBox[p][0] + shift[0], anchorsInBox[p][1] + shift[1],
-                                       anchorsInBox[p][2] + shift[2], p});
+                    sources.push_back({anchorsInBox[p][0] + image[0], anchorsInBox[p][1] + image[1],
+                                       anchorsInBox[p][2] + image[2], p});
                 }
             }
     firstOfCell.push_back(sources.size());
@@ -192,7 +216,9 @@ void NearField::moveTo(const std::vector<Vec3>& positions, bool keepAnchors, dou
             const int firstTarget = b * particlesOfBlock,
                       endTarget = std::min(n, firstTarget + particlesOfBlock);
             if (isNew) findNeighbours(blocks[b], firstTarget, endTarget);
-            if (anyTorques)
+            if (stresslets)
+                findValues<NearTables::withStresslets>(blocks[b], firstTarget, endTarget);
+            else if (anyTorques)
                 findValues<6>(blocks[b], firstTarget, endTarget);
             else
                 findValues<2>(blocks[b], firstTarget, endTarget);
@@ -304,7 +330,88 @@ void NearField::multiplyBlock(const Block& block, int firstTarget, const double*
     }
 }
 
+namespace {
+
+/** The numbers of a source with a stresslet: force, torque, and S as xx, yy, zz, xy, xz, yz. */
+constexpr int numbersOfSource = 12;
+
+using Stresslet = Eigen::Matrix<double, 5, 1>;
+
+void symmetricNumbers(const double* S, double* to) {
+    const Eigen::Matrix3d tensor = tensorOfStresslet(Eigen::Map<const Stresslet>(S));
+    const double all[] = {tensor(0, 0), tensor(1, 1), tensor(2, 2),
+                          tensor(0, 1), tensor(0, 2), tensor(1, 2)};
+    std::copy_n(all, 6, to);
+}
+
+}  // namespace
+
+/** The same with stresslets, whose rows follow all others. */
+void NearField::multiplyBlockWithStresslets(const Block& block, int firstTarget,
+                                            const double* forces, double* velocities) const {
+    constexpr int numbers = NearTables::withStresslets;
+    using Eigen::Map;
+    using Eigen::Vector3d;
+    double own[numbers];
+    for (int i = 0; i + 1 < (int)block.first.size(); i++) {
+        const int t = firstTarget + i, p = targets[t];
+        const std::array<double, 3>& here = places[sourceOfTarget[t]];
+        tables->at<numbers>(kind[p], kind[p], 0, own);
+        const double *ownForce = forces + particles.firstRow[p],
+                     *ownStresslet = forces + particles.numRows + 5 * p;
+        Vector3d V = own[0] * Map<const Vector3d>(ownForce),
+                 W = own[4] * Map<const Vector3d>(ownForce + 3);
+        // The symmetric part of `strain`, without its trace, is part of the strain rate.
+        Eigen::Matrix3d strain = Eigen::Matrix3d::Zero();
+        double same[6] = {0, 0, 0, 0, 0, 0};  // along the stresslets of sources
+        for (int e = block.first[i]; e < block.first[i + 1]; e++) {
+            const int s = block.source[e];
+            const double *f = &block.values[(size_t)numbers * e],
+                         *G = &strengths[(size_t)numbersOfSource * s], *S = G + 6;
+            const Vector3d r(here[0] - places[s][0], here[1] - places[s][1],
+                             here[2] - places[s][2]);
+            const Vector3d F(G[0], G[1], G[2]), T(G[3], G[4], G[5]),
+                Sr(S[0] * r[0] + S[3] * r[1] + S[4] * r[2], S[3] * r[0] + S[1] * r[1] + S[5] * r[2],
+                   S[4] * r[0] + S[5] * r[1] + S[2] * r[2]);
+            const double rF = r.dot(F), rSr = r.dot(Sr);
+            const Vector3d rxT = r.cross(T);
+            V += f[0] * F + (f[1] * rF + f[7] * rSr) * r - f[2] * rxT + f[6] * Sr;
+            W += (f[5] * r.dot(T)) * r + f[4] * T - r.cross(f[3] * F + f[10] * Sr);
+            strain +=
+                r *
+                (f[10] * rxT - f[8] * F + f[12] * Sr + (f[13] * rSr - f[9] * rF) * r).transpose();
+            for (int c = 0; c < 6; c++) same[c] += f[11] * S[c];
+        }
+        Map<Vector3d>(velocities + particles.firstRow[p]) = V;
+        Map<Vector3d>(velocities + particles.firstRow[p] + 3) = W;
+        strain(0, 0) += same[0];
+        strain(1, 1) += same[1];
+        strain(2, 2) += same[2];
+        for (int c = 0; c < 3; c++) {
+            const int row = c < 2 ? 0 : 1, column = c < 1 ? 1 : 2;
+            strain(row, column) += same[3 + c];
+            strain(column, row) += same[3 + c];
+        }
+        Map<Stresslet>(velocities + particles.numRows + 5 * p) =
+            own[11] * Map<const Stresslet>(ownStresslet) + inStressletBasis(strain);
+    }
+}
+
 void NearField::multiply(const double* forces, double* velocities, const Ranges& ranges) {
+    if (stresslets) {
+        strengths.resize(numbersOfSource * sources.size());
+        for (size_t s = 0; s < sources.size(); s++) {
+            const int p = sources[s].particle;
+            double* const to = &strengths[numbersOfSource * s];
+            std::copy_n(forces + particles.firstRow[p], 6, to);
+            symmetricNumbers(forces + particles.numRows + 5 * p, to + 6);
+        }
+        ranges(blocks.size(), [&](int first, int end) {
+            for (int b = first; b < end; b++)
+                multiplyBlockWithStresslets(blocks[b], b * particlesOfBlock, forces, velocities);
+        });
+        return;
+    }
     const int rows = anyTorques ? 6 : 3;
     strengths.resize(rows * sources.size());
     for (size_t s = 0; s < sources.size(); s++) {

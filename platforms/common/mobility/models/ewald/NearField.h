@@ -19,8 +19,11 @@ using Ranges = std::function<void(int count, const std::function<void(int, int)>
  */
 class NearTables {
 public:
+    static constexpr int withStresslets = 14;
     /**
-     * @param numbers  how many functions: 2 without torques, 6 with them
+     * @param kinds    radii may be 0; two points are no pair
+     * @param numbers  how many functions: 2 without torques, 6 with them, `withStresslets` with
+     *     stresslets too
      * @param margin  distance beyond the reach up to which functions are asked for too, nm
      */
     NearTables(const std::vector<EwaldKind>& kinds, int numbers, double xi, double gap,
@@ -30,7 +33,7 @@ public:
     double largestReach() const { return largest; }
     /**
      * The functions in units of 1/(8 pi eta): ttI and ttR of PairFunctions and, with torques, also
-     * tr, rt, rrI and rrR; `numbers` of them.
+     * tr, rt, rrI and rrR, and with stresslets the others in their order; `numbers` of them.
      *
      * @param distance  nm, up to the reach plus the margin
      */
@@ -71,7 +74,8 @@ private:
 
 /**
  * The part of the mobility that is summed over pairs: a sparse matrix of pairs within reach. Images
- * and a particle's own images are included. Boxes have any size and edges along the axes.
+ * and a particle's own images are included. Boxes have any size. Cells are rectangular in the
+ * coordinates of GridSkew.
  *
  * The list of pairs belongs to accepted positions of particles and stays while a finite difference
  * moves the particles a little. The values of the pairs are those at the present positions.
@@ -79,11 +83,15 @@ private:
  * to look for its image. Results do not depend on the number of threads.
  *
  * Cost: about 20 ns to make a pair, and 3 ns a pair for each product with one column. Memory: 20
- * bytes a pair, 52 with torques.
+ * bytes a pair, 52 with torques, 116 with stresslets.
  */
 class NearField {
 public:
-    explicit NearField(const HydrodynamicParticles& particles);
+    /**
+     * @param stresslets  whether there are 5 more rows for each particle, after all others. All
+     *     particles then have torques.
+     */
+    explicit NearField(const HydrodynamicParticles& particles, bool stresslets = false);
     /** Use this box and these tables from now on. The tables must outlive the NearField. */
     void setTables(const NearTables& tables, const std::vector<int>& kindOfParticle,
                    const GridShape& box);
@@ -95,14 +103,16 @@ public:
     /** The number of pairs, each counted from both sides. */
     long long getNumPairs() const;
     /** Bytes of a pair. */
-    static double memoryOfPair(bool torques) { return torques ? 52 : 20; }
+    static double memoryOfPair(bool torques, bool stresslets = false) {
+        return stresslets ? 116 : torques ? 52 : 20;
+    }
 
 private:
     /** Particles that are treated together, with all that is near them. */
     struct Block {
         std::vector<int> first;      // for each particle, the first of its neighbours
         std::vector<int> source;     // for each neighbour, its number among sources
-        std::vector<double> values;  // two numbers a neighbour, or six
+        std::vector<double> values;  // two numbers a neighbour, or six, or 14
     };
     static constexpr int particlesOfBlock = 64;
     /** A particle, or its copy in another period. */
@@ -119,7 +129,11 @@ private:
     void multiplyBlock(const Block& block, int firstTarget, const double* forces,
                        double* velocities) const;
 
+    void multiplyBlockWithStresslets(const Block& block, int firstTarget, const double* forces,
+                                     double* velocities) const;
+
     const HydrodynamicParticles& particles;
+    const bool stresslets;
     bool anyTorques = false;
     const NearTables* tables = nullptr;
     std::vector<int> kind;

@@ -6,8 +6,8 @@
 
 namespace RigidHIPlugin {
 
-NearPair::NearPair(double a_i, double a_j, double xi, bool torques)
-    : a_i(a_i), a_j(a_j), torques(torques) {
+NearPair::NearPair(double a_i, double a_j, double xi, bool torques, bool stresslets)
+    : a_i(a_i), a_j(a_j), torques(torques), stresslets(stresslets) {
     // Gaussians are cut off where they are exp(-depth^2) = 2e-16.
     const double depth = 6, largestWave = 2 * depth * xi;
     reach = depth / xi + a_i + a_j;
@@ -42,19 +42,13 @@ PairFunctions NearPair::screened(double distance) const {
         f.rt += 0.5 * ts[n] * k2 * phi[1];
         f.rrI += 0.25 * tt[n] * k2 * (phi[0] - phi[1]);
         f.rrR += 0.25 * tt[n] * k2 * k2 * phi[2];
+        if (stresslets) addStressletsOfWave(k2, st[n], ts[n], tt[n], phi, f);
     }
     return f;
 }
 
 PairFunctions NearPair::withoutScreened(double distance, const PairFunctions& f) const {
-    PairFunctions g = overSurfaces().free(a_i, a_j, distance, torques, false);
-    g.ttI -= f.ttI;
-    g.ttR -= f.ttR;
-    g.tr -= f.tr;
-    g.rt -= f.rt;
-    g.rrI -= f.rrI;
-    g.rrR -= f.rrR;
-    return g;
+    return overSurfaces().free(a_i, a_j, distance, torques, stresslets) - f;
 }
 
 PairFunctions NearPair::at(double distance) const {

@@ -28,8 +28,11 @@ inline double hasimoto(double k, double xi) {
  */
 class NearPair {
 public:
-    /** @param xi  1/nm; 0 < xi */
-    NearPair(double a_i, double a_j, double xi, bool torques);
+    /**
+     * @param xi  1/nm; 0 < xi
+     * @param torques, stresslets  whether their functions are asked for too
+     */
+    NearPair(double a_i, double a_j, double xi, bool torques, bool stresslets = false);
     /**
      * The functions in units of 1/(8 pi eta).
      *
@@ -46,7 +49,7 @@ public:
 
 private:
     const double a_i, a_j;
-    const bool torques;
+    const bool torques, stresslets;
     double reach;
     Eigen::ArrayXd nodes, ss, st, ts, tt;
 };

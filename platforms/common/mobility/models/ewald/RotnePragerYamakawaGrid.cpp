@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "linearalgebra/Lanczos.h"
+#include "mobility/StressletBasis.h"
 #include "mobility/models/ewald/NearPair.h"
 #include "mobility/models/ewald/SplitParts.h"
 #include "mobility/models/forcecoupling/GridChecks.h"
@@ -73,30 +74,17 @@ public:
     explicit Field(const RotnePragerYamakawaGrid& model)
         : model(model), particles(model.getParticles()),
           lanczos(Accuracy::partForDifferences * model.getTolerance(), Lanczos::defaultIterations,
-                  model.getTolerance()) {
-        // About the square root of a particle's own friction over 6 pi viscosity.
-        ownScale.resize(particles.numRows);
-        for (int i = 0; i < particles.size(); i++) {
-            const double a = particles.radii[i];
-            ownScale.segment<3>(particles.firstRow[i]).setConstant(std::sqrt(a));
-            if (particles.hasTorque[i])
-                ownScale.segment<3>(particles.firstRow[i] + 3)
-                    .setConstant(std::sqrt(4.0 / 3.0 * a * a * a));
-        }
-    }
+                  model.getTolerance()),
+          ownScale(model.rootsOfOwn()) {}
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& newBox) {
         model.box()->check(newBox);
-        box = newBox;
-        inBox = model.inBox(box);
         // Groups of one Context have the same modes, but each group has its own numbers: those of
         // its first particle.
         ofDraw = noise;
         ofDraw.field = 1 + particles.systemIndex[0];
         purposeOfDraw = purpose;
-        model.setBox(parts, inBox);
-        parts->draw(ofDraw, purpose, fields);
-        parts.reset();  // so that products can reuse these parts
-        W.resize(particles.numRows, 1);
+        drawWavesIn(newBox);
+        W.resize(model.getNumRows(), 1);
         for (int i = 0; i < particles.size(); i++)
             for (int k = 0; k < (particles.hasTorque[i] ? 6 : 3); k += 2) {
                 double* const to = &W(particles.firstRow[i] + k, 0);
@@ -104,12 +92,24 @@ public:
                 const bool last = !particles.hasTorque[i] && k == 2;
                 noise.pair(purpose, particles.systemIndex[i], k / 2, to[0], last ? unused : to[1]);
             }
+        for (int i = 0; i < particles.size() && haveStresslets(model.getKinds()); i++)
+            for (int k = 0; k < 5; k += 2) {
+                double* const to = &W(particles.numRows + 5 * i + k, 0);
+                double unused;
+                noise.pair(purpose, particles.systemIndex[i], 3 + k / 2, to[0],
+                           k == 4 ? unused : to[1]);
+            }
         isThere = false;
     }
     void slipsAt(const Placement& placement, bool nearby, MatrixXd& slips) override {
-        if (!isThere || nearby != wasNearby || placement.positions != at.positions) {
+        // In a box that tilts during a step, the field is that of the same numbers in the new box.
+        const BoxVectors wanted = vectorsNearTo(box, placement.box);
+        if (!isThere || nearby != wasNearby || placement.positions != at.positions ||
+            wanted != box) {
+            if (wanted != box) drawWavesIn(wanted);
             if (nearby && !parts && isThere) model.move(parts, at, false);
             at = placement;
+            at.box = box;
             wasNearby = nearby;
             isThere = true;
             model.move(parts, at, nearby);
@@ -126,8 +126,9 @@ public:
      */
     void addFlowAt(const std::vector<Vec3>& points, double factor, Velocities& flow) override {
         const EwaldSplitting& splitting = inBox->splitting;
-        const GridFactors factors(
-            splitting.shape, [&](double k) { return std::sqrt(hasimoto(k, splitting.xi)) / k; });
+        const GridFactors factors(splitting.shape, [&](double k, double) {
+            return std::sqrt(hasimoto(k, splitting.xi)) / k;
+        });
         GridFlow waves;
         waves.draw(splitting.shape, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw),
                    &factors);
@@ -142,8 +143,9 @@ public:
         const double H = hasimoto(wave.k, splitting.xi);
         double amplitude = 0;
         // Shorter waves are left out.
-        if (2 * std::lround(wave.k * shape.edge[wave.waveAxis] / (2 * M_PI)) <
-            shape.size[wave.waveAxis])
+        std::array<double, 3> k = {0, 0, 0};
+        k[wave.waveAxis] = wave.k;
+        if (shape.carries(k))
             amplitude =
                 std::sqrt(H) * amplitudeOfMode(shape, model.getViscosity(),
                                                CounterModeNoise(ofDraw, purposeOfDraw), wave);
@@ -157,15 +159,26 @@ public:
             power += forces.block<3, 1>(row, 0).dot(wave.velocityAt(x, f));
             if (particles.hasTorque[p])
                 power += forces.block<3, 1>(row + 3, 0).dot(wave.angularVelocityAt(x, f));
+            if (haveStresslets(model.getKinds()))
+                power += forces.col(0)
+                             .segment<5>(particles.numRows + 5 * p)
+                             .dot(inStressletBasis(wave.strainRateAt(x, f)));
         }
         return amplitude +
                2 * (1 - H) / (model.getViscosity() * wave.k * wave.k * shape.volume()) * power;
     }
     long long getNumRandomNumbers() const override {
-        return GridModeNoise::numbersOf(inBox->splitting.shape) + particles.numRows;
+        return GridModeNoise::numbersOf(inBox->splitting.shape) + model.getNumRows();
     }
 
 private:
+    void drawWavesIn(const BoxVectors& newBox) {
+        box = newBox;
+        inBox = model.inBox(box);
+        model.setBox(parts, inBox);
+        parts->draw(ofDraw, purposeOfDraw, fields);
+        parts.reset();  // so that products can reuse these parts
+    }
     /**
      * This part of the tolerance is added to own mobilities. Without it, pairs that are cut off may
      * leave eigenvalues below 0 by an error below the tolerance.
@@ -222,7 +235,7 @@ void Field::addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces,
                         const std::vector<Vec3>& points, double factor, Velocities& flow) const {
     const Lattice lattice(box);
     for (const EwaldKind& kind : model.getKinds()) {
-        const NearPair pair(0, kind.radius, splitting.xi, kind.torques > 0);
+        const NearPair pair(0, kind.radius, splitting.xi, kind.torques > 0, kind.stresslets);
         const double reach = splitting.gap + 2 * model.getKinds().back().radius;
         const std::vector<Vector3d> images = lattice.within(reach + lattice.getReach());
         for (int j = 0; j < particles.size(); j++) {
@@ -232,13 +245,15 @@ void Field::addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces,
                            torque = particles.hasTorque[j]
                                         ? Vector3d(forces.block<3, 1>(row + 3, 0))
                                         : Vector3d(0, 0, 0);
+            const double* stresslet =
+                kind.stresslets ? &forces(particles.numRows + 5 * j, 0) : nullptr;
             for (size_t p = 0; p < points.size(); p++) {
                 const Vector3d nearest = lattice.wrapped(points[p] - at.positions[j]);
                 for (const Vector3d& image : images) {
                     const Vector3d r = nearest + image;
                     if (r.norm() < std::min(reach, pair.getReach()))
                         flow.col(p) +=
-                            factor * velocityOf(pair.at(r.norm()), r, force, torque, nullptr);
+                            factor * velocityOf(pair.at(r.norm()), r, force, torque, stresslet);
                 }
             }
         }
@@ -249,8 +264,8 @@ void Field::addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces,
 
 namespace {
 
-MobilityTraits traitsOnGrid() {
-    MobilityTraits traits("RotnePragerYamakawa");
+MobilityTraits traitsOnGrid(bool stresslets) {
+    MobilityTraits traits(stresslets ? "StokesianDynamics" : "RotnePragerYamakawa");
     traits.isAnchored = true;
     traits.isHomogeneous = traits.isDivergenceFree = true;
     traits.isMatrixFree = true;
@@ -262,12 +277,12 @@ MobilityTraits traitsOnGrid() {
 RotnePragerYamakawaGrid::RotnePragerYamakawaGrid(const HydrodynamicParticles& particles,
                                                  double viscosity, double tolerance, double spacing,
                                                  const std::shared_ptr<GridFluid>& fluid,
-                                                 const WallMaker& walls)
-    : MobilityModel(particles, viscosity, traitsOnGrid()), tolerance(tolerance), spacing(spacing),
-      walls(walls), kinds(kindsOf(particles)), fluid(fluid) {
+                                                 const WallMaker& walls, bool stresslets)
+    : MobilityModel(particles, viscosity, traitsOnGrid(stresslets)), tolerance(tolerance),
+      spacing(spacing), walls(walls), kinds(kindsOf(getParticles(), stresslets)), fluid(fluid) {
     if ((int)kinds.size() > mostRadii)
         throw OpenMM::OpenMMException(
-            "MobilityForce: RotnePragerYamakawa on a grid has " + text(kinds.size()) +
+            "MobilityForce: " + std::string(name()) + " on a grid has " + text(kinds.size()) +
             " different radii, each of which needs Fourier transforms of its own, but may have at "
             "most " +
             text(mostRadii) + "; use setSolver(Dense), or fewer different radii by addParticle()");
@@ -279,19 +294,20 @@ EwaldSplitting RotnePragerYamakawaGrid::splittingFor(const BoxVectors& box) cons
 }
 
 const EwaldSplitting& RotnePragerYamakawaGrid::findSplitting(const BoxVectors& box) const {
-    if (!lastSplitting || lastBox != box) {
+    if (!lastSplitting || !GridLean::isShared(lastBox, box)) {
         lastSplitting =
             std::make_unique<EwaldSplitting>(kinds, tolerance, spacing, box, 0, walls.longest);
-        if (walls.make) lastSplitting->shape.walls = walls.make(lastSplitting->shape);
-        lastBox = box;
+        if (walls.make) lastSplitting->shape.walls = walls.make(*lastSplitting);
     }
+    lastSplitting->shape.skew = GridSkew(box);
+    lastBox = box;
     return *lastSplitting;
 }
 
 std::shared_ptr<const SplitBox> RotnePragerYamakawaGrid::inBox(const BoxVectors& box) const {
     const std::lock_guard<std::mutex> lock(mutex);
     if (!lastInBox || lastInBox->box != box)
-        lastInBox = std::make_unique<SplitBox>(kinds, findSplitting(box), box);
+        lastInBox = std::make_unique<SplitBox>(kinds, findSplitting(box), box, lastInBox.get());
     return lastInBox;
 }
 
@@ -338,10 +354,12 @@ void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Pla
 }
 
 void RotnePragerYamakawaGrid::check(const BoxVectors& box) const {
-    checkBoxOfGrid(name(), box);
+    checkBoxOfGrid(name(), box, true);
     if (spacing > 0) checkSizeOfGrid(name(), box, spacing);
     const EwaldSplitting splitting = splittingFor(box);
-    checkSizeOfGrid(name(), box, splitting.shape.spacing(0));
+    checkSizeOfGrid(name(), box,
+                    std::min({splitting.shape.spacing(0), splitting.shape.spacing(1),
+                              splitting.shape.spacing(2)}));
     int numChannels = 0, numParticles = 0;
     bool anyTorques = false;
     for (const EwaldKind& kind : kinds) {
@@ -350,8 +368,8 @@ void RotnePragerYamakawaGrid::check(const BoxVectors& box) const {
         anyTorques = anyTorques || kind.torques > 0;
     }
     const double ofGrid = numChannels * GridFluid::memory(splitting.shape);
-    const double ofPairs =
-        numParticles * splitting.neighbours * NearField::memoryOfPair(anyTorques);
+    const double ofPairs = numParticles * splitting.neighbours *
+                           NearField::memoryOfPair(anyTorques, haveStresslets(kinds));
     if (ofPairs > ofGrid)
         checkMemoryOfPairs(name(), splitting.neighbours, splitting.gap, ofGrid + ofPairs,
                            fluid->memoryHeld());

@@ -16,13 +16,13 @@ class SplitParts;
 /** What makes the walls of a grid, and the largest wave number along them that it needs. */
 struct WallMaker {
     double longest = 0;
-    std::function<std::shared_ptr<const GridWalls>(const GridShape& shape)> make;
+    std::function<std::shared_ptr<const GridWalls>(const EwaldSplitting& splitting)> make;
 };
 
 /**
- * Rotne-Prager-Yamakawa mobility in a periodic box with edges along the axes, without a matrix, by
- * pairs and waves. The splitting makes both parts positive. PeriodicRotnePragerYamakawa is the same
- * mobility as a matrix, by lattice sums.
+ * Rotne-Prager-Yamakawa mobility in a periodic box, without a matrix, by pairs and waves. The
+ * splitting makes both parts positive. PeriodicRotnePragerYamakawa is the same mobility as a
+ * matrix, by lattice sums.
  *
  * Equation:  M = M_near + M_waves, with
  *                M_waves,ij = (1/(eta V)) sum_k D_i^+ H(k) (1 - k k/k^2) k^-2 D_j exp(i k.r_ij),
@@ -35,6 +35,9 @@ struct WallMaker {
  *            Both parts are symmetric to rounding. The norm of the error of products is below the
  *            tolerance times the norm of the mobility, both scaled by the square roots of own
  *            mobilities.
+ *            In a triclinic box points spread Gaussians of the coordinates that follow its edges
+ *            (GridSkew), for which factors make up. Such a grid has up to 1.12 times the nodes
+ *            along an edge that leans by half of another one, and a sheared box has one grid.
  * Noise:     That of waves is a random field, made of numbers that belong to wave vectors. That of
  *            pairs is M_near^(1/2) W by Lanczos' method. The matrix M_near is sparse and well
  *            conditioned.
@@ -54,10 +57,22 @@ public:
      * @param spacing  of nodes, nm, at most; 0: the fastest
      * @param fluid  the grid fluid, which several models may share
      * @param walls  for fluids of ConfinedRotnePragerYamakawaGrid
+     * @param stresslets  whether there are 5 more rows for each particle, after all others:
+     *     stresslets and rates of strain, for StokesianDynamicsGrid. All particles are spheres
+     * then.
      */
     RotnePragerYamakawaGrid(const HydrodynamicParticles& particles, double viscosity,
                             double tolerance, double spacing,
-                            const std::shared_ptr<GridFluid>& fluid, const WallMaker& walls = {});
+                            const std::shared_ptr<GridFluid>& fluid, const WallMaker& walls = {},
+                            bool stresslets = false);
+    /** Rows of forces and velocities, with those of stresslets. */
+    int getNumRows() const {
+        return particles.numRows + (haveStresslets(kinds) ? 5 * particles.size() : 0);
+    }
+    /** For each row, the root of a particle's own friction over 6 pi viscosity. */
+    Eigen::VectorXd rootsOfOwn() const {
+        return rootsOfOwnFriction(particles, haveStresslets(kinds));
+    }
     const BoxOfModel* box() const override { return this; }
     const GridOfModel* grid() const override { return this; }
     const FieldOfModel* randomField() const override { return this; }

@@ -11,6 +11,7 @@ namespace RigidHIPlugin {
 namespace {
 
 int numbersOfPair(const std::vector<EwaldKind>& kinds) {
+    if (haveStresslets(kinds)) return NearTables::withStresslets;
     for (const EwaldKind& kind : kinds)
         if (kind.torques > 0) return 6;
     return 2;
@@ -19,26 +20,31 @@ int numbersOfPair(const std::vector<EwaldKind>& kinds) {
 }  // namespace
 
 // Two particles may be farther apart than their anchors are, each by a tenth of the spacing along
-// each axis. Tables therefore have a margin.
+// each axis. Tables therefore have a margin. A box that is sheared keeps its tables.
 SplitBox::SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting,
-                   const BoxVectors& box)
+                   const BoxVectors& box, const SplitBox* before)
     : box(box), splitting(splitting),
       spacing(std::max(
           {splitting.shape.spacing(0), splitting.shape.spacing(1), splitting.shape.spacing(2)})),
-      tables(kinds, numbersOfPair(kinds), splitting.xi, splitting.gap, 0.4 * spacing),
-      resolution(GridResolution::ofPoints(splitting.width, splitting.cutoff)) {
+      shared(before && before->splitting.xi == splitting.xi &&
+                     before->splitting.gap == splitting.gap && before->spacing == spacing
+                 ? before->shared
+                 : std::make_shared<const NearTables>(kinds, numbersOfPair(kinds), splitting.xi,
+                                                      splitting.gap, 0.4 * spacing)),
+      tables(*shared), resolution(GridResolution::ofPoints(splitting.width, splitting.cutoff)) {
     const double w = splitting.width, xi = splitting.xi;
     for (const EwaldKind& kind : kinds)
         for (const bool ofTorques : {false, true}) {
             if (ofTorques && kind.torques == 0) continue;
-            factors.push_back(std::make_unique<GridFactors>(splitting.shape, [&](double k) {
-                const WaveFactors f = overSurfaces().waveFactors(kind.radius, k);
-                // The Gaussian's factor and the square root of H are multiplied in one exponential,
-                // because each alone may be too large or too small for a number.
-                const double x = 0.25 * k * k / (xi * xi);
-                return (ofTorques ? f.t : f.s) * std::exp(0.5 * (w * w * k * k - x)) *
-                       std::sqrt(1 + x) / k;
-            }));
+            factors.push_back(
+                std::make_unique<GridFactors>(splitting.shape, [&](double k, double ofGrid) {
+                    const WaveFactors f = overSurfaces().waveFactors(kind.radius, k);
+                    // The Gaussian's factor and the square root of H are multiplied in one
+                    // exponential, because each alone may be too large or too small for a number.
+                    const double x = 0.25 * k * k / (xi * xi);
+                    return (ofTorques ? f.t : f.s) * std::exp(0.5 * (w * w * ofGrid * ofGrid - x)) *
+                           std::sqrt(1 + x) / k;
+                }));
         }
 }
 

@@ -12,17 +12,23 @@ namespace RigidHIPlugin {
 /** The data of pairs and waves that depend on the box alone, for all placements in it. */
 class SplitBox {
 public:
+    /** @param before  another box, whose tables are taken if they are the same; may be null */
     SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting,
-             const BoxVectors& box);
+             const BoxVectors& box, const SplitBox* before = nullptr);
     const BoxVectors box;
     const EwaldSplitting splitting;
     /** The largest spacing of nodes, nm. */
     const double spacing;
-    const NearTables tables;
+
+private:
+    const std::shared_ptr<const NearTables> shared;
+
+public:
+    const NearTables& tables;
     const GridResolution resolution;
     /**
      * The factors of channels. For each kind of particles: those of forces and then, if the kind
-     * has torques, those of torques.
+     * has torques or dipoles, those of them.
      */
     std::vector<std::unique_ptr<const GridFactors>> factors;
 };

@@ -6,7 +6,8 @@ namespace RigidHIPlugin {
 
 SplitParts::SplitParts(const HydrodynamicParticles& particles, double viscosity,
                        const std::vector<EwaldKind>& kinds, GridFluid& fluid)
-    : viscosity(viscosity), fluid(fluid), near(particles), waves(particles, kinds) {
+    : viscosity(viscosity), fluid(fluid), near(particles, haveStresslets(kinds)),
+      waves(particles, kinds) {
     for (double radius : particles.radii)
         for (size_t k = 0; k < kinds.size(); k++)
             if (kinds[k].radius == radius) kindOfParticle.push_back(k);

@@ -42,12 +42,14 @@ public:
     /** Add the averages of a random field to the velocities. */
     void addAverages(const std::vector<GridField>& fields, MatrixXd& velocities);
 
-private:
+    /** On as many threads as the fluid uses. */
     Ranges ranges() const {
         return [this](int count, const std::function<void(int, int)>& task) {
             fluid.forRanges(count, task);
         };
     }
+
+private:
     const double viscosity;
     GridFluid& fluid;
     std::mutex inUse;

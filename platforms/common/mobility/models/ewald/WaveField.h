@@ -11,17 +11,27 @@ namespace RigidHIPlugin {
 
 /**
  * The part of the mobility that is summed over waves, on a grid. There is a channel for the forces
- * on particles of each radius, and another one for their torques.
+ * on particles of each radius, and another one for their torques. Where there are stresslets, the
+ * latter is one for dipoles, Q = S + T x/2, which takes both.
  *
  * Equation:  That of RotnePragerYamakawaGrid.h. The factor of a mode is s(k) exp(w^2 k^2/2)
- *            H(k)^(1/2)/k, with t(k) instead of s(k) for torques. w is the width of the Gaussian
- *            that points spread.
+ *            H(k)^(1/2)/k, with t(k) instead of s(k) for torques and dipoles, and k' instead of k
+ *            in the first exponential (GridSkew). w is the width of the Gaussian that points
+ * spread.
  */
 class WaveField {
 public:
     WaveField(const HydrodynamicParticles& particles, const std::vector<EwaldKind>& kinds);
     /** Use this box from now on. The box must outlive the WaveField. */
     void setBox(const SplitBox& box);
+    /**
+     * @param width  of the Gaussian that points spread, nm
+     * @param resolution  that of the points; it must outlive the WaveField
+     * @param factors  of channels: for each kind of particles that of forces and then, if the kind
+     *     has torques, that of torques; they must outlive the WaveField
+     */
+    void setGrid(const GridShape& shape, double width, const GridResolution& resolution,
+                 const std::vector<std::unique_ptr<const GridFactors>>& factors);
     void moveTo(const std::vector<OpenMM::Vec3>& positions, bool keepAnchors);
     /** Compute velocities += M forces for one column. */
     void addProduct(GridFluid& fluid, double viscosity, bool inSingle, const double* forces,
@@ -46,10 +56,12 @@ private:
         std::unique_ptr<GridStencils> stencils;
     };
     /** One channel. */
+    enum Moment { Forces, Torques, Dipoles };
     struct Part {
         int points;
-        bool ofTorques;
+        Moment moment;
     };
+    void gather(const double* forces);
     void scatterAdd(const double* ofChannels, double* velocities) const;
 
     const HydrodynamicParticles& particles;
@@ -59,6 +71,7 @@ private:
     std::vector<GridChannel> channels;
     std::vector<OpenMM::Vec3> positionsOfPoints;
     Eigen::VectorXd gathered, results;
+    Eigen::MatrixXd gradients;
 };
 
 }  // namespace RigidHIPlugin

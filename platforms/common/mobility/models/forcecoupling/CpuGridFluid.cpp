@@ -6,6 +6,7 @@
 
 #include "mobility/models/forcecoupling/GridKernels.h"
 #include "mobility/models/forcecoupling/GridPlanes.h"
+#include "mobility/models/forcecoupling/GridWalls.h"
 
 namespace RigidHIPlugin {
 
@@ -63,10 +64,11 @@ void GridEngine<T>::multiply(const GridChannel* channels, int count, double visc
     for (const ChannelWork<T>& channel : parts) {
         forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
             const GridSlab<T> nodes = scratch.nodes(layout);
-            kernels.spread(work, *channel.stencils, slab, forces, nodes, scratch);
+            kernels.spread(work, *channel.stencils, slab, channel.ofDipoles, forces, nodes,
+                           scratch);
             kernels.transform(work, channel.modes, slab, nodes, scratch);
         });
-        forces += channel.stencils->getParticles().numRows;
+        forces += channel.numRows;
     }
     if (layout.shape.planes)
         forEach(pairsOfRows(), [&](int y, Scratch& scratch) {
@@ -85,10 +87,11 @@ void GridEngine<T>::multiply(const GridChannel* channels, int count, double visc
         forEach(layout.numSlabs, [&](int slab, Scratch& scratch) {
             const GridSlab<T> nodes = scratch.nodes(layout);
             kernels.transformBack(work, channel.modes, slab, nodes, scratch);
-            kernels.average(work, *channel.stencils, slab, nodes, averages.data(), scratch);
+            kernels.average(work, *channel.stencils, slab, channel.ofDipoles, nodes,
+                            averages.data(), scratch);
         });
-        sumAverages(*channel.stencils, false, velocities);
-        velocities += channel.stencils->getParticles().numRows;
+        sumAverages(*channel.stencils, channel.ofDipoles, velocities);
+        velocities += channel.numRows;
     }
 }
 
@@ -103,6 +106,11 @@ void GridEngine<T>::draw(const GridChannel* channels, int count, double viscosit
         layout.shape.planes->prepareFields();
         forEach(pairsOfRows(), [&](int y, Scratch& scratch) {
             kernelsOfFields.drawBetween(work, parts[0], y, viscosity, noise, scratch);
+        });
+    } else if (layout.shape.walls) {
+        layout.shape.walls->getFields();  // made once, before threads ask for them
+        forEach(pairsOfRows(), [&](int y, Scratch& scratch) {
+            kernelsOfFields.drawBeside(work, parts.data(), count, y, viscosity, noise, scratch);
         });
     } else
         forEach(layout.numRows, [&](int y, Scratch& scratch) {
@@ -182,6 +190,8 @@ void GridEngine<T>::prepare(const GridChannel* channels, int count) {
                          channels[g].factors,
                          channels[g].ofTorques,
                          channels[g].faxen,
+                         channels[g].ofDipoles,
+                         channels[g].numRows(),
                          {modes[g][0].data(), modes[g][1].data(), modes[g][2].data()}});
 }
 

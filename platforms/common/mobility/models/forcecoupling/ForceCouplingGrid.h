@@ -3,8 +3,11 @@
 
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <string>
+#include <vector>
 
+#include "mobility/models/ewald/EwaldSplitting.h"
 #include "mobility/models/forcecoupling/GridFluid.h"
 
 namespace RigidHIPlugin {
@@ -12,10 +15,19 @@ namespace RigidHIPlugin {
 /** The planes that confine the fluid on a grid. */
 using PlanesOfGrid = std::function<std::shared_ptr<const GridPlanes>(const GridShape& shape)>;
 
+/** The data of a triclinic box for all placements in it. */
+struct ForceCouplingSkewBox {
+    GridShape shape;
+    double width;               // of the Gaussian that particles spread, nm
+    GridResolution resolution;  // of this Gaussian
+    /** As in WaveField::setGrid(). */
+    std::vector<std::unique_ptr<const GridFactors>> factors;
+};
+
 /**
- * Force coupling in a periodic box with edges along the axes, on a grid. Products and random fields
- * have a cost that grows as the number of particles at constant density. PeriodicForceCoupling is
- * the same mobility as a matrix, by lattice sums.
+ * Force coupling in a periodic box, on a grid. Products and random fields have a cost that grows as
+ * the number of particles at constant density. PeriodicForceCoupling is the same mobility as a
+ * matrix, by lattice sums.
  *
  * Equation:  With envelopes of the widths sigma = a/sqrt(pi) and sigma_D = a/(6 sqrt(pi))^(1/3),
  *                M_ij = (1/(eta V)) sum_k D_i^+ (1 - k k/k^2) k^-2 D_j exp(i k.r_ij),
@@ -25,10 +37,11 @@ using PlanesOfGrid = std::function<std::shared_ptr<const GridPlanes>(const GridS
  *            (GridFluid). The matrix is symmetric to rounding and positive semidefinite. The norm
  *            of the error of products is below the tolerance times the norm of the mobility, both
  *            scaled by the square roots of own mobilities (docs/grid_accuracy.md).
- * Cost:      A product takes three transforms there and three back, and a random field takes three
- *            back.
- * Reference: Yeo, Maxey, J. Comput. Phys. 229, 2401 (2010); Westwood, Delmotte, Keaveny, J. Comput.
- *            Phys. 467, 111437 (2022).
+ *            In a triclinic box all particles spread one Gaussian of the coordinates that follow
+ * its edges (GridSkew), and factors of modes make up for their envelopes. Cost:      A product
+ * takes three transforms there and three back, and a random field takes three back. In a triclinic
+ * box each radius has as many, and its torques as many again. Reference: Yeo, Maxey, J. Comput.
+ * Phys. 229, 2401 (2010); Westwood, Delmotte, Keaveny, J. Comput. Phys. 467, 111437 (2022).
  */
 class ForceCouplingGrid : public MobilityModel, BoxOfModel, GridOfModel, FieldOfModel {
 public:
@@ -56,6 +69,9 @@ public:
     /** Likewise without planes, which take time to make. */
     GridShape nodesFor(const BoxVectors& box) const;
     GridFluid& getFluid() const { return *fluid; }
+    const std::vector<EwaldKind>& getKinds() const { return kinds; }
+    /** Null in a box with edges along the axes. */
+    std::shared_ptr<const ForceCouplingSkewBox> skewBox(const BoxVectors& box) const;
 
 protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
@@ -74,6 +90,11 @@ private:
     const GridResolution resolution;
     const std::shared_ptr<GridFluid> fluid;
     const PlanesOfGrid planes;
+    const std::vector<EwaldKind> kinds;
+    // The skew box that was made last, for callers that ask for the same.
+    mutable std::mutex mutex;
+    mutable BoxVectors lastBox = {};
+    mutable std::shared_ptr<const ForceCouplingSkewBox> lastSkewBox;
 };
 
 }  // namespace RigidHIPlugin

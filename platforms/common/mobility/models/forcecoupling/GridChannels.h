@@ -9,14 +9,19 @@
 namespace RigidHIPlugin {
 
 /**
- * A number for each mode of a grid that depends on its wave number alone. It is 0 for modes that
- * are left out: k = 0 and the Nyquist planes. Modes with the same |ky| and kz share a column along
- * x.
+ * A number for each mode of a grid that depends on its wave number alone, but for the Gaussian of
+ * triclinic boxes. It is 0 for modes that are left out: k = 0, the Nyquist planes and, in triclinic
+ * boxes, waves shorter than GridShape::longestWave(). Where edges are along the axes, modes with
+ * the same |ky| and kz share a column along x.
  */
 class GridFactors {
 public:
-    /** @param factor  called once for each of the wave vectors that differ by more than signs */
-    GridFactors(const GridShape& shape, const std::function<double(double)>& factor);
+    /**
+     * @param factor  of the wave number and of the length of k' (GridSkew), on which the Gaussian
+     *     of points depends; called once for each of the wave vectors that differ by more than
+     * signs
+     */
+    GridFactors(const GridShape& shape, const std::function<double(double, double)>& factor);
     /**
      * The factors of the modes (x, y, z), x = 0 ... size[0] - 1. Each number is there twice, as a
      * complex column needs it. The column is padded by zeros.
@@ -27,9 +32,11 @@ public:
 
 private:
     size_t place(int y, int z) const {
-        return ((size_t)std::min(y, shape.size[1] - y) * numModes + z) * columnNumbers;
+        const int row = isSkewed ? y : std::min(y, shape.size[1] - y);
+        return ((size_t)row * numModes + z) * columnNumbers;
     }
     const GridShape shape;
+    const bool isSkewed;
     const size_t columnNumbers;
     const int numModes;
     AlignedArray exact;
@@ -52,12 +59,22 @@ struct GridChannel {
     /** a^2/6 of the particles, less half of the Gaussian's variance: what the average over a sphere
      * has more of the Laplacian of a flow than that over the Gaussian. For GridWalls, nm^2. */
     double faxen = 0;
+    /**
+     * Whether particles have dipoles Q in place of forces: nine numbers each, row by row, which act
+     * on the fluid as -Q times the gradient of the Gaussian. Averages are then gradients of the
+     * flow, dv_a/dx_b at (3 a + b).
+     */
+    bool ofDipoles = false;
+
+    int numRows() const {
+        return ofDipoles ? 9 * stencils->getParticles().size() : stencils->getParticles().numRows;
+    }
 };
 
 /** Rows of the vectors of channels, one channel after the other. */
 inline int rowsOf(const std::vector<GridChannel>& channels) {
     int rows = 0;
-    for (const GridChannel& channel : channels) rows += channel.stencils->getParticles().numRows;
+    for (const GridChannel& channel : channels) rows += channel.numRows();
     return rows;
 }
 

@@ -29,8 +29,9 @@ void refuseGrid(const std::string& model, const std::string& problem) {
     throw OpenMM::OpenMMException("MobilityForce: " + model + " on a grid " + problem);
 }
 
-void checkBoxOfGrid(const std::string& model, const BoxVectors& box) {
-    if (box[1][0] != 0 || box[2][0] != 0 || box[2][1] != 0)
+void checkBoxOfGrid(const std::string& model, const BoxVectors& box, bool mayLean) {
+    const bool leans = box[1][0] != 0 || box[2][0] != 0 || box[2][1] != 0;
+    if (leans && !mayLean)
         refuseGrid(
             model,
             "needs a box with edges along the axes, but the periodic box has the vectors " +

@@ -9,8 +9,11 @@ namespace RigidHIPlugin {
 
 /** Says that a model on a grid cannot do something. @throws OpenMMException always */
 [[noreturn]] void refuseGrid(const std::string& model, const std::string& problem);
-/** @throws OpenMMException  for a box that is none, or has edges that are not along the axes */
-void checkBoxOfGrid(const std::string& model, const BoxVectors& box);
+/**
+ * @param mayLean  whether the model takes triclinic boxes
+ * @throws OpenMMException  for a box that is none, or that leans though it may not
+ */
+void checkBoxOfGrid(const std::string& model, const BoxVectors& box, bool mayLean = false);
 /** @throws OpenMMException  for more nodes along an edge than numbers of modes can be told apart */
 void checkSizeOfGrid(const std::string& model, const BoxVectors& box, double spacing);
 /**

@@ -81,7 +81,8 @@ public:
     /**
      * Compute velocities = M forces for channels that share one grid, which is not mirrored. M_gh =
      * sum over modes of phi_g phi_h (1 - k k/k^2)/(eta V), times half of a curl on each side that
-     * has torques. There is one column, with one channel after the other.
+     * has torques, and with gradients on each side that has dipoles. There is one column, with one
+     * channel after the other.
      *
      * Cost: six transforms and two passes over particles for each channel.
      *
@@ -172,6 +173,7 @@ private:
     void forward();
     void release();
     void spread(const GridStencils& stencils, const double* forces);
+    void spreadDipoles(const GridStencils& stencils, const double* dipoles);
     void addReflections();
     void respond(double viscosity);
     void respondWithoutPlanes(double viscosity, double* netForce);

@@ -259,7 +259,8 @@ void transformSlabBack(const GridWork<T>& work, T* const* modes, int slabNumber,
  */
 template <typename T>
 void spreadToSlab(const GridWork<T>& work, const GridStencils& stencils, int slabNumber,
-                  const double* forces, const GridSlab<T>& slab, GridScratch<T>& scratch) {
+                  bool dipoles, const double* forces, const GridSlab<T>& slab,
+                  GridScratch<T>& scratch) {
     const TimeBesideTransforms timer(scratch.seconds, scratch.seconds.spreading);
     const GridLayout& layout = work.layout;
     // Rows at the beginning are also reached across the end of the period. On a mirrored grid, rows
@@ -285,8 +286,11 @@ void spreadToSlab(const GridWork<T>& work, const GridStencils& stencils, int sla
         emptyUpTo(std::min(size, stencil.first[1] + stencil.width[1]));
         for (; row < std::min(lastRow, stencils.firstRowOfTile(slice)); row++)
             rowsThere(work, row, slab, scratch);
-        spreadSlice(stencils, slice, forces + stencils.getParticles().firstRow[slice.particle],
-                    layout, slab);
+        if (dipoles)
+            spreadDipoleSlice(stencils, slice, forces + 9 * (size_t)slice.particle, layout, slab);
+        else
+            spreadSlice(stencils, slice, forces + stencils.getParticles().firstRow[slice.particle],
+                        layout, slab);
     }
     emptyUpTo(size);
     foldOuterRows(layout, slab);
@@ -321,12 +325,13 @@ void averageSlices(const GridLayout& layout, const GridStencils& stencils, int s
  */
 template <typename T>
 void averageSlab(const GridWork<T>& work, const GridStencils& stencils, int slabNumber,
-                 const GridSlab<T>& slab, double* averages, GridScratch<T>& scratch) {
+                 bool gradients, const GridSlab<T>& slab, double* averages,
+                 GridScratch<T>& scratch) {
     const TimeBesideTransforms timer(scratch.seconds, scratch.seconds.averaging);
     const GridLayout& layout = work.layout;
     int row = 0;
     bool hasOuter = false;
-    averageSlices(layout, stencils, slabNumber, slab, false, averages, [&](int end) {
+    averageSlices(layout, stencils, slabNumber, slab, gradients, averages, [&](int end) {
         for (; row < std::min(end, layout.numRows); row++) rowsBack(work, row, slab, scratch);
         if (end > layout.numRows && !hasOuter) {
             fillOuterRows(layout, slab);
@@ -372,16 +377,26 @@ std::array<T*, 3> emptyColumns(const GridWork<T>& work, T* first) {
     return {first, first + length, first + 2 * length};
 }
 
+/** The wave vectors (kx, ky + kyOfKx kx, kz + kzOfKx kx) of a column. */
+template <typename T>
+struct ColumnOfModes {
+    const T ky, kz, kyOfKx, kzOfKx;
+    ColumnOfModes(const GridShape& shape, int y, int z)
+        : ky(static_cast<T>(shape.waveNumber(1, y))),
+          kz(static_cast<T>(shape.waveNumber(2, z) + shape.skew.yz * shape.waveNumber(1, y))),
+          kyOfKx(static_cast<T>(shape.skew.xy)), kzOfKx(static_cast<T>(shape.skew.xz)) {}
+};
+
 /** to <- to + factors i k x from/2, for one column. */
 template <typename T>
 void addHalfCurl(const GridWork<T>& work, int y, int z, const T* factors, T* const* from,
                  T* const* to) {
-    const T ky = static_cast<T>(work.layout.shape.waveNumber(1, y)),
-            kz = static_cast<T>(work.layout.shape.waveNumber(2, z));
+    const ColumnOfModes<T> column(work.layout.shape, y, z);
     const T *u = from[0], *v = from[1], *w = from[2];
     for (int re = 0; re < 2 * work.layout.shape.size[0]; re += 2) {
         const int im = re + 1;
-        const T kx = work.kx[re], half = T(0.5) * factors[re];
+        const T kx = work.kx[re], ky = column.ky + column.kyOfKx * kx,
+                kz = column.kz + column.kzOfKx * kx, half = T(0.5) * factors[re];
         to[0][re] -= half * (ky * w[im] - kz * v[im]);
         to[0][im] += half * (ky * w[re] - kz * v[re]);
         to[1][re] -= half * (kz * u[im] - kx * w[im]);
@@ -527,13 +542,15 @@ void project(const Envelopes<T>& columns, int y, int z, double scale) {
     const SlabLanes<T> d;
     const GridWork<T>& work = columns.work;
     const GridShape& shape = work.layout.shape;
-    const auto one = hn::Set(d, T(1)), ky = hn::Set(d, static_cast<T>(shape.waveNumber(1, y))),
-               kz = hn::Set(d, static_cast<T>(shape.waveNumber(2, z))),
+    const ColumnOfModes<T> column(shape, y, z);
+    const auto one = hn::Set(d, T(1)), firstKy = hn::Set(d, column.ky),
+               firstKz = hn::Set(d, column.kz), kyOfKx = hn::Set(d, column.kyOfKx),
+               kzOfKx = hn::Set(d, column.kzOfKx),
                keep = hn::Set(d, static_cast<T>(shape.isNyquist(1, y) ? 0 : scale));
-    const auto square = hn::MulAdd(kz, kz, hn::Mul(ky, ky));
     for (size_t i = 0; i < work.layout.columnNumbers(); i += hn::Lanes(d)) {
-        const auto kx = hn::Load(d, work.kx + i);
-        auto k2 = hn::MulAdd(kx, kx, square);
+        const auto kx = hn::Load(d, work.kx + i), ky = hn::MulAdd(kyOfKx, kx, firstKy),
+                   kz = hn::MulAdd(kzOfKx, kx, firstKz);
+        auto k2 = hn::MulAdd(kx, kx, hn::MulAdd(kz, kz, hn::Mul(ky, ky)));
         k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // left out below
         T *u = columns.flow[0] + i, *v = columns.flow[1] + i, *w = columns.flow[2] + i;
         const auto fu = hn::Load(d, u), fv = hn::Load(d, v), fw = hn::Load(d, w);

@@ -28,7 +28,8 @@ constexpr GridKernels<T> gridKernels() {
             solveRowsBeside<T>, transformSlabBack<T>, averageSlab<T>};
 }
 constexpr FieldKernels fieldKernels() {
-    return {drawRow, drawRowsBetween, fillSlab<double>, averageFilledSlab<double>, fillModes};
+    return {drawRow,          drawRowsBetween,           drawRowsBeside,
+            fillSlab<double>, averageFilledSlab<double>, fillModes};
 }
 
 const GridKernels<double>& exactKernels() {

@@ -15,8 +15,10 @@ struct GridKernels {
     /**
      * Spread forces to the nodes of a slab. Each row of nodes becomes a row of modes along z as
      * soon as no more particles reach it.
+     *
+     * @param dipoles  whether these are nine numbers a particle (GridChannel)
      */
-    void (*spread)(const GridWork<T>& work, const GridStencils& stencils, int slab,
+    void (*spread)(const GridWork<T>& work, const GridStencils& stencils, int slab, bool dipoles,
                    const double* forces, const GridSlab<T>& nodes, GridScratch<T>& scratch);
     /** Transform a slab along y, to the modes of a channel. */
     void (*transform)(const GridWork<T>& work, T* const* modes, int slab, const GridSlab<T>& nodes,
@@ -38,9 +40,10 @@ struct GridKernels {
      * Average over the nodes of a slab. Each row of modes along z becomes a row of nodes as soon as
      * a particle needs it.
      *
+     * @param gradients  whether gradients are averaged, and not velocities
      * @param averages  numbersOfPart for each slice
      */
-    void (*average)(const GridWork<T>& work, const GridStencils& stencils, int slab,
+    void (*average)(const GridWork<T>& work, const GridStencils& stencils, int slab, bool gradients,
                     const GridSlab<T>& nodes, double* averages, GridScratch<T>& scratch);
 
     /** Those of the best instruction set that this machine has. */
@@ -55,6 +58,10 @@ struct FieldKernels {
     /** Likewise for the rows y and -y of a fluid between planes. */
     void (*drawBetween)(const GridWork<double>& work, const ChannelWork<double>& channel, int y,
                         double viscosity, const ModeNoise& noise, GridScratch<double>& scratch);
+    /** Likewise for the rows y and -y of channels beside walls. */
+    void (*drawBeside)(const GridWork<double>& work, const ChannelWork<double>* channels, int count,
+                       int y, double viscosity, const ModeNoise& noise,
+                       GridScratch<double>& scratch);
     /** Transform all rows of a slab back along z. */
     void (*fill)(const GridWork<double>& work, const GridSlab<double>& nodes,
                  GridScratch<double>& scratch);

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "mobility/models/forcecoupling/GridPlanes.h"
+#include "mobility/models/forcecoupling/GridWallFields.h"
 
 namespace RigidHIPlugin {
 
@@ -44,10 +45,11 @@ long long GridModeNoise::numbersOf(const GridShape& shape) {
     // each of ny >= 0.
     // Planes have complex numbers for each pair of wave vectors along them, and real ones of the
     // mean flow along two axes.
-    const long long ofPlanes = shape.planes
-                                   ? shape.planes->numUnknowns() * (modes(0) * modes(1) - 1) +
-                                         2 * shape.planes->getConditions().numOfMean()
-                                   : 0;
+    const long long wavesAlong = modes(0) * modes(1) - 1,
+                    ofPlanes = shape.planes ? shape.planes->numUnknowns() * wavesAlong +
+                                                  2 * shape.planes->getConditions().numOfMean()
+                               : shape.walls ? 3 * GridWallFields::numSets * wavesAlong
+                                             : 0;
     if (!shape.mirrored) return 3 * (modes(0) * modes(1) * modes(2) - 1) + ofPlanes;
     return 3 * (modes(0) * modes(2) - 1) * shape.numRows() + 6 * (shape.numRows() - 1);
 }

@@ -42,11 +42,10 @@ Matrix withUniform(const PlaneConditions& conditions) {
 
 }  // namespace
 
-GridPlanes::GridPlanes(const PlaneConditions& conditions, const GridShape& gridShape)
-    : conditions(conditions), shape(gridShape), numModes((shape.size[2] + 1) / 2),
-      numX(shape.size[0] / 2 + 1) {
-    const int p = conditions.numPlanes();
-    numbers = 5 * p * p;
+std::vector<GridPlanes::Profile> GridPlanes::profilesOf(const PlaneConditions& conditions,
+                                                        const GridShape& shape) {
+    const int p = conditions.numPlanes(), numModes = (shape.size[2] + 1) / 2;
+    std::vector<Profile> profiles;
     for (int j = 0; j < p; j++)
         for (bool isImaginary : {false, true}) {
             Profile profile = {j, isImaginary, std::vector<double>(numModes)};
@@ -65,13 +64,27 @@ GridPlanes::GridPlanes(const PlaneConditions& conditions, const GridShape& gridS
             }
             if (!isZero) profiles.push_back(profile);
         }
-    if (conditions.hasZeroFlux()) {
-        fluxProfile.resize(numModes, conditions.getHeight());
-        for (int z = 1; z < numModes; z++) {
-            const double k = shape.waveNumber(2, z);
-            fluxProfile[z] = 2 / k * std::sin(k * conditions.getHeight() / 2);
-        }
+    return profiles;
+}
+
+std::vector<double> GridPlanes::profileOfFlux(const PlaneConditions& conditions,
+                                              const GridShape& shape) {
+    std::vector<double> profile;
+    if (!conditions.hasZeroFlux()) return profile;
+    profile.resize((shape.size[2] + 1) / 2, conditions.getHeight());
+    for (size_t z = 1; z < profile.size(); z++) {
+        const double k = shape.waveNumber(2, z);
+        profile[z] = 2 / k * std::sin(k * conditions.getHeight() / 2);
     }
+    return profile;
+}
+
+GridPlanes::GridPlanes(const PlaneConditions& conditions, const GridShape& gridShape)
+    : conditions(conditions), shape(gridShape), numModes((shape.size[2] + 1) / 2),
+      numX(shape.size[0] / 2 + 1), profiles(profilesOf(conditions, shape)),
+      fluxProfile(profileOfFlux(conditions, shape)) {
+    const int p = conditions.numPlanes();
+    numbers = 5 * p * p;
     // Packs may read a little beyond the last number.
     const int beyond = 16;
     responses.assign(numbers * numX * (shape.size[1] / 2 + 1) + beyond, 0.0);
@@ -97,8 +110,10 @@ void GridPlanes::store(const Matrices& from, int x, int y, std::vector<double>& 
         for (int i = 0; i < m->size(); i++, next += numX) *next = static_cast<double>(m->data()[i]);
 }
 
-GridPlanes::Matrices GridPlanes::truncated(Real k) const {
-    const int p = conditions.numPlanes();
+GridPlanes::Matrices GridPlanes::truncated(const PlaneConditions& conditions,
+                                           const std::vector<Profile>& profiles,
+                                           const GridShape& shape, Real k, const PartOfMode& part) {
+    const int p = conditions.numPlanes(), numModes = (shape.size[2] + 1) / 2;
     Matrices S = {Matrix::Zero(p, p), Matrix::Zero(2 * p, 2 * p)};
     Eigen::Matrix<Real, Eigen::Dynamic, 1, 0, 3, 1> even(p), odd(p);
     for (int z = 0; z < numModes; z++) {
@@ -109,7 +124,7 @@ GridPlanes::Matrices GridPlanes::truncated(Real k) const {
         // Modes of kz and -kz together, of which the first is its own. Their products of factors
         // have opposite imaginary parts.
         const Real kz = shape.waveNumber(2, z), k2 = k * k + kz * kz,
-                   weight = (z == 0 ? 1 : 2) / (k2 * static_cast<Real>(shape.edge[2]));
+                   weight = part(k2) * (z == 0 ? 1 : 2) / (k2 * static_cast<Real>(shape.edge[2]));
         const Matrix same = weight * (even * even.transpose() + odd * odd.transpose()),
                      turned = weight * (odd * even.transpose() - even * odd.transpose());
         S.t += same;
@@ -121,8 +136,12 @@ GridPlanes::Matrices GridPlanes::truncated(Real k) const {
     return S;
 }
 
-Matrix GridPlanes::truncatedMean() const {
-    const int n = conditions.numOfMean(), p = conditions.numPlanes();
+Matrix GridPlanes::truncatedMean(const PlaneConditions& conditions,
+                                 const std::vector<Profile>& profiles,
+                                 const std::vector<double>& fluxProfile, const GridShape& shape,
+                                 const PartOfMode& part) {
+    const int n = conditions.numOfMean(), p = conditions.numPlanes(),
+              numModes = (shape.size[2] + 1) / 2;
     Matrix S = Matrix::Zero(n, n);
     Eigen::Matrix<Real, Eigen::Dynamic, 1, 0, 6, 1> even(n), odd(n);
     for (int z = 1; z < numModes; z++) {
@@ -132,7 +151,7 @@ Matrix GridPlanes::truncatedMean() const {
             (profile.isImaginary ? odd : even)[profile.unknown] = profile.values[z];
         if (!fluxProfile.empty()) even[p] = fluxProfile[z];
         const Real kz = shape.waveNumber(2, z);
-        S += 2 / (kz * kz * static_cast<Real>(shape.edge[2])) *
+        S += 2 * part(kz * kz) / (kz * kz * static_cast<Real>(shape.edge[2])) *
              (even * even.transpose() + odd * odd.transpose());
     }
     return S;
@@ -143,19 +162,22 @@ void GridPlanes::prepareFields() const {
 }
 
 void GridPlanes::makeFields() const {
+    const auto whole = [](Real) { return Real(1); };
     inverses.assign(responses.size(), 0.0);
     roots.assign(responses.size(), 0.0);
     for (int y = 0; 2 * y < shape.size[1]; y++)
         for (int x = y == 0 ? 1 : 0; 2 * x < shape.size[0]; x++) {
             const Real k = waveNumber(x, y);
-            const Matrices S = conditions.periodic(k), T = conditions.law(k), own = truncated(k);
+            const Matrices S = conditions.periodic(k), T = conditions.law(k),
+                           own = truncated(conditions, profiles, shape, k, whole);
             store({inverseOf(S.t), inverseOf(S.lz)}, x, y, inverses);
             // The velocities that planes should have, less what no mode of the grid gives them.
             store({rootOf(T.t + S.t - own.t), rootOf(T.lz + S.lz - own.lz)}, x, y, roots);
         }
     meanInverse = inverseOf(withUniform(conditions)).cast<double>();
-    meanRoot =
-        rootOf(conditions.meanLaw() + conditions.meanPeriodic() - truncatedMean()).cast<double>();
+    meanRoot = rootOf(conditions.meanLaw() + conditions.meanPeriodic() -
+                      truncatedMean(conditions, profiles, fluxProfile, shape, whole))
+                   .cast<double>();
 }
 
 void GridPlanes::multiply(int x, int y, const std::vector<double>& matrices,

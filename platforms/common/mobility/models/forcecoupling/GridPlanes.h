@@ -2,6 +2,7 @@
 #define RIGIDHI_GRID_PLANES_H_
 
 #include <complex>
+#include <functional>
 #include <mutex>
 #include <vector>
 
@@ -38,6 +39,21 @@ public:
         std::vector<double> values;  // the factor, or its imaginary part
     };
     const std::vector<Profile>& getProfiles() const { return profiles; }
+    /** The profiles of a grid that are not 0, and that of the flux, which is real. */
+    static std::vector<Profile> profilesOf(const PlaneConditions& conditions,
+                                           const GridShape& shape);
+    static std::vector<double> profileOfFlux(const PlaneConditions& conditions,
+                                             const GridShape& shape);
+    /** S of the grid's modes, of which each has a part that depends on its wave number squared. */
+    using PartOfMode = std::function<PlaneConditions::Real(PlaneConditions::Real)>;
+    static PlaneConditions::Matrices truncated(const PlaneConditions& conditions,
+                                               const std::vector<Profile>& profiles,
+                                               const GridShape& shape, PlaneConditions::Real k,
+                                               const PartOfMode& part);
+    static PlaneConditions::Matrix truncatedMean(const PlaneConditions& conditions,
+                                                 const std::vector<Profile>& profiles,
+                                                 const std::vector<double>& fluxProfile,
+                                                 const GridShape& shape, const PartOfMode& part);
 
     /** The forces that give the planes' velocities their law, from the velocities that they have.
      * The wave vector has the indices x and y along the axes, and is not 0. */
@@ -107,9 +123,6 @@ public:
 private:
     using Matrices = PlaneConditions::Matrices;
     using Matrix = PlaneConditions::Matrix;
-    /** S of the grid's modes. */
-    Matrices truncated(PlaneConditions::Real k) const;
-    Matrix truncatedMean() const;
     void makeFields() const;
     double waveNumber(int x, int y) const;
     size_t placeOfRow(int y) const { return numbers * numX * std::min(y, shape.size[1] - y); }

@@ -1,5 +1,6 @@
 #include "mobility/models/forcecoupling/GridShape.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -10,6 +11,68 @@ namespace RigidHIPlugin {
 
 double GridShape::waveNumber(int axis, int index) const {
     return 2 * M_PI / edge[axis] * waveIndex(axis, index);
+}
+
+BoxVectors vectorsNearTo(const BoxVectors& other, BoxVectors box) {
+    for (int k = 1; k < 3; k++)
+        for (int axis = k - 1; axis >= 0; axis--)
+            box[k] += box[axis] * std::round((other[k][axis] - box[k][axis]) / box[axis][axis]);
+    return box;
+}
+
+GridLean::GridLean(const BoxVectors& box) {
+    const double tilts[3] = {box[1][0], box[2][0], box[2][1]},
+                 edges[3] = {box[0][0], box[0][0], box[1][1]};
+    const int number = (tilts[0] != 0) + (tilts[1] != 0) + (tilts[2] != 0);
+    if (number == 0) return;
+    const auto tilt = [&](int i) {
+        return number == 1 && tilts[i] != 0 ? std::max(0.5 * edges[i], std::abs(tilts[i]))
+                                            : tilts[i];
+    };
+    const BoxVectors farthest = {OpenMM::Vec3(box[0][0], 0, 0), OpenMM::Vec3(tilt(0), box[1][1], 0),
+                                 OpenMM::Vec3(tilt(1), tilt(2), box[2][2])};
+    for (int axis = 0; axis < 3; axis++)
+        stretch[axis] = std::sqrt(farthest[axis].dot(farthest[axis])) / box[axis][axis];
+    const Eigen::Matrix3d T = GridSkew(farthest).matrix();  // k = T^T k'
+    squares = 1 / Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(Eigen::Matrix3d(T * T.transpose()),
+                                                                 Eigen::EigenvaluesOnly)
+                      .eigenvalues()[0];
+}
+
+bool GridLean::isShared(const BoxVectors& one, const BoxVectors& other) {
+    for (int i = 0; i < 3; i++)
+        if (one[i][i] != other[i][i]) return false;
+    const GridLean a(one), b(other);
+    return a.stretch == b.stretch && a.squares == b.squares;
+}
+
+std::array<int, 3> GridShape::indicesOf(const std::array<double, 3>& k) const {
+    // k' is the product with the inverse of T^T.
+    const double y = k[1] - skew.xy * k[0];
+    const double ofGrid[3] = {k[0], y, k[2] - (skew.yz * y + skew.xz * k[0])};
+    std::array<int, 3> n;
+    for (int axis = 0; axis < 3; axis++)
+        n[axis] = std::lround(ofGrid[axis] * edge[axis] / (2 * M_PI));
+    return n;
+}
+
+bool GridShape::carries(const std::array<double, 3>& k) const {
+    const std::array<int, 3> n = indicesOf(k);
+    for (int axis = 0; axis < 3; axis++)
+        if (2 * std::abs(n[axis]) >= size[axis]) return false;
+    return skew.isNone() || std::sqrt(k[0] * k[0] + k[1] * k[1] + k[2] * k[2]) <= longestWave();
+}
+
+double GridShape::longestWave() const {
+    // |k'_i| = |k.a_i|/edge_i for the vector a_i of the box.
+    double longest = std::numeric_limits<double>::infinity();
+    for (int axis = 0; axis < 3; axis++) {
+        OpenMM::Vec3 vector;
+        vector[axis] = edge[axis];
+        vector = skew.fromGrid(vector);
+        longest = std::min(longest, M_PI * size[axis] / std::sqrt(vector.dot(vector)));
+    }
+    return longest;
 }
 
 static int nextSize(int first) {
@@ -37,7 +100,7 @@ GridResolution::GridResolution(const HydrodynamicParticles& particles, double wa
     // A grid leaves out a part exp(-(pi width/spacing)^2) of a Gaussian of this width, for every
     // pair. Curls of the narrower torque envelopes have a factor k more of it. Measurements show
     // that these factors keep the error below the tolerance (docs/grid_accuracy.md).
-    double narrowest = std::numeric_limits<double>::infinity();
+    narrowest = std::numeric_limits<double>::infinity();
     bool torques = false;
     for (int i = 0; i < particles.size(); i++) {
         narrowest =
@@ -65,10 +128,19 @@ double GridResolution::cutoff(double radius) const {
 }
 
 GridShape GridResolution::shapeFor(const BoxVectors& box) const {
+    // A Gaussian of the width w = width sqrt(u) and the factors of modes leave out a part
+    // exp(-width^2 k^2 - 2 w^2 K (K - k')) of a wave k' that the grid, with its largest K = pi/h,
+    // takes for 2 K - k'. With k >= k'/stretch this is at most exp(-width^2 K^2 (2u - u^2
+    // stretch^2)).
+    const GridLean lean(box);
+    const double u = 1 / lean.squares;
     GridShape shape;
+    shape.skew = GridSkew(box);
     for (int axis = 0; axis < 3; axis++) {
+        const double s = lean.stretch[axis];
         shape.edge[axis] = box[axis][axis];
-        shape.size[axis] = nextGridSize(shape.edge[axis] / spacing);
+        shape.size[axis] =
+            nextGridSize(shape.edge[axis] / (spacing * std::sqrt(2 * u - u * u * s * s)));
     }
     return shape;
 }

@@ -102,6 +102,58 @@ void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
     }
 }
 
+/**
+ * The transpose of averageGradientSlice(): add the forces of a particle's dipole, nine numbers, to
+ * one of the slabs that it reaches.
+ */
+template <typename T>
+void spreadDipoleSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
+                       const double* Q, const GridLayout& layout, const GridSlab<T>& slab) {
+    using Weights = GridStencils;
+    const SlabLanes<T> d;
+    const int width = hn::Lanes(d), p = slice.particle;
+    const GridStencils::Stencil& s = stencils[p];
+    const double *x = stencils.weightsOf(p, 0, Weights::Force) + slice.offset,
+                 *gx = stencils.weightsOf(p, 0, Weights::ForceSlope) + slice.offset;
+    const double *y = stencils.weightsOf(p, 1, Weights::Force),
+                 *gy = stencils.weightsOf(p, 1, Weights::ForceSlope),
+                 *z = stencils.weightsOf(p, 2, Weights::Force),
+                 *gz = stencils.weightsOf(p, 2, Weights::ForceSlope);
+    const PlaneWeights<T> ux(gx, -Q[0]), uy(x, -Q[1]), uz(x, -Q[2]), vx(gx, -Q[3]), vy(x, -Q[4]),
+        vz(x, -Q[5]), wx(gx, -Q[6]), wy(x, -Q[7]), wz(x, -Q[8]);
+    for (int j = 0; j < s.width[1]; j++) {
+        const GridStencils::Range range = stencils.nodesOf(slice, j);
+        if (range.begin == range.end) continue;
+        T *u = slab.row(layout, 0, s.first[1] + j), *v = slab.row(layout, 1, s.first[1] + j),
+          *w = slab.row(layout, 2, s.first[1] + j);
+        const auto plainY = hn::Set(d, static_cast<T>(y[j])),
+                   slopeY = hn::Set(d, static_cast<T>(gy[j]));
+        for (int lane = 0; lane < slabWidth; lane += width) {
+            // In a row, forces are the weights along z and their slopes times these.
+            const auto u_plain = hn::MulAdd(slopeY, uy.pack(lane), hn::Mul(plainY, ux.pack(lane))),
+                       v_plain = hn::MulAdd(slopeY, vy.pack(lane), hn::Mul(plainY, vx.pack(lane))),
+                       w_plain = hn::MulAdd(slopeY, wy.pack(lane), hn::Mul(plainY, wx.pack(lane))),
+                       u_slope = hn::Mul(plainY, uz.pack(lane)),
+                       v_slope = hn::Mul(plainY, vz.pack(lane)),
+                       w_slope = hn::Mul(plainY, wz.pack(lane));
+            for (int k = range.begin; k < range.end; k++) {
+                const size_t at = (size_t)(s.first[2] + k) * slabWidth + lane;
+                const auto plain = hn::Set(d, static_cast<T>(z[k])),
+                           slope = hn::Set(d, static_cast<T>(gz[k]));
+                hn::Store(
+                    hn::MulAdd(plain, u_plain, hn::MulAdd(slope, u_slope, hn::Load(d, u + at))), d,
+                    u + at);
+                hn::Store(
+                    hn::MulAdd(plain, v_plain, hn::MulAdd(slope, v_slope, hn::Load(d, v + at))), d,
+                    v + at);
+                hn::Store(
+                    hn::MulAdd(plain, w_plain, hn::MulAdd(slope, w_slope, hn::Load(d, w + at))), d,
+                    w + at);
+            }
+        }
+    }
+}
+
 /** The sum over planes of the weights times the sums of each plane. */
 template <typename T>
 HWY_INLINE double overPlanes(const double* weights, const T* sums) {

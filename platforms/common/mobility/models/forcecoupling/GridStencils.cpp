@@ -16,11 +16,12 @@ void GridStencils::moveTo(const GridShape& newShape, const std::vector<Vec3>& po
     bool moved = hasNone;
     anchors.resize(positions.size());
     for (int p = 0; p < particles.size(); p++) {
-        if (!keepAnchors || hasNone || !isNear(positions[p] - anchors[p])) {
-            anchor(p, positions[p]);
+        const Vec3 position = shape.skew.toGrid(positions[p]);
+        if (!keepAnchors || hasNone || !isNear(position - anchors[p])) {
+            anchor(p, position);
             moved = true;
         }
-        weigh(p, positions[p] - anchors[p]);
+        weigh(p, position - anchors[p]);
     }
     if (moved) sortSlices();
 }

@@ -154,7 +154,7 @@ private:
     const HydrodynamicParticles& particles;
     const GridResolution& resolution;
     GridShape shape;
-    std::vector<OpenMM::Vec3> anchors;  // not wrapped
+    std::vector<OpenMM::Vec3> anchors;  // in the coordinates of GridSkew, not wrapped
     std::vector<Stencil> stencils;
     std::vector<double> weights;
     std::vector<int> slabs, firstSlice, sliceNumbers, nextOfSlab, byRows;

@@ -82,6 +82,130 @@ public:
         }
     }
 
+    /** Draw the modes of a random field without factors of channels, and sum them on the planes. */
+    void draw(double scale, const ModeNoise& noise) {
+        const GridShape& shape = work.layout.shape;
+        const size_t size = shape.size[0];
+        const std::vector<GridPlanes::Profile>& profiles = walls.getFields().getProfiles();
+        scratch.noise.resize(2 * 3 * size * GridWallFields::numSets);
+        const auto numbers = reinterpret_cast<std::complex<double>*>(scratch.noise.data());
+        ofPlanes.assign(2 * profiles.size() * 3 * length, 0.0);
+        for (int r = 0; r < numRows; r++)
+            for (int z = 0; z < work.layout.numModes; z++) {
+                const SharedEnvelopes<T> columns = columnsAt(r, z);
+                std::fill_n(columns.flow[0], 3 * length, T(0));
+                if (!shape.isNyquist(1, rows[r])) {
+                    noise.fill(work.waveIndices, size, shape.waveIndex(1, rows[r]), z, numbers);
+                    for (int c = 0; c < 3; c++)
+                        std::memcpy(columns.flow[c], numbers + c * size,
+                                    size * sizeof(std::complex<double>));
+                }
+                project<true>(columns, rows[r], z, scale);
+                const double half = z == 0 ? 0.5 : 1;
+                const T* const root = walls.getFields().getFactors().column(rows[r], z, T());
+                for (size_t m = 0; m < profiles.size(); m++) {
+                    const T factor = half * profiles[m].values[z];
+                    for (int c = 0; c < 3; c++) {
+                        T* const to = ofPlane(r, m, c);
+                        for (size_t i = 0; i < length; i++)
+                            to[i] += factor * root[i] * columns.flow[c][i];
+                    }
+                }
+            }
+    }
+    /**
+     * Replace the sums on the planes by forces, whose flow is subtracted from the modes, and set
+     * the sums to factors of profiles.
+     *
+     * @param numbers  random numbers: component c of set j at (3 j + c) * size along x + x
+     */
+    void respondRandomly(const std::complex<double>* numbers, double scale) {
+        const int size = work.layout.shape.size[0], unknowns = GridWallFields::numUnknowns;
+        const std::vector<GridPlanes::Profile>& profiles = walls.getFields().getProfiles();
+        std::vector<std::complex<double>> all(count * numProfiles * 3);
+        const auto sums = reinterpret_cast<GridWalls::Sums*>(all.data());
+        const std::complex<double> turn(0, 1);
+        for (int x = 0; x < size; x++) {
+            const int opposite = (size - x) % size;
+            if (numRows == 1 && opposite < x) continue;
+            std::complex<double> velocities[unknowns] = {}, near[unknowns],
+                                 own[3 * GridWallFields::numSets];
+            for (size_t m = 0; m < profiles.size(); m++)
+                for (int c = 0; c < 3; c++) {
+                    const T *here = ofPlane(0, m, c) + 2 * x,
+                            *there = ofPlane(numRows - 1, m, c) + 2 * opposite;
+                    std::complex<double> a(here[0], here[1]), b(there[0], there[1]);
+                    if (profiles[m].isImaginary) {
+                        a *= turn;
+                        b *= turn;
+                    }
+                    velocities[3 * profiles[m].unknown + c] += a + std::conj(b);
+                }
+            for (int i = 0; i < 3 * GridWallFields::numSets; i++) own[i] = numbers[i * size + x];
+            walls.respondRandomly(x, y, channels, count, velocities, own, scale, near, sums);
+            for (size_t m = 0; m < profiles.size(); m++)
+                for (int c = 0; c < 3; c++) {
+                    std::complex<double> f = near[3 * profiles[m].unknown + c], g = std::conj(f);
+                    if (profiles[m].isImaginary) {
+                        f *= -turn;
+                        g *= -turn;
+                    }
+                    T *here = ofPlane(0, m, c) + 2 * x,
+                      *there = ofPlane(numRows - 1, m, c) + 2 * opposite;
+                    here[0] = f.real();
+                    here[1] = f.imag();
+                    there[0] = g.real();
+                    there[1] = g.imag();
+                }
+            forSums([&](int g, int p, int c) {
+                const std::complex<double> factor = sums[g][p][c];
+                set(0, g, p, c, x, factor);
+                set(numRows - 1, g, p, c, opposite,
+                    GridWalls::isOdd(p) ? -std::conj(factor) : std::conj(factor));
+            });
+        }
+    }
+    /** Subtract the flow of the forces from the modes. */
+    void subtractNear() {
+        const Lanes d;
+        const GridShape& shape = work.layout.shape;
+        const std::vector<GridPlanes::Profile>& profiles = walls.getFields().getProfiles();
+        const auto one = hn::Set(d, T(1));
+        for (int r = 0; r < numRows; r++)
+            for (int z = 0; z < work.layout.numModes; z++) {
+                const auto ky = hn::Set(d, static_cast<T>(shape.waveNumber(1, rows[r]))),
+                           kz = hn::Set(d, static_cast<T>(shape.waveNumber(2, z))),
+                           perPeriod =
+                               hn::Set(d, static_cast<T>(1 / walls.getFields().getPeriod())),
+                           square = hn::MulAdd(kz, kz, hn::Mul(ky, ky));
+                const T* const root = walls.getFields().getFactors().column(rows[r], z, T());
+                T* const flow =
+                    scratch.flows.data() + ((size_t)r * work.layout.numModes + z) * 3 * length;
+                for (size_t i = 0; i < length; i += hn::Lanes(d)) {
+                    Pack f[3] = {hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+                    for (size_t m = 0; m < profiles.size(); m++) {
+                        const auto factor = hn::Set(d, static_cast<T>(profiles[m].values[z]));
+                        for (int c = 0; c < 3; c++)
+                            f[c] = hn::MulAdd(factor, hn::LoadU(d, ofPlane(r, m, c) + i), f[c]);
+                    }
+                    const auto kx = hn::Load(d, work.kx + i);
+                    auto k2 = hn::MulAdd(kx, kx, square);
+                    k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // there are no forces
+                    const auto strength = hn::Mul(perPeriod, hn::Load(d, root + i)),
+                               along = hn::Div(
+                                   hn::MulAdd(kx, f[0], hn::MulAdd(ky, f[1], hn::Mul(kz, f[2]))),
+                                   k2);
+                    const Pack k[3] = {kx, ky, kz};
+                    for (int c = 0; c < 3; c++) {
+                        T* const to = flow + c * length + i;
+                        hn::Store(hn::NegMulAdd(strength, hn::NegMulAdd(along, k[c], f[c]),
+                                                hn::Load(d, to)),
+                                  d, to);
+                    }
+                }
+            }
+    }
+
     /** Add the flows of walls, and transform back along x. */
     void scatter() {
         for (int r = 0; r < numRows; r++)
@@ -99,6 +223,11 @@ private:
         return SharedEnvelopes<T>(
             work, channels, count, scratch,
             scratch.flows.data() + ((size_t)r * work.layout.numModes + z) * 3 * length);
+    }
+    /** Of the planes: sums of a profile, and then forces. */
+    T* ofPlane(int r, int profile, int c) {
+        const size_t numProfilesOfPlanes = walls.getFields().getProfiles().size();
+        return ofPlanes.data() + ((r * numProfilesOfPlanes + profile) * 3 + c) * length;
     }
     T* column(int r, int g, int p, int c) const {
         return scratch.sums.data() + ((((size_t)r * count + g) * numProfiles + p) * 3 + c) * length;
@@ -177,6 +306,7 @@ private:
     GridScratch<T>& scratch;
     int rows[2], numRows;
     T *cosh, *sinh;
+    std::vector<T> ofPlanes;
 };
 
 /** solveRow() for the rows y and -y of channels beside walls. */
@@ -188,6 +318,23 @@ void solveRowsBeside(const GridWork<T>& work, const ChannelWork<T>* channels, in
     rows.makeFlow(0.5 / (viscosity * work.layout.shape.numNodes()));
     // Modes of rows are twice as large.
     rows.respond(0.5 / viscosity);
+    rows.scatter();
+}
+
+/** drawRow() for the rows y and -y of channels beside walls. */
+inline void drawRowsBeside(const GridWork<double>& work, const ChannelWork<double>* channels,
+                           int count, int y, double viscosity, const ModeNoise& noise,
+                           GridScratch<double>& scratch) {
+    const GridShape& shape = work.layout.shape;
+    const int size = shape.size[0];
+    RowsBesideWalls<double> rows(work, channels, count, y, scratch);
+    rows.draw(1 / std::sqrt(viscosity * shape.numNodes()), noise);
+    const auto numbers = reinterpret_cast<std::complex<double>*>(scratch.noise.data());
+    if (!shape.isNyquist(1, y))
+        for (int j = 0; j < GridWallFields::numSets; j++)
+            noise.fillPlane(work.waveIndices, size, y, j, numbers + 3 * j * size);
+    rows.respondRandomly(numbers, shape.walls->getFields().scaleOfNumbers(viscosity));
+    rows.subtractNear();
     rows.scatter();
 }
 

@@ -12,12 +12,16 @@ using Eigen::Matrix4d;
 using std::complex;
 
 GridWalls::GridWalls(const ConfiningPlanes& planes, const GridShape& gridShape, double height,
-                     double largestWave)
+                     double largestWave, const GridWallFields::PartOfMode& part)
     : shape(gridShape), height(height), largestWave(largestWave), period(shape.edge[2]),
       spacing(shape.spacing(2)),
       // The sums over modes are those over nodes times their number along z.
       scale(period / (static_cast<double>(shape.numNodes()) * shape.size[2] * shape.size[2])),
-      numX(shape.size[0] / 2 + 1) {
+      numX(shape.size[0] / 2 + 1),
+      conditions(planes.isChannel()
+                     ? PlaneConditions::channel(height, period - height, planes.hasZeroFlux())
+                     : PlaneConditions::layer(height, period - height)),
+      part(part) {
     for (int z = 0; 2 * z < shape.size[2]; z++) {
         const double y = M_PI * z / shape.size[2];
         ofModes.push_back({std::cos(y), std::sin(y), z % 2 == 0 ? 1.0 : -1.0});
@@ -64,18 +68,26 @@ Coefficients aboveWall(double k, double H, double P) {
     return Q;
 }
 
-/** The response of forces on both planes: C S^-1 C^T, with C the flows of forces on the planes. */
-Coefficients betweenWalls(double k, double H, double P) {
+/** The flows of forces on both planes. */
+void flowsOf(double k, double H, double P, Matrix4d& C, Matrix2d& Ct) {
     const double r = std::exp(-k * (P - H)), rest = -std::expm1(-k * P), x = 0.5 * k * P;
     const double coth = PeriodicPlane<double>::xCothMinusOne(x);
     // Flows of a force along z, and of one along l (times -i), on the lower plane. Those of the
     // upper plane are their reflections, of which the latter have the other sign.
-    Matrix4d C;
     C.col(0) << 2 + coth - x, 1, r * (2 + coth + x - k * H), r;
     C.col(1) << x - 1 - coth, -1, r * (x - k * H + 1 + coth), r;
     C.col(2) << C(2, 0), C(3, 0), C(0, 0), C(1, 0);
     C.col(3) << -C(2, 1), -C(3, 1), -C(0, 1), -C(1, 1);
     C *= 1 / (4 * k * rest);
+    Ct << 1, r, r, 1;
+    Ct *= 1 / (2 * k * rest);
+}
+
+/** The response of forces on both planes: C S^-1 C^T, C the flows of forces on the planes. */
+Coefficients betweenWalls(double k, double H, double P) {
+    Matrix4d C;
+    Matrix2d Ct, St;
+    flowsOf(k, H, P, C, Ct);
     const PeriodicPlane<double> own(k, P, 0), other(k, P, H);
     Matrix4d S;
     const double g = own.zz, l = own.ll, gH = other.zz, lH = other.ll,
@@ -84,9 +96,6 @@ Coefficients betweenWalls(double k, double H, double P) {
     Coefficients Q;
     Q.across = C * S.inverse() * C.transpose();
     Q.across = (0.5 * (Q.across + Q.across.transpose())).eval();
-    Matrix2d Ct, St;
-    Ct << 1, r, r, 1;
-    Ct *= 1 / (2 * k * rest);
     St << own.tt, other.tt, other.tt, own.tt;
     Q.alongT = Ct * St.inverse() * Ct;
     return Q;
@@ -94,20 +103,51 @@ Coefficients betweenWalls(double k, double H, double P) {
 
 }  // namespace
 
-GridWalls::Response GridWalls::responseOf(const ConfiningPlanes& planes, double k) const {
-    const Coefficients Q =
-        planes.isChannel() ? betweenWalls(k, height, period) : aboveWall(k, height, period);
+GridWalls::ToProfiles GridWalls::toProfiles(double k) const {
     // exp(-kz) = A e and kz exp(-kz) = D s + beta A e, in terms of functions e and s whose
     // transforms are those of the profiles.
     const double out = 0.5 * k * (period - height),
                  A = 0.5 * (std::exp(out) - std::exp(-0.5 * k * (period + height))),
                  coth = (1 + std::exp(-k * period)) / -std::expm1(-k * period),
                  beta = 0.5 * k * (height - period * coth), D = 0.5 * k * spacing * A;
-    Matrix4d toProfiles = Matrix4d::Zero();
-    toProfiles.topLeftCorner<2, 2>() << A, beta * A, 0, D;
-    toProfiles.bottomRightCorner<2, 2>() = toProfiles.topLeftCorner<2, 2>();
-    const Matrix4d across = -scale * toProfiles * Q.across * toProfiles.transpose();
-    const Matrix2d alongT = -scale * A * A * Q.alongT;
+    ToProfiles to = {A, Matrix4d::Zero()};
+    to.across.topLeftCorner<2, 2>() << A, beta * A, 0, D;
+    to.across.bottomRightCorner<2, 2>() = to.across.topLeftCorner<2, 2>();
+    return to;
+}
+
+const GridWallFields& GridWalls::getFields() const {
+    std::call_once(fieldsAreMade, [this] {
+        fields = std::make_unique<GridWallFields>(conditions, shape, part, largestWave,
+                                                  [this](double k) { return flowsOfPlanes(k); });
+    });
+    return *fields;
+}
+
+/** By the functions of profiles, for forces in the order of PlaneConditions. */
+GridWallFields::Flows GridWalls::flowsOfPlanes(double k) const {
+    Matrix4d C, order = Matrix4d::Zero();
+    Matrix2d Ct;
+    flowsOf(k, height, period, C, Ct);
+    const Matrix2d ofPlanes = conditions.combinations().transpose().cast<double>();
+    // From l of both unknowns and z of both unknowns to z and l of the lower plane, and of the
+    // upper one.
+    for (int plane = 0; plane < 2; plane++)
+        for (int j = 0; j < 2; j++) {
+            order(2 * plane, 2 + j) = ofPlanes(plane, j);
+            order(2 * plane + 1, j) = ofPlanes(plane, j);
+        }
+    const ToProfiles to = toProfiles(k);
+    const double perNode = 1.0 / shape.size[2];
+    return {perNode * to.across * C * order, perNode * to.A * Ct * ofPlanes};
+}
+
+GridWalls::Response GridWalls::responseOf(const ConfiningPlanes& planes, double k) const {
+    const Coefficients Q =
+        planes.isChannel() ? betweenWalls(k, height, period) : aboveWall(k, height, period);
+    const ToProfiles to = toProfiles(k);
+    const Matrix4d across = -scale * to.across * Q.across * to.across.transpose();
+    const Matrix2d alongT = -scale * to.A * to.A * Q.alongT;
     Response response;
     response.isLeftOut = false;
     for (int a = 0; a < 4; a++)

@@ -2,10 +2,12 @@
 #define RIGIDHI_GRID_WALLS_H_
 
 #include <complex>
+#include <memory>
+#include <mutex>
 #include <vector>
 
 #include "mobility/models/confined/ConfiningPlanes.h"
-#include "mobility/models/forcecoupling/GridChannels.h"
+#include "mobility/models/forcecoupling/GridWallFields.h"
 
 namespace RigidHIPlugin {
 
@@ -31,7 +33,8 @@ namespace RigidHIPlugin {
  * Limits:    Wave numbers up to `largestWave`; others are left out. k = 0 is left to the caller
  *            (UniformFlow). Double precision: functions of z grow beyond the walls.
  *
- * An instance does not change once it is made.
+ * An instance does not change once it is made, except that what random fields need is made when
+ * they are first drawn.
  */
 class GridWalls {
 public:
@@ -40,9 +43,10 @@ public:
      * @param shape  its edge along z is the period P, z = 0 is in the middle, and its size along z
      *     is odd
      * @param height  H
+     * @param part  of each mode, by its wave number, that the grid has
      */
     GridWalls(const ConfiningPlanes& planes, const GridShape& shape, double height,
-              double largestWave);
+              double largestWave, const GridWallFields::PartOfMode& part);
     /** Factors of profiles that depend on k alone, and on kz alone. */
     struct Along {
         double cosh, sinh;  // of x
@@ -75,6 +79,18 @@ public:
     template <class Channel>
     void respond(int x, int y, const Channel* channels, int count, Sums* sums) const;
 
+    /** What random fields need. */
+    const GridWallFields& getFields() const;
+    /**
+     * Set the sums to factors of profiles of random flows. GridWallFields::respond() has the other
+     * arguments. Velocities are those of transforms that are not normalised.
+     */
+    template <class Channel>
+    void respondRandomly(int x, int y, const Channel* channels, int count,
+                         const std::complex<double>* velocities,
+                         const std::complex<double>* numbers, double scale,
+                         std::complex<double>* near, Sums* sums) const;
+
 private:
     /** Matrices of one wave vector, for basis functions whose transforms are made of profiles. */
     struct Response {
@@ -92,6 +108,18 @@ private:
                        const std::complex<double> (&across)[4],
                        const std::complex<double> (&alongT)[2], Sums& sums) const;
     Response responseOf(const ConfiningPlanes& planes, double k) const;
+    /** The functions exp(-kz) and kz exp(-kz) in terms of those whose transforms are profiles. */
+    struct ToProfiles {
+        double A;
+        Eigen::Matrix4d across;
+    };
+    ToProfiles toProfiles(double k) const;
+    GridWallFields::Flows flowsOfPlanes(double k) const;
+    Directions directionsOf(int x, int y) const {
+        const double kx = shape.waveNumber(0, x), ky = shape.waveNumber(1, y),
+                     k = std::sqrt(kx * kx + ky * ky);
+        return {k, kx / k, ky / k, 4 * k / spacing, 2 / (k * spacing)};
+    }
     const Response& responseAt(int x, int y) const {
         return responses[(size_t)std::min(y, shape.size[1] - y) * numX +
                          std::min(x, shape.size[0] - x)];
@@ -100,8 +128,12 @@ private:
     const GridShape shape;
     const double height, largestWave, period, spacing, scale;
     const int numX;
+    const PlaneConditions conditions;
+    const GridWallFields::PartOfMode part;
     std::vector<Across> ofModes;
     std::vector<Response> responses;
+    mutable std::once_flag fieldsAreMade;
+    mutable std::unique_ptr<const GridWallFields> fields;
 };
 
 template <class Channel>
@@ -113,9 +145,7 @@ void GridWalls::respond(int x, int y, const Channel* channels, int count, Sums* 
                 for (std::complex<double>& factor : profile) factor = 0;
         return;
     }
-    const double kx = shape.waveNumber(0, x), ky = shape.waveNumber(1, y),
-                 k = std::sqrt(kx * kx + ky * ky);
-    const Directions at = {k, kx / k, ky / k, 4 * k / spacing, 2 / (k * spacing)};
+    const Directions at = directionsOf(x, y);
     std::complex<double> moments[4] = {}, momentsOfT[2] = {}, forces[4], forcesOfT[2];
     for (int g = 0; g < count; g++)
         addMoments(at, channels[g].faxen, channels[g].ofTorques, sums[g], moments, momentsOfT);
@@ -128,6 +158,25 @@ void GridWalls::respond(int x, int y, const Channel* channels, int count, Sums* 
             response.alongT[a][0] * momentsOfT[0] + response.alongT[a][1] * momentsOfT[1];
     for (int g = 0; g < count; g++)
         setVelocities(at, channels[g].faxen, channels[g].ofTorques, forces, forcesOfT, sums[g]);
+}
+
+template <class Channel>
+void GridWalls::respondRandomly(int x, int y, const Channel* channels, int count,
+                                const std::complex<double>* velocities,
+                                const std::complex<double>* numbers, double scale,
+                                std::complex<double>* near, Sums* sums) const {
+    if (responseAt(x, y).isLeftOut) {
+        std::fill_n(near, GridWallFields::numUnknowns, 0.0);
+        for (int g = 0; g < count; g++)
+            for (auto& profile : sums[g])
+                for (std::complex<double>& factor : profile) factor = 0;
+        return;
+    }
+    const Directions at = directionsOf(x, y);
+    std::complex<double> across[4], alongT[2];
+    getFields().respond(x, y, velocities, numbers, scale, near, across, alongT);
+    for (int g = 0; g < count; g++)
+        setVelocities(at, channels[g].faxen, channels[g].ofTorques, across, alongT, sums[g]);
 }
 
 }  // namespace RigidHIPlugin

@@ -145,6 +145,8 @@ struct ChannelWork {
     const GridFactors* factors;
     bool ofTorques;
     double faxen;
+    bool ofDipoles;
+    int numRows;  // numbers of its particles
     T* modes[3];
 };
 

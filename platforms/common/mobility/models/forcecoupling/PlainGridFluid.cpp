@@ -72,13 +72,11 @@ void forModes(const GridShape& shape, const Visit& visit) {
     for (index[0] = 0; index[0] < shape.size[0]; index[0]++)
         for (index[1] = 0; index[1] < shape.size[1]; index[1]++)
             for (index[2] = 0; index[2] < shape.numRowModes(); index[2]++, at++) {
-                double k[3];
+                const std::array<double, 3> k = shape.waveVector(index[0], index[1], index[2]);
                 bool isOut = false;
-                for (int axis = 0; axis < 3; axis++) {
-                    k[axis] = shape.waveNumber(axis, index[axis]);
+                for (int axis = 0; axis < 3; axis++)
                     isOut = isOut || shape.isNyquist(axis, index[axis]);
-                }
-                visit(at, index, k, isOut ? 0 : k[0] * k[0] + k[1] * k[1] + k[2] * k[2]);
+                visit(at, index, k.data(), isOut ? 0 : k[0] * k[0] + k[1] * k[1] + k[2] * k[2]);
             }
 }
 
@@ -152,6 +150,23 @@ void PlainGridFluid::spread(const GridStencils& stencils, const double* forces) 
         });
     }
     if (planned.mirrored) addReflections();
+}
+
+/** f_a(x) = - sum over particles and b of Q_ab dDelta(x - Y)/dx_b */
+void PlainGridFluid::spreadDipoles(const GridStencils& stencils, const double* dipoles) {
+    const ScopedTimer timer(seconds.spreading);
+    for (AlignedArray& component : work.values)
+        std::fill(component.data(), component.data() + component.size(), 0.0);
+    for (int p = 0; p < stencils.size(); p++) {
+        const double* Q = dipoles + 9 * (size_t)p;
+        const Envelope force(stencils, p, Kind::Force, Kind::ForceSlope);
+        forNodes(stencils, p, [&](size_t node, int i, int j, int k) {
+            double g[3];
+            force.gradient(i, j, k, g);
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++) work.values[a][node] -= Q[3 * a + b] * g[b];
+        });
+    }
 }
 
 /** f(r) <- f(r) + P f(Pr) */
@@ -354,14 +369,9 @@ public:
     /** @param modes  of the forces of channels, three for each */
     WallFactors(const GridShape& shape, const std::vector<GridChannel>& channels,
                 const std::vector<AlignedArray>& modes)
-        : shape(shape), numChannels(channels.size()) {
+        : WallFactors(shape, channels) {
         if (!shape.walls) return;
         const std::array<int, 3>& n = shape.size;
-        for (int x = 0; x < n[0]; x++)
-            for (int y = 0; y < n[1]; y++)
-                along.push_back(
-                    shape.walls->along(std::hypot(shape.waveNumber(0, x), shape.waveNumber(1, y))));
-        sums.resize((size_t)n[0] * n[1] * numChannels * numbers);
         forModes(shape, [&](size_t at, const int* index, const double*, double k2) {
             if (!(k2 > 0)) return;
             double values[GridWalls::numProfiles];
@@ -395,7 +405,17 @@ public:
             for (int c = 0; c < 3; c++) u[c] += factor * values[p] * of[3 * p + c];
     }
 
-private:
+protected:
+    WallFactors(const GridShape& shape, const std::vector<GridChannel>& channels)
+        : shape(shape), numChannels(channels.size()) {
+        if (!shape.walls) return;
+        const std::array<int, 3>& n = shape.size;
+        for (int x = 0; x < n[0]; x++)
+            for (int y = 0; y < n[1]; y++)
+                along.push_back(
+                    shape.walls->along(std::hypot(shape.waveNumber(0, x), shape.waveNumber(1, y))));
+        sums.resize((size_t)n[0] * n[1] * numChannels * numbers);
+    }
     static constexpr int numbers = 3 * GridWalls::numProfiles;
     void profilesAt(const int* index, double (&values)[GridWalls::numProfiles]) const {
         GridWalls::profiles(along[(size_t)index[0] * shape.size[1] + index[1]],
@@ -408,8 +428,77 @@ private:
 
     const GridShape& shape;
     const int numChannels;
+
+private:
     std::vector<GridWalls::Along> along;
+
+protected:
     std::vector<complex<double>> sums;
+};
+
+/** Likewise of random fields, with the forces of planes on the modes that the grid lacks. */
+class RandomWallFactors : public WallFactors {
+public:
+    /** @param bare  call bare(index, k, k2, u) sets the field of a mode without factors */
+    template <class Bare>
+    RandomWallFactors(const GridShape& shape, const std::vector<GridChannel>& channels,
+                      double viscosity, const ModeNoise& noise, const Bare& bare)
+        : WallFactors(shape, channels) {
+        if (!shape.walls) return;
+        const GridWallFields& fields = shape.walls->getFields();
+        const std::array<int, 3>& n = shape.size;
+        forces.resize((size_t)n[0] * n[1] * unknowns);
+        forModes(shape, [&](size_t, const int* index, const double* k, double k2) {
+            if (!(k2 > 0)) return;
+            complex<double> u[3];
+            bare(index, k, k2, u);
+            // Half of the modes with kz = 0 come from the opposite wave vector.
+            const double factor =
+                (index[2] == 0 ? 0.5 : 1) * factorOf(fields.getFactors(), index, k2);
+            for (const GridPlanes::Profile& profile : fields.getProfiles())
+                for (int c = 0; c < 3; c++) {
+                    const complex<double> part =
+                        factor * profile.values[index[2]] * u[c] *
+                        (profile.isImaginary ? complex<double>(0, 1) : complex<double>(1, 0));
+                    forcesAt(index[0], index[1])[3 * profile.unknown + c] += part;
+                    forcesAt(n[0] - index[0], n[1] - index[1])[3 * profile.unknown + c] +=
+                        std::conj(part);
+                }
+        });
+        const double scale = fields.scaleOfNumbers(viscosity);
+        complex<double> numbersOfPlanes[3 * GridWallFields::numSets], near[unknowns];
+        for (int x = 0; x < n[0]; x++)
+            for (int y = 0; y < n[1]; y++) {
+                const int nx = shape.waveIndex(0, x), ny = shape.waveIndex(1, y);
+                for (int j = 0; j < GridWallFields::numSets; j++)
+                    noise.fillPlane(&nx, 1, ny, j, numbersOfPlanes + 3 * j);
+                shape.walls->respondRandomly(x, y, channels.data(), numChannels, forcesAt(x, y),
+                                             numbersOfPlanes, scale, near,
+                                             reinterpret_cast<GridWalls::Sums*>(sumsAt(0, x, y)));
+                std::copy_n(near, unknowns, forcesAt(x, y));
+            }
+    }
+    /** Subtract the flow of the forces from a mode of the field without factors. */
+    void subtractNear(const int* index, const double* k, double k2, complex<double>* u) {
+        if (!shape.walls) return;
+        const GridWallFields& fields = shape.walls->getFields();
+        complex<double> f[3] = {};
+        for (const GridPlanes::Profile& profile : fields.getProfiles())
+            for (int c = 0; c < 3; c++)
+                f[c] += profile.values[index[2]] *
+                        forcesAt(index[0], index[1])[3 * profile.unknown + c] *
+                        (profile.isImaginary ? complex<double>(0, -1) : complex<double>(1, 0));
+        project(k, k2, factorOf(fields.getFactors(), index, k2) / fields.getPeriod(), f);
+        for (int c = 0; c < 3; c++) u[c] -= f[c];
+    }
+
+private:
+    static constexpr int unknowns = GridWallFields::numUnknowns;
+    complex<double>* forcesAt(int x, int y) {
+        const std::array<int, 3>& n = shape.size;
+        return &forces[((size_t)(x % n[0]) * n[1] + y % n[1]) * unknowns];
+    }
+    std::vector<complex<double>> forces;
 };
 
 /** u <- i k x u/2: half of the curl. It is its own adjoint. */
@@ -430,8 +519,11 @@ void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, 
     work.rowLength = planned.size[2];
     modesOfChannels.resize(3 * channels.size());
     for (size_t g = 0; g < channels.size(); g++) {
-        spread(*channels[g].stencils, forces);
-        forces += channels[g].stencils->getParticles().numRows;
+        if (channels[g].ofDipoles)
+            spreadDipoles(*channels[g].stencils, forces);
+        else
+            spread(*channels[g].stencils, forces);
+        forces += channels[g].numRows();
         const ScopedTimer timer(seconds.transforms);
         forward();
         for (int c = 0; c < 3; c++) {
@@ -460,8 +552,11 @@ void PlainGridFluid::multiplyChannels(const std::vector<GridChannel>& channels, 
             store(at, u);
         });
         backward(work);
-        averageColumn(work, *channels[g].stencils, velocities);
-        velocities += channels[g].stencils->getParticles().numRows;
+        if (channels[g].ofDipoles)
+            averageGradientColumn(work, *channels[g].stencils, velocities);
+        else
+            averageColumn(work, *channels[g].stencils, velocities);
+        velocities += channels[g].numRows();
     }
 }
 
@@ -470,6 +565,12 @@ void PlainGridFluid::drawChannels(const std::vector<GridChannel>& channels, doub
     const GridShape& shape = channels[0].stencils->getShape();
     prepare(shape);
     const double scale = 1 / std::sqrt(viscosity * shape.numNodes());
+    const auto bare = [&](const int* index, const double* k, double k2, complex<double>* zeta) {
+        const int nx = shape.waveIndex(0, index[0]);
+        noise.fill(&nx, 1, shape.waveIndex(1, index[1]), index[2], zeta);
+        project(k, k2, scale, zeta);
+    };
+    RandomWallFactors ofWalls(shape, channels, viscosity, noise, bare);
     for (size_t g = 0; g < channels.size(); g++) {
         fields[g].shape = shape;
         fields[g].rowLength = shape.size[2];
@@ -477,10 +578,18 @@ void PlainGridFluid::drawChannels(const std::vector<GridChannel>& channels, doub
         forModes(shape, [&](size_t at, const int* index, const double* k, double k2) {
             complex<double> zeta[3] = {};
             if (k2 > 0) {
-                const int nx = shape.waveIndex(0, index[0]);
-                noise.fill(&nx, 1, shape.waveIndex(1, index[1]), index[2], zeta);
-                project(k, k2, scale * factorOf(*channels[g].factors, index, k2), zeta);
+                const double factor = factorOf(*channels[g].factors, index, k2);
+                if (shape.walls) {
+                    bare(index, k, k2, zeta);
+                    ofWalls.subtractNear(index, k, k2, zeta);
+                    for (complex<double>& u : zeta) u *= factor;
+                } else {
+                    const int nx = shape.waveIndex(0, index[0]);
+                    noise.fill(&nx, 1, shape.waveIndex(1, index[1]), index[2], zeta);
+                    project(k, k2, scale * factor, zeta);
+                }
                 if (channels[g].ofTorques) halfCurl(k, zeta);
+                ofWalls.add(g, index, 1, zeta);
             }
             store(at, zeta);
         });
@@ -532,7 +641,8 @@ void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor,
         for (int i = 0; i < phases[axis].rows(); i++)
             for (int p = 0; p < numPoints; p++)
                 phases[axis](i, p) = std::polar(
-                    1.0, shape.waveNumber(axis, i) * (points[p][axis] - shape.firstNode(axis)));
+                    1.0, shape.waveNumber(axis, i) *
+                             (shape.skew.toGrid(points[p])[axis] - shape.firstNode(axis)));
     }
     // The other half of the modes are conjugates. Of the modes with kz = 0 both halves are stored.
     phases[2].bottomRows(m - 1) *= 2;
@@ -563,13 +673,18 @@ void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor,
 
 double amplitudeOfMode(const GridShape& shape, double viscosity, const ModeNoise& noise,
                        const DrivenFlow& wave) {
-    int n[3] = {0, 0, 0};
-    double k[3] = {0, 0, 0};
-    n[wave.waveAxis] = std::lround(wave.k * shape.edge[wave.waveAxis] / (2 * M_PI));
+    std::array<double, 3> k = {0, 0, 0};
     k[wave.waveAxis] = wave.k;
+    std::array<int, 3> n = shape.indicesOf(k);
+    const bool isConjugate =
+        n[2] < 0;  // in a triclinic box; numbers are those of the opposite mode
+    if (isConjugate)
+        for (int& index : n) index = -index;
     complex<double> u[3];
     GridModeNoise(shape, noise).fill(&n[0], 1, n[1], n[2], u);
-    project(k, wave.k * wave.k, 1 / std::sqrt(viscosity * shape.volume()) / wave.k, u);
+    if (isConjugate)
+        for (complex<double>& component : u) component = std::conj(component);
+    project(k.data(), wave.k * wave.k, 1 / std::sqrt(viscosity * shape.volume()) / wave.k, u);
     // u exp(ikx) and its conjugate: 2 Re(u) cos(kx) - 2 Im(u) sin(kx)
     return 2 * u[wave.forceAxis].real() * std::sin(wave.phase) -
            2 * u[wave.forceAxis].imag() * std::cos(wave.phase);

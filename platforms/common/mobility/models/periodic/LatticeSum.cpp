@@ -251,14 +251,7 @@ void LatticeSum::screenedNear(double distance, PairFunctions& f) const {
         f.rrI += 0.25 * tt[n] * k2 * (phi[0] - phi[1]);
         f.rrR += 0.25 * tt[n] * k4 * phi[2];
         if (!stresslets) continue;
-        f.ts += st[n] * k2 * (phi[1] - 2 * phi[2]);
-        f.tsR += st[n] * k4 * phi[3];
-        f.st += ts[n] * k2 * (phi[1] - 2 * phi[2]);
-        f.stR += ts[n] * k4 * phi[3];
-        f.rs += 0.5 * tt[n] * k4 * phi[2];
-        f.ssI += tt[n] * k2 * (phi[1] - 2 * phi[2]);
-        f.ssV -= tt[n] * k4 * (phi[2] - 4 * phi[3]);
-        f.ssR -= tt[n] * k4 * k2 * phi[4];
+        addStressletsOfWave(k2, st[n], ts[n], tt[n], phi, f);
     }
 }
 
@@ -307,29 +300,6 @@ void LatticeSum::screenedFar(const Lanes& squares, PairFunctions (&f)[numLanes])
                 vsR[l], sv[l],  svR[l], rs[l], ssI[l], ssV[l], ssR[l]};
 }
 
-namespace {
-
-/** a - b */
-PairFunctions difference(PairFunctions a, const PairFunctions& b) {
-    a.ttI -= b.ttI;
-    a.ttR -= b.ttR;
-    a.tr -= b.tr;
-    a.rt -= b.rt;
-    a.rrI -= b.rrI;
-    a.rrR -= b.rrR;
-    a.ts -= b.ts;
-    a.tsR -= b.tsR;
-    a.st -= b.st;
-    a.stR -= b.stR;
-    a.rs -= b.rs;
-    a.ssI -= b.ssI;
-    a.ssV -= b.ssV;
-    a.ssR -= b.ssR;
-    return a;
-}
-
-}  // namespace
-
 /**
  * Call add(r, |r|, screened) for the images of a pair that are within reach.
  *
@@ -374,15 +344,14 @@ void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool conta
                           // taken along the line of centres.
                           const bool moved = contact && distance < a_i + a_j && distance > 0;
                           if (!moved)
-                              pair.add(difference(spreading.free(a_i, a_j, distance, withTorques,
-                                                                 stresslets),
-                                                  screened),
+                              pair.add(spreading.free(a_i, a_j, distance, withTorques, stresslets) -
+                                           screened,
                                        r, stresslets);
                           else {
                               const double scale = (a_i + a_j) / distance;
                               pair.add(spreading.free(a_i, a_j, a_i + a_j, withTorques, stresslets),
                                        scale * r, stresslets);
-                              pair.add(difference(PairFunctions(), screened), r, stresslets);
+                              pair.add(PairFunctions() - screened, r, stresslets);
                           }
                       });
             if (i == j) {
@@ -435,14 +404,13 @@ void LatticeSum::addFlowAt(const std::vector<OpenMM::Vec3>& positions, const Flo
                        T = torque ? Vector3d(all.segment<3>(row + 3)) : Vector3d(0, 0, 0);
         const double* S = stresslets ? &all[firstStresslet(j)] : nullptr;
         for (size_t p = 0; p < points.size(); p++)
-            forImages(
-                lattice.wrapped(points[p] - positions[j]),
-                [&](const Vector3d& r, double distance, const PairFunctions& screened) {
-                    const PairFunctions f = difference(
-                        spreading.free(0, particles.radii[j], distance, withTorques, stresslets),
-                        screened);
-                    velocities.col(p) += factor * velocityOf(f, r, force, T, S);
-                });
+            forImages(lattice.wrapped(points[p] - positions[j]),
+                      [&](const Vector3d& r, double distance, const PairFunctions& screened) {
+                          const PairFunctions f = spreading.free(0, particles.radii[j], distance,
+                                                                 withTorques, stresslets) -
+                                                  screened;
+                          velocities.col(p) += factor * velocityOf(f, r, force, T, S);
+                      });
     }
 }
 

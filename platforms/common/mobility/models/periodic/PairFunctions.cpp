@@ -10,6 +10,24 @@ namespace RigidHIPlugin {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
+PairFunctions operator-(PairFunctions a, const PairFunctions& b) {
+    a.ttI -= b.ttI;
+    a.ttR -= b.ttR;
+    a.tr -= b.tr;
+    a.rt -= b.rt;
+    a.rrI -= b.rrI;
+    a.rrR -= b.rrR;
+    a.ts -= b.ts;
+    a.tsR -= b.tsR;
+    a.st -= b.st;
+    a.stR -= b.stR;
+    a.rs -= b.rs;
+    a.ssI -= b.ssI;
+    a.ssV -= b.ssV;
+    a.ssR -= b.ssR;
+    return a;
+}
+
 Vector3d velocityOf(const PairFunctions& f, const Vector3d& r, const Vector3d& force,
                     const Vector3d& torque, const double* stresslet) {
     Vector3d velocity = f.ttI * force + f.ttR * r.dot(force) * r + f.tr * torque.cross(r);

@@ -19,6 +19,27 @@ struct PairFunctions {
     double ts = 0, tsR = 0, st = 0, stR = 0, rs = 0, ssI = 0, ssV = 0, ssR = 0;
 };
 
+/** All functions of a less those of b. */
+PairFunctions operator-(PairFunctions a, const PairFunctions& b);
+
+/**
+ * Add the functions of stresslets of one wave number k, whose spreadings have these weights.
+ *
+ * @param phi  besselQuotients() of k times the distance
+ */
+inline void addStressletsOfWave(double k2, double st, double ts, double tt, const double (&phi)[5],
+                                PairFunctions& f) {
+    const double k4 = k2 * k2;
+    f.ts += st * k2 * (phi[1] - 2 * phi[2]);
+    f.tsR += st * k4 * phi[3];
+    f.st += ts * k2 * (phi[1] - 2 * phi[2]);
+    f.stR += ts * k4 * phi[3];
+    f.rs += 0.5 * tt * k4 * phi[2];
+    f.ssI += tt * k2 * (phi[1] - 2 * phi[2]);
+    f.ssV -= tt * k4 * (phi[2] - 4 * phi[3]);
+    f.ssR -= tt * k4 * k2 * phi[4];
+}
+
 /** The velocity V_i above that force, torque and stresslet (five numbers, or null) of j cause. */
 Eigen::Vector3d velocityOf(const PairFunctions& f, const Eigen::Vector3d& r,
                            const Eigen::Vector3d& force, const Eigen::Vector3d& torque,

@@ -29,19 +29,17 @@ MobilityTraits traitsOf(const char* name) {
 PeriodicMobility::PeriodicMobility(const HydrodynamicParticles& particles, double viscosity,
                                    const char* name, int largestRows)
     : MobilityModel(particles, viscosity, traitsOf(name)) {
-    checkPeriodicRows(particles.numRows, largestRows, true);
+    checkPeriodicRows(particles.numRows, largestRows);
 }
 
-void checkPeriodicRows(int rows, int largestRows, bool hasGrid) {
+void checkPeriodicRows(int rows, int largestRows) {
     if (rows <= largestRows) return;
     throw OpenMM::OpenMMException(
         "MobilityForce: a periodic fluid without a grid uses dense matrices of at most " +
         text(largestRows) + " rows, but these particles need " + text(rows) +
         " rows: six for each sphere (StokesianDynamics: eleven), three for each blob or particle "
-        "in no body, and in a SlipChannel as many again for its image; use fewer particles, or " +
-        (hasGrid ? "the grid, by setSolver(MatrixFree), which needs a box with edges along the axes"
-                 : "setModel(RotnePragerYamakawa) or setModel(ForceCoupling), which have a grid "
-                   "and no such limit"));
+        "in no body, and in a SlipChannel as many again for its image; use fewer particles, or "
+        "the grid, by setSolver(MatrixFree)");
 }
 
 void PeriodicMobility::checkWave(const BoxVectors& box, int axis, int periods) const {

@@ -43,11 +43,8 @@ private:
  *     which is then triclinic
  */
 void checkPeriodicWave(const BoxVectors& box, int axis, int periods);
-/**
- * @param hasGrid  whether the model can do without matrices
- * @throws OpenMMException for more rows than a dense matrix may have
- */
-void checkPeriodicRows(int rows, int largestRows, bool hasGrid);
+/** @throws OpenMMException for more rows than a dense matrix may have */
+void checkPeriodicRows(int rows, int largestRows);
 
 /** A model that is a lattice sum and nothing else, at a placement. */
 class LatticeSumAt : public MobilityAt {

@@ -2,7 +2,6 @@
 
 #include <openmm/OpenMMException.h>
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
@@ -25,19 +24,6 @@ namespace {
 const int largestRows = 11000;
 
 /**
- * In mean radii of a pair: lubrication is whole up to the first distance and zero from the second
- * on.
- */
-const double wholeUpTo = 8, nothingFrom = 10;
-
-double weight(double distance) {
-    const double z = (distance - wholeUpTo) / (nothingFrom - wholeUpTo);
-    if (z <= 0) return 1;
-    if (z >= 1) return 0;
-    return 1 + z * z * z * (-10 + z * (15 - 6 * z));
-}
-
-/**
  * Whether R is the one of R and -R that counts. A sphere and its image on one side are the same
  * pair as the sphere and its image on the other side.
  */
@@ -45,23 +31,16 @@ bool isFirstOfTwo(const Vector3d& R) {
     return R[0] > 0 || (R[0] == 0 && (R[1] > 0 || (R[1] == 0 && R[2] > 0)));
 }
 
-class PeriodicStokesianDynamicsAt : public MobilityAt {
+class PeriodicStokesianDynamicsAt : public SpheresAt {
 public:
     explicit PeriodicStokesianDynamicsAt(const PeriodicStokesianDynamics& model)
-        : MobilityAt(model), model(model), sum(particles, overSurfaces(), true),
+        : SpheresAt(model), sum(particles, overSurfaces(), true),
           largestRadius(particles.radii.empty()
                             ? 0
                             : *std::max_element(particles.radii.begin(), particles.radii.end())) {}
     void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override;
     void dense(MatrixXd& mobility) override;
     void friction(MatrixXd& friction) override;
-    void addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) override {
-        makeResponse();
-        model.strainRates(flow, positions, rates);
-        response.addVelocities(rates, slips.col(0));
-    }
-
-    FlowSources sources(const MatrixXd& forces, const DrivenFlow* flow) override;
     void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
                    double factor, Velocities& velocities) override {
         LatticeSum sumAtPoints(particles, overSurfaces(), true, true);
@@ -72,26 +51,25 @@ public:
 
 protected:
     void moveTo(const Placement& placement, bool) override;
-
-private:
-    void makeResponse() {
-        if (responseIsKnown) return;
+    void visitPairs(const PairVisitor& visit) const override;
+    const StressletResponse& farFieldResponse() override {
+        if (responseIsKnown) return response;
         responseIsWanted = true;  // the response is kept from now on
         farFieldIsKnown = false;
         makeFarField();
+        return response;
     }
+
+private:
     void makeFarField();
     void makeFriction();
     void invert(const MatrixXd& matrix, MatrixXd& inverse);
 
-    const PeriodicStokesianDynamics& model;
     LatticeSum sum;
     const double largestRadius;
     BoxVectors box = {};
-    std::vector<OpenMM::Vec3> positions;
     std::vector<Vector3d> images;
     StressletResponse response;
-    Eigen::VectorXd rates;
     bool responseIsWanted = false, responseIsKnown = false;
     MatrixXd all, strains, coupling, scratch;
     MatrixXd farField, frictionMatrix, mobilityMatrix;
@@ -101,7 +79,8 @@ private:
 
 void PeriodicStokesianDynamicsAt::moveTo(const Placement& placement, bool) {
     sum.setBox(placement.box);
-    images = sum.getLattice().within(nothingFrom * largestRadius + sum.getLattice().getReach());
+    images = sum.getLattice().within(model.getReach().nothing * largestRadius +
+                                     sum.getLattice().getReach());
     positions = placement.positions;
     box = placement.box;
     farFieldIsKnown = frictionIsKnown = mobilityIsKnown = responseIsKnown = false;
@@ -146,17 +125,24 @@ void PeriodicStokesianDynamicsAt::makeFriction() {
     if (frictionIsKnown) return;
     makeFarField();
     invert(farField, frictionMatrix);
-    for (int i = 0; model.hasLubrication() && i < particles.size(); i++)
+    if (model.hasLubrication())
+        visitPairs([&](const Vector3d& toJ, int i, int j, double w) {
+            model.addLubrication(toJ, i, j, w, frictionMatrix);
+        });
+    frictionIsKnown = true;
+}
+
+void PeriodicStokesianDynamicsAt::visitPairs(const PairVisitor& visit) const {
+    for (int i = 0; i < particles.size(); i++)
         for (int j = 0; j <= i; j++) {
             const Vector3d toJ = sum.getLattice().wrapped(positions[j] - positions[i]);
             const double mean = (particles.radii[i] + particles.radii[j]) / 2;
             for (const Vector3d& image : images) {
                 if (i == j && !isFirstOfTwo(image)) continue;
-                const double w = weight((toJ + image).norm() / mean);
-                if (w > 0) model.addLubrication(toJ + image, i, j, w, frictionMatrix);
+                const double w = model.getReach().weight((toJ + image).norm() / mean);
+                if (w > 0) visit(toJ + image, i, j, w);
             }
         }
-    frictionIsKnown = true;
 }
 
 void PeriodicStokesianDynamicsAt::friction(MatrixXd& friction) {
@@ -178,15 +164,6 @@ void PeriodicStokesianDynamicsAt::dense(MatrixXd& mobility) {
     mobility = mobilityMatrix;
 }
 
-FlowSources PeriodicStokesianDynamicsAt::sources(const MatrixXd& forces, const DrivenFlow* flow) {
-    makeResponse();
-    FlowSources result;
-    multiply(forces, result.forces, Accuracy());
-    Eigen::LLT<MatrixXd>(farField).solveInPlace(result.forces);
-    result.stresslets = model.stressletsOf(response, result.forces, flow, positions);
-    return result;
-}
-
 void PeriodicStokesianDynamicsAt::multiply(const MatrixXd& forces, MatrixXd& velocities,
                                            const Accuracy&) {
     dense(scratch);
@@ -206,10 +183,11 @@ MobilityTraits inABox(MobilityTraits traits) {
 
 PeriodicStokesianDynamics::PeriodicStokesianDynamics(const HydrodynamicParticles& particles,
                                                      double viscosity, bool lubrication,
-                                                     double minimumGap)
+                                                     double minimumGap,
+                                                     const LubricationReach& reach)
     : StokesianDynamics(particles, viscosity, lubrication, minimumGap, true,
-                        inABox(traitsOf(lubrication))) {
-    checkPeriodicRows(11 * particles.size(), largestRows, false);
+                        inABox(traitsOf(lubrication)), reach) {
+    checkPeriodicRows(11 * particles.size(), largestRows);
 }
 
 WaveFactors PeriodicStokesianDynamics::waveFactors(double radius, double k) const {

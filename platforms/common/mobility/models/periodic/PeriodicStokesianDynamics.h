@@ -13,10 +13,9 @@ namespace RigidHIPlugin {
  * lubrication, also with images.
  *
  * Equation:  R = M_FTS^-1 + sum over pairs, images of them and of spheres themselves of w(r)
- *            (R_exact - R_FTS)(pair). w = 1 up to 8 mean radii of the pair and 0 from 10 on.
- *            Between these distances w = 1 - 10 z^3 + 15 z^4 - 6 z^5 with z = r/(2 mean radii) - 4.
- * Accuracy:  M_FTS is accurate to 1e-13. What w cuts off is at most 7e-6 of 6 pi eta a. A pair's
- *            term is positive semidefinite, so any w from 0 to 1 keeps R positive definite. R is a
+ *            (R_exact - R_FTS)(pair), w of LubricationReach, 8 and 10 mean radii by default.
+ * Accuracy:  M_FTS is accurate to 1e-13. What w cuts off is by default at most 7e-6 of 6 pi eta a.
+ * A pair's term is positive semidefinite, so any w from 0 to 1 keeps R positive definite. R is a
  *            smooth function of positions and box.
  * Cost:      That of StokesianDynamics, and 20 us a pair for the lattice sums.
  * Limits:    Those of StokesianDynamics. Spheres must not touch their own images.
@@ -24,7 +23,9 @@ namespace RigidHIPlugin {
 class PeriodicStokesianDynamics : public StokesianDynamics, BoxOfModel {
 public:
     PeriodicStokesianDynamics(const HydrodynamicParticles& particles, double viscosity,
-                              bool lubrication, double minimumGap);
+                              bool lubrication, double minimumGap,
+                              const LubricationReach& reach = reachByDefault);
+    static constexpr LubricationReach reachByDefault = {8, 10};
     std::string objection(const Placement& placement) const override;
     WaveFactors waveFactors(double radius, double k) const override;
     const BoxOfModel* box() const override { return this; }

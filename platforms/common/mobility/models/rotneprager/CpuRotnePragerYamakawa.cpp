@@ -195,12 +195,14 @@ bool fitSingle(const HydrodynamicParticles& particles) {
 }
 
 MobilityTraits traitsOf(const HydrodynamicParticles& particles,
-                        const std::optional<NoSlipPlane>& wall, bool fastSums) {
+                        const std::optional<NoSlipPlane>& wall, bool fastSums,
+                        bool fastSinglePrecision) {
     MobilityTraits traits("RotnePragerYamakawa");
     traits.mayObject = wall.has_value();
     traits.holdsNearby = wall && wall->reachesBeyond();
     traits.isHomogeneous = traits.isIsotropic = traits.isDivergenceFree = !wall;
     traits.hasSinglePrecision = fitSingle(particles);
+    traits.hasFastSinglePrecision = fastSinglePrecision && traits.hasSinglePrecision;
     traits.rowsWorthIterations = 425;
     // Products for differences keep the cubes of the placement before.
     const double coarsest = 1e-2;
@@ -214,8 +216,8 @@ MobilityTraits traitsOf(const HydrodynamicParticles& particles,
 CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& particles,
                                                double viscosity, ForRanges forRanges,
                                                const std::optional<NoSlipPlane>& wall,
-                                               bool fastSums)
-    : MobilityModel(particles, viscosity, traitsOf(particles, wall, fastSums)),
+                                               bool fastSums, bool fastSinglePrecision)
+    : MobilityModel(particles, viscosity, traitsOf(particles, wall, fastSums, fastSinglePrecision)),
       forRanges(forRanges), wall(wall), fastSums(fastSums) {
     const int blockSize = RotnePragerYamakawaArrays::blockSize;
     for (bool spheres : {true, false}) {
@@ -444,7 +446,6 @@ bool CpuRotnePragerYamakawaAt::placesAreFinite() const {
     return Eigen::Map<const Eigen::VectorXd>(sources.data(), sources.size()).allFinite();
 }
 
-/** Of particles in their own order. */
 void CpuRotnePragerYamakawaAt::placesInFormulas(std::vector<OpenMM::Vec3>& positions,
                                                 std::vector<double>& weights) const {
     positions.resize(particles.size());

@@ -41,10 +41,11 @@ public:
      * @param wall  if there is one
      * @param fastSums  whether products that need not be exact are made by FastSum where that takes
      *     less time
+     * @param fastSinglePrecision  MobilityTraits::hasFastSinglePrecision
      */
     CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity,
                            ForRanges forRanges = {}, const std::optional<NoSlipPlane>& wall = {},
-                           bool fastSums = true);
+                           bool fastSums = true, bool fastSinglePrecision = false);
     bool acceptsNearby(const Placement& placement) const override {
         return !wall || wall->acceptsNearby(particles, placement.positions);
     }
@@ -113,6 +114,10 @@ public:
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override;
+    bool placesAreFinite() const;
+    bool preparePlacesInSingle();  // whether floats can hold them
+    /** Of particles in their own order. */
+    void placesInFormulas(std::vector<OpenMM::Vec3>& positions, std::vector<double>& weights) const;
 
 private:
     static constexpr int maxColumns = 2;  // at once
@@ -124,7 +129,6 @@ private:
     FastSum& sumHere(const FastSum::Accuracy& accuracy);
     FastSum& sumNearby(const FastSum::Accuracy& accuracy);
     void sumPairs(const PairSumArrays& arrays);
-    bool preparePlacesInSingle();  // whether floats can hold them
     template <class Task>
     void split(int count, double pairs, const Task& task) const;
     struct RotnePragerYamakawaArrays arrays(double* result) const;
@@ -146,8 +150,6 @@ private:
     };
     std::map<int, Fast> fast, smooth;  // by orders, made when first needed; smooth: for differences
     std::vector<OpenMM::Vec3> anchor;  // the last accepted placement, z from the wall
-    bool placesAreFinite() const;
-    void placesInFormulas(std::vector<OpenMM::Vec3>& positions, std::vector<double>& weights) const;
 };
 
 }  // namespace RigidHIPlugin

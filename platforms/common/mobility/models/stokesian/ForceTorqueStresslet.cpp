@@ -14,12 +14,6 @@ using Eigen::Vector3d;
 
 namespace {
 
-Matrix3d crossProduct(const Vector3d& v) {
-    Matrix3d m;
-    m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-    return m;
-}
-
 /**
  * The mutual mobility of two spheres at the centre distance r, with the direction n from j to i, in
  * units of 1/(8 pi viscosity).

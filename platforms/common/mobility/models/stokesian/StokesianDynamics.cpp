@@ -3,6 +3,7 @@
 #include <openmm/OpenMMException.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -18,6 +19,7 @@ namespace RigidHIPlugin {
 using Eigen::Matrix3d;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
+using Eigen::VectorXd;
 using OpenMM::OpenMMException;
 using OpenMM::Vec3;
 
@@ -71,9 +73,9 @@ MobilityTraits StokesianDynamics::traitsOf(bool lubrication) {
 
 StokesianDynamics::StokesianDynamics(const HydrodynamicParticles& particles, double viscosity,
                                      bool lubrication, double minimumGap, bool selfPairs,
-                                     const MobilityTraits& traits)
-    : MobilityModel(particles, viscosity, traits), lubrication(lubrication),
-      minimumGap(minimumGap) {
+                                     const MobilityTraits& traits, const LubricationReach& reach)
+    : MobilityModel(particles, viscosity, traits), lubrication(lubrication), minimumGap(minimumGap),
+      reach(reach) {
     if (!(minimumGap >= 0 && minimumGap < 1))
         throw OpenMMException("StokesianDynamics: the minimum gap is " + text(minimumGap) +
                               " mean radii of a pair; it must be at least 0 (none) and below 1");
@@ -157,24 +159,31 @@ std::string StokesianDynamics::objection(const Placement& placement) const {
     return {};
 }
 
-void StokesianDynamics::addLubrication(const Vector3d& toJ, int i, int j, double weight,
-                                       MatrixXd& friction) const {
-    const bool swapped =
-        particles.radii[i] < particles.radii[j];  // tables are for sphere 1 the larger
+StokesianDynamics::LubricatedPair StokesianDynamics::lubricatedPair(const Vector3d& toJ, int i,
+                                                                    int j) const {
+    const bool swapped = particles.radii[i] < particles.radii[j];
     if (swapped) std::swap(i, j);
     const double a[2] = {particles.radii[i], particles.radii[j]}, mean = (a[0] + a[1]) / 2;
     const double distance = std::sqrt(toJ[0] * toJ[0] + toJ[1] * toJ[1] + toJ[2] * toJ[2]);
-    const double gap = std::max((distance - a[0] - a[1]) / mean, minimumGap);
-    const TwoSphereValues<double> f = tables[kind[i]][kind[j]]->correction(gap);
+    return {{i, j},
+            {a[0], a[1]},
+            (swapped ? -1.0 : 1.0) * toJ / distance,
+            std::max((distance - a[0] - a[1]) / mean, minimumGap),
+            tables[kind[i]][kind[j]].get()};
+}
 
-    const Vector3d d = (swapped ? -1.0 : 1.0) * toJ / distance;
+void StokesianDynamics::addLubrication(const Vector3d& toJ, int i, int j, double weight,
+                                       MatrixXd& friction) const {
+    const LubricatedPair pair = lubricatedPair(toJ, i, j);
+    const auto f = pair.table->correctionOfMotion(pair.gap);
+    const Vector3d& d = pair.direction;
     const Matrix3d along = d * d.transpose(), across = Matrix3d::Identity() - along;
-    Matrix3d turn;  // T_i = B eps_ijk d_k U_j
-    turn << 0, d.z(), -d.y(), -d.z(), 0, d.x(), d.y(), -d.x(), 0;
-    const int row[2] = {particles.firstRow[i], particles.firstRow[j]};
+    const Matrix3d turn = -crossProduct(d);  // T_i = B eps_ijk d_k U_j
+    const int row[2] = {particles.firstRow[pair.particle[0]], particles.firstRow[pair.particle[1]]};
     for (int p = 0; p < 2; p++)
         for (int q = 0; q < 2; q++) {
-            const double sum = a[p] + a[q], unit = weight * M_PI * viscosity * sum;
+            const double sum = pair.radius[p] + pair.radius[q],
+                         unit = weight * M_PI * viscosity * sum;
             friction.block<3, 3>(row[p], row[q]) +=
                 3 * unit * (f[XA11 + p + q] * along + f[YA11 + p + q] * across);
             friction.block<3, 3>(row[p] + 3, row[q] + 3) +=
@@ -185,45 +194,136 @@ void StokesianDynamics::addLubrication(const Vector3d& toJ, int i, int j, double
         }
 }
 
-Eigen::VectorXd StokesianDynamics::stressletsOf(const StressletResponse& response,
-                                                const MatrixXd& forces, const DrivenFlow* flow,
-                                                const std::vector<Vec3>& positions) const {
-    Eigen::VectorXd rates = Eigen::VectorXd::Zero(5 * particles.size());
-    if (flow) strainRates(*flow, positions, rates);
-    return response.stresslets(forces.col(0), rates, viscosity);
+void StokesianDynamics::addLubricationForces(const Vector3d& toJ, int i, int j, double weight,
+                                             const VectorXd& twists, const VectorXd& strains,
+                                             VectorXd& forces, VectorXd& stresslets) const {
+    const LubricatedPair pair = lubricatedPair(toJ, i, j);
+    const TwoSphereValues<double> f = pair.table->correction(pair.gap);
+    const Vector3d& d = pair.direction;
+    const Eigen::Matrix<double, 3, 5> v = contractBasis(d);
+    const Eigen::Matrix<double, 5, 1> s = v.transpose() * d;
+    for (int p = 0; p < 2; p++)
+        for (int q = 0; q < 2; q++) {
+            const int rowP = particles.firstRow[pair.particle[p]],
+                      rowQ = particles.firstRow[pair.particle[q]];
+            const int strainP = 5 * pair.particle[p], strainQ = 5 * pair.particle[q];
+            const double sum = pair.radius[p] + pair.radius[q],
+                         unit = weight * M_PI * viscosity * sum;
+            const Vector3d U = twists.segment<3>(rowQ), Omega = twists.segment<3>(rowQ + 3);
+            const Eigen::Matrix<double, 5, 1> E = strains.segment<5>(strainQ);
+            const double b = unit * sum, c = b * sum, m = 5 * c / 6;
+            // Forces and torques of velocities, as in addLubrication().
+            const auto mixed = [&](double x, double y, const Vector3d& of) -> Vector3d {
+                return (x - y) * d.dot(of) * d + y * of;
+            };
+            forces.segment<3>(rowP) +=
+                3 * unit * mixed(f[XA11 + p + q], f[YA11 + p + q], U) +
+                unit * (pair.radius[p] + pair.radius[q]) * f[YB11 + 2 * q + p] * d.cross(Omega);
+            forces.segment<3>(rowP + 3) += c * mixed(f[XC11 + p + q], f[YC11 + p + q], Omega) -
+                                           b * f[YB11 + 2 * p + q] * d.cross(U);
+            // Stresslets of velocities: with e_i = e of the direction, G_ijk = X (d_i d_j - 1/3)
+            // d_k
+            // + Y (d_i 1_jk + d_j 1_ik - 2 d_i d_j d_k), H_ijk = Y (d_i eps_jkm d_m + d_j eps_ikm
+            // d_m).
+            stresslets.segment<5>(strainP) +=
+                b * (f[XG11 + 2 * p + q] * d.dot(U) * s +
+                     2 * f[YG11 + 2 * p + q] * (v.transpose() * U - d.dot(U) * s)) -
+                2 * c * f[YH11 + 2 * p + q] * (v.transpose() * d.cross(Omega));
+            // Forces and torques of strains, the transposes.
+            forces.segment<3>(rowP) += b * (f[XG11 + 2 * q + p] * s.dot(E) * d +
+                                            2 * f[YG11 + 2 * q + p] * (v * E - s.dot(E) * d));
+            forces.segment<3>(rowP + 3) -= 2 * c * f[YH11 + 2 * q + p] * (v * E).cross(d);
+            // Stresslets of strains: the parts of azimuthal order 0, 1 and 2 about the direction.
+            const Eigen::Matrix<double, 5, 1> part0 = 1.5 * s * s.dot(E),
+                                              part1 = 2 * (v.transpose() * (v * E) - s * s.dot(E));
+            stresslets.segment<5>(strainP) +=
+                m * (f[XM11 + p + q] * part0 + f[YM11 + p + q] * part1 +
+                     f[ZM11 + p + q] * (E - part0 - part1));
+        }
 }
 
 void StokesianDynamics::strainRates(const DrivenFlow& flow, const std::vector<Vec3>& positions,
-                                    Eigen::VectorXd& rates) const {
+                                    VectorXd& rates) const {
     rates.resize(5 * particles.size());
     for (int i = 0; i < particles.size(); i++)
         rates.segment<5>(5 * i) = inStressletBasis(
             flow.strainRateAt(toEigen(positions[i]), waveFactors(particles.radii[i], flow.k)));
 }
 
+void SpheresAt::lubricationForces(const VectorXd& twists, const VectorXd& strains, VectorXd& forces,
+                                  VectorXd& stresslets) const {
+    forces.setZero(particles.numRows);
+    stresslets.setZero(5 * particles.size());
+    if (!model.hasLubrication()) return;
+    const auto add = [&](const Vector3d& toJ, int i, int j, double weight) {
+        model.addLubricationForces(toJ, i, j, weight, twists, strains, forces, stresslets);
+    };
+    visitPairs(std::cref(add));  // a std::function of a reference allocates nothing
+}
+
+bool SpheresAt::strainsPairs(const DrivenFlow* flow) const {
+    // A flow has a wave or a uniform gradient (UserFlow).
+    return model.hasLubrication() && flow && flow->hasGradient() && flow->waveVelocity == 0;
+}
+
+void SpheresAt::relativeVelocities(const DrivenFlow& flow, VectorXd& velocities) {
+    // The far field's velocities u answer to the stresslets alone. With lubrication R w = M^-1 u +
+    // Delta_FE E, which is R (w - u) = Delta_FE E - Delta_FF u.
+    //
+    // This is so for a flow whose gradient is the mean one of the whole suspension. A wave is
+    // driven by forces, and u has a wave, too, which makes the suspension's flow slower than the
+    // driven one. A pair term resists that two spheres move alike, a little. In Delta_FF u it would
+    // hold the spheres back in the driven flow, as a porous medium does, with a force that does not
+    // vanish with k as it must: arrays at a volume fraction of 0.216 would have the viscosities
+    // 1.64, 1.77, ... in longer and longer waves, and denser ones none at all. So the wave's part
+    // is u alone.
+    model.strainRates(flow, positions, ofStrains);
+    velocities.setZero(particles.numRows);
+    farFieldResponse().addVelocities(ofStrains, velocities);
+    if (!strainsPairs(&flow)) return;
+    model.strainRates(flow, positions, pairRates);
+    pairRates = -pairRates;
+    lubricationForces(velocities, pairRates, pairForces, pairStresslets);
+    column = -pairForces;
+    multiply(column, answer);
+    velocities += answer.col(0);
+}
+
+void SpheresAt::addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) {
+    relativeVelocities(flow, relative);
+    slips.col(0) += relative;
+}
+
+FlowSources SpheresAt::sources(const MatrixXd& forces, const DrivenFlow* flow) {
+    FlowSources result;
+    result.forces = forces;
+    rates.setZero(5 * particles.size());
+    if (flow) model.strainRates(*flow, positions, rates);
+    VectorXd farForces = forces.col(0), ofPairs = VectorXd::Zero(rates.size());
+    if (model.hasLubrication()) {
+        VectorXd velocities = VectorXd::Zero(particles.numRows), ofForces;
+        pairRates.setZero(rates.size());
+        if (strainsPairs(flow)) {
+            relativeVelocities(*flow, velocities);
+            pairRates = -rates;
+        }
+        multiply(forces, answer);
+        velocities += answer.col(0);
+        lubricationForces(velocities, pairRates, ofForces, ofPairs);
+        farForces -= ofForces;
+    }
+    result.stresslets = farFieldResponse().stresslets(farForces, rates, viscosity) + ofPairs;
+    return result;
+}
+
 namespace {
 
-class StokesianDynamicsAt : public MobilityAt {
+class StokesianDynamicsAt : public SpheresAt {
 public:
-    explicit StokesianDynamicsAt(const StokesianDynamics& model)
-        : MobilityAt(model), model(model) {}
+    explicit StokesianDynamicsAt(const StokesianDynamics& model) : SpheresAt(model) {}
     void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override;
     void dense(MatrixXd& mobility) override;
     void friction(MatrixXd& friction) override;
-    void addStressletsOf(const DrivenFlow& flow, MatrixXd& slips) override {
-        makeFarField();
-        model.strainRates(flow, positions, rates);
-        response.addVelocities(rates, slips.col(0));
-    }
-
-    FlowSources sources(const MatrixXd& forces, const DrivenFlow* flow) override {
-        FlowSources result;
-        multiply(forces, result.forces, Accuracy());
-        makeFarField();
-        Eigen::LLT<MatrixXd>(farField).solveInPlace(result.forces);
-        result.stresslets = model.stressletsOf(response, result.forces, flow, positions);
-        return result;
-    }
     void addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points, double factor,
                    Velocities& velocities) override {
         addFreeFlowAt(particles, positions, sources, points, factor / (8 * M_PI * viscosity),
@@ -232,6 +332,11 @@ public:
 
 protected:
     void moveTo(const Placement& placement, bool) override;
+    void visitPairs(const PairVisitor& visit) const override;
+    const StressletResponse& farFieldResponse() override {
+        makeFarField();
+        return response;
+    }
 
 private:
     // Each matrix is made when it is first asked for.
@@ -239,10 +344,7 @@ private:
     void makeFriction();
     void makeFactor();
 
-    const StokesianDynamics& model;
-    std::vector<Vec3> positions;
     MatrixXd farField, frictionMatrix, factor, scratch;
-    Eigen::VectorXd rates;
     StressletResponse response;  // of the far field
     bool farFieldIsKnown = false, frictionIsKnown = false, factorIsKnown = false;
 };
@@ -266,12 +368,20 @@ void StokesianDynamicsAt::makeFriction() {
     factorize(factor);
     inverseFromFactor(factor, scratch, frictionMatrix);
     if (model.hasLubrication())
-        for (int i = 0; i < particles.size(); i++)
-            for (int j = 0; j < i; j++) {
-                const Vec3 toJ = positions[j] - positions[i];
-                model.addLubrication(Vector3d(toJ[0], toJ[1], toJ[2]), i, j, 1, frictionMatrix);
-            }
+        visitPairs([&](const Vector3d& toJ, int i, int j, double weight) {
+            model.addLubrication(toJ, i, j, weight, frictionMatrix);
+        });
     frictionIsKnown = true;
+}
+
+void StokesianDynamicsAt::visitPairs(const PairVisitor& visit) const {
+    for (int i = 0; i < particles.size(); i++)
+        for (int j = 0; j < i; j++) {
+            const Vector3d toJ = toEigen(positions[j] - positions[i]);
+            const double mean = (particles.radii[i] + particles.radii[j]) / 2,
+                         w = model.getReach().weight(toJ.norm() / mean);
+            if (w > 0) visit(toJ, i, j, w);
+        }
 }
 
 /** Make the Cholesky factor of the friction. */

@@ -1,11 +1,13 @@
 #ifndef RIGIDHI_STOKESIAN_DYNAMICS_H_
 #define RIGIDHI_STOKESIAN_DYNAMICS_H_
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "mobility/MobilityModel.h"
+#include "mobility/models/lubricated/LubricationReach.h"
 #include "mobility/models/stokesian/ForceTorqueStresslet.h"
 #include "mobility/models/stokesian/TwoSphereResistance.h"
 
@@ -21,8 +23,13 @@ namespace RigidHIPlugin {
  * Rigid spheres in unbounded fluid: many-body far field of forces, torques and stresslets, and
  * exact pair lubrication.
  *
- * Equation:  F = R U with R = M_FTS^-1 + sum over pairs (R_exact - R_FTS of the pair); without
- *            lubrication R = M_FTS^-1.
+ * Equation:  F = R U with R = M_FTS^-1 + Delta_FF and Delta = sum over pairs (R_exact - R_FTS of
+ *            the pair); without lubrication Delta = 0. Delta has rows for forces, torques and
+ *            stresslets. In a driven flow of velocities U' and strain rates E at the spheres, w = U
+ *            - U': f + Delta_FF w = F + Delta_FE E, where w = M_FTS f - C^T G^-1 E, and the
+ *            stresslets are -G^-1 (C f + 8 pi eta E) + Delta_SF w - Delta_SE E. In a wave there is
+ *            no lubrication of strain, and Delta_FF acts on w + C^T G^-1 E (relativeVelocities() in
+ *            the source).
  * Accuracy:  One sphere and two spheres are exact (1e-9). With more spheres, multipoles beyond the
  *            stresslet that are not pairwise are missing. Each pair's term is positive
  *            semidefinite, because FTS is Galerkin's approximation from below, so R is positive
@@ -48,9 +55,11 @@ public:
      *     too large a ratio, or a bad minimum gap
      */
     StokesianDynamics(const HydrodynamicParticles& particles, double viscosity, bool lubrication,
-                      double minimumGap)
+                      double minimumGap, const LubricationReach& reach = everywhere)
         : StokesianDynamics(particles, viscosity, lubrication, minimumGap, false,
-                            traitsOf(lubrication)) {}
+                            traitsOf(lubrication), reach) {}
+    /** Lubrication of all pairs: no distance is so large. */
+    static constexpr LubricationReach everywhere = {1e100, 2e100};
 
     std::string objection(const Placement& placement) const override;
     /**
@@ -60,13 +69,7 @@ public:
     bool overlaps(const std::vector<OpenMM::Vec3>& positions, int& i, int& j) const;
 
     bool hasLubrication() const { return lubrication; }
-    /**
-     * The stresslets under forces that do not include those of lubrication, in a driven flow (null:
-     * none).
-     */
-    Eigen::VectorXd stressletsOf(const StressletResponse& response, const Eigen::MatrixXd& forces,
-                                 const DrivenFlow* flow,
-                                 const std::vector<OpenMM::Vec3>& positions) const;
+    const LubricationReach& getReach() const { return reach; }
     /** Strain rates at the spheres, five numbers each in the basis of StressletBasis.h. */
     void strainRates(const DrivenFlow& flow, const std::vector<OpenMM::Vec3>& positions,
                      Eigen::VectorXd& rates) const;
@@ -79,11 +82,23 @@ public:
      */
     void addLubrication(const Eigen::Vector3d& toJ, int i, int j, double weight,
                         Eigen::MatrixXd& friction) const;
+    /**
+     * Add the forces, torques and stresslets of a pair's lubrication, when the spheres have these
+     * velocities and angular velocities, and when their surfaces have these strain rates besides.
+     * The arguments are those of addLubrication().
+     *
+     * @param strains  five numbers a sphere in the basis of StressletBasis.h, as those of
+     *     stresslets
+     */
+    void addLubricationForces(const Eigen::Vector3d& toJ, int i, int j, double weight,
+                              const Eigen::VectorXd& twists, const Eigen::VectorXd& strains,
+                              Eigen::VectorXd& forces, Eigen::VectorXd& stresslets) const;
 
 protected:
     /** @param selfPairs  whether spheres have lubrication with their own images */
     StokesianDynamics(const HydrodynamicParticles& particles, double viscosity, bool lubrication,
-                      double minimumGap, bool selfPairs, const MobilityTraits& traits);
+                      double minimumGap, bool selfPairs, const MobilityTraits& traits,
+                      const LubricationReach& reach);
     /** The traits in unbounded fluid. */
     static MobilityTraits traitsOf(bool lubrication);
     /**
@@ -95,11 +110,56 @@ protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
 
 private:
+    /** A pair in the order of the tables: sphere 0 is the larger one. */
+    struct LubricatedPair {
+        int particle[2];
+        double radius[2];
+        Eigen::Vector3d direction;  // from sphere 0 to 1
+        double gap;                 // in mean radii, at least the minimum gap
+        const TwoSphereResistance* table;
+    };
+    LubricatedPair lubricatedPair(const Eigen::Vector3d& toJ, int i, int j) const;
+
     const bool lubrication;
     const double minimumGap;
+    const LubricationReach reach;
     std::vector<int> kind;  // of each particle: index of its radius among the distinct radii
     std::vector<std::vector<std::shared_ptr<const TwoSphereResistance>>>
         tables;  // [kind of the larger][kind of the smaller]
+};
+
+/**
+ * Spheres with stresslets at one placement: what the models in unbounded fluid and in a periodic
+ * box have in common.
+ */
+class SpheresAt : public MobilityAt {
+public:
+    explicit SpheresAt(const StokesianDynamics& model) : MobilityAt(model), model(model) {}
+    void addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) override;
+    /** The forces are those that are given, and the stresslets include those of lubrication. */
+    FlowSources sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) override;
+
+protected:
+    /** A pair's vector from i to j, i, j, and the weight of its lubrication. */
+    using PairVisitor = std::function<void(const Eigen::Vector3d&, int, int, double)>;
+    /** Visit all pairs that have lubrication. */
+    virtual void visitPairs(const PairVisitor& visit) const = 0;
+    /** How the stresslets of the far field answer to forces and strains. */
+    virtual const StressletResponse& farFieldResponse() = 0;
+
+    const StokesianDynamics& model;
+    std::vector<OpenMM::Vec3> positions;
+
+private:
+    /** Whether lubrication acts on the strain of this flow; null: there is none. */
+    bool strainsPairs(const DrivenFlow* flow) const;
+    /** The velocities relative to a flow, of spheres without forces. */
+    void relativeVelocities(const DrivenFlow& flow, Eigen::VectorXd& velocities);
+    void lubricationForces(const Eigen::VectorXd& twists, const Eigen::VectorXd& strains,
+                           Eigen::VectorXd& forces, Eigen::VectorXd& stresslets) const;
+
+    Eigen::VectorXd rates, ofStrains, pairRates, pairForces, pairStresslets, relative;
+    Eigen::MatrixXd column, answer;
 };
 
 }  // namespace RigidHIPlugin

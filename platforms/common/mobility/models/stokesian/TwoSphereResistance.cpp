@@ -40,14 +40,22 @@ namespace {
 template <class Real, int m>
 class Bispherical {
 public:
-    static constexpr int numUnknowns = m == 0 ? 6 : 8, numMotions = 2 * (m + 1);
+    // Motions of each sphere, and what it does to the fluid: velocity and force along z (m = 0) or
+    // x (m = 1), angular velocity and torque about y (m = 1), strain and stresslet.
+    static constexpr int ofVelocity = 0, ofSpin = 1,
+                         ofStrain = m == 0   ? 1
+                                    : m == 1 ? 2
+                                             : 0,
+                         numOfSphere = ofStrain + 1;
+    static constexpr int numUnknowns = m == 0 ? 6 : 8, numMotions = 2 * numOfSphere;
     using Resistance = Eigen::Matrix<Real, numMotions, numMotions>;
 
     Bispherical(Real alpha, Real beta, int maxOrder) : xi{alpha, beta}, maxOrder(maxOrder) {}
 
     /**
-     * The force (m = 1: force along x, torque about y) of each sphere on the fluid for the same
-     * motions, about the spheres' centres.
+     * The force, torque and stresslet of each sphere on the fluid for the same motions, about the
+     * spheres' centres. Strains and stresslets are multiples of zz - (xx + yy)/2 (m = 0), xz + zx
+     * (1) and xx - yy (2). Each sphere's surface is strained by itself.
      */
     Resistance resistance() const {
         // block elimination upwards, substitution downwards
@@ -113,23 +121,33 @@ private:
             const Real sqrt2 = std::sqrt(Real(2));
             const Real root =
                 (decay(n + 1, sphere) / beyond - decay(n - 1, sphere) / below) / sqrt2;
-            if (m == 0)
-                e.right(W + sphere, sphere) = root;
-            else {
+            const Real previous = n > 0 ? sqrt2 * decay(n - 1, sphere) : Real(0),
+                       next = sqrt2 * decay(n + 1, sphere);
+            // of h^{1/2} rho (m = 1) and of h^{1/2} (z - z_centre) (m = 0)
+            const Real across = previous / below - next / beyond;
+            const Real along = (cosine * (n * previous / below + (n + 1) * next / beyond) -
+                                sqrt2 * decay(n, sphere)) /
+                               sine;
+            const int motion = numOfSphere * sphere;
+            if (m == 0) {
+                e.right(W + sphere, motion + ofVelocity) = root;
+                e.right(W + sphere, motion + ofStrain) = along;
+                e.right(X + sphere, motion + ofStrain) = -across / 2;
+            } else {
                 atSphere(Y, Y, -(n - m + 1) / below, cosine, -(n + m) / beyond);
                 atSphere(Y, Q, -(n - m) * (n - m + 1) / (2 * below), 0,
                          (n + m + 1) * (n + m) / (2 * beyond));
-                e.right(Y + sphere, 2 * sphere) = 2 * root;
-                // spin about y: v_x - i v_y = 2 (z - z_centre) = 2 (x cosh(xi) - 1)/(h sinh(xi)),
-                // v_z = -rho e^{i phi}
-                const Real previous = n > 0 ? sqrt2 * decay(n - 1, sphere) : Real(0),
-                           next = sqrt2 * decay(n + 1, sphere);
-                e.right(W + sphere, 2 * sphere + 1) = next / beyond - previous / below;
-                e.right(Y + sphere, 2 * sphere + 1) =
-                    2 *
-                    (cosine * (n * previous / below + (n + 1) * next / beyond) -
-                     sqrt2 * decay(n, sphere)) /
-                    sine;
+                if (m == 1) {
+                    e.right(Y + sphere, motion + ofVelocity) = 2 * root;
+                    // spin about y: v_x - i v_y = 2 (z - z_centre), where z - z_centre is (x
+                    // cosh(xi) - 1)/(h sinh(xi)), and v_z = -rho e^{i phi}. The strain has the
+                    // opposite v_z.
+                    for (int which : {ofSpin, ofStrain}) {
+                        e.right(W + sphere, motion + which) = which == ofSpin ? -across : across;
+                        e.right(Y + sphere, motion + which) = 2 * along;
+                    }
+                } else
+                    e.right(Y + sphere, motion + ofStrain) = 2 * across;
             }
             // div u = (3 Q + r.grad Q)/2 + div v = 0, separately for + and -
             const Real sign = sphere == 0 ? 1 : -1, fromLower = std::exp(xi[sphere]),
@@ -145,7 +163,7 @@ private:
             const Real share = m == 0 ? 1 : Real(0.5);
             divergence(X, share * (N - m - 1) * (N - m) / 2, -share * (N + m + 1) * (N - m),
                        share * (N + m + 2) * (N + m + 1) / 2);
-            if (m == 1) divergence(Y, Real(-0.25), Real(0.5), Real(-0.25));
+            if (m > 0) divergence(Y, Real(-0.25), Real(0.5), Real(-0.25));
         }
         // P_n^m = 0 where n < m
         for (int variable = 0; variable < numUnknowns; variable += 2)
@@ -165,27 +183,43 @@ private:
     }
 
     /**
-     * Far away v is F/(8 pi r) + T x r/(8 pi r³). Terms that are singular in a sphere come from
-     * that sphere.
+     * Far away v is F/(8 pi r) + T x r/(8 pi r³), and the pressure Q of a stresslet is 3 r.S.r/(4
+     * pi r^5). Terms that are singular in a sphere come from that sphere. Far from +, f_n is
+     * sqrt 2 times 1/r + (2n+1) z/r³ + (n² + n + 1/2) (3z² - r²)/r^5 for m = 0, n (n+1) [x/r³ +
+     * (2n+1) xz/r^5] for m = 1, and (n-1) n (n+1) (n+2)/2 (x² - y²)/r^5 for m = 2.
      */
     Resistance farField(const std::vector<Columns>& solution) const {
         Resistance resistance = Resistance::Zero();
         const Real unit = 8 * std::sqrt(Real(2)) * std::acos(Real(-1));
         for (int n = maxOrder; n >= 0; n--)
             for (int sphere = 0; sphere < 2; sphere++) {
-                const Real weight = unit * decay(n, sphere);
-                if (m == 0)
-                    resistance.row(sphere) += weight * solution[n].row(W + sphere);
-                else {
-                    resistance.row(2 * sphere) += weight / 2 * solution[n].row(Y + sphere);
-                    resistance.row(2 * sphere + 1) -=
+                const Real weight = unit * decay(n, sphere), N = n;
+                const int response = numOfSphere * sphere;
+                const auto& pressure = solution[n].row(Q + sphere);
+                if (m == 0) {
+                    resistance.row(response + ofVelocity) += weight * solution[n].row(W + sphere);
+                    resistance.row(response + ofStrain) +=
+                        weight / 3 * (N * (N + 1) + Real(0.5)) * pressure;
+                } else if (m == 1) {
+                    resistance.row(response + ofVelocity) +=
+                        weight / 2 * solution[n].row(Y + sphere);
+                    resistance.row(response + ofSpin) -=
                         weight * n * (n + 1) * solution[n].row(W + sphere);
-                }
+                    resistance.row(response + ofStrain) +=
+                        (sphere == 0 ? 1 : -1) * weight / 12 * N * (N + 1) * (2 * N + 1) * pressure;
+                } else
+                    resistance.row(response + ofStrain) +=
+                        weight / 12 * (N - 1) * N * (N + 1) * (N + 2) * pressure;
             }
-        if (m == 1)  // from torques about the origin to torques about the centres, z = +-coth(xi)
-            for (int sphere = 0; sphere < 2; sphere++)
-                resistance.row(2 * sphere + 1) -=
-                    (sphere == 0 ? 1 : -1) / std::tanh(xi[sphere]) * resistance.row(2 * sphere);
+        // from the origin to the centres, z = +-coth(xi)
+        for (int sphere = 0; m < 2 && sphere < 2; sphere++) {
+            const int response = numOfSphere * sphere;
+            const Eigen::Matrix<Real, 1, numMotions> moment = (sphere == 0 ? 1 : -1) /
+                                                              std::tanh(xi[sphere]) *
+                                                              resistance.row(response + ofVelocity);
+            if (m == 1) resistance.row(response + ofSpin) -= moment;
+            resistance.row(response + ofStrain) -= moment * (m == 0 ? Real(2) / 3 : Real(0.5));
+        }
         return resistance;
     }
 
@@ -222,12 +256,13 @@ constexpr int digitsOrders = 22, longDigitsOrders = 27;
  */
 template <class Real>
 struct Scales {
-    Real A, B, C;
+    Real A, B, C, M;
     Scales(Real sumOfRadii) {
         const Real pi = std::acos(Real(-1));
         A = 3 * pi * sumOfRadii;
         B = pi * sumOfRadii * sumOfRadii;
         C = B * sumOfRadii;
+        M = Real(5) / 6 * C;
     }
 };
 
@@ -247,20 +282,29 @@ TwoSphereValues<Real> solveTwoSpheres(Real ratio, Real gap) {
     const Real focal = std::sinh(alpha);
     const auto axial = Bispherical<Real, 0>(alpha, beta, maxOrder).resistance();
     const auto transverse = Bispherical<Real, 1>(alpha, beta, maxOrder).resistance();
+    const auto planar = Bispherical<Real, 2>(alpha, beta, maxOrder).resistance();
     const auto spin = spinResistance(alpha, beta, maxOrder);
     TwoSphereValues<Real> f;
     for (int i = 0; i < 2; i++)
         for (int j = 0; j < 2; j++) {
             const Scales<Real> scale((radius[i] + radius[j]) / focal);
+            const auto along = axial.template block<2, 2>(2 * i, 2 * j);
+            const auto across = transverse.template block<3, 3>(3 * i, 3 * j);
             if (i <= j) {
                 const int ij = symmetricIndex(i, j);
-                f[XA11 + ij] = axial(i, j) / scale.A;
-                f[YA11 + ij] = transverse(2 * i, 2 * j) / scale.A;
+                f[XA11 + ij] = along(0, 0) / scale.A;
+                f[YA11 + ij] = across(0, 0) / scale.A;
                 f[XC11 + ij] = spin(i, j) / scale.C;
-                f[YC11 + ij] = transverse(2 * i + 1, 2 * j + 1) / scale.C;
+                f[YC11 + ij] = across(1, 1) / scale.C;
+                f[XM11 + ij] = along(1, 1) / scale.M;
+                f[YM11 + ij] = across(2, 2) / scale.M;
+                f[ZM11 + ij] = planar(i, j) / scale.M;
             }
-            f[YB11 + 2 * i + j] =
-                transverse(2 * i + 1, 2 * j) / scale.B;  // from sphere 1 to 2 is -z
+            // The direction from sphere 1 to 2 is -z.
+            f[YB11 + 2 * i + j] = across(1, 0) / scale.B;
+            f[XG11 + 2 * i + j] = -Real(1.5) * along(1, 0) / scale.B;
+            f[YG11 + 2 * i + j] = -across(2, 0) / scale.B;
+            f[YH11 + 2 * i + j] = across(2, 1) / scale.C;
         }
     return f;
 }
@@ -269,10 +313,22 @@ template TwoSphereValues<long double> solveTwoSpheres(long double ratio, long do
 
 TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap) {
     const double radius[2] = {1, ratio}, r = (1 + gap / 2) * (1 + ratio);
-    const Eigen::Matrix<double, 12, 12> mobility =
-        forceTorqueStressletMobility({1, ratio}, {OpenMM::Vec3(), OpenMM::Vec3(0, 0, -r)}, 1.0);
+    StressletResponse response;
+    const Eigen::Matrix<double, 12, 12> mobility = forceTorqueStressletMobility(
+        {1, ratio}, {OpenMM::Vec3(), OpenMM::Vec3(0, 0, -r)}, 1.0, &response);
+    const Eigen::LLT<Eigen::Matrix<double, 12, 12>> factor(mobility);
     const Eigen::Matrix<double, 12, 12> resistance =
-        mobility.llt().solve(Eigen::Matrix<double, 12, 12>::Identity());
+        factor.solve(Eigen::Matrix<double, 12, 12>::Identity());
+    // Forces and stresslets of rigid motions U, and of strains E that the surfaces have: with L L^T
+    // = G and the coupling C, S = G^-1 (8 pi eta E - C f) and f = R (U - C^T G^-1 E).
+    const Eigen::Matrix<double, 10, 10> L = response.factor.triangularView<Eigen::Lower>();
+    const Eigen::Matrix<double, 10, 12> ofForces =
+        L.transpose().triangularView<Eigen::Upper>().solve(response.halfCoupling);
+    const Eigen::Matrix<double, 10, 12> ofMotions = -ofForces * resistance;
+    const Eigen::Matrix<double, 10, 10> half =
+        L.triangularView<Eigen::Lower>().solve(Eigen::Matrix<double, 10, 10>::Identity());
+    const Eigen::Matrix<double, 10, 10> ofStrains =
+        8 * M_PI * half.transpose() * half - ofMotions * ofForces.transpose();
     TwoSphereValues<double> f;
     for (int i = 0; i < 2; i++)
         for (int j = 0; j < 2; j++) {
@@ -283,9 +339,16 @@ TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap) {
                 f[YA11 + ij] = resistance(6 * i, 6 * j) / scale.A;
                 f[XC11 + ij] = resistance(6 * i + 5, 6 * j + 5) / scale.C;
                 f[YC11 + ij] = resistance(6 * i + 4, 6 * j + 4) / scale.C;
+                f[XM11 + ij] = ofStrains(5 * i, 5 * j) / scale.M;
+                f[YM11 + ij] = ofStrains(5 * i + 3, 5 * j + 3) / scale.M;
+                f[ZM11 + ij] = ofStrains(5 * i + 1, 5 * j + 1) / scale.M;
             }
-            f[YB11 + 2 * i + j] =
-                resistance(6 * i + 4, 6 * j) / scale.B;  // Ty of Ux; from sphere 1 to 2 is -z
+            // Ty of Ux; from sphere 1 to 2 is -z. The basis of stresslets has (zz - (xx + yy)/2)
+            // sqrt(2/3) and (xz + zx)/sqrt 2.
+            f[YB11 + 2 * i + j] = resistance(6 * i + 4, 6 * j) / scale.B;
+            f[XG11 + 2 * i + j] = -std::sqrt(1.5) * ofMotions(5 * i, 6 * j + 2) / scale.B;
+            f[YG11 + 2 * i + j] = -std::sqrt(0.5) * ofMotions(5 * i + 3, 6 * j) / scale.B;
+            f[YH11 + 2 * i + j] = std::sqrt(0.5) * ofMotions(5 * i + 3, 6 * j + 4) / scale.C;
         }
     return f;
 }
@@ -294,15 +357,17 @@ namespace {
 
 /**
  * Coefficients of 1/xi, ln xi and xi ln xi near contact for the functions 11 of ratio l (Jeffrey
- * and Onishi 1984; all compared with solveTwoSpheres() in the tests). Those of 22 are the 11 of
- * 1/l. Only relative motion is singular, so those of 12 are minus those of 11 in true units, except
- * for Y^C.
+ * and Onishi 1984; those of strain from Jeffrey 1992, and that of Z^M and those of Y^M_12 from fits
+ * to solveTwoSpheres(); all are compared with solveTwoSpheres() in the tests). Those of 22 are the
+ * 11 of 1/l. Only relative motion is singular, so those of 12 are minus those of 11 in true units,
+ * except for rotations and strains, whose own functions are given.
  */
 struct LubricationConstants {
     double XA[3], YA[2], YB[2], XC, YC[2], YC12[2];
+    double XG[3], YG[2], YH[2], YH12[2], XM[3], XM12[3], YM[2], YM12[2], ZM;
     explicit LubricationConstants(double l) {
         const double l2 = l * l, l3 = l2 * l, l4 = l2 * l2, q = 1 + l, q2 = q * q, q3 = q2 * q,
-                     q4 = q2 * q2;
+                     q4 = q2 * q2, q5 = q4 * q, q6 = q3 * q3;
         XA[0] = 2 * l2 / q3;
         XA[1] = -l * (1 + 7 * l + l2) / (5 * q3);
         XA[2] = -(1 + 18 * l - 29 * l2 + 18 * l3 + l4) / (42 * q3);
@@ -315,6 +380,26 @@ struct LubricationConstants {
         YC[1] = -(8 + 6 * l + 33 * l2) / (125 * q);
         YC12[0] = -4 * l2 / (5 * q4);
         YC12[1] = -2 * l * (43 - 24 * l + 43 * l2) / (125 * q4);
+        XG[0] = 3 * l2 / q3;
+        XG[1] = -3 * l * (1 + 12 * l - 4 * l2) / (10 * q3);
+        XG[2] = -(5 + 181 * l - 453 * l2 + 566 * l3 - 65 * l4) / (140 * q3);
+        YG[0] = -l * (4 - l + 7 * l2) / (10 * q3);
+        YG[1] = -(32 - 179 * l + 532 * l2 - 356 * l3 + 221 * l4) / (500 * q3);
+        YH[0] = -l * (2 - l) / (10 * q2);
+        YH[1] = -(16 - 61 * l + 180 * l2 + 2 * l3) / (500 * q2);
+        YH12[0] = -2 * l2 * (1 + 7 * l) / (5 * q5);
+        YH12[1] = -l * (43 + 147 * l - 185 * l2 + 221 * l3) / (125 * q5);
+        XM[0] = 6 * l2 / (5 * q3);
+        XM[1] = -3 * l * (1 + 17 * l - 9 * l2) / (25 * q3);
+        XM[2] = -(5 + 272 * l - 831 * l2 + 1322 * l3 - 415 * l4) / (350 * q3);
+        XM12[0] = 48 * l3 / (5 * q6);
+        XM12[1] = -24 * l2 * (-4 + 17 * l - 4 * l2) / (25 * q6);
+        XM12[2] = -4 * l * (-65 + 832 * l - 1041 * l2 + 832 * l3 - 65 * l4) / (175 * q6);
+        YM[0] = -6 * l * (1 - l + 4 * l2) / (25 * q3);
+        YM[1] = -(24 - 201 * l + 882 * l2 - 1182 * l3 + 591 * l4) / (625 * q3);
+        YM12[0] = -12 * l2 * (7 - 10 * l + 7 * l2) / (25 * q6);
+        YM12[1] = -6 * l * (221 - 748 * l + 1902 * l2 - 748 * l3 + 221 * l4) / (625 * q6);
+        ZM = 3 * l2 * (1 + l2) / (10 * q3);
     }
 };
 
@@ -384,6 +469,28 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
     set(YC11, 0, one.YC[0], one.YC[1]);
     set(YC12, 0, one.YC12[0], one.YC12[1]);
     set(YC22, 0, two.YC[0], two.YC[1]);
+    // The direction from 1 to 2 is reversed with the spheres' numbers: G changes sign.
+    set(XG11, one.XG[0], one.XG[1], one.XG[2]);
+    set(XG12, B12 * one.XG[0], B12 * one.XG[1], B12 * one.XG[2]);
+    set(XG22, -two.XG[0], -two.XG[1], -two.XG[2]);
+    set(XG21, -B21 * two.XG[0], -B21 * two.XG[1], -B21 * two.XG[2]);
+    set(YG11, 0, one.YG[0], one.YG[1]);
+    set(YG12, 0, B12 * one.YG[0], B12 * one.YG[1]);
+    set(YG22, 0, -two.YG[0], -two.YG[1]);
+    set(YG21, 0, -B21 * two.YG[0], -B21 * two.YG[1]);
+    set(YH11, 0, one.YH[0], one.YH[1]);
+    set(YH12, 0, one.YH12[0], one.YH12[1]);
+    set(YH22, 0, two.YH[0], two.YH[1]);
+    set(YH21, 0, two.YH12[0], two.YH12[1]);
+    set(XM11, one.XM[0], one.XM[1], one.XM[2]);
+    set(XM12, one.XM12[0], one.XM12[1], one.XM12[2]);
+    set(XM22, two.XM[0], two.XM[1], two.XM[2]);
+    set(YM11, 0, one.YM[0], one.YM[1]);
+    set(YM12, 0, one.YM12[0], one.YM12[1]);
+    set(YM22, 0, two.YM[0], two.YM[1]);
+    set(ZM11, 0, 0, one.ZM);
+    set(ZM12, 0, 0, C12 * one.ZM);
+    set(ZM22, 0, 0, two.ZM);
 
     // The rest, exact - FTS - singular, at a gap at which the solution can be computed.
     const auto remainder = [&](double u) -> Values {
@@ -430,20 +537,28 @@ std::shared_ptr<const TwoSphereResistance> TwoSphereResistance::get(double ratio
     return table;
 }
 
-TwoSphereResistance::Values TwoSphereResistance::singularTerms(double u) const {
+template <int n>
+Eigen::Array<double, n, 1> TwoSphereResistance::singularTerms(double u) const {
     const double log = std::log(u);
-    return inverseGap / u + logarithm * log + gapLogarithm * (u * log);
+    return inverseGap.head<n>() / u + logarithm.head<n>() * log +
+           gapLogarithm.head<n>() * (u * log);
 }
 
-TwoSphereResistance::Values TwoSphereResistance::correction(double gap) const {
+template <int n>
+Eigen::Array<double, n, 1> TwoSphereResistance::evaluate(double gap) const {
+    using Some = Eigen::Array<double, n, 1>;
     const double u = gap / (2 + gap), x = 2 * std::sqrt(std::sqrt(u)) - 1;
-    Values last = Values::Zero(), sum = Values::Zero();  // Clenshaw's recurrence
+    Some last = Some::Zero(), sum = Some::Zero();  // Clenshaw's recurrence
     for (int k = numCoefficients - 1; k > 0; k--) {
-        const Values next = chebyshev.col(k) + 2 * x * sum - last;
+        const Some next = chebyshev.col(k).head<n>() + 2 * x * sum - last;
         last = sum;
         sum = next;
     }
-    return singularTerms(u) + chebyshev.col(0) + x * sum - last;
+    return singularTerms<n>(u) + chebyshev.col(0).head<n>() + x * sum - last;
 }
+template Eigen::Array<double, NumFunctionsOfMotion, 1>
+TwoSphereResistance::evaluate<NumFunctionsOfMotion>(double gap) const;
+template TwoSphereValues<double> TwoSphereResistance::evaluate<NumTwoSphereFunctions>(
+    double gap) const;
 
 }  // namespace RigidHIPlugin

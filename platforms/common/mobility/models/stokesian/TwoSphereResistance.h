@@ -8,8 +8,11 @@ namespace RigidHIPlugin {
 
 /**
  * The scalar resistance functions of two spheres, scaled as by Jeffrey and Onishi (1984): A_ij by 3
- * pi eta (a_i + a_j), B_ij by pi eta (a_i + a_j)², C_ij by pi eta (a_i + a_j)³. X: along the line
- * of centres, Y: across it. A_21 = A_12, C_21 = C_12.
+ * pi eta (a_i + a_j), B_ij by pi eta (a_i + a_j)², C_ij by pi eta (a_i + a_j)³, and those of strain
+ * by Jeffrey (1992): G_ij by pi eta (a_i + a_j)², H_ij by pi eta (a_i + a_j)³, M_ij by 5/6 pi eta
+ * (a_i + a_j)³. G and H: the stresslet of i due to the velocity and angular velocity of j, M: that
+ * due to the strain rate of the surface of j. X: along the line of centres, Y: across it, Z: of
+ * azimuthal order 2. A_21 = A_12, C_21 = C_12, M_21 = M_12.
  */
 enum TwoSphereFunction {
     XA11,
@@ -28,6 +31,28 @@ enum TwoSphereFunction {
     YC11,
     YC12,
     YC22,
+    NumFunctionsOfMotion,
+    XG11 = NumFunctionsOfMotion,
+    XG12,
+    XG21,
+    XG22,
+    YG11,
+    YG12,
+    YG21,
+    YG22,
+    YH11,
+    YH12,
+    YH21,
+    YH22,
+    XM11,
+    XM12,
+    XM22,
+    YM11,
+    YM12,
+    YM22,
+    ZM11,
+    ZM12,
+    ZM22,
     NumTwoSphereFunctions
 };
 template <class Real>
@@ -38,15 +63,13 @@ using TwoSphereValues = Eigen::Array<Real, NumTwoSphereFunctions, 1>;
  *
  * Method:    u = x Q/2 + v with Q and v harmonic, expanded in bispherical coordinates. No slip on
  *            both spheres and div u = 0 are a block tridiagonal system in the order n of the
- *            harmonics, for azimuthal order 0 (6 unknowns for each n) and 1 (8). Rotation about the
- *            line of centres has closed coefficients. The solution is exact except for truncation,
- *            which is below rounding.
- * Accuracy:  In double 1e-13 at gap 1e-2, 1e-12 at 1e-3, 2e-11 at 1e-4 (rounding grows as 1/gap);
- *            in long double 2000 times better.
- * Cost:      About 25/alpha orders, with alpha = sqrt(gap) for equal spheres: 0.15 ms at gap 1e-1,
- *            1.3 ms at 1e-3; with ratio 10: 0.4 and 10 ms.
- * Reference: O'Neill, Mathematika 11:67 (1964) and Stimson and Jeffery (1926) for the coordinates;
- *            the equations are in the source.
+ *            harmonics, for azimuthal order 0 (6 unknowns for each n), 1 and 2 (8). Rotation about
+ *            the line of centres has closed coefficients. The solution is exact except for
+ * truncation, which is below rounding. Accuracy:  In double 1e-13 at gap 1e-2, 1e-12 at 1e-3, 2e-11
+ * at 1e-4 (rounding grows as 1/gap); in long double 2000 times better. Cost:      About 25/alpha
+ * orders, with alpha = sqrt(gap) for equal spheres: 0.15 ms at gap 1e-1, 1.3 ms at 1e-3; with ratio
+ * 10: 0.4 and 10 ms. Reference: O'Neill, Mathematika 11:67 (1964) and Stimson and Jeffery (1926)
+ * for the coordinates; the equations are in the source.
  *
  * @param ratio  a_2/a_1
  * @param gap  between the surfaces, in units of (a_1 + a_2)/2; > 0
@@ -69,12 +92,14 @@ TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap);
  *            u^(1/4), in which it is smooth enough. There is one expression for all gaps, without
  *            joints and infinitely differentiable. Nodes too close for solveTwoSpheres() take an
  *            expansion in u and ln u, fitted where it is precise.
- * Accuracy:  2e-10 (ratio 10) and 2e-11 (equal spheres) near contact, 1e-12 at gaps above 1e-2;
+ * Accuracy:  6e-10 (ratio 10) and 2e-11 (equal spheres) near contact, 1e-12 at gaps above 1e-2;
  *            absolute, or relative to the function where it exceeds 1. Checked at gaps of 1e-6 to
  *            1e3 in tests/unit/TestTwoSpheres.cpp.
- * Cost:      Construction 0.03 s (equal) to 0.15 s (ratio 10), evaluation 0.3 us. The table is
+ * Cost:      Construction 0.1 s (equal) to 0.4 s (ratio 10), evaluation 0.3 us, with the functions
+ *            of strain 0.6 us. The table is
  *            immutable, so threads may share one.
- * Reference: Jeffrey and Onishi, J. Fluid Mech. 139:261 (1984), constants of the singular terms.
+ * Reference: Jeffrey and Onishi, J. Fluid Mech. 139:261 (1984), and Jeffrey, Phys. Fluids A 4:16
+ *            (1992), constants of the singular terms.
  * Limits:    Ratios from 0.1 to 10.
  */
 class TwoSphereResistance {
@@ -94,7 +119,13 @@ public:
      *
      * @param gap  in units of the mean radius; > 0
      */
-    TwoSphereValues<double> correction(double gap) const;
+    TwoSphereValues<double> correction(double gap) const {
+        return evaluate<NumTwoSphereFunctions>(gap);
+    }
+    /** Those of rigid motion alone, in half the time. */
+    Eigen::Array<double, NumFunctionsOfMotion, 1> correctionOfMotion(double gap) const {
+        return evaluate<NumFunctionsOfMotion>(gap);
+    }
     /**
      * The functions themselves. This is slower than correction(), since it adds
      * forceTorqueStressletPair().
@@ -107,7 +138,12 @@ private:
     using Values = TwoSphereValues<double>;
     static constexpr int numCoefficients = 56;
 
-    Values singularTerms(double u) const;
+    Values singularTerms(double u) const { return singularTerms<NumTwoSphereFunctions>(u); }
+    template <int n>
+    Eigen::Array<double, n, 1> singularTerms(double u) const;
+    /** The first n functions. */
+    template <int n>
+    Eigen::Array<double, n, 1> evaluate(double gap) const;
 
     double ratio;
     Values inverseGap, logarithm, gapLogarithm;                              // G1, G2, G3

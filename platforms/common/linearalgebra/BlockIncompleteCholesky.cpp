@@ -1,0 +1,101 @@
+#include "linearalgebra/BlockIncompleteCholesky.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <algorithm>
+
+using namespace std;
+using Eigen::Lower;
+using Eigen::MatrixXd;
+
+namespace RigidHIPlugin {
+
+void BlockIncompleteCholesky::setZero(int numBlockRows) {
+    matrix.assign(numBlockRows, {});
+    diagonal.assign(numBlockRows, Block::Zero());
+}
+
+void BlockIncompleteCholesky::add(int i, int j, const Block& block) {
+    if (i == j) {
+        diagonal[i] += block;
+        return;
+    }
+    vector<Entry>& row = matrix[i];
+    const auto at = lower_bound(row.begin(), row.end(), j, [](const Entry& entry, int column) {
+        return entry.column < column;
+    });
+    if (at != row.end() && at->column == j)
+        at->block += block;
+    else
+        row.insert(at, {j, block});
+}
+
+double BlockIncompleteCholesky::factorise() {
+    const double firstShift = 1e-3, lastShift = 10;
+    if (tryToFactorise(0)) return 0;
+    for (double shift = firstShift; shift < lastShift; shift *= 2)
+        if (tryToFactorise(shift)) return shift;
+    throw OpenMM::OpenMMException(
+        "BlockIncompleteCholesky: a matrix has blocks on its diagonal that are not positive "
+        "definite; look for positions that are not finite");
+}
+
+bool BlockIncompleteCholesky::tryToFactorise(double shift) {
+    factor = matrix;
+    factorOfDiagonal = diagonal;
+    Eigen::LLT<Block> root;
+    for (size_t i = 0; i < factor.size(); i++) {
+        Block& own = factorOfDiagonal[i];
+        own *= 1 + shift;
+        for (size_t e = 0; e < factor[i].size(); e++) {
+            Entry& entry = factor[i][e];
+            // Columns that this row and the row of the entry's column both have.
+            const vector<Entry>& other = factor[entry.column];
+            size_t a = 0, b = 0;
+            while (a < e && b < other.size())
+                if (factor[i][a].column < other[b].column)
+                    a++;
+                else if (factor[i][a].column > other[b].column)
+                    b++;
+                else {
+                    entry.block.noalias() -= factor[i][a].block * other[b].block.transpose();
+                    a++, b++;
+                }
+            factorOfDiagonal[entry.column]
+                .triangularView<Lower>()
+                .transpose()
+                .solveInPlace<Eigen::OnTheRight>(entry.block);
+            own.noalias() -= entry.block * entry.block.transpose();
+        }
+        root.compute(own);
+        if (root.info() != Eigen::Success) return false;
+        own = root.matrixL();
+    }
+    return true;
+}
+
+void BlockIncompleteCholesky::solveL(Eigen::Ref<MatrixXd> x) const {
+    for (size_t i = 0; i < factor.size(); i++) {
+        auto own = x.middleRows<6>(6 * i);
+        for (const Entry& entry : factor[i])
+            own.noalias() -= entry.block * x.middleRows<6>(6 * entry.column);
+        factorOfDiagonal[i].triangularView<Lower>().solveInPlace(own);
+    }
+}
+
+void BlockIncompleteCholesky::solveLTransposed(Eigen::Ref<MatrixXd> x) const {
+    for (size_t i = factor.size(); i-- > 0;) {
+        auto own = x.middleRows<6>(6 * i);
+        factorOfDiagonal[i].triangularView<Lower>().transpose().solveInPlace(own);
+        for (const Entry& entry : factor[i])
+            x.middleRows<6>(6 * entry.column).noalias() -= entry.block.transpose() * own;
+    }
+}
+
+int BlockIncompleteCholesky::getNumBlocks() const {
+    int sum = diagonal.size();
+    for (const vector<Entry>& row : matrix) sum += row.size();
+    return sum;
+}
+
+}  // namespace RigidHIPlugin

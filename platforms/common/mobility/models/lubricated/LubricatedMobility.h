@@ -1,0 +1,72 @@
+#ifndef RIGIDHI_LUBRICATED_MOBILITY_H_
+#define RIGIDHI_LUBRICATED_MOBILITY_H_
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "mobility/MobilityModel.h"
+#include "mobility/models/lubricated/Lubrication.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Another model with the lubrication of spheres that are close to each other or to a wall.
+ *
+ * Equation:  N = (M^-1 + Delta)^-1, with M of the other model in its boundary and Delta of
+ *            Lubrication. N acts on the velocities of particles relative to those of a driven flow:
+ *            near spheres do not resist strain together.
+ * Accuracy:  Exact for one sphere at a wall and for two spheres in unbounded fluid. More: the page
+ *            of the model.
+ * Method:    Matrices: the friction of the other model, plus Delta. Products: GMRES for (1 + M
+ *            Delta) U = M F, preconditioned with an incomplete Cholesky factor of the particles'
+ *            own frictions and of Delta of near pairs.
+ * Cost:      By matrices a factorisation more than that of the other model. By products those of
+ *            some ten to forty products of the other model.
+ * Limits:    Those of Lubrication.
+ */
+class LubricatedMobility : public MobilityModel {
+public:
+    LubricatedMobility(const HydrodynamicParticles& particles, double viscosity,
+                       const Spreading& spreading, const LubricationScene& scene,
+                       std::unique_ptr<MobilityModel> model);
+    const Lubrication& getLubrication() const { return lubrication; }
+    const MobilityModel& getModel() const { return *model; }
+
+    std::string objection(const Placement& placement) const override;
+    std::string describeLubrication() const override { return lubrication.describe(); }
+    OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const override {
+        return model->placeInFormulas(particle, position);
+    }
+    double weightInFormulas(int particle, const OpenMM::Vec3& position) const override {
+        return model->weightInFormulas(particle, position);
+    }
+    WaveFactors waveFactors(double radius, double k) const override {
+        return model->waveFactors(radius, k);
+    }
+    const BoxOfModel* box() const override { return model->box(); }
+    const GridOfModel* grid() const override { return model->grid(); }
+    bool hasFastProducts(double error) const override { return model->hasFastProducts(error); }
+    std::string describeFastProducts(double error) const override {
+        return model->describeFastProducts(error);
+    }
+    void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
+                     Eigen::MatrixXd& mobility) const override {
+        model->ownMobility(body, sites, mobility);
+    }
+    std::unique_ptr<MobilityModel> forCollectiveModes(
+        const HydrodynamicParticles& spheres) const override {
+        return model->forCollectiveModes(spheres);
+    }
+
+protected:
+    std::unique_ptr<MobilityAt> makePlace() const override;
+
+private:
+    const std::unique_ptr<MobilityModel> model;
+    const Lubrication lubrication;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

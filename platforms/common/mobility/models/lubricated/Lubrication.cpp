@@ -1,0 +1,445 @@
+#include "mobility/models/lubricated/Lubrication.h"
+
+#include <openmm/OpenMMException.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "mobility/models/wall/NoSlipPlane.h"
+#include "mobility/models/wall/SphereWall.h"
+#include "openmmrigidhi/internal/Messages.h"
+#include "rigidbody/EigenVec3.h"
+
+using namespace std;
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** A length far beyond any other stands for a direction without a period. */
+const double noPeriod = 1e12;
+
+/** The cell of the periods, with a direction in place of each missing one. */
+class Cell {
+public:
+    Cell(const BoxVectors& box, int numPeriods) : numPeriods(numPeriods) {
+        vectors = noPeriod * Matrix3d::Identity();
+        for (int k = 0; k < numPeriods; k++) vectors.col(k) = toEigen(box[k]);
+        inverse = vectors.inverse();
+    }
+    /** Call use(image, vector) for all difference + image vectors that are not longer than `most`.
+     */
+    template <class Use>
+    void imagesWithin(const Vector3d& difference, double most, const Use& use) const {
+        array<int, 3> from = {0, 0, 0}, to = {0, 0, 0}, n;
+        const Vector3d at = inverse * difference;
+        for (int k = 0; k < numPeriods; k++) {
+            const double width = most * inverse.row(k).norm();
+            from[k] = ceil(-at[k] - width);
+            to[k] = floor(-at[k] + width);
+        }
+        for (n[0] = from[0]; n[0] <= to[0]; n[0]++)
+            for (n[1] = from[1]; n[1] <= to[1]; n[1]++)
+                for (n[2] = from[2]; n[2] <= to[2]; n[2]++) {
+                    Vector3d d = difference;
+                    for (int k = 0; k < numPeriods; k++) d += n[k] * vectors.col(k);
+                    if (d.squaredNorm() <= most * most) use(n, d);
+                }
+    }
+
+    bool isPeriod(int k) const { return k < numPeriods; }
+    /** The coordinate of a position along a vector: in periods, or in nm. */
+    double coordinate(const Vector3d& x, int k) const {
+        return inverse.row(k).dot(x) * (isPeriod(k) ? 1 : noPeriod);
+    }
+    /** The distance of the planes that bound the cell, nm; 1 where there is no period. */
+    double height(int k) const { return isPeriod(k) ? 1 / inverse.row(k).norm() : 1; }
+
+private:
+    const int numPeriods;
+    Matrix3d vectors, inverse;
+};
+
+/** Positions in boxes that are at least as wide as a distance, so that a search is linear. */
+class Neighbours {
+public:
+    Neighbours(const Cell& cell, const vector<Vector3d>& x, double distance) {
+        const double most = max(1.0, cbrt(x.size()));  // boxes along a vector
+        array<vector<double>, 3> at;
+        for (int k = 0; k < 3; k++) {
+            for (const Vector3d& place : x) at[k].push_back(cell.coordinate(place, k));
+            wraps[k] = cell.isPeriod(k);
+            if (wraps[k]) {
+                for (double& c : at[k]) c -= floor(c);
+                number[k] = min(most, floor(cell.height(k) / distance));
+                if (number[k] < 3) number[k] = 1;  // its neighbours on both sides are the same
+                continue;
+            }
+            const auto ends = minmax_element(at[k].begin(), at[k].end());
+            const double low = x.empty() ? 0 : *ends.first,
+                         width = x.empty() ? 0 : *ends.second - low;
+            number[k] = max(1.0, min(most, floor(width / distance)));
+            for (double& c : at[k]) c = width > 0 ? (c - low) / width : 0;
+        }
+        members.resize(number[0] * number[1] * number[2]);
+        for (size_t i = 0; i < x.size(); i++) {
+            array<int, 3> box;
+            for (int k = 0; k < 3; k++) box[k] = min(number[k] - 1, int(at[k][i] * number[k]));
+            boxes.push_back(box);
+            members[indexOf(box)].push_back(i);
+        }
+    }
+    /** All positions up to this one that may be so near to it or to an image of it, ascending. */
+    void upTo(int i, vector<int>& found) const {
+        found.clear();
+        array<int, 3> offset, box;
+        for (offset[0] = -1; offset[0] <= 1; offset[0]++)
+            for (offset[1] = -1; offset[1] <= 1; offset[1]++)
+                for (offset[2] = -1; offset[2] <= 1; offset[2]++) {
+                    bool isThere = true;
+                    for (int k = 0; k < 3; k++) {
+                        box[k] = boxes[i][k] + offset[k];
+                        if (wraps[k] && number[k] > 1) box[k] = (box[k] + number[k]) % number[k];
+                        isThere = isThere && box[k] >= 0 && box[k] < number[k];
+                    }
+                    if (!isThere) continue;
+                    for (int j : members[indexOf(box)])
+                        if (j <= i) found.push_back(j);
+                }
+        sort(found.begin(), found.end());
+    }
+
+private:
+    int indexOf(const array<int, 3>& box) const {
+        return (box[0] * number[1] + box[1]) * number[2] + box[2];
+    }
+    array<int, 3> number;
+    array<bool, 3> wraps;
+    vector<array<int, 3>> boxes;  // of positions
+    vector<vector<int>> members;
+};
+
+/** Of an image and its opposite one, which are the same pair of a sphere and itself, one counts. */
+bool isFirstOfTwo(const array<int, 3>& n) {
+    for (int k = 0; k < 3; k++)
+        if (n[k] != 0) return n[k] > 0;
+    return false;
+}
+
+/** The friction of a sphere above a wall from its mobility over 1/(6 pi eta a), axis: the normal.
+ */
+Lubrication::Single frictionAtWall(const SphereWallMobility& m, double a, double stokes) {
+    Lubrication::Single friction;
+    friction.along(0, 0) = stokes / m.across;
+    friction.about(0, 0) = stokes * a * a / m.turnNormal;
+    // V = n x Omega, so that rolling has the opposite sign.
+    friction.across << m.along, -m.rolling, -m.rolling, m.turnAlong;
+    friction.across = stokes * friction.across.inverse().eval();
+    friction.across.row(1) *= a;
+    friction.across.col(1) *= a;
+    return friction;
+}
+
+}  // namespace
+
+bool Lubrication::isAny(const HydrodynamicParticles& particles, const LubricationScene& scene) {
+    const int spheres = count(particles.hasTorque.begin(), particles.hasTorque.end(), char(true));
+    return spheres > 1 || (spheres == 1 && (scene.numPeriods > 0 || scene.hasWalls()));
+}
+
+Lubrication::Lubrication(const HydrodynamicParticles& particles, double viscosity,
+                         const Spreading* spreading, const LubricationScene& scene,
+                         const char* name)
+    : particles(particles), viscosity(viscosity), spreading(spreading), scene(scene), name(name),
+      kind(particles.size(), -1) {
+    vector<double> radii;
+    for (int i = 0; i < particles.size(); i++)
+        if (particles.hasTorque[i]) {
+            spheres.push_back(i);
+            radii.push_back(particles.radii[i]);
+        }
+    if (spheres.empty()) return;
+    const auto less = [&](int i, int j) { return particles.radii[i] < particles.radii[j]; };
+    const auto extremes = minmax_element(spheres.begin(), spheres.end(), less);
+    const int smallest = *extremes.first, largest = *extremes.second;
+    largestRadius = particles.radii[largest];
+    if (scene.reach.nothing == 0) return;
+    const double ratio = largestRadius / particles.radii[smallest];
+    if (ratio > TwoSphereResistance::maximumRatio)
+        throw OpenMM::OpenMMException(
+            string(name) + ": the radii " + text(largestRadius) + " nm of " +
+            particleAndBody(particles, largest) + " and " + text(particles.radii[smallest]) +
+            " nm of " + particleAndBody(particles, smallest) + " have the ratio " + text(ratio) +
+            "; lubrication is known up to a ratio of " + text(TwoSphereResistance::maximumRatio) +
+            ": turn it off by setLubrication(Off), or make the larger sphere of several blobs");
+    sort(radii.begin(), radii.end());
+    radii.erase(unique(radii.begin(), radii.end()), radii.end());
+    vector<int> copies(radii.size());
+    for (int i : spheres) {
+        kind[i] = lower_bound(radii.begin(), radii.end(), particles.radii[i]) - radii.begin();
+        copies[kind[i]]++;
+    }
+    tables.resize(radii.size());
+    for (size_t larger = 0; larger < radii.size(); larger++) {
+        tables[larger].resize(larger + 1);
+        for (size_t smaller = 0; smaller <= larger; smaller++)
+            if (smaller < larger || scene.numPeriods > 0 || copies[larger] > 1)
+                tables[larger][smaller] = TwoSphereResistance::get(radii[smaller] / radii[larger]);
+    }
+}
+
+/**
+ * Call use(i, j, image, vector) for all pairs of spheres with distances up to so many mean radii, i
+ * <= j, in a fixed order.
+ */
+template <class Use>
+void Lubrication::forPairsWithin(const Placement& placement, double meanRadii,
+                                 const Use& use) const {
+    const Cell cell(placement.box, scene.numPeriods);
+    vector<Vector3d> x;
+    for (int i : spheres) x.push_back(toEigen(placement.positions[i]));
+    const Neighbours neighbours(cell, x, meanRadii * largestRadius);
+    vector<int> others;
+    for (size_t b = 0; b < spheres.size(); b++) {
+        neighbours.upTo(b, others);
+        for (int a : others) {
+            const int i = spheres[a], j = spheres[b];
+            if (i == j && scene.numPeriods == 0) continue;
+            cell.imagesWithin(x[b] - x[a], meanRadii * meanRadius(i, j),
+                              [&](const array<int, 3>& image, const Vector3d& d) {
+                                  if (i != j || isFirstOfTwo(image)) use(i, j, image, d);
+                              });
+        }
+    }
+}
+
+string Lubrication::describe() const {
+    string text = "lubrication of " + counted(spheres.size(), "sphere", "spheres");
+    const bool pairs = spheres.size() > 1 || scene.numPeriods > 0;
+    if (pairs)
+        text += string(" with each other") + (scene.numPeriods > 0 ? " and with images" : "");
+    if (scene.hasWalls())
+        text += string(pairs ? " and" : "") + " with the wall" +
+                (isfinite(scene.low) && isfinite(scene.high) ? "s" : "");
+    if (pairs)
+        text += " (that of pairs whole up to " + number(scene.reach.whole) +
+                " mean radii and nothing from " + number(scene.reach.nothing) + " on)";
+    if ((int)spheres.size() < particles.size()) text += "; multiblobs and free particles have none";
+    return text;
+}
+
+bool Lubrication::findOverlap(const Placement& placement, NearPair& found) const {
+    const double closest = 2;  // mean radii
+    bool isFound = false;
+    forPairsWithin(placement, closest,
+                   [&](int i, int j, const array<int, 3>& image, const Vector3d& d) {
+                       if (isFound || (scene.minimumGap > 0 && d.norm() > 0)) return;
+                       found = {i, j, image, d, d.norm()};
+                       isFound = true;
+                   });
+    return isFound;
+}
+
+string Lubrication::objection(const Placement& placement) const {
+    string found;
+    const string start = string(name) + " with lubrication: ";
+    NearPair pair;
+    if (findOverlap(placement, pair)) {
+        const string both = particleAndBody(particles, pair.i) + " and " +
+                            (pair.image == array<int, 3>{0, 0, 0} ? "" : "an image of ") +
+                            particleAndBody(particles, pair.j);
+        if (scene.minimumGap > 0)
+            found = start + both +
+                    " are at the same place, so that their line of centres has no "
+                    "direction; move one of them";
+        else
+            found = start + both + " overlap or touch: their distance is " + text(pair.distance) +
+                    " nm, the sum of their radii " + text(2 * meanRadius(pair.i, pair.j)) +
+                    " nm; separate the particles, use smaller time steps, allow "
+                    "overlap by setMinimumGap(), or use setLubrication(Off)";
+    }
+    if (!found.empty() || !scene.hasWalls()) return found;
+    for (int i : spheres) {
+        const double z = placement.positions[i][2], a = particles.radii[i];
+        if (z - scene.low > a && scene.high - z > a) continue;
+        const double wall = z - scene.low > a ? scene.high : scene.low;
+        return start + particleAndBody(particles, i) + " of radius " + text(a) +
+               " nm touches the wall at z = " + text(wall) +
+               " nm with its centre at z = " + text(z) +
+               " nm, where lubrication lets no sphere move; move it away, use smaller time steps, "
+               "or use setLubrication(Off)";
+    }
+    return {};
+}
+
+void Lubrication::findPairs(const Placement& placement, vector<NearPair>& pairs) const {
+    pairs.clear();
+    forPairsWithin(placement, scene.reach.nothing,
+                   [&](int i, int j, const array<int, 3>& image, const Vector3d& d) {
+                       const double distance = d.norm();
+                       pairs.push_back({i, j, image, d / distance, distance});
+                   });
+}
+
+/** Tables are for sphere 1 the larger. */
+const TwoSphereResistance& Lubrication::tableOf(int i, int j) const {
+    return particles.radii[i] < particles.radii[j] ? *tables[kind[j]][kind[i]]
+                                                   : *tables[kind[i]][kind[j]];
+}
+
+double Lubrication::gapOf(int i, int j, double distance) const {
+    const double larger = max(particles.radii[i], particles.radii[j]),
+                 smaller = min(particles.radii[i], particles.radii[j]);
+    return (distance - larger - smaller) / meanRadius(i, j);
+}
+
+/** The axis is from i to j. */
+template <class Values>
+Lubrication::Pair Lubrication::frictionOf(const Values& f, int i, int j) const {
+    const bool swapped = particles.radii[i] < particles.radii[j];
+    if (swapped) swap(i, j);
+    const double a[2] = {particles.radii[i], particles.radii[j]};
+    Pair friction;
+    for (int p = 0; p < 2; p++)
+        for (int q = 0; q < 2; q++) {
+            const double sum = a[p] + a[q], unit = M_PI * viscosity * sum;
+            // The other order turns the axis around, and V with it.
+            const int to = swapped ? 1 - p : p, from = swapped ? 1 - q : q;
+            friction.along(to, from) = 3 * unit * f[XA11 + p + q];
+            friction.across(to, from) = 3 * unit * f[YA11 + p + q];
+            friction.about(to, from) = unit * sum * sum * f[XC11 + p + q];
+            friction.across(2 + to, 2 + from) = unit * sum * sum * f[YC11 + p + q];
+            friction.across(2 + to, from) = friction.across(from, 2 + to) =
+                (swapped ? -1 : 1) * unit * sum * f[YB11 + 2 * p + q];
+        }
+    return friction;
+}
+
+/** The friction of the same pair in the model. */
+Lubrication::Pair Lubrication::pairOfModel(int i, int j, double distance) const {
+    const double scale = 1 / (8 * M_PI * viscosity), r2 = distance * distance;
+    const int pair[2] = {i, j};
+    const PairFunctions f =
+        spreading->free(particles.radii[i], particles.radii[j], distance, true, false);
+    Pair mobility;
+    for (int p = 0; p < 2; p++) {
+        const double a = particles.radii[pair[p]];
+        mobility.along(p, p) = mobility.across(p, p) = scale * 4 / (3 * a);
+        mobility.about(p, p) = mobility.across(2 + p, 2 + p) = scale / (a * a * a);
+    }
+    mobility.along(0, 1) = mobility.along(1, 0) = scale * (f.ttI + f.ttR * r2);
+    mobility.about(0, 1) = mobility.about(1, 0) = scale * (f.rrI + f.rrR * r2);
+    mobility.across(0, 1) = mobility.across(1, 0) = scale * f.ttI;
+    mobility.across(2, 3) = mobility.across(3, 2) = scale * f.rrI;
+    mobility.across(0, 3) = mobility.across(3, 0) = scale * f.tr * distance;
+    mobility.across(1, 2) = mobility.across(2, 1) = -scale * f.rt * distance;
+    return mobility.inverse();
+}
+
+void Lubrication::ofPair(const NearPair& pair, Pair& delta, Pair& root) const {
+    const double mean = meanRadius(pair.i, pair.j),
+                 weight = scene.reach.weight(pair.distance / mean);
+    const double distance = max(pair.distance, mean * (2 + scene.minimumGap));
+    const TwoSphereResistance& table = tableOf(pair.i, pair.j);
+    const double gap = gapOf(pair.i, pair.j, distance);
+    Pair lacking = spreading ? frictionOf(table.exact(gap), pair.i, pair.j) -
+                                   pairOfModel(pair.i, pair.j, distance)
+                             : frictionOf(table.correctionOfMotion(gap), pair.i, pair.j);
+    lacking *= weight;
+    lacking.factorise(mean, root, delta);
+}
+
+void Lubrication::keyOfPair(const NearPair& pair, uint32_t& field, uint32_t& index) const {
+    const uint64_t a = particles.systemIndex[pair.i], b = particles.systemIndex[pair.j],
+                   larger = max(a, b), number = larger * (larger + 1) / 2 + min(a, b);
+    // The image belongs to the order of the indices.
+    const int sign = a <= b ? 1 : -1;
+    uint32_t image = 0;
+    for (int k = 0; k < 3; k++)
+        image = image << 4 | (static_cast<uint32_t>(sign * pair.image[k]) & 15u);
+    index = static_cast<uint32_t>(number);
+    field = 0x10000000u + (static_cast<uint32_t>(number >> 32) << 12) + image;
+}
+
+void Lubrication::findTerms(const Placement& placement, Terms& terms) const {
+    findPairs(placement, terms.pairs);
+    terms.deltas.resize(terms.pairs.size());
+    terms.roots.resize(terms.pairs.size());
+    for (size_t k = 0; k < terms.pairs.size(); k++)
+        ofPair(terms.pairs[k], terms.deltas[k], terms.roots[k]);
+}
+
+void Lubrication::addProduct(const Terms& terms, const Eigen::MatrixXd& velocities,
+                             Eigen::MatrixXd& forces) const {
+    for (size_t k = 0; k < terms.pairs.size(); k++) {
+        const NearPair& pair = terms.pairs[k];
+        const int rows[2] = {particles.firstRow[pair.i], particles.firstRow[pair.j]};
+        terms.deltas[k].addProduct(pair.axis, rows, velocities, forces);
+    }
+}
+
+long long Lubrication::addNoise(const Terms& terms, const NoiseStream& noise, uint32_t purpose,
+                                Eigen::MatrixXd& forces) const {
+    NoiseStream stream = noise;
+    uint32_t index;
+    Eigen::MatrixXd numbers(12, 1), ofPair(12, 1);
+    const int first[2] = {0, 6};
+    for (size_t k = 0; k < terms.pairs.size(); k++) {
+        const NearPair& pair = terms.pairs[k];
+        keyOfPair(pair, stream.field, index);
+        for (int b = 0; b < 6; b++)
+            stream.pair(purpose, index, b, numbers(2 * b, 0), numbers(2 * b + 1, 0));
+        ofPair.setZero();
+        terms.roots[k].addProduct(pair.axis, first, numbers, ofPair);
+        forces.col(0).segment<6>(particles.firstRow[pair.i]) += ofPair.col(0).head<6>();
+        forces.col(0).segment<6>(particles.firstRow[pair.j]) += ofPair.col(0).tail<6>();
+    }
+    return 12 * static_cast<long long>(terms.pairs.size());
+}
+
+void Lubrication::addNearer(double meanRadii, const Terms& terms, const vector<int>& blockOf,
+                            BlockIncompleteCholesky& matrix) const {
+    for (size_t p = 0; p < terms.pairs.size(); p++) {
+        const NearPair& pair = terms.pairs[p];
+        const int i = pair.i, j = pair.j;
+        if (pair.distance > meanRadii * 0.5 * (particles.radii[i] + particles.radii[j])) continue;
+        const Pair::Whole block = terms.deltas[p].whole(pair.axis);
+        const int a = blockOf[i], b = blockOf[j];
+        matrix.add(a, a, block.topLeftCorner<6, 6>());
+        matrix.add(b, b, block.bottomRightCorner<6, 6>());
+        if (a == b)
+            matrix.add(a, a, block.topRightCorner<6, 6>() + block.bottomLeftCorner<6, 6>());
+        else if (a > b)
+            matrix.add(a, b, block.topRightCorner<6, 6>());
+        else
+            matrix.add(b, a, block.bottomLeftCorner<6, 6>());
+    }
+}
+
+void Lubrication::ofSphere(int i, double z, Single& delta, Single& root, Single& own) const {
+    const double a = particles.radii[i], stokes = 6 * M_PI * viscosity * a;
+    Single free;
+    free.along(0, 0) = free.across(0, 0) = stokes;
+    free.about(0, 0) = free.across(1, 1) = stokes * 4 / 3 * a * a;
+    own = free;
+    Single lacking;
+    for (double height : {z - scene.low, scene.high - z}) {
+        if (!isfinite(height)) continue;
+        Single inModel =
+                   frictionAtWall(SphereWallMobility::rotnePragerYamakawa(a / height), a, stokes),
+               exact = frictionAtWall(SphereWallMobility::bestKnown((height - a) / a), a, stokes);
+        // With the axis up, a sphere below a wall has V the other way round.
+        if (height != z - scene.low)
+            for (Single* block : {&inModel, &exact}) {
+                block->across(0, 1) *= -1;
+                block->across(1, 0) *= -1;
+            }
+        lacking += exact - inModel;
+        own += inModel - free;
+    }
+    lacking.factorise(a, root, delta);
+}
+
+}  // namespace RigidHIPlugin

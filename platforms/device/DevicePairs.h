@@ -1,0 +1,110 @@
+#ifndef RIGIDHI_DEVICE_PAIRS_H_
+#define RIGIDHI_DEVICE_PAIRS_H_
+
+#include <openmm/common/ComputeArray.h>
+#include <openmm/common/ComputeContext.h>
+
+#include <Eigen/Core>
+#include <cmath>
+#include <memory>
+#include <mutex>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "ProductChoice.h"
+#include "text/PairText.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Sums over all pairs of particles with the Rotne-Prager-Yamakawa mobility on a device
+ * (kernels/pairs.cc), for all models of a Context. Pairs are in floats, except for overlapping
+ * ones, and sums over more than 64 particles are in double precision, so that the error of a
+ * product is below 1e-6 of its norm.
+ *
+ * The sums of a product do not depend on the device's order of work: the same positions and forces
+ * give the same bits.
+ *
+ * Where the device cannot do it, for lack of double precision or of memory, the host makes all
+ * products from then on.
+ */
+class DevicePairs {
+public:
+    DevicePairs(OpenMM::ComputeContext& cc, const std::string& platform, ProductWish wish);
+    ~DevicePairs();
+
+    /**
+     * Whether the device makes products of such an error for so many particles.
+     *
+     * @param hasMultipoles  whether the host could make them by multipoles
+     */
+    bool serves(int numParticles, bool hasWall, bool hasMultipoles, double error) const;
+    /** Why it makes none; empty if it makes some. */
+    std::string reasonForHost() const;
+    /** The state of products, for describeEffects(): whether the device makes any, and which. */
+    bool isOn() const;
+    std::string describe() const;
+
+    /** Spheres at a place, in the memory of the device. Lengths are in any unit near the radii. */
+    class Place {
+    public:
+        Place(const std::vector<double>& radii, PairKind kind) : radii(radii), kind(kind) {}
+        /** @param positions  x, y, z of each particle; z from the wall, if there is one */
+        void moveTo(const std::vector<double>& positions);
+
+    private:
+        friend class DevicePairs;
+        const std::vector<double> radii;
+        const PairKind kind;
+        std::vector<OpenMM::mm_float4> places, remainders;  // until they are on the device
+        bool isOnDevice = false;
+        OpenMM::ComputeArray placesThere, remaindersThere;
+    };
+    /**
+     * Velocities, times 8 pi eta, because of forces on other particles and of all images in a wall.
+     *
+     * @param loads  six rows for each particle, or three without torques; numbers near 1
+     * @param sums   likewise
+     * @return whether the device could do it. If not, it does nothing any more.
+     */
+    bool multiply(Place& place, const Eigen::MatrixXd& loads, Eigen::MatrixXd& sums);
+
+    /** Take no more bytes of the device's memory than these. */
+    void setMostMemory(double bytes) { mostMemory = bytes; }
+
+    /** Notes that a model of so many particles is alive. */
+    class Note {
+    public:
+        Note(DevicePairs& pairs, int numParticles);
+        ~Note();
+
+    private:
+        DevicePairs& pairs;
+        const int numParticles;
+    };
+
+private:
+    struct Kernels;
+    Kernels& kernelsFor(PairKind kind);
+    void sum(Place& place, const Eigen::MatrixXd& loads, int column, int columns,
+             Eigen::MatrixXd& sums);
+    OpenMM::ComputeContext& cc;
+    const std::string platform;
+    const ProductWish wish;
+    mutable std::mutex mutex;  // groups of bodies may be spread over threads
+    double mostMemory = INFINITY;
+    std::string broken;        // why the device makes no products any more
+    std::multiset<int> sizes;  // of models that are alive
+    std::unique_ptr<Kernels> kernels[2][2];
+    struct Buffers {
+        OpenMM::ComputeArray forces, torques, partialSums, sums;
+    };
+    std::unique_ptr<Buffers> buffers;
+    std::vector<OpenMM::mm_float4> forceValues, torqueValues;  // on their way
+    std::vector<double> sumValues;
+};
+
+}  // namespace RigidHIPlugin
+
+#endif

@@ -1,0 +1,41 @@
+#ifndef RIGIDHI_DEVICE_PLATFORM_H_
+#define RIGIDHI_DEVICE_PLATFORM_H_
+
+#include <openmm/internal/ContextImpl.h>
+
+#include <memory>
+#include <string>
+
+#include "DeviceLoops.h"
+#include "DeviceSteps.h"
+#include "kernel/DeviceParts.h"
+#include "kernel/KernelFactory.h"
+
+namespace RigidHIPlugin {
+
+/**
+ * Register the integrator's kernel for one of OpenMM's platforms with devices.
+ *
+ * @tparam Platform  OpenMM's class. The name of a platform's data is all in which these platforms
+ *     differ.
+ */
+template <class Platform>
+void registerDevicePlatform(const std::string& name) {
+    const auto deviceOf = [](OpenMM::ContextImpl& context) -> OpenMM::ComputeContext& {
+        return *static_cast<typename Platform::PlatformData*>(context.getPlatformData())
+                    ->contexts[0];
+    };
+    PlatformParts parts = partsOfDevicePlatforms();
+    parts.loops = [=](OpenMM::ContextImpl& context) {
+        return std::make_unique<DeviceLoops>(numHostThreads(context), deviceOf(context), name);
+    };
+    parts.native = [=](OpenMM::ContextImpl& context, Scene& scene, ContextMirror& mirror,
+                       Stepper& stepper) {
+        return std::make_unique<DeviceSteps>(deviceOf(context), context, scene, mirror, stepper);
+    };
+    registerKernel(name, "OpenMMRigidHI" + name, parts);
+}
+
+}  // namespace RigidHIPlugin
+
+#endif

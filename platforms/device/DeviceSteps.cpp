@@ -1,0 +1,267 @@
+#include "DeviceSteps.h"
+
+#include <openmm/OpenMMException.h>
+#include <openmm/common/ContextSelector.h>
+#include <openmm/common/IntegrationUtilities.h>
+
+#include <cstdlib>
+#include <cstring>
+#include <iostream>
+
+#include "context/Messages.h"
+
+using namespace OpenMM;
+using namespace std;
+
+namespace RigidHIPlugin {
+
+namespace {
+
+/** The flag of non-finite numbers is read as often as the watch of temperatures looks. */
+const int stepsBetweenLooks = 100;
+
+}  // namespace
+
+DeviceSteps::DeviceSteps(ComputeContext& cc, ContextImpl& context, Scene& scene,
+                         ContextMirror& mirror, Stepper& stepper)
+    : cc(cc), context(context), scene(scene), mirror(mirror), stepper(stepper),
+      acting(context.getSystem()), bodies(cc) {
+    const char* const wish = getenv("RIGIDHI_BODIES_ON_HOST");
+    if (wish && *wish && string(wish) != "0")
+        ownReason = "the environment variable RIGIDHI_BODIES_ON_HOST is " + string(wish);
+    else if (!cc.getSupportsDoublePrecision())
+        ownReason = "the device has no double precision, which poses and momenta need";
+}
+
+string DeviceSteps::describe() const {
+    return "poses and momenta stay on the device of platform " + context.getPlatform().getName() +
+           ", in double precision; step(n) transfers nothing but a flag every " +
+           to_string(stepsBetweenLooks) + " steps";
+}
+
+string DeviceSteps::reasonForHost() const {
+    const string condition = conditionForHost();
+    return condition.empty() ? passingReason : condition;
+}
+
+/** What makes the host move bodies in any step, as settings and System are. */
+string DeviceSteps::conditionForHost() const {
+    const SchemeTraits& traits = traitsOf(scene.integrator.getScheme());
+    const FreeParticles& free = *scene.freeParticles;
+    if (!ownReason.empty()) return ownReason;
+    if (traits.isOverdamped())
+        return string(traits.name) + " moves bodies together with the fluid, which is there";
+    if (!scene.isBuilt()) return "positions are not set yet";
+    if (!DeviceBodies::hasBodies(scene)) return "there is nothing to move";
+    if (scene.settings.needsMiddle) return "the fluid couples momenta, and it is there";
+    if (scene.bodyForces.isOn(scene.integrator.getIntegrationForceGroups()))
+        return "CustomBodyForces are evaluated there";
+    if (scene.bodyMotions.isOn()) return "CustomBodyMotions are evaluated there";
+    if (free.getNumConstraints() > 0 && !traits.hasMomenta)
+        return to_string(free.getNumConstraints()) +
+               " constraints between free particles are kept there";
+    if (acting.others)
+        return "a Force of the System may change positions or velocities when a step starts";
+    return "";
+}
+
+bool DeviceSteps::take(int number) {
+    if (number <= 0 || !begin()) return false;
+    for (int i = 0; i < number; i++) {
+        // The host may have taken some steps again, and found nothing wrong.
+        if (!isHere && !begin()) {
+            stepper.takeSteps(number - i);
+            return true;
+        }
+        try {
+            takeStep();
+        } catch (...) {
+            // Bodies are to be as they were before this step.
+            stepByHost();
+            throw;
+        }
+        if (steps - lastLook >= stepsBetweenLooks) look();
+    }
+    if (isHere) look();
+    return true;
+}
+
+/** Bring the bodies to the device. @return whether it can take the next step */
+bool DeviceSteps::begin() {
+    if (isHere && !scene.settings.areAdopted(scene.integrator)) bringBack();
+    if (isHere) {
+        // OpenMM does not tell of every change.
+        mirror.takeInBox();
+        if (bodies.agreeWithParticles())
+            bodies.takeInVelocities();
+        else
+            bringBack();
+    }
+    if (!isHere) {
+        // The kernels will write particles with all digits. OpenMM may sort particles that are
+        // given to it, so that a run from a checkpoint would not be the same bit for bit.
+        scene.arrays->leaveRounding(conditionForHost().empty());
+        try {
+            stepper.makeReady();
+        } catch (...) {
+            scene.arrays->leaveRounding(false);
+            throw;
+        }
+        scene.arrays->leaveRounding(false);
+    }
+    if (!conditionForHost().empty()) {
+        bringBack();
+        return false;
+    }
+    if (!isHere) {
+        try {
+            bodies.upload(scene);
+        } catch (const OpenMMException& error) {
+            ownReason = string("the kernels cannot be made on this device: ") + error.what();
+            cerr << "Warning: openmm-rigidhi: " << ownReason << "; the host moves bodies" << endl;
+            return false;
+        }
+        if (bodies.isStopped()) {
+            bodies.restart();
+            passingReason = "particles are not where the poses of their bodies have them";
+            return false;
+        }
+        passingReason.clear();
+        placeVirtualSites();
+        isHere = true;
+    }
+    bodies.setConstraintTolerance(scene.integrator.getConstraintTolerance());
+    keepStart();
+    return true;
+}
+
+void DeviceSteps::keepStart() {
+    bodies.save();
+    context.getPeriodicBoxVectors(start.box[0], start.box[1], start.box[2]);
+    start.time = scene.arrays->getTime();
+    start.stepCount = scene.arrays->getStepCount();
+    start.noiseStep = scene.settings.noise.step;
+    start.counters = scene.counters;
+    start.steps = lastLook = steps;
+}
+
+/** Let barostats and momentum removers act, and take in what they did. */
+void DeviceSteps::letForcesAct() {
+    const int evaluations = cc.getComputeForceCount();
+    bool moved;
+    actsOn = true;
+    try {
+        moved = context.updateContextState();
+    } catch (...) {
+        actsOn = false;
+        throw;
+    }
+    actsOn = false;
+    if (moved) scene.noteChange();
+    // A barostat has evaluated energies, if it has tried to change the volume.
+    if (acting.barostats && (moved || cc.getComputeForceCount() != evaluations)) {
+        mirror.takeInBox();
+        bodies.particlesWereMoved(!moved);
+    }
+}
+
+/** OpenMM places all virtual sites where any is in no body. Forces belong to places as it rounds
+ * them.
+ */
+void DeviceSteps::placeVirtualSites() {
+    if (!scene.stock.hasFreeVirtualSites) return;
+    ContextSelector selector(cc);
+    cc.getIntegrationUtilities().computeVirtualSites();
+}
+
+void DeviceSteps::calculateForces() {
+    const double begin = StepCounters::now();
+    context.calcForcesAndEnergy(true, false, scene.integrator.getIntegrationForceGroups());
+    scene.counters.seconds_forces += StepCounters::now() - begin;
+    scene.counters.forceEvaluations++;
+}
+
+void DeviceSteps::takeStep() {
+    const double begin = StepCounters::now(), elsewhere = scene.counters.seconds_forces;
+    ContextArrays& arrays = *scene.arrays;
+    const double time = arrays.getTime();
+    const long long stepCount = arrays.getStepCount();
+    bool removes = false;
+    for (int frequency : scene.stock.removalFrequencies)
+        removes = removes || stepCount % frequency == 0;
+    letForcesAct();
+    Forces& forces = stepper.getForces();
+    if (!forces.areCurrentAt(time)) {
+        calculateForces();
+        bodies.afterForces(scene.settings, true);
+        forces.wereEvaluated();
+    }
+    bodies.beforeForces(scene.settings, removes);
+    placeVirtualSites();
+    calculateForces();
+    bodies.afterForces(scene.settings);
+    arrays.setTime(time + scene.settings.h);
+    arrays.setStepCount(stepCount + 1);
+    {
+        ContextSelector selector(cc);
+        cc.reorderAtoms();
+    }
+    scene.settings.noise.step++;
+    steps++;
+    scene.counters.steps++;
+    scene.counters.randomNumbers += bodies.getRandomNumbers();
+    if (scene.watch.countStep()) {
+        scene.watch.look(scene, bodies.midStepEnergies());
+        scene.warnings.printOfSteps(scene);
+    }
+    scene.counters.seconds_scheme +=
+        StepCounters::now() - begin - (scene.counters.seconds_forces - elsewhere);
+}
+
+/** See whether all went well since the last look. */
+void DeviceSteps::look() {
+    if (bodies.isStopped())
+        stepByHost();
+    else
+        keepStart();
+}
+
+/** Take the steps since the last look again, on the host. */
+void DeviceSteps::stepByHost() {
+    const int number = steps - start.steps;
+    bodies.restart();
+    bodies.downloadSaved(scene);
+    isHere = false;
+    Vec3 box[3];
+    context.getPeriodicBoxVectors(box[0], box[1], box[2]);
+    if (memcmp(box, start.box, sizeof box) != 0)
+        context.setPeriodicBoxVectors(start.box[0], start.box[1], start.box[2]);
+    scene.arrays->setTime(start.time);
+    scene.arrays->setStepCount(start.stepCount);
+    scene.settings.noise.step = start.noiseStep;
+    scene.counters = start.counters;
+    scene.watch.restart();
+    scene.noteChange();  // forces are those of the start, but images may differ
+    mirror.takeOver(false);
+    scene.arrays->pushPositions();
+    scene.arrays->pushVelocities();
+    try {
+        stepper.takeSteps(number);
+    } catch (...) {
+        // In mixed precision OpenMM's setter leaves away digits that the particles had.
+        try {
+            bodies.upload(scene);
+        } catch (...) {
+        }
+        throw;
+    }
+}
+
+void DeviceSteps::bringBack() {
+    if (!isHere || actsOn) return;
+    bodies.download(scene);
+    isHere = false;
+    mirror.takeOver();
+}
+
+}  // namespace RigidHIPlugin

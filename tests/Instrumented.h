@@ -1,0 +1,20 @@
+#ifndef RIGIDHI_INSTRUMENTED_H_
+#define RIGIDHI_INSTRUMENTED_H_
+
+namespace RigidHITest {
+
+/**
+ * Whether the library is instrumented by a sanitizer, where steps take ten to fifty times as long.
+ * Faults of memory and of threads show with few bodies and steps as well as with many, so tests of
+ * the same promise take smaller scenes there.
+ */
+bool isInstrumented();
+/** `all`, or `few` in an instrumented program. */
+template <class T>
+T allOrFew(T all, T few) {
+    return isInstrumented() ? few : all;
+}
+
+}  // namespace RigidHITest
+
+#endif

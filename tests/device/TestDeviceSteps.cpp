@@ -1,0 +1,605 @@
+// Bodies that move on the device. Without forces a run is the same as on Reference to rounding,
+// whatever the scheme, the bodies, the noise and the precision of the platform: this needs no
+// statistics.
+
+#include <openmm/CMMotionRemover.h>
+#include <openmm/CustomExternalForce.h>
+#include <openmm/MonteCarloBarostat.h>
+#include <openmm/NonbondedForce.h>
+#include <openmm/VirtualSite.h>
+#include <openmm/serialization/XmlSerializer.h>
+
+#include <memory>
+#include <sstream>
+
+#include "TestSupport.h"
+#include "WaterBoxSupport.h"
+#include "openmmrigidhi/CustomBodyForce.h"
+
+using namespace OpenMM;
+using namespace RigidHIPlugin;
+using namespace RigidHITest;
+using namespace std;
+
+namespace {
+
+const char* const key = "bodies on the device";
+
+bool areOnTheDevice(const CustomRigidHIIntegrator& integrator) {
+    return integrator.getEffects().at(key).substr(0, 3) == "on:";
+}
+
+/** Bodies of every kind with shapes that are given, and free particles, in a triclinic box. */
+struct Bodies {
+    System system;
+    CustomRigidHIIntegrator integrator;
+    vector<Vec3> positions;
+    unique_ptr<Context> context;
+    int numBodies = 0, firstFree = 0;
+
+    /**
+     * @param epsilon  of a Lennard-Jones force between all particles; its cutoff makes OpenMM sort
+     *     particles
+     */
+    explicit Bodies(double epsilon = 0, double h = 0.002, double length = 2.4)
+        : integrator(300, h) {
+        auto* nonbonded = new NonbondedForce();
+        nonbonded->setNonbondedMethod(NonbondedForce::CutoffPeriodic);
+        nonbonded->setCutoffDistance(0.9);
+        const vector<Shape> shapes = {
+            {"water", {16, 1, 1}, {Vec3(0, -0.006, 0), Vec3(0.08, 0.05, 0), Vec3(-0.08, 0.05, 0)}},
+            {"rod", {12, 16}, {Vec3(0.06, 0, 0), Vec3(-0.05, 0, 0)}},
+            {"point", {40}, {Vec3()}}};
+        for (int i = 0; i < 24; i++) {
+            const Shape& shape = shapes[i % 3];
+            vector<int> particles;
+            const Vec3 origin(0.3 + length / 3 * (i % 3), 0.2 + length / 3 * (i / 3 % 3),
+                              0.1 + length / 3 * (i / 9));
+            for (size_t s = 0; s < shape.sites.size(); s++) {
+                particles.push_back(system.addParticle(shape.masses[s]));
+                positions.push_back(origin + shape.sites[s]);
+                nonbonded->addParticle(0, epsilon == 0 ? 0 : 0.25, epsilon);
+                for (size_t t = 0; t < s; t++) {
+                    nonbonded->addException(particles[s], particles[t], 0, 1, 0);
+                    system.addConstraint(particles[s], particles[t],
+                                         norm(shape.sites[s] - shape.sites[t]));
+                }
+            }
+            const Vec3 moments = i % 3 == 0   ? Vec3(0.006, 0.013, 0.019)
+                                 : i % 3 == 1 ? Vec3(0, 0.08, 0.08)
+                                              : Vec3();
+            integrator.addRigidBody(particles,
+                                    i % 3 == 0   ? 18
+                                    : i % 3 == 1 ? 28
+                                                 : 40,
+                                    moments, shape.sites);
+            numBodies++;
+        }
+        firstFree = system.getNumParticles();
+        for (int i = 0; i < 5; i++) {
+            system.addParticle(23);
+            nonbonded->addParticle(0, epsilon == 0 ? 0 : 0.25, epsilon);
+            positions.push_back(Vec3(0.7 + 0.35 * i, 0.55, 0.5));
+        }
+        system.addForce(nonbonded);
+        system.setDefaultPeriodicBoxVectors(Vec3(length, 0, 0), Vec3(0.3, length, 0),
+                                            Vec3(-0.4, 0.5, length));
+        integrator.setFriction(5);
+        integrator.setRotationalFriction(20);
+        integrator.setRandomNumberSeed(11);
+    }
+    void start(const string& platformName, const map<string, string>& properties = {}) {
+        context = make_unique<Context>(system, integrator, platform(platformName), properties);
+        context->setPositions(positions);
+        // The Context rounds positions, and the setters of bodies do not.
+        mt19937 generator(5);
+        normal_distribution<double> normal;
+        vector<Vec3> R, v, omega;
+        vector<QuaternionArray> q;
+        int p = 0;
+        for (int b = 0; b < numBodies; b++) {
+            // Water's first site is not at the origin.
+            R.push_back(positions[p] - (b % 3 == 0   ? Vec3(0, -0.006, 0)
+                                        : b % 3 == 1 ? Vec3(0.06, 0, 0)
+                                                     : Vec3()));
+            p += b % 3 == 0 ? 3 : b % 3 == 1 ? 2 : 1;
+            q.push_back(randomQuaternion(generator));
+            v.push_back(Vec3(normal(generator), normal(generator), normal(generator)) * 0.4);
+            omega.push_back(Vec3(normal(generator), normal(generator), normal(generator)) * 10);
+        }
+        integrator.setBodyPositions(R);
+        integrator.setBodyOrientations(q);
+        if (integrator.getScheme() == CustomRigidHIIntegrator::GradientThermostat) return;
+        integrator.setBodyVelocities(v);
+        integrator.setBodyAngularVelocities(omega);
+    }
+};
+
+/** The largest difference of positions or orientations of bodies. */
+double poseDifference(const CustomRigidHIIntegrator& a, const CustomRigidHIIntegrator& b) {
+    double largest = 0;
+    const auto Ra = a.getBodyPositions(), Rb = b.getBodyPositions();
+    const auto qa = a.getBodyOrientations(), qb = b.getBodyOrientations();
+    for (size_t i = 0; i < Ra.size(); i++) {
+        largest = max(largest, norm(Ra[i] - Rb[i]));
+        for (int k = 0; k < 4; k++) largest = max(largest, abs(qa[i][k] - qb[i][k]));
+    }
+    return largest;
+}
+
+}  // namespace
+
+TEST(DeviceSteps, WithoutForcesPosesAreThoseOfReference) {
+    for (auto scheme : thermostats())
+        for (auto law : {CustomRigidHIIntegrator::Gaussian, CustomRigidHIIntegrator::ThreePoint,
+                         CustomRigidHIIntegrator::TwoPoint}) {
+            if (law != CustomRigidHIIntegrator::Gaussian &&
+                scheme != CustomRigidHIIntegrator::LangevinB)
+                continue;
+            Bodies device, host;
+            for (Bodies* each : {&device, &host}) {
+                each->integrator.setScheme(scheme);
+                each->integrator.setNoiseLaw(law);
+                each->integrator.setInertiaScale(scheme == CustomRigidHIIntegrator::LangevinC ? 4
+                                                                                              : 1);
+            }
+            device.start(testPlatformName());
+            host.start("Reference");
+            device.integrator.step(1000);
+            host.integrator.step(1000);
+            ASSERT_TRUE(areOnTheDevice(device.integrator))
+                << device.integrator.getEffects().at(key);
+            // Rounding adds up along a path of some nm. Angles of fast rotors grow with time.
+            EXPECT_LT(poseDifference(device.integrator, host.integrator), 1e-13)
+                << "scheme " << scheme << ", law " << law;
+            // Particles have the velocities of their bodies.
+            const auto a = velocitiesOf(*device.context), b = velocitiesOf(*host.context);
+            for (int p = 0; p < device.firstFree; p++)
+                EXPECT_LT(norm(a[p] - b[p]), readTolerance(1e-11, 5))
+                    << "scheme " << scheme << ", particle " << p;
+            EXPECT_EQ(device.integrator.getStepStatistics().at("randomNumbers"),
+                      host.integrator.getStepStatistics().at("randomNumbers"));
+            EXPECT_EQ(device.context->getStepCount(), 1000);
+            EXPECT_NEAR(device.context->getState(0).getTime(), 2.0, 1e-9);
+        }
+}
+
+TEST(DeviceSteps, FreeParticlesMoveAsOnReference) {
+    for (auto scheme : thermostats()) {
+        Bodies device, host;
+        for (Bodies* each : {&device, &host}) each->integrator.setScheme(scheme);
+        device.start(testPlatformName());
+        host.start("Reference");
+        device.integrator.step(300);
+        host.integrator.step(300);
+        const auto a = positionsOf(*device.context), b = positionsOf(*host.context);
+        // Positions of free particles are set through the Context, which rounds them.
+        for (size_t p = device.firstFree; p < a.size(); p++)
+            EXPECT_LT(norm(a[p] - b[p]), readTolerance(1e-12, 4)) << "scheme " << scheme;
+    }
+}
+
+// Particles are sorted every 250 steps, and wrapped into the box; bodies leave the box.
+TEST(DeviceSteps, SortingAndImagesChangeNothing) {
+    Bodies device, host;
+    for (Bodies* each : {&device, &host}) each->integrator.setFriction(0);
+    device.start(testPlatformName());
+    host.start("Reference");
+    for (Bodies* each : {&device, &host}) {
+        vector<Vec3> v(each->numBodies);
+        for (int b = 0; b < each->numBodies; b++)
+            v[b] = Vec3(3, -2, 1) * (b % 5) + Vec3(0.013, 0.017, -0.011) * b;
+        each->integrator.setBodyVelocities(v);
+        each->integrator.step(1200);
+    }
+    ASSERT_TRUE(areOnTheDevice(device.integrator));
+    EXPECT_LT(poseDifference(device.integrator, host.integrator), 1e-12);  // after up to 36 nm
+    const auto a = positionsOf(*device.context), b = positionsOf(*host.context);
+    for (int p = 0; p < device.firstFree; p++)
+        EXPECT_LT(norm(a[p] - b[p]), readTolerance(1e-12, 40));
+}
+
+TEST(DeviceSteps, TransferNothingInSteps) {
+    Bodies device(0.5);
+    device.start(testPlatformName());
+    device.integrator.step(10);
+    const auto before = device.integrator.getStepStatistics();
+    device.integrator.step(1000);
+    const auto after = device.integrator.getStepStatistics();
+    const auto spent = [&](const char* name) { return after.at(name) - before.at(name); };
+    EXPECT_EQ(spent("steps"), 1000);
+    // To the device and back: the user has asked for statistics before and after.
+    EXPECT_EQ(spent("deviceTransfers"), 2);
+    // A flag every hundred steps, one at the start, and sums for the watch of temperatures.
+    EXPECT_LE(spent("deviceLooks"), 25);
+    // OpenMM's Verlet integrator has two kernels a step, and so have these; and some for each
+    // sorting.
+    EXPECT_LE(spent("deviceLaunches"), 2 * 1000 + 50);
+    // Steps one by one stay there, too.
+    for (int i = 0; i < 100; i++) device.integrator.step(1);
+    const auto one = device.integrator.getStepStatistics();
+    EXPECT_EQ(one.at("deviceTransfers") - after.at("deviceTransfers"), 2);
+}
+
+TEST(DeviceSteps, StepsOneByOneAreTheSame) {
+    vector<Vec3> ends[2];
+    for (int chunk : {1, 60}) {
+        Bodies device(0.5);
+        device.start(testPlatformName());
+        for (int i = 0; i < 60 / chunk; i++) device.integrator.step(chunk);
+        ends[chunk == 1] = device.integrator.getBodyPositions();
+    }
+    EXPECT_TRUE(sameBits(ends[0], ends[1]));
+}
+
+TEST(DeviceSteps, ResumeBitForBitFromCheckpoints) {
+    Bodies whole(0.5), first(0.5), second(0.5);
+    whole.start(testPlatformName());
+    first.start(testPlatformName());
+    second.start(testPlatformName());
+    whole.integrator.step(300);
+    whole.integrator.step(300);
+    first.integrator.step(300);
+    stringstream checkpoint;
+    first.context->createCheckpoint(checkpoint);
+    second.integrator.step(7);
+    second.context->loadCheckpoint(checkpoint);
+    second.integrator.step(300);
+    ASSERT_TRUE(areOnTheDevice(second.integrator));
+    EXPECT_TRUE(
+        sameBits(whole.integrator.getBodyPositions(), second.integrator.getBodyPositions()));
+    EXPECT_TRUE(
+        sameBits(whole.integrator.getBodyVelocities(), second.integrator.getBodyVelocities()));
+}
+
+TEST(DeviceSteps, StatesGoToAnotherPrecision) {
+    Bodies first, second;
+    first.start(testPlatformName());
+    first.integrator.step(50);
+    const State state = first.context->getState(State::Positions | State::Velocities |
+                                                State::IntegratorParameters | State::Parameters);
+    second.start(testPlatformName(),
+                 {{"Precision", testPrecision() == "double" ? "single" : "double"}});
+    second.context->setState(state);
+    first.integrator.step(50);
+    second.integrator.step(50);
+    ASSERT_TRUE(areOnTheDevice(second.integrator));
+    EXPECT_LT(poseDifference(first.integrator, second.integrator), 1e-13);
+}
+
+TEST(DeviceSteps, SettingsTakeEffectAtTheNextStep) {
+    Bodies device, host;
+    device.start(testPlatformName());
+    host.start("Reference");
+    for (Bodies* each : {&device, &host}) {
+        each->integrator.step(20);
+        each->integrator.setTemperature(100);
+        each->integrator.step(20);
+        each->integrator.setStepSize(0.001);
+        each->integrator.setScheme(CustomRigidHIIntegrator::LangevinA);
+        each->integrator.step(20);
+        each->integrator.setBodyHeld(3, true);
+        each->integrator.setBodyFriction(0, 100, 200);
+        each->integrator.step(20);
+        each->integrator.setBodyHeld(3, false);
+        each->integrator.step(20);
+    }
+    ASSERT_TRUE(areOnTheDevice(device.integrator));
+    EXPECT_LT(poseDifference(device.integrator, host.integrator), 1e-13);
+}
+
+TEST(DeviceSteps, ChangesByUsersAreTakenIn) {
+    Bodies device, host;
+    device.start(testPlatformName());
+    host.start("Reference");
+    for (Bodies* each : {&device, &host}) {
+        each->integrator.step(20);
+        // Bodies in the middle of a run, by the Context and by the integrator.
+        auto R = each->integrator.getBodyPositions();
+        for (Vec3& r : R) r += Vec3(0.1, -0.2, 0.3);
+        each->integrator.setBodyPositions(R);
+        each->integrator.step(20);
+        auto v = each->integrator.getBodyVelocities();
+        for (Vec3& u : v) u *= -0.5;
+        each->integrator.setBodyVelocities(v);
+        each->integrator.step(20);
+    }
+    EXPECT_LT(poseDifference(device.integrator, host.integrator), 1e-13);
+    for (Bodies* each : {&device, &host}) {
+        auto x = positionsOf(*each->context);
+        for (Vec3& r : x) r += Vec3(0.05, 0, 0);
+        each->context->setPositions(x);
+        each->integrator.step(20);
+        auto v = velocitiesOf(*each->context);
+        for (Vec3& u : v) u *= 1.5;
+        each->context->setVelocities(v);
+        each->integrator.step(20);
+    }
+    ASSERT_TRUE(areOnTheDevice(device.integrator));
+    // What goes through the Context has the platform's precision.
+    EXPECT_LT(poseDifference(device.integrator, host.integrator), readTolerance(1e-12, 4) * 10);
+    // A body that does not fit its shape any more is refused, as on the host.
+    auto x = positionsOf(*device.context);
+    x[0] += Vec3(0.1, 0, 0);
+    device.context->setPositions(x);
+    expectError([&] { device.integrator.step(5); }, {"body 0", "from its place in the body"});
+}
+
+// OpenMM does not tell the integrator of constraints that are applied to the particles.
+TEST(DeviceSteps, ConstraintsThatAUserAppliesAreTakenIn) {
+    Bodies device;
+    device.start(testPlatformName());
+    device.integrator.step(20);
+    auto q = device.integrator.getBodyOrientations();
+    device.context->applyConstraints(1e-8);
+    device.integrator.step(1);
+    EXPECT_EQ(device.integrator.getEffects().at(key).substr(0, 3), "on:");
+}
+
+TEST(DeviceSteps, MomentumRemoversAct) {
+    // The momentum of all bodies becomes 0, whatever their masses are, when the remover is due.
+    for (int frequency : {1, 7}) {
+        Bodies device, host;
+        for (Bodies* each : {&device, &host}) {
+            each->system.addForce(new CMMotionRemover(frequency));
+            each->integrator.setFriction(0);
+        }
+        device.start(testPlatformName());
+        host.start("Reference");
+        device.integrator.step(50);
+        host.integrator.step(50);
+        ASSERT_TRUE(areOnTheDevice(device.integrator));
+        EXPECT_LT(poseDifference(device.integrator, host.integrator), 1e-12);
+    }
+    // A remover acts once on free particles, too, whenever a run begins.
+    vector<Vec3> ends[2];
+    for (int chunk : {1, 20}) {
+        Bodies device;
+        device.system.addForce(new CMMotionRemover());
+        device.start(testPlatformName());
+        auto v = velocitiesOf(*device.context);
+        for (size_t p = device.firstFree; p < v.size(); p++) v[p] = Vec3(3, 1, 2);
+        device.context->setVelocities(v);
+        for (int i = 0; i < 20 / chunk; i++) device.integrator.step(chunk);
+        ends[chunk == 1] = positionsOf(*device.context);
+    }
+    EXPECT_TRUE(sameBits(ends[0], ends[1]));
+    WaterBox box(3, 0.002, true);
+    box.system.addForce(new CMMotionRemover());
+    box.start();
+    box.context->setVelocitiesToTemperature(300, 1);
+    box.integrator.setFriction(0);
+    box.integrator.setRotationalFriction(0);
+    box.integrator.step(100);
+    ASSERT_TRUE(areOnTheDevice(box.integrator)) << box.integrator.getEffects().at(key);
+    Vec3 p;
+    for (const Vec3& v : box.integrator.getBodyVelocities()) p += v;
+    // The forces, in single precision, do not add up to 0 in the last step.
+    EXPECT_LT(norm(p), testPrecision() == "double" ? 1e-6 : 1e-2);
+}
+
+TEST(DeviceSteps, BarostatsMoveWholeBodies) {
+    Bodies device(0.6, 0.002, 2.2);
+    auto* barostat = new MonteCarloBarostat(30, 20, 6);
+    barostat->setRandomNumberSeed(4);
+    device.system.addForce(barostat);
+    device.start(testPlatformName());
+    int accepted = 0, kept = 0;
+    vector<Vec3> last;
+    double volume = device.context->getState(0).getPeriodicBoxVolume();
+    for (int i = 0; i < 200; i++) {
+        device.integrator.step(6);
+        const double now = device.context->getState(0).getPeriodicBoxVolume();
+        (now != volume ? accepted : kept)++;
+        volume = now;
+        // The pose is that of the particles.
+        const auto x = positionsOf(*device.context);
+        const auto R = device.integrator.getBodyPositions();
+        EXPECT_LT(norm(x[5] - R[2]), readTolerance(1e-12, 10));  // a point
+        // OpenMM wraps particles into the box, but poses stay in their images.
+        for (int b = 0; i > 0 && b < device.numBodies; b++) EXPECT_LT(norm(R[b] - last[b]), 0.5);
+        last = R;
+    }
+    ASSERT_TRUE(areOnTheDevice(device.integrator));
+    EXPECT_GT(accepted, 20);
+    EXPECT_GT(kept, 5);
+    const auto x = positionsOf(*device.context);
+    EXPECT_NEAR(norm(x[1] - x[2]), 0.16, 1e-5);
+}
+
+// A barostat asks for energies in the middle of a step.
+TEST(DeviceSteps, BarostatsBringNoBodiesBack) {
+    for (double pressure : {1.0, 1e5}) {
+        Bodies device(0.5, 0.002, 2.4);
+        device.system.addForce(new MonteCarloBarostat(pressure, 1e-3, 5));
+        device.start(testPlatformName());
+        device.integrator.step(10);
+        const auto before = device.integrator.getStepStatistics();
+        device.integrator.step(50);
+        const auto after = device.integrator.getStepStatistics();
+        // To the device and back, and images after each move that is accepted.
+        EXPECT_LE(after.at("deviceTransfers") - before.at("deviceTransfers"), 2 + 10);
+        EXPECT_LE(after.at("forceEvaluations") - before.at("forceEvaluations"), 50 + 10);
+    }
+}
+
+TEST(DeviceSteps, UsersSetStatesBesideABarostat) {
+    Bodies device(0.5);
+    device.system.addForce(new MonteCarloBarostat(1, 300, 1000));
+    device.start(testPlatformName());
+    device.integrator.step(5);
+    const auto step = [&] {
+        device.integrator.step(5);
+        ASSERT_TRUE(areOnTheDevice(device.integrator));
+        device.integrator.step(5);  // getEffects() has brought bodies back
+    };
+    const double close = readTolerance(1e-12, 10);
+    const auto expectPositions = [&](const vector<Vec3>& x) {
+        const auto found = positionsOf(*device.context);
+        for (size_t p = 0; p < x.size(); p++) EXPECT_LT(norm(found[p] - x[p]), close);
+        EXPECT_LT(norm(device.integrator.getBodyPositions()[2] - x[5]), close);  // a point
+    };
+    auto x = positionsOf(*device.context), v = velocitiesOf(*device.context);
+    for (Vec3& r : x) r += Vec3(0.05, 0.02, -0.03);
+    step();
+    device.context->setPositions(x);
+    expectPositions(x);
+    step();
+    for (Vec3& u : v) u *= 2;
+    device.context->setVelocities(v);
+    const auto found = velocitiesOf(*device.context);
+    for (size_t p = 0; p < v.size(); p++) EXPECT_LT(norm(found[p] - v[p]), close);
+    EXPECT_LT(norm(device.integrator.getBodyVelocities()[2] - v[5]), close);
+
+    step();
+    stringstream checkpoint;
+    device.context->createCheckpoint(checkpoint);
+    x = positionsOf(*device.context);
+    step();
+    device.context->loadCheckpoint(checkpoint);
+    expectPositions(x);
+    const State state = device.context->getState(State::Positions | State::Velocities |
+                                                 State::IntegratorParameters | State::Parameters);
+    step();
+    device.context->setState(state);
+    expectPositions(x);
+    step();
+}
+
+// A barostat that fails in the middle of a run leaves the state before the step.
+TEST(DeviceSteps, FailuresOfForcesLeaveTheStateBeforeTheStep) {
+    for (int chunk : {1, 7}) {
+        Bodies device;
+        device.system.addForce(new MonteCarloBarostat(1e6, 300, 5));
+        device.start(testPlatformName());
+        vector<Vec3> R;
+        double volume = 0;
+        long long count = 0;
+        const auto look = [&] {
+            R = device.integrator.getBodyPositions();
+            volume = device.context->getState(0).getPeriodicBoxVolume();
+            count = device.context->getStepCount();
+        };
+        expectError(
+            [&] {
+                for (int i = 0; i < 2000; i++) {
+                    look();
+                    device.integrator.step(chunk);
+                }
+            },
+            {"box size has decreased"});
+        const auto now = device.integrator.getBodyPositions();
+        const auto x = positionsOf(*device.context);
+        EXPECT_LT(norm(x[5] - now[2]), readTolerance(1e-12, 10));
+        EXPECT_LT(device.context->getStepCount() - count, chunk);
+        if (chunk > 1) continue;
+        EXPECT_EQ(device.context->getState(0).getPeriodicBoxVolume(), volume);
+        for (int b = 0; b < device.numBodies; b++)
+            EXPECT_LT(norm(now[b] - R[b]), readTolerance(1e-12, 10));
+    }
+}
+
+// Its sums are made on the device. TestTemperatures has what it must find.
+TEST(DeviceSteps, TheWatchOfTemperaturesHasNoFalseAlarms) {
+    Bodies device;
+    device.system.addForce(new CMMotionRemover(10));
+    device.start(testPlatformName());
+    // The first window of 4000 steps is left out, and nine are judged, also together: rotations
+    // that seem a quarter too hot are found then.
+    device.integrator.step(40100);
+    ASSERT_TRUE(areOnTheDevice(device.integrator));
+    EXPECT_EQ(device.integrator.getEffects().at("warnings"), "off: none");
+}
+
+TEST(DeviceSteps, NonFiniteForcesNameStepAndBody) {
+    for (int bad : {3, 130}) {
+        System system;
+        CustomRigidHIIntegrator integrator(0, 0.1);
+        integrator.setFriction(0);
+        vector<Vec3> positions;
+        for (int i = 0; i < 3; i++) {
+            system.addParticle(1.0);
+            integrator.addRigidBody({i}, 1.0, Vec3(), {Vec3()});
+            positions.push_back(Vec3(i == 1 ? 0.2 * bad - 0.05 : 500.0, 0, 0));
+        }
+        auto* force = new CustomExternalForce("1e-9*sqrt(x)");  // not a number for x < 0
+        for (int i = 0; i < 3; i++) force->addParticle(i, vector<double>());
+        system.addForce(force);
+        Context context(system, integrator, testPlatform());
+        context.setPositions(positions);
+        context.setVelocities({Vec3(), Vec3(-2, 0, 0), Vec3()});
+        expectError([&] { integrator.step(1000); },
+                    {"step " + to_string(bad), "body 1", "non-finite", "smaller step"});
+        EXPECT_EQ(context.getStepCount(), bad - 1);
+        EXPECT_NEAR(integrator.getBodyPositions()[1][0], 0.15, 1e-6);
+    }
+}
+
+TEST(DeviceSteps, TwoContextsOfADeviceShareForces) {
+    Bodies one(0.5), two(0.5);
+    one.start(testPlatformName(), {{"DeviceIndex", "0"}});
+    two.start(testPlatformName(), {{"DeviceIndex", "0,0"}});
+    one.integrator.step(50);
+    two.integrator.step(50);
+    ASSERT_TRUE(areOnTheDevice(two.integrator));
+    EXPECT_LT(poseDifference(one.integrator, two.integrator),
+              testPrecision() == "double" ? 1e-6 : 1e-4);
+}
+
+TEST(DeviceSteps, TheHostTakesWhatItMust) {
+    const auto reasonWith = [](const function<void(Bodies&)>& change) {
+        Bodies scene;
+        change(scene);
+        scene.start(testPlatformName());
+        scene.integrator.step(2);
+        return scene.integrator.getEffects().at(key);
+    };
+    const auto expectReason = [&](const string& why, const function<void(Bodies&)>& change) {
+        const string found = reasonWith(change);
+        EXPECT_EQ(found.substr(0, 4), "off:") << why << ": " << found;
+        EXPECT_NE(found.find(why), string::npos) << found;
+    };
+    expectReason("CustomBodyForce", [](Bodies& scene) {
+        auto* force = new CustomBodyForce("1", "0", "0", "0", "0", "0");
+        force->addBody(0, vector<double>());
+        scene.system.addForce(force);
+    });
+    EXPECT_EQ(reasonWith([](Bodies&) {}).substr(0, 3), "on:");
+
+    // A switch for comparisons.
+    setenv("RIGIDHI_BODIES_ON_HOST", "1", 1);
+    expectReason("RIGIDHI_BODIES_ON_HOST", [](Bodies&) {});
+    unsetenv("RIGIDHI_BODIES_ON_HOST");
+
+    // Nothing to move.
+    System empty;
+    empty.addParticle(0);
+    CustomRigidHIIntegrator integrator(300, 0.001);
+    Context context(empty, integrator, testPlatform());
+    context.setPositions({Vec3()});
+    integrator.step(3);
+    EXPECT_EQ(context.getStepCount(), 3);
+    EXPECT_NE(integrator.getEffects().at(key).find("nothing to move"), string::npos);
+}
+
+TEST(DeviceSteps, ForceGroupsAreThoseOfTheIntegrator) {
+    Bodies device, host;
+    for (Bodies* each : {&device, &host}) {
+        for (int group : {1, 2}) {
+            auto* force = new CustomExternalForce(group == 1 ? "10*x" : "-30*y");
+            force->setForceGroup(group);
+            for (int i = 0; i < each->system.getNumParticles(); i++)
+                force->addParticle(i, vector<double>());
+            each->system.addForce(force);
+        }
+    }
+    device.start(testPlatformName());
+    host.start("Reference");
+    for (Bodies* each : {&device, &host})
+        for (int groups : {1 << 1, 1 << 2, 0xff}) {
+            each->integrator.setIntegrationForceGroups(groups);
+            each->integrator.step(10);
+        }
+    ASSERT_TRUE(areOnTheDevice(device.integrator));
+    EXPECT_LT(poseDifference(device.integrator, host.integrator), 1e-7);
+}
