@@ -40,6 +40,9 @@ def describe() -> str:
     failures = openmm.Platform.getPluginLoadFailures()
     if failures:
         lines.append('plugins of OpenMM that failed to load: ' + '; '.join(failures))
+    if _loading.device_failures:
+        lines.append('libraries of devices that failed to load (the host moves bodies there): ' +
+                     '; '.join(_loading.device_failures))
     path = _loading.find_platform_library(_CPU_LIBRARY)
     if path is None:
         lines.append(f'{_CPU_LIBRARY} is in neither plugin directory')

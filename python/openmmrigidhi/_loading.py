@@ -12,7 +12,12 @@ _KERNEL = 'IntegrateRigidBodies'
 #: The library that serves every platform that is there when it is loaded, or loaded again.
 _FOR_ANY_PLATFORM = 'libOpenMMRigidHIAny.so'
 
+#: Libraries that must load on every machine; the others belong to devices.
+_EVERYWHERE = {_FOR_ANY_PLATFORM, 'libOpenMMRigidHICPU.so', 'libOpenMMRigidHIReference.so'}
+
 version = None
+#: Libraries of devices that could not be loaded, with the reason.
+device_failures: list[str] = []
 
 
 def load():
@@ -28,6 +33,11 @@ def load():
         try:
             openmm.Platform.loadPluginLibrary(path)
         except Exception as error:
+            if os.path.basename(path) not in _EVERYWHERE:
+                # A GPU's software, or OpenMM's platform for it, is not on this machine. Where the
+                # platform is there, the host moves bodies.
+                device_failures.append(f'{os.path.basename(path)}: {error}')
+                continue
             raise ImportError(
                 f'openmmrigidhi: cannot load the platform library {os.path.basename(path)} '
                 f'from {_PLUGIN_DIRECTORY}: {error}') from error
@@ -126,7 +136,7 @@ def checkPlatform(platform: Union[str, openmm.Platform]) -> None:
     able = _served()
     if name in able:
         return
-    failures = '; '.join(openmm.Platform.getPluginLoadFailures()) or 'none'
+    failures = '; '.join([*openmm.Platform.getPluginLoadFailures(), *device_failures]) or 'none'
     background = (
         f"Platforms in OpenMM: {', '.join(names)}; with the kernels of openmmrigidhi: "
         f"{', '.join(able) or 'none'}. OPENMM_PLUGIN_DIR: "

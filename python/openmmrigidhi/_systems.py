@@ -85,6 +85,8 @@ def refuse_driven_flow(system: openmm.System, where: str, consequence: str) -> N
             flow, setter = (f'a uniform force density of '
                             f'{fluid.getBodyForceDensity()._value.tolist()} kJ/(mol nm^4)',
                             'setBodyForceDensity()')
+        elif fluid.getShear()[0]._value:
+            flow, setter = f'a shear of {fluid.getShear()[0]._value}/ps', 'setShear()'
         else:
             continue
         raise ValueError(

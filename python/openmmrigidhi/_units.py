@@ -38,6 +38,7 @@ TEMPERATURE = Dimension('kelvin', unit.kelvin)
 TIME = Dimension('ps', unit.picosecond)
 RATE = Dimension('1/ps', unit.picosecond**-1)
 LENGTH = Dimension('nm', unit.nanometer)
+WAVE_NUMBER = Dimension('1/nm', unit.nanometer**-1)
 MASS = Dimension('dalton', unit.dalton)
 MOMENT = Dimension('dalton nm^2', unit.dalton*unit.nanometer**2)
 VELOCITY = Dimension('nm/ps', unit.nanometer/unit.picosecond)
@@ -45,6 +46,7 @@ ANGULAR_VELOCITY = Dimension('rad/ps', unit.radian/unit.picosecond, unit.picosec
 FORCE = Dimension('kJ/(mol nm)', unit.kilojoule_per_mole/unit.nanometer)
 VISCOSITY = Dimension('dalton/(nm ps)', unit.dalton/(unit.nanometer*unit.picosecond))
 FORCE_DENSITY = Dimension('kJ/(mol nm^4)', unit.kilojoule_per_mole/unit.nanometer**4)
+STRESS = Dimension('kJ/(mol nm^3)', unit.kilojoule_per_mole/unit.nanometer**3)
 ENERGY = Dimension('kJ/mol', unit.kilojoule_per_mole)
 # 1 Pa s in dalton/(nm ps); Avogadro's constant is exact since 2019.
 PASCAL_SECOND = 602214.076
@@ -175,6 +177,11 @@ def rows(values, dimension, columns, where, name, count=None):
             f'{where}: {name}: got an array of shape {array.shape}; the shape must be {expected}: '
             'give one row per item')
     return array
+
+
+def array_of(values, dimension, where, name):
+    """An array of floats in the dimension's unit, of any shape, also of a single number."""
+    return _floats(values, dimension, where, name)
 
 
 def vector(value, dimension, where, name):

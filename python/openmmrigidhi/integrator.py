@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import operator
+import time
 from typing import TYPE_CHECKING, Any, Iterable, Optional, Sequence, Union
 
 import numpy as np
@@ -1353,7 +1354,14 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     # ---- What the scene costs --------------------------------------------------------------------
 
     def describeEffects(self) -> str:
-        """Get which effects are on, and why, as text; a Context is needed."""
+        """Get which effects are on, and why, as text; a Context is needed.
+
+        Returns
+        -------
+        str
+            a line for each effect that is on, a line of the names of those that are off, and then
+            warnings, each a sentence with a remedy; :meth:`getEffects` has the same for programs
+        """
         return super().describeEffects()
 
     def getEffects(self) -> dict:
@@ -1380,7 +1388,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             fluid on a grid, of all threads together, seconds_spreading (forces to nodes),
             seconds_fft (Fourier transforms, with the fluid's response), seconds_averaging
             (velocities over nodes), seconds_solver (iterations beside products) (float, seconds; 0
-            without a grid)
+            without a grid); and for bodies on a device, deviceLaunches (kernels, without OpenMM's),
+            deviceTransfers (states or lists, in either direction), deviceLooks (at a flag or a few
+            sums, for which the host waits) (int; 0 without a device)
         """
         return {
             name: value if name.startswith('seconds') else int(value)
@@ -1406,11 +1416,15 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             message then names the step and the body, and the Context keeps the last good state
         """
         steps = _units.integer(steps, _where('step'), 'steps')
-        # Python looks for signals only when C++ returns.
-        stepsBetweenSignals = 50
+        # Python looks for signals only when C++ returns. On a device each return waits for it, so
+        # that fast steps are taken in longer rows.
+        stepsBetweenSignals, longest, soon = 50, 1600, 0.05
         while steps > stepsBetweenSignals:
+            begin = time.monotonic()
             super().step(stepsBetweenSignals)
             steps -= stepsBetweenSignals
+            if time.monotonic() - begin < soon:
+                stepsBetweenSignals = min(2*stepsBetweenSignals, longest)
         super().step(steps)
 
 

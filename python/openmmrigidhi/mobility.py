@@ -1,7 +1,7 @@
 """MobilityForce: the Python face of the C++ class, with units, checked shapes and documentation."""
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Sequence, Union
+from typing import TYPE_CHECKING, NamedTuple, Sequence, Union
 
 import numpy as np
 import openmm
@@ -27,6 +27,19 @@ class SphereWallMobility(_enums.Documented):
         'The sphere moves like a rigid sphere alone above the wall, at every gap, to 3e-8.')
 
 
+class Lubrication(_enums.Documented):
+    """Whether spheres have lubrication; also class attributes of MobilityForce.
+
+    ``MobilityForce.Auto`` and 'Auto' stand for AutoLubrication, too.
+    """
+
+    AutoLubrication = _Base.AutoLubrication, (
+        'Spheres of StokesianDynamics have lubrication, and those of other models have none '
+        '(default).')
+    On = _Base.On, 'Spheres have lubrication with each other, and with no-slip walls.'
+    Off = _Base.Off, 'No sphere has lubrication.'
+
+
 class ChannelCondition(_enums.Documented):
     """The mean flow along a NoSlipChannel; also class attributes of MobilityForce."""
 
@@ -49,11 +62,28 @@ class Solver(_enums.Documented):
         'Krylov methods, or a grid, compute products and solutions to the solver tolerance.')
 
 
+class Stress(NamedTuple):
+    """The stress that bodies add to a periodic fluid (:meth:`MobilityForce.getStressInContext`).
+
+    Each part is a Quantity of shape (3, 3) in kJ/(mol nm^3), and symmetric.
+    """
+
+    #: of the resistance of force-free bodies to the driven flow, and of swimmers
+    hydrodynamic: unit.Quantity
+    #: one sample, whose mean is the Brownian stress
+    brownian: unit.Quantity
+    #: of OpenMM's forces and torques
+    interparticle: unit.Quantity
+    #: -n kT, with the number density n of bodies and free particles
+    ideal: unit.Quantity
+
+
 # The class has attributes of the same names, which its annotations would mean.
 _Model = Model
 _Boundary = Boundary
 _SphereWallMobility = SphereWallMobility
 _ChannelCondition = ChannelCondition
+_Lubrication = Lubrication
 _Solver = Solver
 
 
@@ -101,11 +131,15 @@ class MobilityForce(_copies.Copies, _Base):
     Boundary = Boundary
     SphereWallMobility = SphereWallMobility
     ChannelCondition = ChannelCondition
+    Lubrication = Lubrication
     Solver = Solver
     FromModel = SphereWallMobility.FromModel
     BestKnown = SphereWallMobility.BestKnown
     ZeroPressureGradient = ChannelCondition.ZeroPressureGradient
     ZeroFlux = ChannelCondition.ZeroFlux
+    AutoLubrication = Lubrication.AutoLubrication
+    On = Lubrication.On
+    Off = Lubrication.Off
     Auto = Solver.Auto
     Dense = Solver.Dense
     MatrixFree = Solver.MatrixFree
@@ -323,27 +357,78 @@ class MobilityForce(_copies.Copies, _Base):
             _units.constant(mobility, SphereWallMobility, _where('setSphereWallMobility'),
                             'mobility'))
 
-    def getLubrication(self) -> bool:
-        """Get whether StokesianDynamics includes lubrication."""
-        return super().getLubrication()
+    def getLubrication(self) -> _Lubrication:
+        """Get whether spheres have lubrication (AutoLubrication, which equals Auto, On or Off)."""
+        return Lubrication(super().getLubrication())
 
-    def setLubrication(self, enabled: bool) -> None:
-        """Set whether StokesianDynamics includes lubrication (default True).
+    def setLubrication(self, lubrication: Union[_Lubrication, _Solver, str, bool]) -> None:
+        """Set whether spheres that are close to each other, or to a no-slip wall, have lubrication.
 
-        Other models have no lubrication.
+        Spheres are bodies of one hydrodynamic particle. Multiblobs and free particles have no
+        lubrication. ``CustomRigidHIIntegrator.describeEffects`` says which spheres have it.
+
+        Parameters
+        ----------
+        lubrication : constant, str or bool
+            Auto (default): on with StokesianDynamics, off with other models. On or True: also with
+            RotnePragerYamakawa and ForceCoupling. Off or False: no sphere has it.
+
+        Notes
+        -----
+        With RotnePragerYamakawa and ForceCoupling the friction is that of the model plus what it
+        lacks for each pair of spheres, and for each sphere and wall, by themselves. So it is exact
+        for two spheres, and for one above a wall. The models' pages say how accurate it is. Spheres
+        must not overlap each other (:meth:`setMinimumGap`) and not touch walls, and the ratios of
+        their radii are up to 10. A Context is refused with sphere-wall mobility BestKnown, which
+        this lubrication replaces, with the wall rejection Crossing, and with ForceCoupling beside
+        walls.
         """
-        super().setLubrication(_units.boolean(enabled, _where('setLubrication'), 'enabled'))
+        if isinstance(lubrication, (bool, np.bool_)):
+            lubrication = Lubrication.On if lubrication else Lubrication.Off
+        elif lubrication is Solver.Auto or lubrication == 'Auto':
+            lubrication = Lubrication.AutoLubrication
+        elif not isinstance(lubrication, (Lubrication, str)):  # 0 and 1 may mean truth values
+            raise TypeError(
+                f'{_where("setLubrication")}: lubrication: got {lubrication!r}; it must '
+                'be Auto, On, Off, True or False: give one of them')
+        super().setLubrication(
+            _units.constant(lubrication, Lubrication, _where('setLubrication'), 'lubrication'))
+
+    def getLubricationReach(self) -> tuple[float, float]:
+        """Get how far lubrication of pairs reaches, in mean radii; (0, 0): as the model says."""
+        whole, nothing = super().getLubricationReach()
+        return whole, nothing
+
+    def setLubricationReach(self, whole: Number, nothing: Number) -> None:
+        """Set how far lubrication of pairs reaches.
+
+        Lubrication at walls is whole at every height.
+
+        Parameters
+        ----------
+        whole : float
+            the distance of the centres, in mean radii of the pair, up to which lubrication is
+            whole; at least 2, which is contact
+        nothing : float
+            the distance from which on there is none, above the other one. 0 for both (default): 3
+            and 4, but with matrices of StokesianDynamics 8 and 10 in a periodic box, and all
+            distances without one.
+        """
+        super().setLubricationReach(
+            self._number(whole, _units.NONE, 'setLubricationReach', 'whole'),
+            self._number(nothing, _units.NONE, 'setLubricationReach', 'nothing'))
 
     def getMinimumGap(self) -> float:
-        """Get the smallest gap of StokesianDynamics, in mean radii."""
+        """Get the smallest gap of spheres with lubrication, in mean radii."""
         return super().getMinimumGap()
 
     def setMinimumGap(self, gap: Number) -> None:
-        """Set the smallest gap between spheres for StokesianDynamics; default 0.
+        """Set the smallest gap between spheres with lubrication; default 0.
 
         The gap is relative to the mean radius of the two spheres. It is finite and not negative.
         Smaller gaps, and overlaps, are treated as this gap. With 0, a start with overlapping
-        spheres is refused, and a step after which spheres overlap is redone with new noise.
+        spheres is refused, and a step after which spheres overlap is redone with new noise. Spheres
+        of StokesianDynamics have it without lubrication, too.
         """
         super().setMinimumGap(self._number(gap, _units.NONE, 'setMinimumGap', 'gap'))
 
@@ -576,6 +661,50 @@ class MobilityForce(_copies.Copies, _Base):
         super().setBodyForceDensity(
             _units.vector(forceDensity, _units.FORCE_DENSITY, where, 'forceDensity'))
 
+    def getShear(self) -> tuple[unit.Quantity, int, int]:
+        """Get what :meth:`setShear` has set, as (rate, flowAxis, gradientAxis).
+
+        The rate is a Quantity in 1/ps.
+        """
+        rate, flowAxis, gradientAxis = super().getShear()
+        return _units.RATE.attach(rate), flowAxis, gradientAxis
+
+    def setShear(self, rate: Number, flowAxis: int, gradientAxis: int) -> None:
+        """Shear a periodic fluid steadily, with the boundary conditions of Lees and Edwards.
+
+        Without bodies the fluid flows with v = rate x_gradientAxis along flowAxis. The box tilts
+        with the flow: steps set the Context's box, and forces are computed in the box of their
+        time. The tilt starts from that of the Context's box. Where a tilt exceeds half an edge, the
+        box goes on with the other tilt that has the same lattice, so that positions, which are not
+        wrapped, and forces stay as they are. States and checkpoints hold the box, and with it the
+        strain. A rate that :meth:`updateParametersInContext` changes goes on from the present tilt.
+
+        Bodies follow the flow as in :meth:`setBackgroundFlow`. The velocity gradient is the mean
+        one of the fluid with its bodies. The relative viscosity is therefore 1 + stress/(eta rate),
+        with the stress of :meth:`getStressInContext`.
+
+        Parameters
+        ----------
+        rate : float or Quantity
+            1/ps; 0 (default): none
+        flowAxis, gradientAxis : int
+            (0, 1), (0, 2) or (1, 2), for x, y and z, since OpenMM's boxes are lower triangular
+
+        Notes
+        -----
+        No Context is created with boundaries other than Periodic, with the model FreeDraining, with
+        schemes that have momenta, with barostats, with a sinusoidal force density beside the shear,
+        and on platforms other than Reference and CPU. A step is refused if it strains the fluid by
+        more than 0.1, or if somebody has set the box and no positions since the last step. The flow
+        that :meth:`getFlowInContext` gives is that of the present forces, without noise, because
+        the stages of a sheared step are in different boxes. OpenMM's PME is not the same, to its
+        tolerance, in the two boxes of one lattice, so that its forces jump there by its error.
+        """
+        where = _where('setShear')
+        super().setShear(_units.number(rate, _units.RATE, where, 'rate'),
+                         _units.integer(flowAxis, where, 'flowAxis'),
+                         _units.integer(gradientAxis, where, 'gradientAxis'))
+
     # ---- Bodies ----------------------------------------------------------------------------------
 
     def setBodyMobility(self, body: int, mobility: npt.ArrayLike) -> None:
@@ -775,10 +904,10 @@ class MobilityForce(_copies.Copies, _Base):
     def updateParametersInContext(self, context: openmm.Context) -> None:
         """Hand changed parameters to a Context.
 
-        The parameters are viscosity, radii, own tensors, slips, forces on the fluid, lubrication,
-        minimum gap, solver, tolerance, grid spacing and flow. A radius may not change between 0
-        and not 0. Changes of model, boundary, wall height, sphere-wall mobility and groups need
-        ``reinitialize``.
+        The parameters are viscosity, radii, own tensors, slips, forces on the fluid, lubrication
+        and its reach, minimum gap, solver, tolerance, grid spacing and flow. A radius may not
+        change between 0 and not 0. Changes of model, boundary, wall height, sphere-wall mobility
+        and groups need ``reinitialize``.
         """
         super().updateParametersInContext(
             _units.context(context, _where('updateParametersInContext')))
@@ -1004,6 +1133,45 @@ class MobilityForce(_copies.Copies, _Base):
         """
         context = _units.context(context, _where('getRandomMeanFlowInContext'))
         return _units.VELOCITY.attach(_units.array(super().getRandomMeanFlowInContext(context)))
+
+    def getStressInContext(self, context: openmm.Context) -> Stress:
+        """Get the stress that the bodies add to a periodic fluid, by parts, at present poses.
+
+        Each part is a mean over the box. The mean of their sum over a run is the stress of the
+        suspension beside that of the fluid alone. The hydrodynamic and Brownian parts have no
+        trace, because the models know no pressure in bodies. Spheres of StokesianDynamics have
+        stresslets, and multiblobs have them by their blobs. Single spheres of the other models have
+        none.
+
+        The Brownian part is kT div(R N), where R N gives stresslets from forces and torques. It is
+        one sample of a random finite difference, which costs two mobility problems and is right on
+        average over steps, in every scheme. It has rare huge values where spheres nearly touch. It
+        is 0 at the temperature 0.
+
+        The interparticle part is that of OpenMM's forces, which must not depend on absolute
+        positions or orientations. Its virial is a difference of energies: to 1e-9 on the platform
+        Reference, and to about 1e-4 on CPU, which computes in single precision.
+
+        Parameters
+        ----------
+        context : openmm.Context
+            a Context whose System has this Force, with the boundary Periodic
+
+        Returns
+        -------
+        Stress
+            four Quantities of shape (3, 3), kJ/(mol nm^3): hydrodynamic, brownian, interparticle
+            and ideal
+
+        Notes
+        -----
+        Refused are FreeDraining, several groups of :meth:`setGroups`, schemes with momenta, bodies
+        that are held, driven, joined or exert forces on the fluid, a CustomBodyForce, and platforms
+        other than Reference and CPU.
+        """
+        context = _units.context(context, _where('getStressInContext'))
+        parts = _units.array(super().getStressInContext(context)).reshape(4, 3, 3)
+        return Stress(*(_units.STRESS.attach(part.copy()) for part in parts))
 
     def usesPeriodicBoundaryConditions(self) -> bool:
         """Get whether this Force makes the System periodic.

@@ -138,7 +138,7 @@ def test_only_files_with_slips_have_the_newer_version():
 
 @pytest.mark.parametrize(
     'before, after, message',
-    [(' version="2"', ' version="3"', "property 'version' is '3'; it must be 1 or 2"),
+    [(' version="2"', ' version="4"', "property 'version' is '4'; it must be 1, 2 or 3"),
      ('Slips', 'Slides', "the element 'Slips' is missing"),
      ('<Slip body="3" count="4">', '<Slip body="3" count="5">', 'it has 4 elements; there must be'),
      ('<Slip body="3"', '<Slip body="-3"', 'the index of the body is -3'),

@@ -527,7 +527,8 @@ def test_bad_trajectories(change, pieces, error):
 
 
 def test_the_tracking_point_is_mandatory():
-    with pytest.raises(TypeError, match='trackingPoint'):
+    with pytest.raises(TypeError,
+                       match='trackingPoint: got none; which point of a body is followed'):
         analysis.translationalMSD(GOOD['positions'], GOOD['orientations'], 1)
 
 

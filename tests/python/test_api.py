@@ -212,6 +212,7 @@ CHOICES = [
     (MobilityForce, 'setSphereWallMobility', 'getSphereWallMobility',
      MobilityForce.SphereWallMobility),
     (MobilityForce, 'setChannelCondition', 'getChannelCondition', MobilityForce.ChannelCondition),
+    (MobilityForce, 'setLubrication', 'getLubrication', MobilityForce.Lubrication),
 ]
 
 
@@ -836,6 +837,22 @@ def test_a_library_that_does_not_load_fails_loudly(tmp_path):
             'libOpenMMRigidHICPU.so') in result.stderr
     assert str(package) in result.stderr and 'invalid ELF header' in result.stderr \
         or 'file too short' in result.stderr
+
+
+def test_the_library_of_a_device_may_fail_to_load(tmp_path):
+    """The software of a GPU is not on every machine on which the package is."""
+    package = tmp_path/'openmmrigidhi'
+    shutil.copytree(packageDirectory(), package)
+    (package/'lib'/'plugins'/'libOpenMMRigidHIHIP.so').write_bytes(b'no library')
+    result = run(
+        'import openmmrigidhi; openmmrigidhi.checkPlatform("CPU"); '
+        'print(openmmrigidhi.describe())', str(tmp_path))
+    assert result.returncode == 0, result.stderr
+    found = [
+        line for line in result.stdout.splitlines()
+        if line.startswith('libraries of devices that failed to load')
+    ]
+    assert len(found) == 1 and 'libOpenMMRigidHIHIP.so: ' in found[0]
 
 
 def test_another_copy_of_the_library_is_not_mixed_in(tmp_path):

@@ -297,6 +297,94 @@ def test_binding_does_not_make_a_system_periodic(platform):
     assert not system.usesPeriodicBoundaryConditions()
 
 
+def test_residues_are_bound_where_positions_fix_their_shape(platform):
+    system, _, positions = periodicDumbbells()
+    topology = app.Topology()
+    chain = topology.addChain()
+    for _ in range(2):
+        residue = topology.addResidue('DUM', chain)
+        for _ in range(2):
+            topology.addAtom('B', None, residue)
+    integrator = CustomRigidHIIntegrator(300, 0.002)
+    arguments = integrator, topology, ['DUM']
+    with pytest.raises(ValueError, match=r'pass no system .*\(or fromPositions=True\)'):
+        openmmrigidhi.app.addRigidResidues(*arguments, system)
+    with pytest.raises(ValueError, match='fromPositions: got True without a system; OpenMM must'):
+        openmmrigidhi.app.addRigidResidues(*arguments, fromPositions=True)
+    assert openmmrigidhi.app.addRigidResidues(*arguments, system, fromPositions=True) == [0, 1]
+    context = openmm.Context(system, integrator, platform)
+    context.setPositions(positions)
+    integrator.step(5)
+    wrapped = positionsOf(context, enforcePeriodicBox=True)
+    assert np.allclose(np.linalg.norm(wrapped[1::2] - wrapped[::2], axis=1), 0.2, atol=1e-6)
+    assert [len(molecule) for molecule in context.getMolecules()] == [2, 2]
+
+
+# ---- Topologies without elements -----------------------------------------------------------------
+
+
+def colloids():
+    """Two rods and a sphere, with a free particle and a particle of the first rod between them."""
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    integrator = CustomRigidHIIntegrator(300, 0.01)
+    integrator.setScheme('EulerMaruyama')
+    for _ in range(9):
+        system.addParticle(0)
+        fluid.addParticle(0.5)
+    rod = openmmrigidhi.app.rod(3, 1.0)
+    integrator.addRigidBody([0, 1, 4], 0, (0, 0, 0), rod)
+    integrator.addRigidBody([5, 6, 7], 0, (0, 0, 0), rod)
+    integrator.addRigidBody([8], 0, (0, 0, 0), [(0, 0, 0)])
+    integrator.addRigidBody([2], 0, (0, 0, 0), [(0, 0, 0)])
+    system.addForce(fluid)
+    positions = [(-1, 0, 0), (0, 0, 0), (0, 9, 0), (9, 0, 0), (1, 0, 0), (-1, 4, 0), (0, 4, 0),
+                 (1, 4, 0), (0, 0, 5)]
+    return system, integrator, positions
+
+
+def test_a_topology_of_colloids_serves_simulations_and_reporters(tmp_path, platform):
+    system, integrator, positions = colloids()
+    topology = openmmrigidhi.app.bodyTopology(system, integrator, ['ROA', 'ROB', 'SPH', 'SPI'])
+    # OpenMM wants the atoms of a residue in one row: the first rod is two residues.
+    assert [residue.name
+            for residue in topology.residues()] == ['ROA', 'SPI', 'FRE', 'ROA', 'ROB', 'SPH']
+    assert [atom.index for atom in topology.atoms()] == list(range(9))
+    assert all(atom.element is None for atom in topology.atoms())
+    assert sorted((one.index, two.index) for one, two in topology.bonds()) == [(0, 1), (0, 4),
+                                                                               (5, 6), (5, 7)]
+    assert topology.getPeriodicBoxVectors() is None
+    simulation = app.Simulation(topology, system, integrator, platform)
+    simulation.context.setPositions(positions)
+    pdb, dcd, gsd = (str(tmp_path/name) for name in ('a.pdb', 'a.dcd', 'a.gsd'))
+    simulation.reporters += [app.PDBReporter(pdb, 1), app.DCDReporter(dcd, 1)]
+    try:
+        import gsd as _  # noqa: F401
+        simulation.reporters.append(openmmrigidhi.app.GsdReporter(gsd, 1))
+    except ImportError:
+        gsd = None
+    simulation.step(2)
+    read = app.PDBFile(pdb).topology
+    assert read.getNumAtoms() == 9
+    if gsd:
+        assert openmmrigidhi.app.readGsd(gsd).positions.shape == (2, 4, 3)
+
+
+def test_a_topology_of_colloids_has_the_periodic_box_and_refuses_other_bodies():
+    system, integrator, _ = periodicDumbbells()
+    topology = openmmrigidhi.app.bodyTopology(system, integrator)
+    assert topology.getPeriodicBoxVectors()[0][0] == 2*unit.nanometer
+    for names in (['A'], 'AB'):
+        with pytest.raises(ValueError, match='each body needs a name of its own'):
+            openmmrigidhi.app.bodyTopology(system, integrator, names)
+    with pytest.raises(
+            ValueError, match=
+            'body 1 needs particle 3, but the System has 2 particles; the bodies must be of this'):
+        smaller = openmm.System()
+        for _ in range(2):
+            smaller.addParticle(1)
+        openmmrigidhi.app.bodyTopology(smaller, integrator)
+
+
 # ---- Temperatures --------------------------------------------------------------------------------
 
 

@@ -213,7 +213,7 @@ def test_parameters_and_forces(platform):
     integrator.step(1)
     assert np.array_equal(integrator.getBodyForces()._value, [(0, 0, 0), (0, 0, 3)])
     assert integrator.getEffects()['body forces'] == 'on: 1 body, 1 CustomBodyForce'
-    assert 'body forces: on, 1 body, 1 CustomBodyForce\n' in integrator.describeEffects()
+    assert '  body forces: 1 body, 1 CustomBodyForce\n' in integrator.describeEffects()
     with pytest.raises(openmm.OpenMMException, match='not present in the Context'):
         make().updateParametersInContext(context)
 

@@ -134,7 +134,7 @@ def test_effects_say_that_motion_is_not_the_real_one(waterBox, platform):
     assert integrator.getEffects(
     )['inertia scale'] == 'off: the dynamics has the real principal moments'
     integrator.setInertiaScale(4)
-    assert 'inertia scale: on, the dynamics has the principal moments times 4: averages over ' \
+    assert 'inertia scale: the dynamics has the principal moments times 4: averages over ' \
            'configurations do not depend on this factor, ' \
            'but the motion is not the real one' in integrator.describeEffects()
     integrator.setScheme(integrator.GradientThermostat)

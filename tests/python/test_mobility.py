@@ -29,6 +29,7 @@ def everything():
     fluid.setViscosity(1000/3)
     fluid.setModel(MobilityForce.StokesianDynamics)
     fluid.setLubrication(False)
+    fluid.setLubricationReach(7/3, 3)
     fluid.setFastSummation(False)
     fluid.setMinimumGap(1e-3/3)
     fluid.setBoundary(MobilityForce.NoSlipWall)
@@ -54,8 +55,9 @@ def assertSame(a, b):
     for i in range(a.getNumParticles()):
         assert a.getParticleRadius(i) == b.getParticleRadius(i)
     for name in ('Viscosity', 'Model', 'Boundary', 'WallHeight', 'ChannelWalls',
-                 'SphereWallMobility', 'Lubrication', 'MinimumGap', 'Solver', 'SolverTolerance',
-                 'GridSpacing', 'FastSummation', 'SinusoidalForceDensity', 'ForceGroup', 'Name'):
+                 'SphereWallMobility', 'Lubrication', 'LubricationReach', 'MinimumGap', 'Solver',
+                 'SolverTolerance', 'GridSpacing', 'FastSummation', 'SinusoidalForceDensity',
+                 'ForceGroup', 'Name'):
         assert getattr(a, 'get' + name)() == getattr(b, 'get' + name)(), name
     for mine, other in zip(a.getBackgroundFlow(), b.getBackgroundFlow()):
         assert mine.unit == other.unit and np.array_equal(mine._value, other._value)
@@ -99,7 +101,7 @@ def test_defaults():
     assert fluid.getModel() is MobilityForce.RotnePragerYamakawa and fluid.getBoundary(
     ) is MobilityForce.Unbounded
     assert fluid.getSolver() is MobilityForce.Auto and fluid.getSolverTolerance() == 1e-6
-    assert fluid.getLubrication() is True and fluid.getFastSummation(
+    assert fluid.getLubrication() is MobilityForce.AutoLubrication and fluid.getFastSummation(
     ) is True and fluid.getMinimumGap() == 0
     assert fluid.getWallHeight(
     ) == 0*unit.nanometer and fluid.getSphereWallMobility() is MobilityForce.FromModel
@@ -147,7 +149,7 @@ def test_every_constant_comes_back(name):
 
 def test_settings_come_back():
     fluid = everything()
-    assert fluid.getLubrication() is False and fluid.getFastSummation() is False
+    assert fluid.getLubrication() is MobilityForce.Off and fluid.getFastSummation() is False
     assert fluid.getMinimumGap() == 1e-3/3 and fluid.getSolverTolerance() == 1e-5/3
     assert list(fluid.getGroups()) == [0, 3, 3, 1, 0]
     fluid.setGroups(np.array([2, 1]))

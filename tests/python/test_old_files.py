@@ -25,7 +25,7 @@ def test_mobility_force():
     assert (force.getModel(), force.getBoundary()) == (force.RotnePragerYamakawa, force.NoSlipWall)
     assert (force.getWallHeight()._value, force.getSphereWallMobility()) == (-0.25, force.BestKnown)
     assert (force.getSolver(), force.getSolverTolerance(), force.getMinimumGap(),
-            force.getLubrication()) == (force.MatrixFree, 1e-4, 0.002, False)
+            force.getLubrication()) == (force.MatrixFree, 1e-4, 0.002, force.Off)
     assert [force.getParticleRadius(i)._value
             for i in range(force.getNumParticles())] == [0.5, 0.25, 0.125]
     assert list(force.getGroups()) == [0, 0, 1]

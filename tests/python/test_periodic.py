@@ -22,7 +22,8 @@ def scene(positions, radii, box, model, lubrication=True, platform='Reference'):
     fluid.setViscosity(1)
     fluid.setModel(model)
     fluid.setBoundary(MobilityForce.Periodic)
-    fluid.setLubrication(lubrication)
+    if not lubrication:
+        fluid.setLubrication(False)
     for i, radius in enumerate(radii):
         system.addParticle(0)
         fluid.addParticle(radius)

@@ -4,17 +4,19 @@ A user's own function of the Context can be measured, too.
 """
 from __future__ import annotations
 
+import re
 from collections import deque
 from functools import cached_property
 from typing import TYPE_CHECKING, Callable, Optional, Union
 
 import numpy as np
 import openmm
+from openmm import unit
 
 from .. import _units
-from .._types import Array
+from .._types import Array, Numbers
 from ..integrator import CustomRigidHIIntegrator
-from .scenes import GAS_CONSTANT, findObservable
+from .scenes import GAS_CONSTANT, findObservable, importObject
 
 if TYPE_CHECKING:
     from .scenes import Scene
@@ -49,6 +51,16 @@ class Sample:
     def positions(self) -> Array:
         """Positions of all particles, nm, array of shape (particles, 3), unwrapped."""
         return self.context.getState(getPositions=True).getPositions(asNumpy=True)._value
+
+    @cached_property
+    def bodyPositions(self) -> Array:
+        """Origins of all bodies, nm, array of shape (bodies, 3), unwrapped.
+
+        With OpenMM's own integrators they are the centres of mass.
+        """
+        if self.rigid is not None:
+            return self.rigid.getBodyPositions()._value
+        return _CentresOfMass(self.scene).of(self.positions)
 
     @cached_property
     def kineticEnergies(self) -> Array:
@@ -267,17 +279,9 @@ class _DipoleSquared:
 WINDOW = 2.0
 
 
-class _Centres:
-    """Centres of mass of all bodies at the last samples."""
-    def __init__(self, scene, platform, properties):
-        barostat = next(
-            (type(force).__name__
-             for force in scene.system.getForces() if 'Barostat' in type(force).__name__), None)
-        if barostat is not None:
-            raise ValueError(
-                f'observable diffusion_coefficient: there is a {barostat}, which moves bodies with '
-                f'the box; displacements are those of a '
-                'box that stays: leave this observable out, or the barostat')
+class _CentresOfMass:
+    """The centres of mass of a scene's bodies, from the positions of particles."""
+    def __init__(self, scene):
         masses = np.array(
             [scene.system.getParticleMass(i)._value for i in range(scene.system.getNumParticles())])
         self.owners = np.repeat(np.arange(len(scene.bodies)), [len(body) for body in scene.bodies])
@@ -287,18 +291,41 @@ class _Centres:
         massless = np.bincount(self.owners, masses[self.members]) == 0
         self.weights = np.where(massless[self.owners], 1.0, masses[self.members])
         self.total = np.bincount(self.owners, self.weights)
+
+    def of(self, positions):
+        weighted = self.weights[:, None]*positions[self.members]
+        return np.stack([np.bincount(self.owners, weighted[:, k])
+                         for k in range(3)], axis=1)/self.total[:, None]
+
+
+class _Past:
+    """Places of all bodies at the last samples."""
+
+    #: The observable that asks, for messages.
+    name = 'diffusion_coefficient'
+
+    def __init__(self, scene, platform, properties):
+        barostat = next(
+            (type(force).__name__
+             for force in scene.system.getForces() if 'Barostat' in type(force).__name__), None)
+        if barostat is not None:
+            raise ValueError(
+                f'observable {self.name}: there is a {barostat}, which moves bodies with '
+                f'the box; displacements are those of a '
+                'box that stays: leave this observable out, or the barostat')
         self.times = deque()
         self.places = deque()
 
     def add(self, sample):
-        weighted = self.weights[:, None]*sample.positions[self.members]
-        centres = np.stack([np.bincount(self.owners, weighted[:, k])
-                            for k in range(3)], axis=1)/self.total[:, None]
         self.times.append(sample.energies.getTime()._value)
-        self.places.append(centres)
+        self.places.append(self.placesIn(sample))
+
+    def placesIn(self, sample):
+        """Where the bodies are, array of shape (bodies, 3)."""
+        return sample.bodyPositions
 
     def memory(self):
-        """What is remembered of earlier samples, as one array: times, and centres in rows."""
+        """What is remembered of earlier samples, as one array: times, and places in rows."""
         return np.column_stack([self.times,
                                 np.reshape(self.places,
                                            (len(self.places), -1))]) if self.times else np.zeros(
@@ -309,8 +336,31 @@ class _Centres:
         self.times = deque(memory[:, 0])
         self.places = deque(np.reshape(each, (-1, 3)) for each in memory[:, 1:])
 
-    def meanSquareDisplacement(self, lag):
-        return ((self.places[-1] - self.places[-1 - lag])**2).sum(axis=1).mean()
+    def meanSquareDisplacement(self, lag, axes=(0, 1, 2)):
+        moved = (self.places[-1] - self.places[-1 - lag])[:, list(axes)]
+        return (moved**2).sum(axis=1).mean()
+
+    def lagOf(self, window):
+        """A time as a number of sample intervals, one at least."""
+        return max(1, round(window/(self.times[1] - self.times[0])))
+
+    def forgetFirst(self):
+        self.times.popleft()
+        self.places.popleft()
+
+
+class _Centres(_Past):
+    """Centres of mass of all bodies at the last samples."""
+    def __init__(self, scene, platform, properties):
+        super().__init__(scene, platform, properties)
+        self.centres = _CentresOfMass(scene)
+
+    def placesIn(self, sample):
+        return self.centres.of(sample.positions)
+
+
+class _Origins(_Past):
+    name = 'msd'
 
 
 class _DiffusionCoefficient:
@@ -323,14 +373,57 @@ class _DiffusionCoefficient:
         times = centres.times
         if len(times) < 2:
             return float('nan')
-        lag = max(1, round(self.window/(times[1] - times[0])))
+        lag = centres.lagOf(self.window)
         if len(times) < 2*lag + 1:
             return float('nan')
         value = (centres.meanSquareDisplacement(2*lag) -
                  centres.meanSquareDisplacement(lag))/(6*(times[-1] - times[-1 - lag]))
-        times.popleft()
-        centres.places.popleft()
+        centres.forgetFirst()
         return float(value)
+
+
+class _Displacement:
+    """The mean square displacement of bodies over a time, summed over some axes."""
+    def __init__(self, window, axes):
+        self.window, self.axes = window, axes
+
+    def __call__(self, sample, origins):
+        origins.add(sample)
+        if len(origins.times) < 2 or len(origins.times) < origins.lagOf(self.window) + 1:
+            return float('nan')
+        value = origins.meanSquareDisplacement(origins.lagOf(self.window), self.axes)
+        origins.forgetFirst()
+        return float(value)
+
+
+class _Height:
+    """The heights of bodies' origins, nm."""
+    def __call__(self, sample):
+        return sample.bodyPositions[:, 2]
+
+
+class _OfFunction:
+    """The values of a user's function of the Context, one for each body or one in all."""
+    def __init__(self, function):
+        self.function = function
+
+    def __call__(self, sample):
+        return _units.plain(self.function(sample.context))
+
+
+class _MeanHeight(_Height):
+    def __call__(self, sample):
+        return float(super().__call__(sample).mean())
+
+
+class _Bin:
+    """The fraction of values in a bin, which has its lower edge and not its upper one."""
+    def __init__(self, values, low, high):
+        self.values, self.low, self.high = values, low, high
+
+    def __call__(self, sample):
+        values = np.ravel(np.asarray(self.values(sample), dtype=float))
+        return float(((values >= self.low) & (values < self.high)).mean())
 
 
 class _UserFunction:
@@ -360,7 +453,7 @@ BUILT_IN = {
      Observable('diffusion_coefficient',
                 f'diffusion coefficient of bodies (between {WINDOW:g} and {2*WINDOW:g} ps)',
                 'nm^2/ps', _DiffusionCoefficient(WINDOW), setup=_Centres),
-     )
+     Observable('mean_height', "mean height of bodies' origins", 'nm', _MeanHeight()))
 }
 #: The observables that are measured by default.
 DEFAULT = ('potential_energy', 'translational_temperature', 'rotational_temperature_1',
@@ -394,6 +487,106 @@ def diffusionCoefficient(window: float) -> Observable:
                       'nm^2/ps', _DiffusionCoefficient(window), setup=_Centres)
 
 
+def meanSquareDisplacement(window: float, lateral: bool = False) -> Observable:
+    """The mean square displacement of bodies over a time.
+
+    The origins of bodies are followed without wrapping them into the box. The mean is over bodies,
+    and over all moments of the run with a long enough past.
+
+    Parameters
+    ----------
+    window : float or Quantity
+        ps; it is taken as whole sample intervals, one at least
+    lateral : bool
+        only along x and y, as for bodies above a wall
+
+    Returns
+    -------
+    Observable
+        named msd_WINDOW or lateral_msd_WINDOW, in nm^2; its sum is over three axes, or two
+    """
+    where = 'meanSquareDisplacement'
+    window = _units.number(window, _units.TIME, where, 'window')
+    lateral = _units.boolean(lateral, where, 'lateral')
+    if not 0 < window < np.inf:
+        raise ValueError(f'{where}: window: got {window} ps; the time of a displacement must be '
+                         'finite and positive: give another one')
+    return Observable(
+        f'{"lateral_" if lateral else ""}msd_{window:.12g}',
+        f'mean square displacement of bodies in {window:g} ps{" along x and y" if lateral else ""}',
+        'nm^2', _Displacement(window, (0, 1) if lateral else (0, 1, 2)), setup=_Origins)
+
+
+def bins(of: Union[str, Callable], edges: Numbers) -> list[Observable]:
+    """The observables of a histogram: for each bin the fraction of bodies in it.
+
+    Parameters
+    ----------
+    of : str or callable
+        "height", of the bodies' origins, nm; or a function of the Context that returns a number for
+        each body, or "module:function" of one
+    edges : array-like or Quantity of shape (bins + 1,)
+        ascending edges, in nm or the function's unit; a bin has its lower edge and not its upper
+        one
+
+    Returns
+    -------
+    list of Observable
+        named height[LOW,HIGH] or module:function[LOW,HIGH];
+        :meth:`openmmrigidhi.ensemble.EnsembleResult.histogram` puts their averages together
+    """
+    where = 'bins'
+    edges = _units.sequence(edges, _units.LENGTH if unit.is_quantity(edges) else _units.NONE, where,
+                            'edges')
+    if len(edges) < 2 or np.any(~(np.diff(edges) > 0)):
+        raise ValueError(f'{where}: edges: got {edges.tolist()}; a histogram needs two edges at '
+                         'least, in ascending order: sort them')
+    name = of if isinstance(of, str) else f'{of.__module__}:{of.__qualname__}'
+    return [
+        byName(f'{name}[{low:.12g},{high:.12g}]' if isinstance(of, str) else _bin(
+            name, _OfFunction(of), getattr(of, 'unit', ''), float(low), float(high)))
+        for low, high in zip(edges[:-1], edges[1:])
+    ]
+
+
+def _bin(name, values, unitOfValues, low, high):
+    between = f'{low:g} and {high:g} {unitOfValues}'.rstrip()
+    return Observable(f'{name}[{low:.12g},{high:.12g}]',
+                      f'fraction of bodies with {name} between {between}', '',
+                      _Bin(values, low, high))
+
+
+_BIN = re.compile(r'(.+)\[([^,\[\]]+),([^,\[\]]+)\]')
+_WITH_WINDOW = {
+    'diffusion_coefficient_': diffusionCoefficient,
+    'msd_': meanSquareDisplacement,
+    'lateral_msd_': lambda window: meanSquareDisplacement(window, lateral=True)
+}
+
+
+def _parametrised(name):
+    """An observable whose name has numbers in it, or None."""
+    try:
+        for prefix, make in _WITH_WINDOW.items():
+            if name.startswith(prefix):
+                return make(float(name[len(prefix):]))
+        found = _BIN.fullmatch(name)
+        if found:
+            low, high = float(found[2]), float(found[3])
+            if not low < high:
+                return None
+            if found[1] == 'height':
+                return _bin('height', _Height(), 'nm', low, high)
+            if ':' in found[1]:
+                function = importObject(found[1], 'observable')
+                return _bin(found[1], _OfFunction(function), getattr(function, 'unit', ''), low,
+                            high)
+    except ValueError as error:
+        if 'could not convert' not in str(error):
+            raise
+    return None
+
+
 def byName(name: Union[str, Observable, Callable]) -> Observable:
     """An observable by its name on the command line.
 
@@ -410,7 +603,9 @@ def byName(name: Union[str, Observable, Callable]) -> Observable:
     -------
     Observable
     """
-    found = findObservable(name, Observable, BUILT_IN, _from_function)
+    found = _parametrised(name) if isinstance(name, str) else None
+    if found is None:
+        found = findObservable(name, Observable, BUILT_IN, _from_function)
     if found is not None:
         return found
     if name.startswith('energy_group_') and name[13:].isdigit() and int(name[13:]) < 32:
@@ -418,7 +613,8 @@ def byName(name: Union[str, Observable, Callable]) -> Observable:
                           _GroupEnergy(int(name[13:])))
     raise ValueError(
         f'observable: got {name!r}; it must be one of {", ".join(BUILT_IN)}, energy_group_0 to '
-        'energy_group_31, or module:function: correct the name')
+        'energy_group_31, msd_PS, lateral_msd_PS, diffusion_coefficient_PS, height[LOW,HIGH], or '
+        'module:function: correct the name')
 
 
 def _from_function(function):

@@ -413,6 +413,15 @@ def measure(R: npt.ArrayLike, q: npt.ArrayLike, sites: npt.ArrayLike) -> dict:
     }
 
 
+def _sites_of(scene, name):
+    """The blobs of the bodies above a wall."""
+    if not hasattr(scene, 'sites'):
+        raise ValueError(f'observable {name}: the scene {scene.name} is no WallScene, such as '
+                         'boomerang; this observable is of its bodies: use mean_height, '
+                         'height[LOW,HIGH], msd_PS or lateral_msd_PS for other scenes')
+    return scene.sites
+
+
 class _Average:
     """An observable of each replica, or averaged over the bodies of the only one."""
     def __init__(self, name):
@@ -420,14 +429,16 @@ class _Average:
 
     def __call__(self, sample):
         scene = sample.scene
+        sites = _sites_of(scene, self.name)
         R, q = sample.rigid.getBodyPositions()._value, sample.rigid.getBodyOrientations()
-        values = measure(R, q, scene.sites)[self.name]
+        values = measure(R, q, sites)[self.name]
         return values if scene.replicas > 1 else float(values.mean())
 
 
 class _Last:
     """The previous sample of a run."""
     def __init__(self, scene, platform, properties):
+        _sites_of(scene, 'msd')
         self.heights = None
 
 

@@ -154,6 +154,7 @@ class Spheres:
         fluid.setSinusoidalForceDensity(0, 0, 1, 1)
         fluid.setWallVelocity((0, 0, 0))
         fluid.setBodyForceDensity((0, 0, 0))
+        fluid.setShear(0, 0, 1)
         fluid.setModel(MobilityForce.FreeDraining)
         fluid.setBoundary(MobilityForce.Unbounded)
         self._system = system
@@ -241,7 +242,8 @@ class Spheres:
         system, fluid, integrator = openmm.System(), MobilityForce(), self._integrator(seed)
         fluid.setViscosity(self.viscosity)
         fluid.setModel(rung.model)
-        fluid.setLubrication(rung.lubrication)
+        if rung.model == MobilityForce.StokesianDynamics:
+            fluid.setLubrication(rung.lubrication)
         # Without interaction there are no images.
         fluid.setBoundary(MobilityForce.Unbounded if self.isPeriodic
                           and rung.model == MobilityForce.FreeDraining else self.boundary)

@@ -13,7 +13,7 @@ import openmm.app
 from openmm import unit
 
 from .. import _units, app
-from .._types import Numbers
+from .._types import Number, Numbers
 from .._quaternions import rotation_matrices
 from ..integrator import CustomRigidHIIntegrator
 from ..mobility import MobilityForce
@@ -44,11 +44,11 @@ class Scene:
         texts for the report
     exact : dict, optional
         observable name -> exact canonical average, in the observable's unit
-    equilibration : float, optional
+    equilibration : float or Quantity, optional
         time that each run discards at its start, ps; default: a tenth of its length
-    sampleInterval : float
+    sampleInterval : float or Quantity
         time between samples, ps
-    stepSizes : sequence of float, optional
+    stepSizes : sequence of float or Quantity, optional
         reasonable step sizes for this scene, ps
 
     Raises
@@ -62,8 +62,8 @@ class Scene:
         self, system: openmm.System, state: Union[openmm.State,
                                                   Numbers], integrator: CustomRigidHIIntegrator,
         name: str = 'scene', description: str = '', exact: Optional[dict] = None,
-        equilibration: Optional[float] = None, sampleInterval: float = 0.1,
-        stepSizes: Sequence[float] = (0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008)
+        equilibration: Optional[Number] = None, sampleInterval: Number = 0.1,
+        stepSizes: Numbers = (0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008)
     ) -> None:
         try:
             integrator = CustomRigidHIIntegrator.cast(integrator)
@@ -78,9 +78,11 @@ class Scene:
         self.name = name
         self.description = description
         self.exact = dict(exact or {})
-        self.equilibration = equilibration
-        self.sampleInterval = sampleInterval
-        self.stepSizes = tuple(stepSizes)
+        self.equilibration = None if equilibration is None else _units.number(
+            equilibration, _units.TIME, 'Scene', 'equilibration')
+        self.sampleInterval = _units.number(sampleInterval, _units.TIME, 'Scene', 'sampleInterval')
+        self.stepSizes = tuple(
+            _units.sequence(stepSizes, _units.TIME, 'Scene', 'stepSizes').tolist())
         self.temperature = integrator.getTemperature()._value
         self.friction = integrator.getFriction()._value
         self.rotationalFriction = integrator.getRotationalFriction()._value

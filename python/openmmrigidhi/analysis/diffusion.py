@@ -8,7 +8,7 @@ import numpy as np
 from openmm import unit
 
 from .. import _units
-from .._types import Number
+from .._types import Number, Numbers
 from .displacements import MeanSquareDisplacement, _without_unit, meanAndError
 
 
@@ -49,8 +49,8 @@ def shortTimeDiffusion(msd: MeanSquareDisplacement,
     Returns
     -------
     DiffusionCoefficient
-        a coefficient for each component; the trace of a tensor over d dimensions is d times the
-        mean coefficient
+        a coefficient for each component of a tensor; of ``msd.isotropic`` and ``msd.lateral`` the
+        mean coefficient; of ``msd.trace`` and ``msd.parallel`` three and two times that
 
     Raises
     ------
@@ -86,9 +86,9 @@ def longTimeDiffusion(msd: MeanSquareDisplacement, minTime: Number,
     """Get the long-time diffusion coefficient (eq. 60).
 
     It is half the slope of a mean square displacement at long lag times. The slope is that of the
-    least-squares straight line, with the same weight for all lag times. For motion along a wall
-    take half of the result for ``msd.parallel``. For motion in space take a third of the result for
-    ``msd.trace``.
+    least-squares straight line, with the same weight for all lag times. Take ``msd.isotropic`` for
+    motion in space and ``msd.lateral`` for motion along a wall: these are means over three and two
+    axes, so that the result is the diffusion coefficient itself.
 
     Parameters
     ----------
@@ -160,6 +160,90 @@ def gravitationalHeight(kT: Number, weight: Number) -> unit.Quantity:
             f'gravitationalHeight: got kT = {kT} kJ/mol and weight = {weight} kJ/(mol nm); both '
             'must be finite and positive: give the size of a downward force')
     return _units.LENGTH.attach(kT/weight)
+
+
+#: The sum over images of a cubic lattice in Hasimoto (1959); Yeh and Hummer (2004), eq. (8).
+_CUBIC_LATTICE = 2.837297
+
+
+def finiteSizeCorrection(temperature: Number, viscosity: Number, box: Numbers,
+                         radius: Optional[Number] = None,
+                         structureFactor: float = 1) -> unit.Quantity:
+    """Get what a periodic box takes off a diffusion coefficient: add it to the measured one.
+
+    It is kT xi/(6 pi eta L), with xi = 2.837297 in a cube of edge L (Yeh and Hummer, J. Phys. Chem.
+    B 108, 15873 (2004), eq. 8). What eta is depends on what diffuses:
+
+    - a molecule, or one colloid in its box: the viscosity of the fluid. For molecules of a liquid
+      without a MobilityForce it is that of the model, which is not that of the experiment.
+    - one of many spheres, at short times: the viscosity of the *suspension* at high frequencies,
+      from getStressInContext() in uniform shear. Then the correction is 1.76 (phi/n)^(1/3)
+      eta_fluid/eta of kT/(6 pi eta_fluid a), as Ladd (1990) and Mo and Sangani (1994) have it.
+    - at long times: the viscosity of the suspension in steady shear.
+
+    Spheres that sediment together are slowed by this times S(0): give structureFactor.
+
+    Parameters
+    ----------
+    temperature : float or Quantity
+        K
+    viscosity : float or Quantity
+        dalton/(nm ps), or a quantity in any unit of viscosity
+    box : float, or sequence or Quantity of shape (3,) or (3, 3)
+        edge of a cube, nm; three equal edges and the vectors of a cube are accepted, too
+    radius : float or Quantity, optional
+        nm; of a single sphere in the box, for the next term of the sum over images, 1 - (4 pi/3)
+        (radius/L)^2/xi times the first one
+    structureFactor : float
+        S(0) of the suspension, for sedimentation; 1 for diffusion
+
+    Returns
+    -------
+    Quantity
+        nm^2/ps
+
+    Raises
+    ------
+    TypeError
+        for arguments of another kind or dimension
+    ValueError
+        for numbers that are not finite and positive, and for a box that is no cube
+
+    Examples
+    --------
+    >>> from openmm import unit
+    >>> from openmmrigidhi import analysis
+    >>> water = 0.89e-3*unit.pascal*unit.second
+    >>> correction = analysis.finiteSizeCorrection(298.15*unit.kelvin, water, 10*unit.nanometer)
+    >>> round(correction/(unit.nanometer**2/unit.nanosecond), 5)
+    0.06962
+    """
+    where = 'finiteSizeCorrection'
+    values = {
+        'temperature': _units.number(temperature, _units.TEMPERATURE, where, 'temperature'),
+        'viscosity': _units.viscosity(viscosity, where, 'viscosity'),
+        'structureFactor': _units.number(structureFactor, _units.NONE, where, 'structureFactor')
+    }
+    if radius is not None:
+        values['radius'] = _units.number(radius, _units.LENGTH, where, 'radius')
+    for name, value in values.items():
+        if not 0 < value < np.inf:
+            raise ValueError(f'{where}: {name}: got {value}; this number must be finite and '
+                             'positive: give another one')
+    edges = _units.array_of(box, _units.LENGTH, where, 'box')
+    vectors = edges if edges.shape == (3, 3) else edges*np.eye(3)
+    edge = vectors.flat[0]
+    if vectors.shape != (3, 3) or not 0 < edge < np.inf or not np.allclose(
+            vectors, edge*np.eye(3), rtol=0, atol=1e-6*edge):
+        raise ValueError(
+            f'{where}: box: got {edges.tolist()} nm; the sum over images is that of a cube of one '
+            'positive edge: run in a cube, or in two boxes and extrapolate')
+    images = _CUBIC_LATTICE
+    if radius is not None:
+        images -= 4*np.pi/3*(values['radius']/edge)**2
+    kT = _units.GAS_CONSTANT*values['temperature']
+    return unit.Quantity(kT*images*values['structureFactor']/(6*np.pi*values['viscosity']*edge),
+                         unit.nanometer**2/unit.picosecond)
 
 
 def _lag_times(msd, where):

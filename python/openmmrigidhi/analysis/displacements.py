@@ -56,6 +56,16 @@ class MeanSquareDisplacement:
         """The sum of the xx, yy and zz components."""
         return self.component((1, 1, 1))
 
+    @property
+    def isotropic(self) -> MeanSquareDisplacement:
+        """A third of the trace: the mean over three axes, whose slope is 2 D."""
+        return self.component((1/3, 1/3, 1/3))
+
+    @property
+    def lateral(self) -> MeanSquareDisplacement:
+        """The mean of the xx and yy components, whose slope is 2 D along a wall."""
+        return self.component((1/2, 1/2, 0))
+
     def component(self, weights: npt.ArrayLike) -> MeanSquareDisplacement:
         """Get a weighted sum of components of the tensor, with an error from their correlation.
 
@@ -86,9 +96,10 @@ class MeanSquareDisplacement:
         return _summarise(self.lagTimes, np.einsum('blij,ij->bl', blocks, weights), attach)
 
 
-def translationalMSD(positions: Numbers, orientations: npt.ArrayLike, frameInterval: Number,
-                     trackingPoint: Numbers, lags: Optional[Sequence[int]] = None,
-                     numBlocks: int = 10, bodyFrame: bool = False,
+def translationalMSD(positions: Numbers, orientations: Optional[npt.ArrayLike],
+                     frameInterval: Number, trackingPoint: Optional[Numbers] = None,
+                     lags: Optional[Sequence[int]] = None, numBlocks: int = 10,
+                     bodyFrame: bool = False,
                      independentBodies: bool = False) -> MeanSquareDisplacement:
     """Get the mean square displacement of a point of rigid bodies.
 
@@ -101,12 +112,14 @@ def translationalMSD(positions: Numbers, orientations: npt.ArrayLike, frameInter
     ----------
     positions : array-like or Quantity of shape (frames, bodies, 3)
         origins of the bodies at equal intervals, unwrapped, nm
-    orientations : array-like of shape (frames, bodies, 4)
-        unit quaternions (w, x, y, z), body frame to lab frame
+    orientations : array-like of shape (frames, bodies, 4), or None
+        unit quaternions (w, x, y, z), body frame to lab frame; None is enough for the bodies'
+        origins along the lab axes
     frameInterval : float or Quantity
         time between frames, ps
     trackingPoint : Vec3, sequence or Quantity of shape (3,)
-        the point in the body frame, nm; (0, 0, 0) is the body's origin
+        the point in the body frame, nm; (0, 0, 0) is the body's origin. It must be given with
+        orientations.
     lags : sequence of int, optional
         lag times as numbers of frames, from 0 to less than the length of a block; None: about 50,
         from 1 to a quarter of a block in equal ratios
@@ -128,26 +141,90 @@ def translationalMSD(positions: Numbers, orientations: npt.ArrayLike, frameInter
     Raises
     ------
     TypeError, ValueError
-        for arrays of other shapes, dimensions or lengths, for lags that do not fit into a block, or
-        for fewer than two blocks
+        for arrays of other shapes, dimensions or lengths, for lags that do not fit into a block,
+        for fewer than two blocks, or for another point or frame without orientations
     """
     where = 'translationalMSD'
-    q = _orientations(orientations, where)
     R = _units.frames(positions, _units.LENGTH, 3, where, 'positions')
+    if trackingPoint is None and orientations is not None:
+        raise TypeError(f'{where}: trackingPoint: got none; which point of a body is followed '
+                        "matters at short times: give it, (0, 0, 0) for the body's origin")
+    point = np.zeros(3) if trackingPoint is None else _units.vector(trackingPoint, _units.LENGTH,
+                                                                    where, 'trackingPoint')
+    bodyFrame = _units.boolean(bodyFrame, where, 'bodyFrame')
+    if orientations is None:
+        if point.any() or bodyFrame:
+            raise ValueError(
+                f'{where}: orientations: got None with trackingPoint {point.tolist()} nm and '
+                f'bodyFrame {bodyFrame}; without orientations only the origins of bodies can be '
+                'followed, along the lab axes: give the orientations')
+        orientations = np.broadcast_to((1.0, 0.0, 0.0, 0.0), R.shape[:2] + (4,))
+    q = _orientations(orientations, where)
     if R.shape[:2] != q.shape[:2]:
         raise ValueError(
             f'{where}: positions: there are {R.shape[0]} frames of {R.shape[1]} bodies, but the '
             f'orientations are {q.shape[0]} frames of {q.shape[1]}: give both from one trajectory')
-    point = _units.vector(trackingPoint, _units.LENGTH, where, 'trackingPoint')
     blocks = _Blocks(len(R), R.shape[1], frameInterval, lags, numBlocks, independentBodies, where)
-    tracked = blocks.cut(R + rotate(q, point))
-    toBody = blocks.cut(conjugate(q)) if _units.boolean(bodyFrame, where, 'bodyFrame') else None
+    tracked = blocks.cut(R + rotate(q, point) if point.any() else R)
+    toBody = blocks.cut(conjugate(q)) if bodyFrame else None
 
     def displacements(lag):
         d = tracked[:, lag:] - tracked[:, :blocks.length - lag]
         return d if toBody is None else rotate(toBody[:, :blocks.length - lag], d)
 
     return blocks.average(displacements, lambda values: unit.Quantity(values, unit.nanometer**2))
+
+
+def nonAffinePositions(positions: Numbers, frameInterval: Number, rate: Number, flowAxis: int,
+                       gradientAxis: int) -> unit.Quantity:
+    """Get positions without the displacements by a shear (:meth:`MobilityForce.setShear`).
+
+    The integral of rate x_gradientAxis(t) from the first frame on is subtracted along flowAxis,
+    with the body's own x_gradientAxis at each time. Differences of the results are non-affine
+    displacements: those of U - G x. They may be given to :func:`translationalMSD`.
+
+    Parameters
+    ----------
+    positions : array-like or Quantity of shape (frames, bodies, 3)
+        positions at equal intervals, unwrapped, as :class:`CustomRigidHIIntegrator` gives them, nm
+    frameInterval : float or Quantity
+        time between frames, ps
+    rate : float or Quantity
+        rate of the shear, 1/ps
+    flowAxis, gradientAxis : int
+        0, 1, 2 for x, y, z; not the same
+
+    Returns
+    -------
+    Quantity of shape (frames, bodies, 3)
+        nm; the first frame is that of positions
+
+    Raises
+    ------
+    TypeError, ValueError
+        for arrays of other shapes or dimensions, and for axes that are not as above
+
+    Notes
+    -----
+    The integral is by trapezoids. Diffusion with the coefficient D between frames adds the variance
+    rate^2 D frameInterval^3/6 an interval. With a frame at each step the integral has the order of
+    the schemes.
+    """
+    where = 'nonAffinePositions'
+    R = _units.frames(positions, _units.LENGTH, 3, where, 'positions').copy()
+    interval = _units.number(frameInterval, _units.TIME, where, 'frameInterval')
+    rate = _units.number(rate, _units.RATE, where, 'rate')
+    axes = [
+        _units.integer(axis, where, name)
+        for axis, name in ((flowAxis, 'flowAxis'), (gradientAxis, 'gradientAxis'))
+    ]
+    if not set(axes) <= {0, 1, 2} or axes[0] == axes[1]:
+        raise ValueError(
+            f'{where}: flowAxis, gradientAxis: got {axes[0]} and {axes[1]}; the axes of '
+            'a shear are two of 0, 1 and 2: give those of setShear()')
+    y = R[:, :, axes[1]]
+    R[1:, :, axes[0]] -= rate*interval*np.cumsum((y[1:] + y[:-1])/2, axis=0)
+    return _units.LENGTH.attach(R)
 
 
 def rotationalMSD(orientations: npt.ArrayLike, frameInterval: Number,

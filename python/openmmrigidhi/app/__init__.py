@@ -1,6 +1,6 @@
 """Builders, a minimiser, reporters and shapes for OpenMM scripts with rigid bodies."""
 from .blobfiles import readClones, readVertexFile, writeClones
-from .bodies import addRigidMultiblob, addRigidResidues, addRigidWater, bindBodies
+from .bodies import addRigidMultiblob, addRigidResidues, addRigidWater, bindBodies, bodyTopology
 from .bodystates import BodyStates, RigidBodyReporter, readBodyStates
 from .drawing import movie, show
 from .gsdfiles import GsdReporter, readGsd
@@ -9,6 +9,7 @@ from .minimizer import MinimizationResult, minimize
 from .placement import makeWhole, placeBodies
 from .reporters import StateDataReporter
 from .shapes import boomerang, cylinder, icosahedron, multiblobSphere, rod, sphereShell, tetramer
+from .suspensions import randomSuspension
 from .swimmers import squirmerSlip
 from .trajectories import Trajectory
 
@@ -18,5 +19,5 @@ __all__ = [
     'BodyStates', 'StateDataReporter', 'sphereShell', 'multiblobSphere', 'rod', 'cylinder',
     'boomerang', 'tetramer', 'icosahedron', 'readVertexFile', 'readClones', 'writeClones',
     'GsdReporter', 'readGsd', 'H5mdReporter', 'readH5md', 'Trajectory', 'show', 'movie',
-    'squirmerSlip'
+    'squirmerSlip', 'randomSuspension', 'bodyTopology'
 ]

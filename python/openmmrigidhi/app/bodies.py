@@ -100,7 +100,7 @@ def addRigidWater(integrator: CustomRigidHIIntegrator, topology: openmm.app.Topo
 
 def addRigidResidues(integrator: CustomRigidHIIntegrator, topology: openmm.app.Topology,
                      names: Sequence[str], system: Optional[openmm.System] = None,
-                     skipFrozen: bool = False) -> list[int]:
+                     skipFrozen: bool = False, fromPositions: bool = False) -> list[int]:
     """Make every residue with one of these names one rigid body.
 
     Parameters
@@ -119,6 +119,10 @@ def addRigidResidues(integrator: CustomRigidHIIntegrator, topology: openmm.app.T
         whether residues whose particles have mass 0 in the System are left out, as in
         :func:`addRigidWater`; None: they are left out, and a warning says how many. True needs
         the system.
+    fromPositions : bool, optional
+        take the shape of a residue from the first positions where constraints do not fix it, and
+        tie its particles into one molecule for OpenMM, as :func:`bindBodies` does, so that boxes
+        and barostats keep it whole even if no bonds do. True needs the system.
 
     Returns
     -------
@@ -128,8 +132,9 @@ def addRigidResidues(integrator: CustomRigidHIIntegrator, topology: openmm.app.T
     Raises
     ------
     ValueError
-        if the topology has none of these residues, the constraints of one do not fix its shape,
-        topology and System do not belong together, or skipFrozen is True without a system
+        if the topology has none of these residues, the constraints of one do not fix its shape and
+        fromPositions is False, topology and System do not belong together, or skipFrozen or
+        fromPositions is True without a system
     """
     where = 'addRigidResidues'
     integrator = CustomRigidHIIntegrator.cast(integrator)
@@ -140,8 +145,16 @@ def addRigidResidues(integrator: CustomRigidHIIntegrator, topology: openmm.app.T
         raise ValueError(
             f'{where}: names: no residue is named {", ".join(sorted(wanted))}; the topology has '
             f'{", ".join(present) or "no residues"}: correct the names')
-    return _add_residues(integrator, residues, _ParticlesOfAtoms(topology, system, where),
-                         skipFrozen, where)
+    fromPositions = _units.boolean(fromPositions, where, 'fromPositions')
+    if fromPositions and system is None:
+        raise ValueError(
+            f'{where}: fromPositions: got True without a system; OpenMM must be told there what is '
+            'a molecule: give the system, too, or leave fromPositions out')
+    bodies = _add_residues(integrator, residues, _ParticlesOfAtoms(topology, system, where),
+                           skipFrozen, where, fromPositions)
+    if system is not None and fromPositions:
+        _bind(system, [integrator.getRigidBodyParticles(body) for body in bodies])
+    return bodies
 
 
 #: What a residue of water is made of, beside extra particles.
@@ -221,7 +234,7 @@ class _ParticlesOfAtoms:
         return sorted(found)
 
 
-def _add_residues(integrator, residues, particles, skipFrozen, where):
+def _add_residues(integrator, residues, particles, skipFrozen, where, fromPositions=False):
     """Make a body of each residue; the indices of the bodies."""
     if skipFrozen is not None:
         skipFrozen = _units.boolean(skipFrozen, where, 'skipFrozen')
@@ -238,7 +251,7 @@ def _add_residues(integrator, residues, particles, skipFrozen, where):
                 'warning, or skipFrozen=False to make them bodies without mass', stacklevel=3)
         left = set(map(id, frozen))
         residues = [residue for residue in residues if id(residue) not in left]
-    if particles.system is not None:
+    if particles.system is not None and not fromPositions:
         _check_constraints(residues, particles, where)
     members = [particles.of(residue) for residue in residues]
     taken = {i for body in members for i in body}
@@ -271,7 +284,8 @@ def _check_constraints(residues, particles, where):
         raise ValueError(
             f'{where}: residue {residue.name} {residue.id}: particles {missing[0][1]} and '
             f'{missing[0][0]} have no constraint; the constraints must fix its shape: {remedy}, or '
-            'pass no system to take the shape from the first positions')
+            'pass no system to take the shape from the first positions'
+            f'{" (or fromPositions=True)" if where == "addRigidResidues" else ""}')
 
 
 def addRigidMultiblob(system: openmm.System, integrator: CustomRigidHIIntegrator,
@@ -368,14 +382,96 @@ def bindBodies(system: openmm.System,
         the force that was added
     """
     integrator = CustomRigidHIIntegrator.cast(integrator)
+    return _bind(
+        system,
+        [integrator.getRigidBodyParticles(body) for body in range(integrator.getNumRigidBodies())])
+
+
+def _bind(system, molecules):
+    """Tie the particles of each molecule together by bonds of strength 0, whose force is added."""
     force = openmm.HarmonicBondForce()
     force.setName('openmmrigidhi.app.bindBodies')
     # A force that is not periodic does not make the System periodic, and a periodic force needs a
     # periodic System.
     force.setUsesPeriodicBoundaryConditions(system.usesPeriodicBoundaryConditions())
-    for body in range(integrator.getNumRigidBodies()):
-        first, *others = integrator.getRigidBodyParticles(body)
+    for first, *others in molecules:
         for other in others:
             force.addBond(first, other, 0, 0)
     system.addForce(force)
     return force
+
+
+def bodyTopology(system: openmm.System, integrator: CustomRigidHIIntegrator,
+                 names: Optional[Sequence[str]] = None) -> openmm.app.Topology:
+    """Make a topology of bodies without chemical elements, as of colloids.
+
+    ``openmm.app.Simulation`` and reporters need a topology. Each body is a residue (several where
+    other particles lie between its own), and so is each particle in no body. Atoms have no
+    element. Each body's particles are bonded to its first one, so that programs that draw molecules
+    keep it together.
+
+    Parameters
+    ----------
+    system : openmm.System
+        has all its particles
+    integrator : CustomRigidHIIntegrator
+        has the bodies
+    names : sequence of str, optional
+        name of the residue of each body; None: BDY. PDB files have room for three letters.
+
+    Returns
+    -------
+    openmm.app.Topology
+        with the System's default box, if the System is periodic
+
+    Raises
+    ------
+    ValueError
+        for a number of names other than that of bodies, or bodies with particles that the System
+        does not have
+
+    Examples
+    --------
+    >>> import openmm, openmmrigidhi
+    >>> system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    >>> integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.01)
+    >>> sites = openmmrigidhi.app.rod(3, 1.0)
+    >>> body = openmmrigidhi.app.addRigidMultiblob(system, integrator, fluid, sites, 0.5)
+    >>> topology = openmmrigidhi.app.bodyTopology(system, integrator)
+    >>> [residue.name for residue in topology.residues()], topology.getNumAtoms()
+    (['BDY'], 3)
+    """
+    import openmm.app
+    where = 'bodyTopology'
+    integrator = CustomRigidHIIntegrator.cast(integrator)
+    bodies = [
+        integrator.getRigidBodyParticles(body) for body in range(integrator.getNumRigidBodies())
+    ]
+    if names is None:
+        names = len(bodies)*['BDY']
+    if isinstance(names, str) or len(names) != len(bodies):
+        raise ValueError(f'{where}: names: got {names!r} for {len(bodies)} bodies; each body needs '
+                         'a name of its own: give one for each')
+    owner = {particle: body for body, particles in enumerate(bodies) for particle in particles}
+    count = system.getNumParticles()
+    if owner and max(owner) >= count:
+        raise ValueError(f'{where}: system: body {owner[max(owner)]} needs particle {max(owner)}, '
+                         f'but the System has {count} particles; the bodies must be of this '
+                         'System: add its particles first')
+    topology = openmm.app.Topology()
+    chain = topology.addChain()
+    residue, last, inResidue, first = None, None, 0, {}
+    for particle in range(count):
+        # Particles in no body are residues of their own. OpenMM wants the atoms of a residue in one
+        # row, so that a body whose particles lie apart is several residues with bonds.
+        body = owner.get(particle)
+        if body is None or body != last:
+            residue = topology.addResidue('FRE' if body is None else names[body], chain)
+            inResidue = 0
+        last, inResidue = body, inResidue + 1
+        atom = topology.addAtom(f'B{inResidue}', None, residue)
+        if body is not None and first.setdefault(body, atom) is not atom:
+            topology.addBond(first[body], atom)
+    if system.usesPeriodicBoundaryConditions():
+        topology.setPeriodicBoxVectors(system.getDefaultPeriodicBoxVectors())
+    return topology

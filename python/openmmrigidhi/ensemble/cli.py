@@ -4,6 +4,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import re
 import signal
 import sys
 import threading
@@ -71,13 +72,16 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument('--sweep', nargs='+', action='extend', metavar='NAME=VALUE,VALUE',
                       help='values of parameters, in all combinations')
     what.add_argument('--replicas', type=int, help='of each setting (4)')
-    what.add_argument('--length', type=float, help='ps that each replica samples')
-    what.add_argument('--equilibration', type=float,
-                      help='ps before (the scene\'s, or a tenth of the length)')
-    what.add_argument('--interval', type=float, help='ps between samples (the scene\'s)')
+    what.add_argument('--length', type=_time, metavar='TIME',
+                      help='time that each replica samples: ps, or with a unit, as 5ns, 20us, 1s')
+    what.add_argument('--equilibration', type=_time, metavar='TIME',
+                      help='time before (the scene\'s, or a tenth of the length)')
+    what.add_argument('--interval', type=_time, metavar='TIME',
+                      help='time between samples (the scene\'s)')
     what.add_argument(
         '--observables', nargs='+', metavar='NAME',
-        help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, of boomerangs '
+        help=f'among {", ".join(observables.BUILT_IN)}, energy_group_N, msd_PS, '
+        'lateral_msd_PS, diffusion_coefficient_PS, height[LOW,HIGH] (nm), of boomerangs '
         f'{", ".join(overdamped.OBSERVABLES)}, or module:function of the Context '
         f'({", ".join(observables.DEFAULT)})')
     what.add_argument('--seed', type=int, help='from which the seeds of all tasks follow (1)')
@@ -215,6 +219,21 @@ def _settings(options):
             f'--set, --sweep: got {twice[0]} {names.count(twice[0])} times; a parameter must be '
             f'given once: give several values as --sweep {twice[0]}=VALUE,VALUE')
     return [{**dict(fixed), **each} for each in sweep(**dict(swept))] if names else []
+
+
+#: Units of time, ps.
+_TIMES = {'fs': 1e-3, 'ps': 1.0, 'ns': 1e3, 'us': 1e6, 'ms': 1e9, 's': 1e12}
+
+
+def _time(text):
+    """A time such as 5ns, 0.1 s or 20, ps."""
+    number, name = re.fullmatch(r'\s*(.*?)\s*([a-z]*)\s*', text).groups()
+    try:
+        return float(number)*_TIMES[name or 'ps']
+    except (KeyError, ValueError):
+        raise argparse.ArgumentTypeError(
+            f'got {text!r}; a time is a number, of ps or with one of {", ".join(_TIMES)} behind '
+            'it: write e.g. 5ns') from None
 
 
 def _pair(text):

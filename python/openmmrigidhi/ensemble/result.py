@@ -124,6 +124,41 @@ class EnsembleResult:
         return next(row for row in self.rows
                     if (row['observable'], row['setting']) == (observable, setting))
 
+    def histogram(self, of: str = 'height', setting: int = 0) -> tuple[Array, Array, Array]:
+        """The averages of the observables of a histogram.
+
+        Parameters
+        ----------
+        of : str
+            what :func:`openmmrigidhi.accuracy.observables.bins` were made of: "height" or
+            "module:function"
+        setting : int
+
+        Returns
+        -------
+        edges : array of shape (n, 2)
+            lower and upper edges of the bins
+        fractions, errors : array of shape (n,)
+            mean fraction of bodies in each bin, and its standard error
+
+        Raises
+        ------
+        ValueError
+            if the study has no such observables, or no samples of them yet
+        """
+        rows = [
+            row for row in self.rows if row['setting'] == setting
+            and row['observable'].startswith(f'{of}[') and row['mean'] is not None
+        ]
+        if not rows:
+            raise ValueError(
+                f'histogram: there are no samples of bins of {of!r} in setting {setting}; they '
+                f'must be observables of the study, which has {", ".join(self.observables)}: give '
+                'it accuracy.observables.bins()')
+        edges = [row['observable'][len(of) + 1:-1].split(',') for row in rows]
+        return (np.array(edges, dtype=float), np.array([row['mean'] for row in rows]),
+                np.array([row['standard_error'] for row in rows]))
+
     @property
     def isComplete(self) -> bool:
         """Whether all tasks are complete."""

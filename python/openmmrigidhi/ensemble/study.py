@@ -14,8 +14,10 @@ import uuid
 from typing import TYPE_CHECKING, Any, Callable, Optional, Sequence, Union
 
 import numpy as np
+from openmm import unit
 
-from .. import _tasks
+from .. import _tasks, _units
+from .._types import Number
 from ..accuracy import observables as observablesModule
 from ..accuracy import overdamped
 from ..accuracy._results import beginning, provenance
@@ -105,11 +107,11 @@ class Study:
         returns a Scene, (system, state or positions, integrator) or (system, topology, positions,
         integrator). Scheme and step size are those of its integrator.
     settings : sequence of dict
-        parameters of the function. `scheme` (a name) and `stepSize` (ps) are set on the integrator
-        where the function has no such parameter. :func:`sweep` makes combinations.
+        parameters of the function. `scheme` (a name) and `stepSize` (ps, or a Quantity) are set on
+        the integrator where the function has no such parameter. :func:`sweep` makes combinations.
     replicas : int
         number of replicas of each setting
-    length : float
+    length : float or Quantity
         time that is sampled in each task, ps
     observables : sequence of str, Observable or callable
         see :func:`openmmrigidhi.accuracy.observables.byName`. An observable that remembers more
@@ -121,12 +123,12 @@ class Study:
     platform : str
     threads : int
         threads of the CPU platform, in each task
-    equilibration : float, optional
+    equilibration : float or Quantity, optional
         time left out at the start, ps; default: the scene's, or a tenth of the length that the
         study was begun with
-    sampleInterval : float, optional
+    sampleInterval : float or Quantity, optional
         ps; default: the scene's
-    checkpointInterval : float
+    checkpointInterval : float or Quantity
         seconds of wall time between two checkpoints of a task; at most so much is computed again
         after an interruption. After each start the first checkpoint comes at a 64th of it, and each
         wait is twice the one before, so that workers that live shortly get on, too.
@@ -148,18 +150,19 @@ class Study:
     [2, 2]
     """
     def __init__(self, scene: Union[str, Callable, Scene], settings: Sequence[dict] = ({},),
-                 replicas: int = 4, length: Optional[float] = None,
+                 replicas: int = 4, length: Optional[Number] = None,
                  observables: Sequence[Union[str, Observable,
                                              Callable]] = observablesModule.DEFAULT, seed: int = 1,
-                 platform: str = 'CPU', threads: int = 1, equilibration: Optional[float] = None,
-                 sampleInterval: Optional[float] = None, checkpointInterval: float = 60.0) -> None:
+                 platform: str = 'CPU', threads: int = 1, equilibration: Optional[Number] = None,
+                 sampleInterval: Optional[Number] = None,
+                 checkpointInterval: Number = 60.0) -> None:
         self.source = scene if isinstance(scene, SceneSource) else SceneSource(scene)
-        self.settings = [dict(each) for each in settings]
-        self.replicas, self.length, self.seed = replicas, length, seed
+        self.settings = [_plain_step(each) for each in settings]
+        self.replicas, self.length, self.seed = replicas, _time(length, 'length'), seed
         self.platform, self.threads = platform, threads
-        self.equilibration, self.sampleInterval, self.checkpointInterval = (equilibration,
-                                                                            sampleInterval,
-                                                                            checkpointInterval)
+        self.equilibration = _time(equilibration, 'equilibration')
+        self.sampleInterval = _time(sampleInterval, 'sampleInterval')
+        self.checkpointInterval = _time(checkpointInterval, 'checkpointInterval', 1e-12)
         self._defaultEquilibration = None
         self._given = list(observables)
         self.observables = [_observable(each) for each in self._given]
@@ -272,7 +275,7 @@ class Study:
         study._defaultEquilibration = about['default_equilibration']
         return study
 
-    def extended(self, length: Optional[float] = None, replicas: Optional[int] = None,
+    def extended(self, length: Optional[Number] = None, replicas: Optional[int] = None,
                  settings: Sequence[dict] = ()) -> Study:
         """A larger study.
 
@@ -281,7 +284,7 @@ class Study:
 
         Parameters
         ----------
-        length : float, optional
+        length : float or Quantity, optional
             time of each task, ps, in all
         replicas : int, optional
             number of replicas of each setting, in all
@@ -295,9 +298,9 @@ class Study:
         larger = Study.__new__(Study)
         larger.__dict__.update(self.__dict__)
         larger._defaultEquilibration = self.definition()['default_equilibration']
-        larger.length = self.length if length is None else length
+        larger.length = self.length if length is None else _time(length, 'length')
         larger.replicas = self.replicas if replicas is None else replicas
-        larger.settings = self.settings + [dict(each) for each in settings]
+        larger.settings = self.settings + [_plain_step(each) for each in settings]
         larger._check()
         return larger
 
@@ -493,6 +496,21 @@ class Study:
                                       self.sampleInterval, self.platform, self.threads,
                                       self.checkpointInterval, directory, path, about['identity'])))
         return [task for _, task in sorted(todo, key=lambda pair: pair[0])], aside
+
+
+def _time(value, name, scale=1.0):
+    """A time as a number of ps, or of ps over the scale; what is no quantity is left as it is."""
+    if not unit.is_quantity(value):
+        return value
+    return _units.number(value, _units.TIME, 'ensemble.Study', name)*scale
+
+
+def _plain_step(settings):
+    """Settings with a step size that is a number; other quantities are the function's matter."""
+    settings = dict(settings)
+    if 'stepSize' in settings:
+        settings['stepSize'] = _time(settings['stepSize'], 'stepSize')
+    return settings
 
 
 def _observable(given):

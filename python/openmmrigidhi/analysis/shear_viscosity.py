@@ -1,0 +1,252 @@
+"""Viscosity and normal stresses of a suspension in steady shear."""
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Optional
+
+import numpy as np
+from openmm import unit
+
+from .. import _units
+from .._types import Numbers
+from .._systems import forces_of
+from ..integrator import CustomRigidHIIntegrator
+from ..mobility import MobilityForce
+from ._moves import positive
+from ._sampling import advance, at_least, block_average, check_finite, lengths, sampled
+from .series import FEWEST_TRUSTED_BLOCKS
+
+if TYPE_CHECKING:
+    import openmm
+
+#: The parts of the stress, in the order of samples.
+PARTS = ('hydrodynamic', 'brownian', 'interparticle', 'ideal')
+
+
+@dataclasses.dataclass
+class ShearViscosity:
+    """The viscosity of a suspension in steady shear, by parts, and its normal stresses.
+
+    With the fluid's viscosity eta, the shear rate g and the stress s of bodies, the parts of the
+    ratio are s_fg/(eta g) of each part of the stress, where f is the axis of the flow and g that of
+    the gradient. Errors are standard errors.
+
+    Attributes
+    ----------
+    viscosity, viscosityError : Quantity
+        eta + s_fg/g, dalton/(nm ps)
+    ratio, ratioError : float
+        ratio to the viscosity of the fluid alone
+    parts, partErrors : dict of float
+        what 'hydrodynamic', 'brownian' and 'interparticle' stresses add to the ratio
+    firstNormalDifference, firstNormalDifferenceError : float
+        N1/eta over the modulus of g, with N1 = s_ff - s_gg
+    secondNormalDifference, secondNormalDifferenceError : float
+        N2/eta over the modulus of g, with N2 = s_gg - s_vv, where v is the third axis
+    shearRate : Quantity
+        g, 1/ps
+    degrees : int
+        degrees of freedom of the error of the ratio: number of blocks less 1; 0 for a single sample
+    tau : float
+        integrated autocorrelation time of s_fg that the error stands for, in samples
+    samples : int
+        number of samples
+    """
+
+    viscosity: unit.Quantity
+    viscosityError: unit.Quantity
+    ratio: float
+    ratioError: float
+    parts: dict
+    partErrors: dict
+    firstNormalDifference: float
+    firstNormalDifferenceError: float
+    secondNormalDifference: float
+    secondNormalDifferenceError: float
+    shearRate: unit.Quantity
+    degrees: int
+    tau: float
+    samples: int
+
+    @property
+    def isTrusted(self) -> bool:
+        """Whether the errors are trusted: there are enough blocks, or a single sample."""
+        return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS or self.samples == 1
+
+
+def shearViscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0,
+                   interval: int = 1, progress: Optional[bool] = None) -> ShearViscosity:
+    """Get the viscosity of a suspension that :meth:`MobilityForce.setShear` shears steadily.
+
+    The mean velocity gradient of the box is the shear rate g, so the viscosity is eta + s_fg/g with
+    the stress s that bodies add (:meth:`MobilityForce.getStressInContext`). The normal stress
+    differences come from the same samples. :func:`viscosity` measures at a wavelength, by the flow
+    that a force density drives.
+
+    Parameters
+    ----------
+    context : openmm.Context
+        with a CustomRigidHIIntegrator, positions, and a MobilityForce with
+        :meth:`MobilityForce.setShear`, whose settings are those of the Context; the Context goes on
+        for equilibration + steps steps
+    steps : int
+        number of steps that are measured. 0, at temperature 0: the stress at the present poses,
+        once, without error.
+    equilibration : int
+        number of earlier steps that are not measured: a strain of a few, since structure forms
+        with the strain
+    interval : int
+        steps from one sample to the next. A sample costs one solve, and two more at temperatures
+        above 0. Strains of 0.01 between samples lose next to nothing.
+    progress : bool, optional
+        show a progress bar; None: on a terminal only
+
+    Returns
+    -------
+    ShearViscosity
+
+    Raises
+    ------
+    TypeError, ValueError
+        for arguments that are no such Context or numbers; without a shear; with fewer than 10
+        samples at temperatures above 0, or 2 at 0; at temperatures above 0 with EulerMaruyama
+        where the drift that it omits is not 0, since it samples other configurations
+    openmm.OpenMMException
+        as :meth:`MobilityForce.getStressInContext`
+
+    Notes
+    -----
+    Errors are those of averages over 20 blocks or fewer
+    (:func:`openmmrigidhi.analysis.series.seriesStatistics`). The Brownian part is a sample of mean
+    kT div(R N) in each step. Its spread does not depend on g, so slow shear needs long runs, as
+    1/g^2.
+    """
+    where = 'shearViscosity'
+    integrator, _ = _sheared_scene(context, where)
+    random = integrator.getTemperature()._value > 0
+    steps, equilibration, interval = lengths(steps, equilibration, interval, random, where)
+    _check_scheme(integrator, where)
+    if equilibration:
+        advance(integrator, equilibration, 'equilibration', progress)
+    if steps == 0:
+        samples = _stresses(context)[None]
+    else:
+        samples = _sampled(context, integrator, steps, interval, progress)
+    return _estimate(context, samples, where)
+
+
+def sampleStresses(context: openmm.Context, steps: int, interval: int = 1,
+                   progress: Optional[bool] = None) -> unit.Quantity:
+    """Step a Context, and sample the stress of its bodies by parts.
+
+    :func:`shearViscosity` averages these samples. This function is for runs that go on in parts, or
+    that sample other things too. :func:`shearViscosityFromStresses` makes a viscosity of all parts
+    together.
+
+    Parameters
+    ----------
+    context, steps, interval, progress
+        as in :func:`shearViscosity`; at least one interval
+
+    Returns
+    -------
+    Quantity of shape (steps // interval, 4, 3, 3)
+        hydrodynamic, Brownian, interparticle and ideal stress after each interval, kJ/(mol nm^3)
+
+    Raises
+    ------
+    TypeError, ValueError, openmm.OpenMMException
+        as :func:`shearViscosity`
+    """
+    where = 'sampleStresses'
+    integrator, _ = _sheared_scene(context, where)
+    interval = positive(interval, where, 'interval')
+    steps = at_least(interval, steps, where, 'steps')
+    _check_scheme(integrator, where)
+    return _units.STRESS.attach(_sampled(context, integrator, steps, interval, progress))
+
+
+def shearViscosityFromStresses(context: openmm.Context, stresses: Numbers) -> ShearViscosity:
+    """Get viscosity and normal stresses from stresses that were sampled.
+
+    Parameters
+    ----------
+    context : openmm.Context
+        the Context in which they were sampled, or one with the same shear and viscosity
+    stresses : array-like or Quantity of shape (n, 4, 3, 3)
+        results of :func:`sampleStresses`, equally spaced, of one state, kJ/(mol nm^3); at least 2.
+        A single one is taken to be without noise.
+
+    Returns
+    -------
+    ShearViscosity
+
+    Raises
+    ------
+    TypeError, ValueError
+        as :func:`shearViscosity`
+    """
+    where = 'shearViscosityFromStresses'
+    samples = np.asarray(
+        _units.STRESS.strip(stresses, where, 'stresses') if unit.is_quantity(stresses) else stresses
+    )
+    if samples.dtype.kind not in 'fiu' or samples.shape[1:] != (4, 3, 3) or len(samples) == 0:
+        raise ValueError(f'{where}: stresses: got an array of shape {samples.shape} of '
+                         f'{samples.dtype}; it must have the shape (n, 4, 3, 3) and hold numbers: '
+                         'give what sampleStresses() returns')
+    check_finite(samples, where, 'stresses')
+    return _estimate(context, samples.astype(float), where)
+
+
+def _sheared_scene(context, where):
+    """The integrator, and the MobilityForce whose fluid is sheared."""
+    context = _units.context(context, where)
+    integrator = CustomRigidHIIntegrator.cast(context.getIntegrator())
+    fluids = forces_of(context.getSystem(), MobilityForce)
+    if not fluids or fluids[0].getShear()[0]._value == 0:
+        raise ValueError(
+            f'{where}: context: its System has no MobilityForce with a shear rate other than 0; '
+            'the stress is measured in steady shear: call setShear() before the Context is '
+            'created, or use viscosity() with a force density')
+    return integrator, fluids[0]
+
+
+def _check_scheme(integrator, where):
+    """Refuse schemes that sample other configurations than those of the temperature."""
+    if 'omits it' in integrator.getEffects()['stochastic drift']:
+        raise ValueError(
+            f'{where}: context: its scheme is EulerMaruyama at a temperature above 0, with bodies '
+            'that have a stochastic drift, which it omits; configurations are then not those of '
+            'the temperature: use TractionEulerMaruyama, or another scheme that makes the drift')
+
+
+def _stresses(context):
+    """The stress by parts (4, 3, 3), kJ/(mol nm^3)."""
+    fluid = forces_of(context.getSystem(), MobilityForce)[0]
+    return np.array([part._value for part in fluid.getStressInContext(context)])
+
+
+def _sampled(context, integrator, steps, interval, progress):
+    return sampled(integrator, lambda: _stresses(context), (len(PARTS), 3, 3), steps, interval,
+                   'sampling the stress', progress)
+
+
+def _estimate(context, samples, where):
+    """The ShearViscosity of stresses (n, 4, 3, 3), kJ/(mol nm^3)."""
+    _, fluid = _sheared_scene(context, where)
+    eta, (rate, flow, gradient) = fluid.getViscosity()._value, fluid.getShear()
+    rate, vorticity = rate._value, 3 - flow - gradient
+
+    shear = samples[:, :, flow, gradient]/(eta*rate)
+    total = samples.sum(axis=1)/(eta*abs(rate))
+    ratio, error, degrees, tau = block_average(shear.sum(axis=1))
+    parts = {name: block_average(shear[:, k]) for k, name in enumerate(PARTS) if name != 'ideal'}
+    first = block_average(total[:, flow, flow] - total[:, gradient, gradient])
+    second = block_average(total[:, gradient, gradient] - total[:, vorticity, vorticity])
+    return ShearViscosity(_units.VISCOSITY.attach(eta*(1 + ratio)),
+                          _units.VISCOSITY.attach(eta*error), 1 + ratio, error,
+                          {name: each[0]
+                           for name, each in parts.items()},
+                          {name: each[1]
+                           for name, each in parts.items()}, first[0], first[1], second[0],
+                          second[1], _units.RATE.attach(rate), degrees, tau, len(samples))

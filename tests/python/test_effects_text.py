@@ -1,0 +1,53 @@
+"""describeEffects() names what is on first, what is off in one line, and warnings last."""
+import openmm
+import openmmrigidhi
+import pytest
+
+
+def scene(scheme, boundary, step=0.001):
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(300, step)
+    integrator.setScheme(scheme)
+    for _ in range(2):
+        openmmrigidhi.app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], 1.0)
+    fluid.setBoundary(boundary)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0, 0, 2), (4, 0, 2)])
+    return integrator, context
+
+
+def parts(text):
+    """The lines of effects that are on, the names of those that are off, and the warnings."""
+    lines = text.splitlines()
+    off = next(k for k, line in enumerate(lines) if line.startswith('off '))
+    assert lines[0] == 'on:' and all(line.startswith('  ') for line in lines[1:off])
+    assert lines[off + 1] in ('warnings:', 'warnings: none')
+    names = lines[off].partition('): ')[2].split(', ')
+    return [line[2:] for line in lines[1:off]], names, [line[2:] for line in lines[off + 2:]]
+
+
+@pytest.mark.parametrize('scheme, boundary', [('TrapezoidalSlip', 'NoSlipWall'),
+                                              ('FixmanMidpoint', 'Unbounded')])
+def test_every_effect_is_on_or_off_and_none_is_lost(scheme, boundary):
+    integrator, _context = scene(scheme, boundary)
+    on, off, warnings = parts(integrator.describeEffects())
+    effects = integrator.getEffects()
+    assert warnings == [] and effects.pop('warnings') == 'off: none'
+    assert sorted(off) == sorted(name for name, why in effects.items() if why.startswith('off'))
+    assert sorted(on) == sorted(f'{name}{why[2:]}' for name, why in effects.items()
+                                if why.startswith('on'))
+    assert on[0] == f'scheme: {scheme}' and len(on) < 20
+
+
+def test_warnings_are_sentences_with_a_remedy(capfd):
+    integrator, _context = scene('EulerMaruyama', 'NoSlipWall', step=10000)
+    warnings = parts(integrator.describeEffects())[2]
+    assert len(warnings) == 3
+    for warning in warnings:
+        assert warning[0].isupper() and warning.endswith('.')
+        assert '; use ' in warning or '; take a step of ' in warning
+    # getEffects() has the same texts in one.
+    joined = integrator.getEffects()['warnings']
+    assert all(warning[1:-1] in joined for warning in warnings)
+    assert capfd.readouterr().err.count('Warning: ') == 3

@@ -1,0 +1,180 @@
+"""Heights, displacements and histograms of any scene in an ensemble, and times with units."""
+import json
+import pathlib
+
+import numpy as np
+import openmm
+import openmmrigidhi
+import pytest
+from openmm import unit
+from openmmrigidhi import ensemble
+from openmmrigidhi.accuracy import Scene, observables
+
+KT = 300*unit.kelvin*unit.MOLAR_GAS_CONSTANT_R/unit.kilojoule_per_mole
+#: Drag of a sphere of 1 nm in the fluid of the scene, and its diffusion coefficient.
+DRAG = 6*np.pi*1.0
+FREE = KT/DRAG
+
+
+def falling(spheres=20, weight=0.0, seed=1):
+    """Spheres of 1 nm that feel no others, in a trap along z if they have a weight."""
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.01)
+    integrator.setScheme('EulerMaruyama')
+    for _ in range(spheres):
+        openmmrigidhi.app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], 1.0)
+    fluid.setViscosity(1.0)
+    fluid.setModel('FreeDraining')
+    system.addForce(fluid)
+    trap = openmm.CustomExternalForce('spring*(z - 3)^2/2')
+    trap.addGlobalParameter('spring', weight)
+    for i in range(spheres):
+        trap.addParticle(i, [])
+    system.addForce(trap)
+    random = np.random.default_rng(seed)
+    spread = (KT/weight)**0.5 if weight else 0
+    return system, [(0, 0, 3 + spread*random.normal()) for _ in range(spheres)], integrator
+
+
+def heightOfBodies(context):
+    """The height of each body above 3 nm, as a function of the user's."""
+    integrator = openmmrigidhi.CustomRigidHIIntegrator.cast(context.getIntegrator())
+    return integrator.getBodyPositions()[:, 2] - 3*unit.nanometer
+
+
+heightOfBodies.unit = 'nm'
+
+
+def test_displacements_are_those_of_free_diffusion(tmp_path):
+    picosecond = unit.picosecond
+    study = ensemble.Study(
+        falling, replicas=4, length=4000*unit.femtosecond, equilibration=0*picosecond,
+        sampleInterval=0.1*picosecond, observables=[
+            'msd_0.4',
+            observables.meanSquareDisplacement(400*unit.femtosecond, lateral=True)
+        ], platform='Reference', checkpointInterval=1e3)
+    result = study.run(str(tmp_path/'study'), quiet=True)
+    for name, axes in (('msd_0.4', 3), ('lateral_msd_0.4', 2)):
+        row = result.row(name)
+        assert row['unit'] == 'nm^2' and row['replicas'] == 4
+        # 80 independent spheres, 10 independent displacements each.
+        assert row['mean'] == pytest.approx(2*axes*FREE*0.4, rel=5*(2/axes/800)**0.5)
+    # The first four samples have no past.
+    samples = result.series('msd_0.4', 0, 0)
+    assert len(samples) == 40 and np.isnan(samples[:4]).sum() in (3, 4)
+
+
+def test_heights_have_the_histogram_of_their_trap(tmp_path):
+    spring = 10.0
+    sigma = (KT/spring)**0.5
+    edges = 3 + sigma*np.array([-1.0, 0.0, 1.0])
+    own = observables.bins('test_ensemble_observables:heightOfBodies', [-sigma, sigma])
+    study = ensemble.Study(falling, [{
+        'spheres': 50,
+        'weight': spring
+    }], replicas=4, length=4.0,
+                           observables=['mean_height', *observables.bins('height', edges),
+                                        *own], platform='Reference')
+    result = study.run(str(tmp_path/'study'), quiet=True)
+    row = result.row('mean_height')
+    assert abs(row['mean'] - 3) < 5*row['standard_error'] and row['unit'] == 'nm'
+    found, fractions, errors = result.histogram('height')
+    assert np.allclose(found, [edges[:2], edges[1:]])
+    # A normal distribution has 0.3413 within a standard deviation on each side.
+    assert np.all(np.abs(fractions - 0.3413) < 5*errors) and errors.max() < 0.05
+    _, both, error = result.histogram('test_ensemble_observables:heightOfBodies')
+    assert both[0] == pytest.approx(fractions.sum(), abs=1e-12) and 0 < error[0] < 0.05
+    with pytest.raises(ValueError, match="there are no samples of bins of 'depth' in setting 0"):
+        result.histogram('depth')
+
+
+def test_a_study_with_such_observables_goes_on_from_its_directory(tmp_path):
+    edges = [2.5, 3.0]
+    study = ensemble.Study(
+        falling, replicas=2, length=0.5, platform='Reference', observables=[
+            observables.meanSquareDisplacement(0.2),
+            observables.diffusionCoefficient(0.1),
+            *observables.bins('height', edges*unit.nanometer),
+            *observables.bins(heightOfBodies, [0, 1])
+        ])
+    short = study.run(str(tmp_path/'study'), quiet=True)
+    loaded = ensemble.Study.load(str(tmp_path/'study'))
+    names = [each.name for each in loaded.observables]
+    assert names == [
+        'msd_0.2', 'diffusion_coefficient_0.1', 'height[2.5,3]',
+        f'{heightOfBodies.__module__}:heightOfBodies[0,1]'
+    ]
+    long = loaded.extended(length=1*unit.picosecond).run(str(tmp_path/'study'), extend=True,
+                                                         quiet=True)
+    for name in names:
+        before, after = short.series(name, 0, 1), long.series(name, 0, 1)
+        assert len(after) == 2*len(before)
+        assert np.array_equal(before, after[:len(before)], equal_nan=True)
+        # The past goes on across the interruption.
+        assert not np.isnan(after[len(before):]).any()
+
+
+def test_openmms_own_integrators_have_the_centres_of_mass():
+    system = openmm.System()
+    for mass in (3.0, 1.0):
+        system.addParticle(mass)
+    system.addConstraint(0, 1, 0.4)
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
+    integrator.addRigidBody([0, 1])
+    scene = Scene(system, [(0, 0, 1), (0, 0, 1.4)], integrator)
+    context = scene.makeContext(openmm.VerletIntegrator(0.001),
+                                openmm.Platform.getPlatformByName('Reference'), {}, 1)
+    sample = observables.Sample(scene, context)
+    assert observables.byName('mean_height').measure(sample) == pytest.approx(1.1)
+
+
+def test_times_of_scenes_and_steps_take_units(tmp_path):
+    system, positions, integrator = falling(2)
+    scene = Scene(system, positions, integrator, sampleInterval=200*unit.femtosecond,
+                  equilibration=0.1*unit.picosecond, stepSizes=[1, 2]*unit.femtosecond)
+    assert (scene.sampleInterval, scene.equilibration) == pytest.approx((0.2, 0.1))
+    assert scene.stepSizes == pytest.approx((0.001, 0.002))
+    study = ensemble.Study(scene, ensemble.sweep(stepSize=[20*unit.femtosecond]), replicas=1,
+                           length=0.4, observables=['mean_height'], platform='Reference',
+                           checkpointInterval=30*unit.second)
+    assert study.checkpointInterval == pytest.approx(30)
+    study.run(str(tmp_path/'study'), quiet=True)
+    about = json.loads((pathlib.Path(tmp_path)/'study'/'study.json').read_text())
+    assert about['definition']['settings'] == [{'stepSize': pytest.approx(0.02)}]
+    with pytest.raises(TypeError, match='length: got a quantity in nanometer; it must be ps'):
+        ensemble.Study(falling, length=5*unit.nanometer)
+
+
+@pytest.mark.parametrize('text, picoseconds', [('5', 5), ('0.5ns', 500), ('2 us', 2e6),
+                                               ('1s', 1e12), ('1e3fs', 1)])
+def test_times_of_the_command_take_units(text, picoseconds):
+    from openmmrigidhi.ensemble import cli
+    options = cli.parser().parse_args(['study', '--length', text])
+    assert options.length == pytest.approx(picoseconds)
+
+
+def test_bad_times_of_the_command_are_refused(capsys):
+    from openmmrigidhi.ensemble import cli
+    for text in ('5 nm', 'ps', '1e'):
+        with pytest.raises(SystemExit):
+            cli.parser().parse_args(['study', '--length', text])
+        assert 'a time is a number, of ps or with one of' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('name', ['msd_', 'msd_x', 'height[1,0]', 'height[1]', 'depth[0,1]'])
+def test_bad_names_are_refused(name):
+    with pytest.raises(ValueError, match=r'it must be one of .*msd_PS, lateral_msd_PS'):
+        observables.byName(name)
+
+
+def test_bad_observables_are_refused(tmp_path):
+    with pytest.raises(ValueError, match='the time of a displacement must be'):
+        observables.byName('msd_-1')
+    with pytest.raises(ValueError, match='a histogram needs two edges at'):
+        observables.bins('height', [1, 1])
+    for name in ('height', 'msd'):
+        study = ensemble.Study(falling, replicas=1, length=0.1, observables=[name],
+                               platform='Reference')
+        result = study.run(str(tmp_path/name), quiet=True)
+        assert f'observable {name}: the scene' in result.tasks[0].message
+        assert 'is no WallScene, such as boomerang' in result.tasks[0].message

@@ -1,0 +1,301 @@
+"""Lubrication on top of models that have none: setLubrication() with RotnePragerYamakawa and
+ForceCoupling.
+
+Numerical results of the parts are tested in tests/unit/TestLubrication.cpp, the drift of schemes in
+tests/unit/TestOverdampedSchemes.cpp.
+"""
+import json
+import pathlib
+import re
+import warnings
+
+import numpy as np
+import openmm
+import pytest
+
+from openmmrigidhi import CustomRigidHIIntegrator, MobilityForce
+
+
+def refused(*pieces, error=openmm.OpenMMException):
+    """Expect an error whose message has all the pieces, in this order."""
+    return pytest.raises(error, match='.*'.join(re.escape(piece) for piece in pieces))
+
+
+SCENES = json.loads(
+    (pathlib.Path(__file__).parents[1]/'data'/'sheared'/'wall_three_spheres.json').read_text())
+
+
+def scene(positions, radii, boundary='Unbounded', model='RotnePragerYamakawa', lubrication=True,
+          reach=None, solver='Auto', tolerance=1e-6, scheme='TractionEulerMaruyama', box=None,
+          temperature=0, platform='Reference', step=0.01, mass=0, sites=((0, 0, 0),), context=True,
+          free=0, **more):
+    """Spheres, the last `free` of which are in no body; viscosity 1: (fluid, integrator, Context or
+    System).
+    """
+    system, fluid = openmm.System(), MobilityForce()
+    integrator = CustomRigidHIIntegrator(temperature, step)
+    integrator.setScheme(scheme)
+    integrator.setRandomNumberSeed(5)
+    if box is not None:
+        system.setDefaultPeriodicBoxVectors(*np.diag(np.broadcast_to(box, 3).astype(float)))
+    fluid.setViscosity(1)
+    fluid.setModel(model)
+    fluid.setBoundary(boundary)
+    fluid.setLubrication(lubrication)
+    if reach is not None:
+        fluid.setLubricationReach(*reach)
+    fluid.setSolver(solver)
+    fluid.setSolverTolerance(tolerance)
+    for name, value in more.items():
+        owner = fluid if hasattr(fluid, name) else integrator
+        getattr(owner, name)(*(value if isinstance(value, tuple) else (value,)))
+    placed = []
+    for i, (position, radius) in enumerate(zip(positions, radii)):
+        members = []
+        isFree = i >= len(radii) - free
+        for site in sites if i == 0 else ((0, 0, 0),):
+            members.append(system.addParticle(0))
+            fluid.addParticle(radius)
+            placed.append(np.add(position, site))
+        if not isFree:
+            integrator.addRigidBody(members, mass, (mass,)*3, sites if i == 0 else [(0, 0, 0)])
+    system.addForce(fluid)
+    if not context:
+        return fluid, integrator, system
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform))
+    context.setPositions(placed)
+    return fluid, integrator, context
+
+
+@pytest.mark.parametrize('solver', ['Dense', 'MatrixFree'])
+@pytest.mark.parametrize('values', SCENES, ids=lambda values: values['name'])
+@pytest.mark.parametrize('platform', ['Reference', 'CPU'])
+def test_three_spheres_above_a_wall(values, solver, platform):
+    """The prototype's values. Its pair at a gap of 0.0032 is right to 2e-6 (solveTwoSpheres())."""
+    error = 1e-11 if values['name'] == 'near' else 3e-6
+    fluid, _, context = scene(values['positions'], values['radii'], 'NoSlipWall', reach=(100, 101),
+                              solver=solver, tolerance=1e-9, platform=platform)
+    fluid.setWallHeight(values['wallHeight'])
+    wrench, twist = np.array(values['wrench']), np.array(values['twist'])
+    found = fluid.applyMobilityInContext(context, wrench)
+    np.testing.assert_allclose(found, twist, rtol=0, atol=5e-7*np.abs(twist).max())
+    N = fluid.getMobilityInContext(context)
+    np.testing.assert_allclose(np.diag(N), np.ravel(values['mobilityDiagonal']), rtol=error)
+    R, numbers = fluid.getFrictionInContext(context), np.ravel(values['frictionTimesWrenchNumbers'])
+    np.testing.assert_allclose(R @ wrench.ravel(), numbers, rtol=0,
+                               atol=error*np.abs(numbers).max())
+    fluid.setLubrication(False)
+    fluid.updateParametersInContext(context)
+    without = np.array(values['twistRPY'])
+    found = fluid.applyMobilityInContext(context, wrench)
+    np.testing.assert_allclose(found, without, atol=1e-12*np.abs(without).max())
+
+
+@pytest.mark.parametrize('fraction, K, KR', [(0.064, 2.77814, 1.06838), (0.216, 6.29927, 1.34581),
+                                             (0.45, 10.0339, 2.67820)])
+def test_simple_cubic_arrays(fraction, K, KR):
+    edge = (4*np.pi/3/fraction)**(1/3)
+    fluid, _, context = scene([(0.1, 0.2, 0.3)], [1], 'Periodic', box=edge)
+    N = fluid.getMobilityInContext(context)
+    assert 1/(6*np.pi*N[0, 0]) == pytest.approx(K, rel=2e-5)
+    assert 1/(8*np.pi*N[3, 3]) == pytest.approx(KR, rel=2e-5)
+    fluid.setLubricationReach(8, 10)
+    fluid.updateParametersInContext(context)
+    assert 1/(6*np.pi*fluid.getMobilityInContext(context)[0, 0]) > 1.002*K
+
+
+def test_two_spheres_are_those_of_stokesian_dynamics():
+    positions, radii = [(0, 0, 0), (0.9, 0.5, -0.3)], [0.6, 0.45]
+    matrices = []
+    for model in ('RotnePragerYamakawa', 'StokesianDynamics'):
+        fluid, _, context = scene(positions, radii, model=model,
+                                  reach=(50, 60) if model == 'RotnePragerYamakawa' else None)
+        matrices.append(fluid.getMobilityInContext(context))
+    np.testing.assert_allclose(matrices[0], matrices[1], atol=1e-9*matrices[1].max())
+
+
+@pytest.mark.parametrize('boundary, model', [('PeriodicWall', 'RotnePragerYamakawa'),
+                                             ('NoSlipChannel', 'RotnePragerYamakawa'),
+                                             ('Periodic', 'ForceCoupling'),
+                                             ('Periodic', 'RotnePragerYamakawa')])
+def test_products_are_those_of_matrices(boundary, model):
+    """On a grid, which has errors of its own, in every boundary."""
+    positions = [(0, 0, 1.1), (2.1, 0.3, 1.2), (0.6, 2.1, 1.6), (3.9, 4, 3.1)]
+    radii = [1, 1, 1, 1]
+    answers = []
+    for solver in ('Dense', 'MatrixFree'):
+        fluid, integrator, context = scene(positions, radii, boundary, model, solver=solver,
+                                           box=(6.5, 6.2, 7), tolerance=1e-6,
+                                           setChannelWalls=(0.0, 4.3))
+        answers.append(
+            np.array(fluid.applyMobilityInContext(context,
+                                                  np.sin(1 + np.arange(24)).reshape(4, 6))))
+        text = integrator.getEffects()['hydrodynamics']
+        assert 'lubrication' in text
+    np.testing.assert_allclose(answers[1], answers[0], atol=1e-5*np.abs(answers[0]).max())
+    if boundary in ('PeriodicWall', 'NoSlipChannel'):
+        # A wide box has no images that matter: the wall's blocks are those of one sphere.
+        single = {}
+        for where, edge in (('NoSlipWall', 7), (boundary, 60)):
+            fluid, _, context = scene([(1, 1, 1.02)], [1], where, box=(edge, edge, 70),
+                                      solver='Dense', setChannelWalls=(0.0, 60.0))
+            single[where] = fluid.getMobilityInContext(context)
+        np.testing.assert_allclose(single[boundary][2, 2], single['NoSlipWall'][2, 2], rtol=1e-3)
+
+
+@pytest.mark.parametrize('scheme', [
+    'TractionEulerMaruyama', 'TrapezoidalSlip', 'FixmanMidpoint', 'RandomFiniteDifference',
+    'EulerMaruyama'
+])
+def test_steps_without_noise_are_those_of_matrices(scheme):
+    positions = [(0, 0, 1.1), (2.1, 0.3, 1.2), (0.6, 2.1, 1.6)]
+    found = []
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        for solver in ('Dense', 'MatrixFree'):
+            _, integrator, context = scene(positions, [1, 1, 1], 'NoSlipWall', solver=solver,
+                                           scheme=scheme, tolerance=1e-9)
+            integrator.setTemperature(0)
+            integrator.step(1)
+            statistics = integrator.getStepStatistics()
+            assert statistics['randomNumbers'] == 0
+            found.append(integrator.getBodyPositions()._value)
+    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
+
+
+def test_noise_does_not_depend_on_how_a_run_is_cut():
+    positions = [(0, 0, 1.1), (2.1, 0.3, 1.2), (0.6, 2.1, 1.6)]
+    ends = []
+    for cut in (False, True):
+        _, integrator, context = scene(positions, [1, 1, 1], 'NoSlipWall', solver='MatrixFree',
+                                       temperature=1, step=1e-3)
+        integrator.step(3)
+        if cut:
+            saved = context.createCheckpoint()
+            _, integrator, context = scene(positions, [1, 1, 1], 'NoSlipWall', solver='MatrixFree',
+                                           temperature=1, step=1e-3)
+            context.loadCheckpoint(saved)
+        integrator.step(3)
+        ends.append(integrator.getBodyPositions()._value)
+    np.testing.assert_array_equal(*ends)
+
+
+def test_overlaps_are_redone():
+    """A step that leads to an overlap, or into the wall, is taken again with new noise."""
+    _, integrator, context = scene([(0, 0, 1.001), (2.003, 0, 1.001)], [1, 1], 'NoSlipWall',
+                                   temperature=300, step=0.05)
+    integrator.step(20)
+    assert integrator.getNumRejectedSteps() > 0
+    x = integrator.getBodyPositions()._value
+    assert np.linalg.norm(x[0] - x[1]) > 2 and x[:, 2].min() > 1
+
+
+def test_values_of_the_setting():
+    fluid = MobilityForce()
+    assert fluid.getLubrication() is MobilityForce.AutoLubrication
+    assert fluid.getLubrication() == MobilityForce.Auto
+    for given, stored in ((True, 'On'), (False, 'Off'), ('Auto', 'AutoLubrication'),
+                          (MobilityForce.On, 'On'), (MobilityForce.Off, 'Off'),
+                          (MobilityForce.Auto, 'AutoLubrication'), (np.bool_(True), 'On')):
+        fluid.setLubrication(given)
+        assert fluid.getLubrication().name == stored
+    assert fluid.getLubricationReach() == (0, 0)
+    fluid.setLubricationReach(2.5, 3)
+    assert fluid.getLubricationReach() == (2.5, 3)
+    fluid.setLubricationReach(0, 0)
+    assert fluid.getLubricationReach() == (0, 0)
+    for bad in ((1.9, 3), (3, 3), (0, 4), (3, np.inf), (np.nan, 4), (-3, -2)):
+        with refused('setLubricationReach()', 'which is contact', 'mean radii'):
+            fluid.setLubricationReach(*bad)
+
+
+@pytest.mark.parametrize('bad', [1, 0, None, 0.5, MobilityForce.Dense])
+def test_what_is_no_setting(bad):
+    with refused('lubrication: got', 'it must be Auto, On, Off, True or False: give one of them',
+                 error=TypeError):
+        MobilityForce().setLubrication(bad)
+
+
+def test_auto_is_on_for_stokesian_dynamics_only():
+    positions, radii = [(0, 0, 0), (2.1, 0, 0)], [1, 1]
+    for model, same in (('StokesianDynamics', 'On'), ('RotnePragerYamakawa', 'Off')):
+        matrices = {}
+        for lubrication in ('Auto', 'On', 'Off'):
+            fluid, _, context = scene(positions, radii, model=model, lubrication=lubrication)
+            matrices[lubrication] = fluid.getMobilityInContext(context)
+        np.testing.assert_array_equal(matrices['Auto'], matrices[same])
+        assert np.abs(matrices['On'] - matrices['Off']).max() > 0.01*matrices['Off'].max()
+
+
+def test_what_cannot_go_together():
+    positions, radii = [(0, 0, 2), (2.5, 0, 2)], [1, 1]
+    with refused('lubrication cannot be used with model ForceCoupling and boundary PeriodicWall',
+                 'setModel(RotnePragerYamakawa)', 'setLubrication(Off)'):
+        scene(positions, radii, 'PeriodicWall', 'ForceCoupling', box=8)
+    with refused('lubrication is known only for spheres that do not overlap the wall',
+                 'wall rejection Crossing', 'use setWallRejection(Overlap) or setLubrication(Off)'):
+        scene(positions, radii, 'NoSlipWall', setWallRejection='Crossing')
+    with refused('sphere-wall mobility BestKnown', 'setSphereWallMobility(FromModel)'):
+        scene(positions, radii, 'NoSlipWall', setSphereWallMobility='BestKnown')
+    with refused('solver MatrixFree and the minimum gap 0.01', 'setMinimumGap(0)'):
+        scene(positions, radii, solver='MatrixFree', setMinimumGap=0.01)
+    with refused('solver MatrixFree and scheme LangevinHI', 'friction is stiff',
+                 'setSolver(Dense)'):
+        scene(positions, radii, solver='MatrixFree', scheme='LangevinHI', mass=1)
+    for scheme in ('DriftCorrectorFD', 'DriftCorrectorRFD'):
+        with refused(f'solver MatrixFree and scheme {scheme}', 'TractionEulerMaruyama'):
+            scene(positions, radii, solver='MatrixFree', scheme=scheme)
+    with refused('lubrication of model RotnePragerYamakawa', 'bodies of several particles',
+                 'setSolver(Dense)'):
+        _, integrator, _ = scene([(0, 0, 0), (5, 0, 0), (8, 0, 0)], [1, 1, 1], solver='MatrixFree',
+                                 sites=((0, 0, 0), (1.5, 0, 0), (0, 1.5, 0)))
+        integrator.step(1)
+    with refused('have the ratio 12', 'lubrication is known up to a ratio of 10',
+                 'setLubrication(Off)'):
+        scene([(0, 0, 0), (2.5, 0, 0)], [1.2, 0.1])
+    _, integrator, context = scene([(0, 0, 0), (1.9, 0, 0)], [1, 1])
+    with refused('RotnePragerYamakawa with lubrication', 'overlap or touch', 'setMinimumGap()'):
+        integrator.step(1)
+    _, integrator, context = scene([(0, 0, 1), (5, 0, 2)], [1, 1], 'NoSlipWall')
+    with refused('touches the wall', 'setLubrication(Off)'):
+        integrator.step(1)
+
+
+def test_descriptions_name_the_spheres():
+    # A multiblob, two spheres and a free particle.
+    _, integrator, context = scene([(0, 0, 3), (5, 0, 3), (8, 0, 3),
+                                    (0, 6, 3)], [1, 1, 1, 0.5], 'NoSlipWall',
+                                   sites=((0, 0, 0), (1.5, 0, 0), (0, 1.5, 0)), free=1)
+    integrator.step(1)
+    text = integrator.getEffects()['hydrodynamics']
+    assert 'lubrication of 2 spheres with each other and with the wall' in text
+    assert 'whole up to 3 mean radii and nothing from 4 on' in text
+    assert 'multiblobs and free particles have none' in text
+
+
+@pytest.mark.parametrize('scheme, way', [('TractionEulerMaruyama', '1 group matrix-free'),
+                                         ('DriftCorrectorRFD', '1 group with dense matrices'),
+                                         ('LangevinHI', '1 group with dense matrices')])
+def test_auto_takes_products_where_there_are_any(scheme, way):
+    positions = [(2.1*(i % 8), 2.1*(i // 8), 1.2) for i in range(64)]
+    _, integrator, _ = scene(positions, [1]*64, 'NoSlipWall', scheme=scheme, mass=1, temperature=1,
+                             step=1e-4, tolerance=1e-3)
+    integrator.step(1)
+    assert way in integrator.getEffects()['hydrodynamics']
+
+
+@pytest.mark.parametrize(
+    'more, pieces',
+    [(dict(model='FreeDraining'), ['setLubrication(On) has no effect with model FreeDraining']),
+     (dict(lubrication='Off', reach=(3, 4)), ['setLubricationReach() has no effect']),
+     (dict(sites=((0, 0, 0), (1.5, 0, 0), (0, 1.5, 0))),
+      ['setLubrication(On) has no effect, for only single spheres have lubrication'])])
+def test_settings_without_effect_are_warned_of(capfd, more, pieces):
+    _, integrator, _ = scene([(0, 0, 0)], [1], **more)
+    integrator.step(1)
+    warned = capfd.readouterr().err
+    for piece in pieces:
+        assert piece in warned
+    _, integrator, _ = scene([(0, 0, 0), (3, 0, 0)], [1, 1])
+    integrator.step(1)
+    assert 'ubrication' not in capfd.readouterr().err

@@ -1,0 +1,270 @@
+"""Random suspensions, their structure, and what a periodic box takes off their diffusion."""
+import re
+
+import numpy as np
+import openmm
+import openmmrigidhi
+import pytest
+from openmm import unit
+from openmmrigidhi import analysis, app
+
+nm = unit.nanometer
+
+
+def edgeOf(n, fraction, radius=1.0):
+    return (4*np.pi/3*n/fraction)**(1/3)*radius
+
+
+def gaps(x, radii, edges, periodic=(True, True, True)):
+    """Distances between the surfaces of all pairs, nearest images."""
+    x, edges = np.asarray(x), np.asarray(edges)*np.ones(3)
+    d = x[:, None] - x
+    d -= np.where(periodic, edges*np.round(d/edges), 0)
+    i, j = np.triu_indices(len(x), 1)
+    return np.linalg.norm(d, axis=-1)[i,
+                                      j] - (radii*np.ones(len(x)))[i] - (radii*np.ones(len(x)))[j]
+
+
+# ---- Places --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('n, fraction', [(1, 0.1), (2, 0.2), (5, 0.4), (64, 0.01), (64, 0.3),
+                                         (64, 0.5)])
+def test_spheres_do_not_overlap_and_are_in_the_box(n, fraction):
+    edge = edgeOf(n, fraction)
+    x = app.randomSuspension(n, 1.0, edge, seed=3)/nm
+    assert x.shape == (n, 3) and np.all((0 <= x) & (x < edge))
+    assert n == 1 or gaps(x, 1.0, edge).min() >= 0
+
+
+def test_spheres_of_several_radii_keep_their_gap_in_a_box_of_three_edges():
+    radii = np.array([0.5]*30 + [1.0]*10 + [2.0]*2)
+    edges = np.array([7.0, 8.0, 9.0])
+    x = app.randomSuspension(42, radii*nm, edges*nm, gap=0.5*unit.angstrom, seed=1)/nm
+    assert gaps(x, radii, edges).min() >= 0.05 - 1e-12
+
+
+def test_walls_keep_their_distance_and_are_not_periodic():
+    edges = (9.0, 6.0, 9.0)
+    x = app.randomSuspension(40, 1.0, edges, gap=0.1, wallAxis=1, seed=2)/nm
+    assert x[:, 1].min() >= 1.1 - 1e-12 and x[:, 1].max() <= 4.9 + 1e-12
+    assert gaps(x, 1.0, edges, (True, False, True)).min() >= 0.1 - 1e-12
+    # Spheres fill the whole width.
+    assert x[:, 1].min() < 1.6 and x[:, 1].max() > 4.4
+
+
+def test_an_edge_of_a_diameter_gives_a_monolayer():
+    x = app.randomSuspension(60, 1.0, (18, 18, 2), wallAxis=2, seed=1)/nm
+    assert np.allclose(x[:, 2], 1, rtol=0, atol=1e-12)
+    assert gaps(x, 1.0, (18, 18, 2), (True, True, False)).min() >= 0
+
+
+def test_a_seed_gives_the_same_places_and_another_one_others():
+    one, same, other = (app.randomSuspension(20, 1, 10, seed=seed)/nm
+                        for seed in (1, np.random.default_rng(1), 2))
+    assert np.array_equal(one, same) and not np.allclose(one, other)
+
+
+@pytest.mark.parametrize('fraction, runs, ratio, bound', [(0.15, 8, 0.98, 0.18),
+                                                          (0.45, 4, 0.85, 0.09)])
+def test_spheres_have_the_contact_value_of_the_hard_sphere_fluid(fraction, runs, ratio, bound):
+    """Carnahan and Starling: g at contact is (1 - phi/2)/(1 - phi)^3. From contact to 1.05
+    diameters the mean of g is 0.98(6) and 0.85(2) of it, in 30 runs of 5000 sweeps. Here some 270
+    and 1160 pairs are counted there, of errors of 6 and 3 %; bounds are three of these. Spheres
+    that are only pushed apart have 0 and 1.7 of it."""
+    n, edge = 250, edgeOf(250, fraction)
+    frames = [app.randomSuspension(n, 1.0, edge, seed=seed) for seed in range(runs)]
+    g = analysis.pairDistribution(frames, edge, maxDistance=2.1, numBins=21)
+    contact = (1 - fraction/2)/(1 - fraction)**3
+    assert abs(g.values[-1]/contact - ratio) < bound
+    assert np.all(g.values[:-1] == 0) and g.edges[-2]/nm == pytest.approx(2.0)
+
+
+def test_long_waves_are_those_of_the_compressibility():
+    """Carnahan and Starling: S(0) = 0.268 at 0.15. Independent points would have 1, a lattice 0."""
+    fraction, n = 0.15, 400
+    edge = edgeOf(n, fraction)
+    runs = [app.randomSuspension(n, 1.0, edge, seed=seed) for seed in range(8)]
+    S = analysis.structureFactor(runs, edge, 3*np.pi/edge)
+    expected = (1 - fraction)**4/((1 + 2*fraction)**2 + fraction**3*(fraction - 4))
+    # 9 waves in 8 runs; a wave's power has the spread of its mean: 0.12 of it.
+    assert S.numWaves[0] == 9 and S.values[0] == pytest.approx(expected*1.05, rel=0.4)
+
+
+# ---- Structure -----------------------------------------------------------------------------------
+
+
+def test_independent_points_have_no_structure():
+    points = np.random.default_rng(1).random((40, 200, 3))*(5, 6, 7)
+    g = analysis.pairDistribution(points, (5, 6, 7), numBins=10)
+    assert g.distances[0]/nm == pytest.approx(0.125) and g.edges[-1]/nm == pytest.approx(2.5)
+    assert np.all(np.abs(g.values - 1) < 5*g.errors) and g.errors.max() < 0.1
+    S = analysis.structureFactor(points, (5, 6, 7), 3.0)
+    assert np.all(np.abs(S.values - 1) < 5*S.errors) and S.errors.max() < 0.3
+
+
+def test_a_lattice_has_its_neighbours_and_its_bragg_peak():
+    places = np.stack(np.meshgrid(*[np.arange(4)]*3), axis=-1).reshape(-1, 3)*1.0
+    g = analysis.pairDistribution(places, 4, maxDistance=1.6, numBins=16)
+    shells = 4*np.pi/3*np.diff((np.arange(17)*0.1)**3)
+    neighbours = g.values*shells*63/64
+    # Distances 1 and sqrt(2) have 6 and 12 neighbours; 1.0 is the upper edge of a bin.
+    assert neighbours[9] + neighbours[10] == pytest.approx(6)
+    assert neighbours[14] == pytest.approx(12) and np.isnan(g.errors).all()
+    S = analysis.structureFactor(places, 4, 2*np.pi, binWidth=0.1)
+    k = S.waveNumbers/unit.nanometer**-1
+    assert k[-1] == pytest.approx(2*np.pi) and np.allclose(S.values[:-1], 0, atol=1e-12)
+    assert S.values[-1]*S.numWaves[-1] == pytest.approx(64*3)
+
+
+def test_images_across_a_triclinic_box_are_neighbours():
+    box = np.array([(4.0, 0, 0), (1.5, 4.0, 0), (0.5, -1.0, 4.0)])
+    points = np.random.default_rng(2).random((30, 3)) @ box
+    shifts = np.stack(np.meshgrid(*[np.arange(-2, 3)]*3), axis=-1).reshape(-1, 3) @ box
+    d = np.linalg.norm(points[:, None, None] - points[:, None] - shifts, axis=-1)
+    expected = np.histogram(d[d > 1e-9], bins=np.linspace(0, 3, 13))[0]
+    wrapped = points + box[1] - 2*box[2]
+    for places in (points, wrapped):
+        g = analysis.pairDistribution(places, box, maxDistance=3, numBins=12)
+        shells = 4*np.pi/3*np.diff(np.linspace(0, 3, 13)**3)
+        assert np.allclose(g.values*shells*30*29/64, expected)
+
+
+def test_structure_in_a_layer():
+    points = np.random.default_rng(3).random((60, 100, 3))*(8, 8, 0.1)
+    g = analysis.pairDistribution(points, (8, 8, 50), numBins=8, normalAxis=2)
+    assert np.all(np.abs(g.values - 1) < 5*g.errors) and g.edges[-1]/nm == pytest.approx(4)
+    S = analysis.structureFactor(points, (8, 8, 50), 2.0, normalAxis=2)
+    assert np.all(np.abs(S.values - 1) < 5*S.errors)
+    assert S.waveNumbers[0]/unit.nanometer**-1 >= 2*np.pi/8*(1 - 1e-9)
+
+
+# ---- Images --------------------------------------------------------------------------------------
+
+
+def periodicMobility(edge, radius=1.0, viscosity=1.0):
+    """The mobility of a sphere in a periodic box, about x, nm/ps over kJ/(mol nm)."""
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.01)
+    integrator.setScheme('EulerMaruyama')
+    app.addRigidMultiblob(system, integrator, fluid, [(0, 0, 0)], radius)
+    fluid.setViscosity(viscosity)
+    fluid.setBoundary('Periodic')
+    system.addForce(fluid)
+    system.setDefaultPeriodicBoxVectors((edge, 0, 0), (0, edge, 0), (0, 0, edge))
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0, 0, 0)])
+    return fluid.getMobilityInContext(context)[0, 0]
+
+
+@pytest.mark.parametrize('edge', [5.0, 20.0])
+def test_the_correction_restores_the_diffusion_of_a_single_sphere(edge):
+    kT = unit.MOLAR_GAS_CONSTANT_R*300*unit.kelvin/unit.kilojoule_per_mole
+    inBox, free = kT*periodicMobility(edge), kT/(6*np.pi)
+    squareNm = nm**2/unit.picosecond
+    correction = analysis.finiteSizeCorrection(300, 1.0, edge, radius=1.0)/squareNm
+    assert inBox + correction == pytest.approx(free, rel=1e-6)
+    # The first term alone leaves (4 pi/3)(a/L)^3.
+    first = analysis.finiteSizeCorrection(300*unit.kelvin, 1.0, edge*nm)/squareNm
+    assert inBox + first - free == pytest.approx(free*4*np.pi/3/edge**3, rel=1e-4)
+
+
+def test_the_correction_of_a_suspension_is_that_of_the_literature():
+    """Ladd (1990): 1.76 (phi/n)^(1/3) eta/eta_suspension of kT/(6 pi eta a), times S(0)."""
+    fraction, n, radius, eta, ratio, S = 0.3, 108, 2.0, 535.0, 2.56, 0.1
+    edge = edgeOf(n, fraction, radius)
+    found = analysis.finiteSizeCorrection(300, ratio*eta, edge*np.eye(3)*nm, structureFactor=S)
+    free = 300*unit.kelvin*unit.MOLAR_GAS_CONSTANT_R/unit.kilojoule_per_mole/(6*np.pi*eta*radius)
+    assert found/(nm**2/unit.picosecond) == pytest.approx(1.7601*(fraction/n)**(1/3)/ratio*free*S,
+                                                          rel=1e-4)
+    pascals = analysis.finiteSizeCorrection(300, 1e-3*unit.pascal*unit.second, (5, 5, 5))
+    assert pascals/analysis.finiteSizeCorrection(300, 602.214076, 5) == pytest.approx(1)
+
+
+# ---- Diffusion coefficients ----------------------------------------------------------------------
+
+
+def walk():
+    """Random walks of 200 bodies with D = 0.5, 0.5 and 0.125 nm^2/ps along x, y, z."""
+    steps = np.random.default_rng(5).normal(size=(400, 200, 3))*(1, 1, 0.5)
+    return np.cumsum(steps, axis=0)
+
+
+def test_diffusion_is_divided_by_dimensions():
+    msd = analysis.translationalMSD(walk(), None, 1*unit.picosecond, lags=[1, 2, 4], numBlocks=4)
+    D = analysis.longTimeDiffusion(msd.isotropic, 1)
+    assert abs(D.value/(nm**2/unit.picosecond) - 0.375) < 5*D.error/(nm**2/unit.picosecond)
+    along = analysis.longTimeDiffusion(msd.lateral, 1)
+    assert abs(along.value/(nm**2/unit.picosecond) - 0.5) < 5*along.error/(nm**2/unit.picosecond)
+    thrice = analysis.longTimeDiffusion(msd.trace, 1)
+    assert thrice.value/D.value == pytest.approx(3) and thrice.error/D.error == pytest.approx(3)
+
+
+def test_origins_need_no_orientations():
+    x = walk()[:50]
+    q = np.broadcast_to((1.0, 0, 0, 0), x.shape[:2] + (4,))
+    one, other = (analysis.translationalMSD(x, each, 1, (0, 0, 0), lags=[1, 3])
+                  for each in (None, q))
+    assert np.array_equal(one.blocks/nm**2, other.blocks/nm**2)
+    for more in ({'trackingPoint': (0, 0, 1)}, {'bodyFrame': True}):
+        with pytest.raises(ValueError, match='without orientations only the origins of bodies'):
+            analysis.translationalMSD(x, None, 1, lags=[1], **more)
+
+
+# ---- Bad input -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('arguments, message',
+                         [((0, 1, 10), 'n: got 0 spheres; there must be at least one'),
+                          ((3, -1, 10), 'each must be finite, and none below 0'),
+                          ((3, 0, 10), 'a sphere needs a radius above 0'),
+                          ((3, [1, 1], 10), 'got 2 for 3 sites'),
+                          ((3, 1, 0), 'box: got the edges [0.0, 0.0, 0.0] nm; they must be finite'),
+                          ((3, 1, (10, 10)), 'the shape must be (3,)'),
+                          ((3, 1,
+                            (10, 10, 1.5)), 'its edge along z is 1.5 nm; sphere 0 of radius 1 nm'),
+                          ((3, 1, 10, -1), 'the distance between surfaces must be'),
+                          ((3, 1, 10, 0, 3), 'the axis across the walls must'),
+                          ((3, 1, 10, 0, None, -1), 'the number of Monte Carlo moves must'),])
+def test_bad_suspensions_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        app.randomSuspension(*arguments)
+
+
+def test_more_spheres_than_fit_are_refused():
+    with pytest.raises(ValueError, match=r'20 spheres.* fill 0.7 .*still overlap after'):
+        app.randomSuspension(20, 1.0, edgeOf(20, 0.7))
+
+
+@pytest.mark.parametrize(
+    'arguments, message',
+    [((0, 1.0, 5), 'temperature: got 0.0; this number must be finite'),
+     ((300, -1, 5), 'viscosity: got -1.0; this number must be finite'),
+     ((300, 1, 5, 0), 'radius: got 0.0; this number must be finite'),
+     ((300, 1, 5, None, 0), 'structureFactor: got 0.0; this number must be finite'),
+     ((300, 1, (5, 5, 6)), 'the sum over images is that of a cube'),
+     ((300, 1, 0), 'the sum over images is that of a cube'),])
+def test_bad_corrections_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        analysis.finiteSizeCorrection(*arguments)
+
+
+POINTS = np.random.default_rng(1).random((3, 5, 3))
+
+
+@pytest.mark.parametrize('call, message', [
+    (lambda: analysis.pairDistribution(POINTS[:, :1], 1), 'there is 1 body; pairs need two'),
+    (lambda: analysis.pairDistribution(POINTS, -1), 'it must be the edge of a cube'),
+    (lambda: analysis.pairDistribution(POINTS, (1, 1)), 'it must be the edge of a cube'),
+    (lambda: analysis.pairDistribution(POINTS, 1, 1.1), 'at most the smallest width of the box, 1'),
+    (lambda: analysis.pairDistribution(POINTS, 1, numBins=0), 'there must be one at least: give a'),
+    (lambda: analysis.pairDistribution(POINTS, 1, normalAxis=4), 'the axis across the layer must'),
+    (lambda: analysis.pairDistribution(POINTS, [(1, 0, 0), (0, 1, 0), (0.2, 0, 1)], normalAxis=2),
+     'its vector along axis 2 is not at right angles'),
+    (lambda: analysis.structureFactor(POINTS, 1, -1), 'a wave number must be finite'),
+    (lambda: analysis.structureFactor(POINTS, 1, 1), 'the longest wave of this'),
+    (lambda: analysis.structureFactor(POINTS[0, 0], 1, 9), 'a trajectory must have the'),
+])
+def test_bad_structures_are_refused(call, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        call()
