@@ -10,7 +10,7 @@ PREFIX ?= /usr/local
 JOBS ?= $(shell nproc)
 BUILD := build
 # What runs: the platforms' libraries and the Python package with its bindings.
-RUNTIME := OpenMMRigidHIReference OpenMMRigidHICPU OpenMMRigidHIAny RigidHIPythonPackage
+RUNTIME := OpenMMRigidHIReference OpenMMRigidHICPU OpenMMRigidHIAny RigidHIDevices RigidHIPythonPackage
 SOURCES = $(shell git ls-files --cached --others --exclude-standard '*.h' '*.cpp')
 # A file's tests share what is costly to make. Some wait for other processes, so there are more workers than cores.
 PYTEST = -m pytest --numprocesses $$(($(JOBS) + 2)) --dist loadfile

@@ -141,7 +141,8 @@ def fluidScene(centres, model=None, blobs=0, temperature=300, rate_step=1.0, fre
         fluid.setSolver(solver)
     if tolerance is not None:
         fluid.setSolverTolerance(tolerance)
-    fluid.setLubrication(lubrication)
+    if not lubrication:
+        fluid.setLubrication(False)
     if scheme is None:
         system.addForce(fluid)
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform),

@@ -150,7 +150,7 @@ def measure(what, model, boundary, solver, count, seconds):
     before = integrator.getStepStatistics()
     first = ownSeconds(integrator, 1)
     times = [first]
-    if first < 5:  # what is made once does not count
+    if first < 60:  # what is made once does not count
         first = ownSeconds(integrator, 1)
         steps = int(min(1000, max(1, seconds/3/max(first, 1e-6))))
         before = integrator.getStepStatistics()

@@ -14,10 +14,9 @@ import types
 import xml.etree.ElementTree
 
 import openmmrigidhi
+from references import CLASSES, back
 
 PACKAGES = ['app', 'analysis', 'accuracy', 'ensemble']
-#: Enumerations of the classes whose enumerators are attributes of them.
-CLASSES = ['CustomRigidHIIntegrator', 'MobilityForce', 'CustomBodyForce', 'CustomBodyMotion']
 
 
 def write(source, xml_folder):
@@ -162,6 +161,7 @@ def _page_of_large_class(type_, documents):
     name = type_.__name__
     full = f'openmmrigidhi.{name}'
     text = _heading(name) + f'.. currentmodule:: openmmrigidhi\n\n{_first_sentence(type_)}\n\n'
+    text += back(name)
     for title, members in _purposes(type_):
         text += f'.. rubric:: {title}\n\n'
         text += _table((f':meth:`{each} <{full}.{each}>`', _first_sentence(getattr(type_, each)))

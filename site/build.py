@@ -15,6 +15,7 @@ import apipages
 import check
 import collect
 import gallery
+import references
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 #: The directory where Debian has what browsers need.
@@ -95,7 +96,8 @@ def main():
     for old in (source, html, output/'cpp'):
         shutil.rmtree(old, ignore_errors=True)
     xml = describe_cpp(output/'cpp')
-    pages = collect.copy_pages(source)
+    known = references.names()
+    pages = collect.copy_pages(source, lambda text: references.with_references(text, known))
     gallery.write(source)
     pages += apipages.write(source, xml)
     collect.write_contents(source, pages)

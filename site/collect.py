@@ -15,8 +15,8 @@ PICTURES = ('.png', '.gif', '.jpg', '.jpeg', '.svg')
 #: them, too.
 SECTIONS = [('Begin', ['README', 'docs/INSTALL', 'gallery'], []),
             ('Use', [
-                'docs/USER_GUIDE', 'docs/schemes/README', 'docs/models/README', 'docs/CONVENTIONS',
-                'docs/ensembles'
+                'docs/cookbook/README', 'docs/USER_GUIDE', 'docs/schemes/README',
+                'docs/models/README', 'docs/CONVENTIONS', 'docs/ensembles'
             ], ['docs']),
             ('Accuracy and validation', [
                 'docs/accuracy', 'docs/hydrodynamic_ladder', 'docs/grid_accuracy',
@@ -33,6 +33,7 @@ TITLES = {
     'README': 'Overview',
     'docs/INSTALL': 'Installing',
     'validation/README': 'Validation',
+    'docs/cookbook/README': 'Cookbook',
     'docs/USER_GUIDE': 'User guide',
     'docs/CONVENTIONS': 'Conventions',
     'CHANGELOG': 'Changelog'
@@ -67,8 +68,11 @@ def markdown_files():
     ]
 
 
-def copy_pages(source):
-    """Copy all Markdown files, and the files that they link to, and return the pages."""
+def copy_pages(source, change=lambda text: text):
+    """Copy all Markdown files, and the files that they link to, and return the pages.
+
+    A change is made to the text of each page at the end.
+    """
     pages, known = [], markdown_files()
     for name in known:
         text = (ROOT/name).read_text(encoding='utf-8')
@@ -76,7 +80,7 @@ def copy_pages(source):
         text = links_of_the_site(text, name, known, source)
         text = re.sub(r'^```math\n(.*?)^```', r'$$\n\1$$', text,
                       flags=re.S | re.M)  # GitHub has both ways to write a formula
-        text += _script_of(name, source)
+        text = change(text) + _script_of(name, source)
         target = source/(page + '.md')
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(text, encoding='utf-8')

@@ -35,6 +35,7 @@ cpp_id_attributes = ['OPENMM_EXPORT_RIGIDHI']
 html_theme = 'furo'
 html_title = 'openmm-rigidhi'
 html_css_files = ['katex/katex.css', 'site.css']
+html_js_files = ['copy.js']
 # Sphinx marks formulas as for MathJax; KaTeX draws what is between the same marks, and is fifty
 # times smaller.
 mathjax_path = 'formulas.js'

@@ -18,7 +18,8 @@ may not be empty:
         `in place of` for a block that takes the place of the line
 Anywhere:
     <!-- recipe: test NAME NAME -->
-        test programs, as files in tests/unit or tests/platform are named, that must pass
+        test programs, as files in tests/unit, tests/platform or tests/device are named, that must
+        pass
     <!-- recipe: pytest FILE FILE -->
         tests in Python that must pass
     <!-- recipe: python EXPRESSION -->
@@ -134,6 +135,8 @@ class Recipes:
             return [name]
         if f'tests/platform/{name}.cpp' in self.files:
             return [name.replace('Test', 'Test' + platform, 1) for platform in ('Reference', 'CPU')]
+        if f'tests/device/{name}.cpp' in self.files:
+            return [name.replace('Test', 'TestOpenCL', 1)]
         raise RecipeError(f'there is no test program {name}')
 
     def test(self, names):

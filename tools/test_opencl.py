@@ -25,7 +25,7 @@ PRECISIONS = 'double', 'single', 'mixed'
 LEFT_OUT = {'TestOpenCLAllocations'}
 
 
-def runs(program, precision, cache, logs):
+def runs(program, precision, cache, logs, timeout=None):
     """Run one program in one precision.
 
     Parameters
@@ -36,6 +36,8 @@ def runs(program, precision, cache, logs):
         folder for compiled kernels
     logs : Path
         folder for the outputs
+    timeout : float, optional
+        seconds after which the program is ended, and has failed
 
     Returns
     -------
@@ -46,8 +48,12 @@ def runs(program, precision, cache, logs):
     environment = dict(os.environ, RIGIDHI_TEST_PRECISION=precision, POCL_CACHE_DIR=str(cache))
     begin = time.monotonic()
     with open(log, 'w', encoding='utf-8') as file:
-        code = subprocess.run([program, '--gtest_filter=-*.Long*'], env=environment, stdout=file,
-                              stderr=subprocess.STDOUT, check=False).returncode
+        try:
+            code = subprocess.run([program, '--gtest_filter=-*.Long*'], env=environment,
+                                  stdout=file, stderr=subprocess.STDOUT, check=False,
+                                  timeout=timeout).returncode
+        except subprocess.TimeoutExpired:
+            code = f'none in {timeout:g} s'
     text = log.read_text(encoding='utf-8', errors='replace')
     found = re.search(r'^\[  PASSED  \] (\d+) test', text, re.MULTILINE)
     failed = sorted(set(re.findall(r'^\[  FAILED  \] (\w+(?:/\w+)?\.[\w/]+)', text, re.MULTILINE)))

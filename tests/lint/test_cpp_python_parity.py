@@ -19,9 +19,11 @@ RESULTS = {
     'getHingeMotorParameters': {'hinge', 'rate'},
     'getBodyParameters': {'bodyIndex', 'parameters'},
     'getChannelWalls': {'low', 'high'},
+    'getLubricationReach': {'whole', 'nothing'},
     'getBackgroundFlow': {'velocity', 'gradient'},
     'getBodyForceOnFluidParameters': {'body', 'site', 'radius', 'force'},
-    'getSinusoidalForceDensity': {'f0', 'forceAxis', 'waveAxis', 'waveVectorIndex'}
+    'getSinusoidalForceDensity': {'f0', 'forceAxis', 'waveAxis', 'waveVectorIndex'},
+    'getShear': {'rate', 'flowAxis', 'gradientAxis'}
 }
 #: Python methods that C++ does not have, each with its reason.
 PYTHON_ONLY = {

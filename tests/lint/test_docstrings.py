@@ -124,7 +124,8 @@ WITHOUT_UNIT = {
         'getSphereWallMobility': 'a constant',
         'getChannelCondition': 'a constant',
         'getSolver': 'a constant',
-        'getLubrication': 'a truth value',
+        'getLubrication': 'a constant',
+        'getLubricationReach': 'relative to radii',
         'getFastSummation': 'a truth value',
         'getMinimumGap': 'relative to radii',
         'getSolverTolerance': 'relative',
@@ -204,6 +205,8 @@ UNITS = {
                                           unit.kilojoule_per_mole/unit.nanometer),
         'getBackgroundFlow': (unit.nanometer/unit.picosecond, unit.picosecond**-1),
         'getSinusoidalForceDensity': (unit.kilojoule_per_mole/unit.nanometer**4, None, None, None),
+        'getShear': (unit.picosecond**-1, None, None),
+        'getStressInContext': (unit.kilojoule_per_mole/unit.nanometer**3,)*4,
         'getWallVelocity': unit.nanometer/unit.picosecond,
         'getBodyForceDensity': unit.kilojoule_per_mole/unit.nanometer**4,
         'getFlowInContext': unit.nanometer/unit.picosecond,
@@ -297,7 +300,23 @@ def scene():
     }
 
 
+def stress():
+    """The answer of a Context without momenta and CustomBodyForces, which stress is for."""
+    system, fluid = openmm.System(), openmmrigidhi.MobilityForce()
+    integrator = openmmrigidhi.CustomRigidHIIntegrator(300, 0.001)
+    integrator.setScheme(integrator.EulerMaruyama)
+    integrator.addRigidBody([system.addParticle(12)], 12, (1, 1, 1), [(0, 0, 0)])
+    fluid.addParticle(0.1)
+    fluid.setBoundary(fluid.Periodic)
+    system.addForce(fluid)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName('Reference'))
+    context.setPositions([(0, 0, 0)])
+    return fluid.getStressInContext(context)
+
+
 def result(scene, cls, name):
+    if name == 'getStressInContext':
+        return stress()
     arguments = [scene['context'], *QUESTIONS.get(name, [])] if name.endswith('InContext') \
         else [{'CustomBodyForce': 'fx', 'CustomBodyMotion': 'vx'}[cls]] \
         if name == 'getExpression' else \

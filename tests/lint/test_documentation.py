@@ -10,6 +10,8 @@ import pytest
 from conftest import ROOT, git_files, read
 
 PAGES = git_files('*.md')
+#: Pages whose snippets are complete scripts, each by itself.
+COOKBOOK = [page for page in PAGES if page.startswith('docs/cookbook/')]
 
 
 def snippets(page):
@@ -21,10 +23,32 @@ def snippets(page):
     return re.findall(r'^```python\n(.*?)^```', text, flags=re.S | re.M)
 
 
-@pytest.mark.parametrize('page', [page for page in PAGES if snippets(page)])
+@pytest.mark.parametrize('page',
+                         [page for page in PAGES if snippets(page) and page not in COOKBOOK])
 def test_snippets_run(page, tmp_path, run_python):
     finished = run_python('\n'.join(snippets(page)), tmp_path, timeout=300)
     assert finished.returncode == 0, finished.stderr
+
+
+@pytest.mark.parametrize('page, number', [(page, number) for page in COOKBOOK
+                                          for number in range(len(snippets(page)))])
+def test_scripts_of_the_cookbook_run_by_themselves(page, number, tmp_path, run_python):
+    finished = run_python(snippets(page)[number], tmp_path, timeout=120)
+    assert finished.returncode == 0, finished.stderr
+    assert 'Warning: ' not in finished.stderr, finished.stderr
+
+
+def test_the_cookbook_lists_every_script():
+    listed = re.findall(r'\]\((\w+\.md#[^)]+)\)', read('docs/cookbook/README.md'))
+    headings = sum(len(re.findall(r'^## ', read(page), flags=re.M)) for page in COOKBOOK)
+    assert len(set(listed)) == len(listed) == headings == sum(
+        len(snippets(page)) for page in COOKBOOK)
+
+
+@pytest.mark.parametrize('page', [page for page in PAGES if not page.startswith('tests/')])
+def test_no_page_needs_the_inside_of_a_quantity(page):
+    """Users divide by a unit: integrator.getBodyPositions()/unit.nanometer."""
+    assert '._value' not in read(page), f'{page}: divide by a unit instead of taking ._value'
 
 
 @pytest.mark.parametrize('page', PAGES)

@@ -68,9 +68,11 @@ VALUES = {
         'setSinusoidalForceDensity': (1/3, 2, 0, 3),
         'setWallVelocity': ((1/3, -2, 0),),
         'setBodyForceDensity': ((-1/7, 2, 0),),
+        'setShear': (1/3, 1, 2),
         'setBackgroundFlow': ((1/3, -2, 3), ((1/7, 2, 3), (4, -1/7, 6), (7, 8, 0))),
         'setSphereWallMobility': (MobilityForce.BestKnown,),
-        'setLubrication': (False,),
+        'setLubrication': (MobilityForce.On,),
+        'setLubricationReach': (7/3, 10/3),
         'setFastSummation': (False,),
         'setMinimumGap': (1e-3/3,),
         'setSolver': (MobilityForce.MatrixFree,),
@@ -217,6 +219,7 @@ def test_all_together_survive_to_the_same_xml(cls, through):
                                             ('MobilityForce', 'Boundary'),
                                             ('MobilityForce', 'SphereWallMobility'),
                                             ('MobilityForce', 'ChannelCondition'),
+                                            ('MobilityForce', 'Lubrication'),
                                             ('MobilityForce', 'Solver'),
                                             ('CustomBodyMotion', 'Frame')])
 def test_every_constant_survives(cls, constants):

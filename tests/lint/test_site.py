@@ -17,6 +17,7 @@ from conftest import ROOT, git_files, read
 sys.path.insert(0, str(ROOT/'site'))
 import check  # noqa: E402
 import collect  # noqa: E402
+import references  # noqa: E402
 
 GOOD = ('<html><body id="top"><a href="other.html#here">there</a>'
         '<img src="a.png" alt="Two spheres"></body></html>')
@@ -96,6 +97,25 @@ def test_links_lead_on_the_site_to_what_they_lead_to_in_the_repository(text, exp
                                      tmp_path) == expected
 
 
+FRICTION = '{py:obj}`setFriction(5) <openmmrigidhi.CustomRigidHIIntegrator.setFriction>`'
+
+
+@pytest.mark.parametrize(
+    'text, expected',
+    [('Call `setFriction(5)`.', f'Call {FRICTION}.'),
+     ('`fluid.addParticle(1)`',
+      '{py:obj}`fluid.addParticle(1) <openmmrigidhi.MobilityForce.addParticle>`'),
+     ('`app.rod`', '{py:obj}`app.rod <openmmrigidhi.app.rod>`'),
+     # A System has particles, too, a rod is a body, and parameters belong to two classes.
+     ('`addParticle()` `rod` `addPerBodyParameter()`',
+      '`addParticle()` `rod` `addPerBodyParameter()`'),
+     ('# `setFriction(5)`\n[`setFriction(5)`](a.md) `setFriction(5)`',
+      f'# `setFriction(5)`\n[`setFriction(5)`](a.md) {FRICTION}'),
+     ('```python\n`setFriction(5)`\n```', '```python\n`setFriction(5)`\n```'),])
+def test_names_lead_to_the_reference_where_they_mean_one_thing(text, expected):
+    assert references.with_references(text, references.names()) == expected
+
+
 def test_first_page_leads_three_kinds_of_readers_to_five_pages_each():
     text = read('site/index.md')
     paths = text.split('\n### ')[1:]
@@ -164,6 +184,15 @@ def test_every_method_and_enumerator_is_on_the_page_of_its_class(html, name):
     assert len(public) > 10
     missing = {f'openmmrigidhi.{name}.{key}' for key in public} - anchors(html, f'api/{name}.html')
     assert not missing
+
+
+def test_pages_and_reference_lead_to_each_other(html):
+    for page in ('schemes/LangevinC', 'models/RotnePragerYamakawa', 'cookbook/suspensions'):
+        text = (html/f'docs/{page}.html').read_text(encoding='utf-8')
+        assert re.search(r'href="../../api/[^"#]+#openmmrigidhi\.', text), page
+    for name in references.CLASSES:
+        text = (html/f'api/{name}.html').read_text(encoding='utf-8')
+        assert all(f'href="../{page}.html"' in text for _, page in references.PAGES[name])
 
 
 def test_every_public_header_is_in_the_cpp_reference(html):

@@ -188,6 +188,13 @@ MADE_FROM_ANOTHER = {
         'randomField': 'a field would have the covariance of the other model',
         'denseColumns': 'the default makes all columns, by dense()',
         'acceptsNearby': 'the default asks objection()',
+        'describeLubrication': 'lubrication is put around other models, and not into them',
+        'parts': 'likewise',
+    },
+    'platforms/common/mobility/models/lubricated/LubricatedMobility': {
+        'randomField': 'a field would have the covariance of the other model',
+        'denseColumns': 'the default makes all columns, by dense()',
+        'acceptsNearby': 'the default asks objection()',
     },
     'platforms/common/mobility/models/wall/SlipChannel': {
         'friction': 'images double the matrix',
@@ -197,6 +204,8 @@ MADE_FROM_ANOTHER = {
         'placeInFormulas': 'periodic fluids lift no particles',
         'weightInFormulas': 'likewise',
         'forCollectiveModes': 'periodic fluids have none',
+        'describeLubrication': 'lubrication is put around other models, and not into them',
+        'parts': 'likewise',
     },
 }
 
@@ -237,6 +246,16 @@ def test_statistics_that_sanitizers_leave_out_are_tests():
     for suite, name, star in named:
         assert any(test == (suite, name) or star and test[0] == suite and test[1].startswith(name)
                    for test in tests), f'{suite}.{name}'
+
+
+def test_unit_tests_with_threads_say_so():
+    """The thread sanitizer runs the unit tests that have Thread in their name, and no others."""
+    for source in git_files('tests/unit/*.cpp'):
+        bodies = re.findall(r'^TEST\w*\((\w+), (\w+)\) \{\n(.*?)^\}$', read(source),
+                            flags=re.S | re.M)
+        for suite, name, body in bodies:
+            if re.search('thread', body, flags=re.I):
+                assert 'Thread' in suite + name, f'{source}: {suite}.{name}'
 
 
 def test_python_compiles():

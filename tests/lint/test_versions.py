@@ -12,6 +12,8 @@ def test_every_place_has_the_one_version():
                     read('debian/changelog'))[1] == version, 'debian/changelog'
     assert re.search(r'^## ([0-9.]+)', read('CHANGELOG.md'),
                      flags=re.M)[1] == version, 'CHANGELOG.md'
+    assert re.search(r'\*\*Version\*\* ([0-9.]+\d)',
+                     read('site/index.md'))[1] == version, 'index.md'
     found = re.search(r'^    find_package\(OpenMMRigidHI|find_package\(OpenMMRigidHI ([0-9.]+)',
                       read('debian/tests/program'))[1]
     assert found == version.rpartition('.')[0], 'debian/tests/program'

@@ -4,6 +4,7 @@ Every run has a directory of its own below --work. A finished run leaves its res
 unfinished run its state. The same command thus continues where it was interrupted, here or on
 another worker.
 """
+import argparse
 import json
 import os
 import pathlib
@@ -29,6 +30,16 @@ def addPlaces(parser):
         '--cluster', metavar='ADDRESS',
         help='a scheduler of dask.distributed whose workers make the runs (docs/ensembles.md)')
     return group
+
+
+def parser(description, quick):
+    """A parser with --output and --quick; quick says what the shortened run has."""
+    made = argparse.ArgumentParser(description=description,
+                                   formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument('--output', type=pathlib.Path, default=pathlib.Path('results'),
+                      help='folder of the JSON (results)')
+    made.add_argument('--quick', action='store_true', help=quick)
+    return made
 
 
 def addOptions(parser):

@@ -44,7 +44,8 @@ class Spheres:
         self.fluid = MobilityForce()
         self.fluid.setViscosity(VISCOSITY)
         self.fluid.setModel(model)
-        self.fluid.setLubrication(lubrication)
+        if not lubrication:
+            self.fluid.setLubrication(False)
         sites = [(0, 0, 0)] + ([tuple(marker)] if self.marked else [])
         self.sites = np.array(sites, dtype=float)
         for _ in range(count):

@@ -158,7 +158,7 @@ def lattice(fraction, count, model='StokesianDynamics', lubrication=True):
     """Ratio of viscosities of a simple cubic array of spheres, with `count` spheres to a wave."""
     spacing = (4*np.pi/3/fraction)**(1/3)
     scene = Scene(model, [(np.zeros((1, 3)), 1.0)]*count, (spacing, count*spacing, spacing),
-                  lambda fluid: fluid.setLubrication(lubrication))
+                  lambda fluid: fluid.setLubrication('Auto' if lubrication else 'Off'))
     return scene.viscosity(
         spacing*np.stack([np.zeros(count), np.arange(count) + 0.5,
                           np.zeros(count)], axis=1)).ratio
