@@ -17,6 +17,7 @@ configure_file(platforms/device/KernelSources.h.in ${CMAKE_BINARY_DIR}/generated
 
 # What the scheme's kernels say, which needs no OpenMM.
 file(GLOB TEXT_SOURCES CONFIGURE_DEPENDS platforms/device/text/*.cpp)
+rigidhi_unite(TEXT_SOURCES text ${CMAKE_SOURCE_DIR}/platforms/device ${TEXT_SOURCES})
 add_library(RigidHIKernelText STATIC ${TEXT_SOURCES})
 target_include_directories(RigidHIKernelText PUBLIC platforms/device)
 target_link_libraries(RigidHIKernelText PUBLIC RigidHICommon)
@@ -64,7 +65,8 @@ function(rigidhi_add_device platform directory header)
         return()
     endif()
     file(GLOB PLATFORM_SOURCES CONFIGURE_DEPENDS platforms/${directory}/*.cpp)
-    add_library(OpenMMRigidHI${platform} SHARED ${PLATFORM_SOURCES} ${DEVICE_SOURCES})
+    rigidhi_unite(united ${directory} ${CMAKE_SOURCE_DIR}/platforms/device ${DEVICE_SOURCES})
+    add_library(OpenMMRigidHI${platform} SHARED ${PLATFORM_SOURCES} ${united})
     target_compile_definitions(OpenMMRigidHI${platform} PRIVATE ${definitions})
     target_include_directories(OpenMMRigidHI${platform} PRIVATE platforms/device)
     target_include_directories(OpenMMRigidHI${platform} SYSTEM PRIVATE ${LEPTON_STUB} ${ARGN})

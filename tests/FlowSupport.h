@@ -21,7 +21,6 @@ using RigidHIPlugin::SchemeTraits;
 using RigidHIPlugin::traitsOf;
 
 using RigidHI = CustomRigidHIIntegrator;
-const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 
 inline std::vector<SchemeTraits> overdampedSchemes() {
     std::vector<SchemeTraits> found;

@@ -11,7 +11,6 @@
 namespace RigidHITest {
 
 /** The temperature at which kT is 1. */
-const double T1 = 1 / boltzmann;
 
 /** Bodies in a periodic box 8 nm wide. With the solver MatrixFree the fluid is on a grid. */
 struct GridScene : FluidScene {

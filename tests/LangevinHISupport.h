@@ -13,8 +13,6 @@
 
 namespace RigidHITest {
 
-const double T1 = 1 / boltzmann;  // the temperature with kT = 1
-
 /** A force on every particle from an energy of x, y, z. */
 inline void addField(OpenMM::System& system, const std::string& energy) {
     auto* field = new OpenMM::CustomExternalForce(energy);

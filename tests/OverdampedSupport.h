@@ -18,8 +18,6 @@ namespace RigidHITest {
 using RigidHI = CustomRigidHIIntegrator;
 using Scheme = RigidHI::Scheme;
 
-const double T1 = 1 / boltzmann;  // the temperature with kT = 1
-
 struct Named {
     Scheme scheme;
     std::string name;

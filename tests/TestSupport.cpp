@@ -18,7 +18,7 @@ using namespace std;
 
 namespace RigidHITest {
 
-const double boltzmann = BOLTZ;
+const double boltzmann = BOLTZ, T1 = 1 / (BOLTZ);
 
 Platform& platform(const string& name) {
     static bool loaded = [] {

@@ -27,8 +27,8 @@ using OpenMM::Vec3;
 using RigidHIPlugin::CustomRigidHIIntegrator;
 using RigidHIPlugin::QuaternionArray;
 
-/** Boltzmann's constant in OpenMM units, kJ/(mol K). At the temperature 1/boltzmann kT is 1. */
-extern const double boltzmann;
+/** Boltzmann's constant in OpenMM units, kJ/(mol K), and the temperature with kT = 1. */
+extern const double boltzmann, T1;
 
 /** Load the plugin (once) and give a platform by name. */
 OpenMM::Platform& platform(const std::string& name);

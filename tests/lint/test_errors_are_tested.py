@@ -88,8 +88,8 @@ def cpp_sites():
             continue
         text = strip_cpp_comments(read(name))
         for match in re.finditer(
-                r'\b(?:fail|refuse|reject|wrongValue|OpenMMException|PyErr_SetString|PyErr_Format|'
-                r'SWIG_exception_fail)\s*\(', text):
+                r'\b(?:fail\w*|refuse|reject|wrongValue|OpenMMException|PyErr_SetString|'
+                r'PyErr_Format|SWIG_exception_fail)\s*\(', text):
             before = text[:match.start()].rstrip()
             if before.endswith(('void', 'inline')):
                 continue  # the definition of such a function

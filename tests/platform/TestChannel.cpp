@@ -15,7 +15,6 @@ using namespace std;
 namespace {
 
 using RigidHI = CustomRigidHIIntegrator;
-const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 
 /** A cubic box of 9 nm, and a channel between y = 1 and y = 6.5 nm. */
 struct ChannelScene : FluidScene {

@@ -53,8 +53,8 @@ void choose(FluidScene& scene, const ModelCase& model) {
     scene.fluid->setSphereWallMobility(model.sphereWall);
 }
 
-class EveryModel : public testing::TestWithParam<ModelCase> {};
-INSTANTIATE_TEST_SUITE_P(LangevinHI, EveryModel, testing::ValuesIn(models),
+class EveryModelWithMomenta : public testing::TestWithParam<ModelCase> {};
+INSTANTIATE_TEST_SUITE_P(LangevinHI, EveryModelWithMomenta, testing::ValuesIn(models),
                          [](const testing::TestParamInfo<ModelCase>& info) {
                              return info.param.name;
                          });
@@ -293,7 +293,7 @@ MatrixXd fullFriction(FluidScene& scene, const ModelCase& model) {
 
 }  // namespace
 
-TEST_P(EveryModel, OneStepResponseIsTheExponentialOfFrictionOverInertia) {
+TEST_P(EveryModelWithMomenta, OneStepResponseIsTheExponentialOfFrictionOverInertia) {
     for (bool free : {false, true})
         for (double h : {1e-4, 0.05, 1.0}) {
             if (isInstrumented() && h < 1) continue;
@@ -379,7 +379,7 @@ TEST(LangevinHI, HardRatiosOfMassesAndOfFrictionToMass) {
             }
 }
 
-TEST_P(EveryModel, OneStepNoiseHasTheCovarianceOfTheory) {
+TEST_P(EveryModelWithMomenta, OneStepNoiseHasTheCovarianceOfTheory) {
     // Steps start from rest, at a temperature so small that bodies hardly move. The exact
     // covariance is <V V^T> = kT (I^-1 - E I^-1 E^T), with E the response. The theory is used to
     // make the samples white. Entry (i, k) of their covariance then has the error sqrt((1 +
@@ -468,7 +468,7 @@ TEST(LangevinHI, ASedimentingPairFallsAsItsMobilitySays) {
     }
 }
 
-TEST_P(EveryModel, TrajectoriesConvergeWithOrderTwo) {
+TEST_P(EveryModelWithMomenta, TrajectoriesConvergeWithOrderTwo) {
     const auto end = [&](double h) {
         FluidScene scene(0, h);
         choose(scene, GetParam());
@@ -502,7 +502,7 @@ TEST_P(EveryModel, TrajectoriesConvergeWithOrderTwo) {
 
 // ---- Only the effects the scene calls for ----
 
-TEST_P(EveryModel, RandomNumbersAreCountedExactly) {
+TEST_P(EveryModelWithMomenta, RandomNumbersAreCountedExactly) {
     FluidScene scene(0, 0.01);
     choose(scene, GetParam());
     addAllKinds(scene, GetParam().takesMultiblobs);
@@ -552,7 +552,7 @@ TEST(LangevinHI, MatricesAreMadeOnlyWhereNeeded) {
     EXPECT_EQ(counter(pair, "squareRoots"), 11);
 }
 
-TEST_P(EveryModel, ReferenceAndCpuTakeTheSameStep) {
+TEST_P(EveryModelWithMomenta, ReferenceAndCpuTakeTheSameStep) {
     if (!onCpu()) GTEST_SKIP() << "the program of the platform CPU compares the two";
     vector<Snapshot> ends;
     for (const char* name : {"Reference", "CPU"}) {
@@ -572,7 +572,7 @@ TEST_P(EveryModel, ReferenceAndCpuTakeTheSameStep) {
 
 // ---- Resuming and changing ----
 
-TEST_P(EveryModel, ResumesBitForBit) {
+TEST_P(EveryModelWithMomenta, ResumesBitForBit) {
     const auto make = [&](FluidScene& scene, bool start) {
         choose(scene, GetParam());
         addAllKinds(scene, GetParam().takesMultiblobs);
@@ -620,7 +620,7 @@ TEST_P(EveryModel, ResumesBitForBit) {
     Snapshot(once).expectSameBits(Snapshot(fourth), "State from XML");
 }
 
-TEST_P(EveryModel, ChangedParametersActFromTheNextStepOn) {
+TEST_P(EveryModelWithMomenta, ChangedParametersActFromTheNextStepOn) {
     FluidScene changed(T1, 0.02), started(T1, 0.02);
     stringstream checkpoint;
     for (FluidScene* scene : {&changed, &started}) {

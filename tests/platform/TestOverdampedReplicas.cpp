@@ -20,8 +20,6 @@ namespace {
 using RigidHI = CustomRigidHIIntegrator;
 using Scheme = RigidHI::Scheme;
 
-const double T1 = 1 / boltzmann;  // the temperature with kT = 1
-
 struct Named {
     Scheme scheme;
     string name;

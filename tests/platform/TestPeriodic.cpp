@@ -15,7 +15,6 @@ using namespace std;
 namespace {
 
 using RigidHI = CustomRigidHIIntegrator;
-const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 
 struct Box {
     Vec3 a, b, c;

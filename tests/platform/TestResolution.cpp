@@ -23,7 +23,6 @@ namespace {
 using RigidHI = CustomRigidHIIntegrator;
 using Scheme = RigidHI::Scheme;
 
-const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 const Vec3 skewLine = Vec3(1, 2, 3) / sqrt(14.0);
 
 /** A coordinate as a file with so many decimals has it; -1: as it is. */

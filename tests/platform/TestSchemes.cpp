@@ -14,8 +14,6 @@ using namespace std;
 
 namespace {
 
-const double T1 = 1 / boltzmann;  // the temperature with kT = 1
-
 using Scheme = CustomRigidHIIntegrator::Scheme;
 const auto A = CustomRigidHIIntegrator::LangevinA, B = CustomRigidHIIntegrator::LangevinB,
            C = CustomRigidHIIntegrator::LangevinC,

@@ -22,7 +22,6 @@ namespace {
 using Scheme = CustomRigidHIIntegrator::Scheme;
 const auto A = CustomRigidHIIntegrator::LangevinA, B = CustomRigidHIIntegrator::LangevinB,
            C = CustomRigidHIIntegrator::LangevinC;
-const double T1 = 1 / boltzmann;  // the temperature with kT = 1
 
 /** Spheres of mass 2 and different moments in wells 0.5 k r^2, each at its own place. */
 struct Wells {

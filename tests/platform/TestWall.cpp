@@ -14,8 +14,6 @@ using namespace std;
 
 namespace {
 
-const double T1 = 1 / boltzmann;  // the temperature with kT = 1
-
 struct WallScene : FluidScene {
     explicit WallScene(double height = 0, double temperature = 0, double h = 0.01)
         : FluidScene(temperature, h) {

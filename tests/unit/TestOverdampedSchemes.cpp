@@ -288,7 +288,7 @@ VectorXd divergence(const Scene& scene) {
  * The displacement of one step, as a twist times time: translations, and rotation vectors in the
  * lab frame.
  */
-VectorXd increment(const OverdampedMove& move, const CoupledBodies& bodies) {
+VectorXd displacementOf(const OverdampedMove& move, const CoupledBodies& bodies) {
     VectorXd u = VectorXd::Zero(bodies.getNumRows());
     for (size_t e = 0; e < move.start.size(); e++) {
         const int row = bodies.firstRow(e);
@@ -333,7 +333,7 @@ struct Steps {
         step.noise.step = i;
         move.begin(step);
         for (int stage = 0; stage < entry.numStages(); stage++) scheme->run(stage, move);
-        return ::increment(move, *bodies);
+        return displacementOf(move, *bodies);
     }
     /**
      * The part of order sqrt(h) of step i. Its mean is 0, so the displacement of a step minus this
@@ -714,7 +714,7 @@ TEST(OverdampedSchemes, NoNoiseAboutARodsLine) {
         for (int e = 0; e < 2; e++) {
             const Vector3d line =
                 rotationMatrix(scene.q[e]) * bodies->getNullVector_body(e).tail<3>().normalized();
-            const Vector3d W = increment(move, *bodies).segment<3>(bodies->firstRow(e) + 3);
+            const Vector3d W = displacementOf(move, *bodies).segment<3>(bodies->firstRow(e) + 3);
             EXPECT_LT(abs(W.dot(line)), 1e-12 * W.norm());
         }
     }

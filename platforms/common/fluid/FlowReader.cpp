@@ -15,8 +15,6 @@ namespace RigidHIPlugin {
 
 namespace {
 
-constexpr ErrorsOf fail{"MobilityForce"};
-
 bool samePoses(const vector<Pose>& a, const vector<Pose>& b) {
     bool same = a.size() == b.size();
     for (size_t e = 0; same && e < a.size(); e++) same = areSame(a[e], b[e]);
@@ -50,13 +48,15 @@ bool FlowReader::lastStepIsPresent(const BodySet& bodies,
 
 FluidGroup& FlowReader::onlyGroup(const char* method) const {
     if (fluid.isFreeDraining())
-        fail(method,
-             "model FreeDraining has a separate fluid for each body, and no flow between bodies; "
-             "use RotnePragerYamakawa");
+        failFluid(
+            method,
+            "model FreeDraining has a separate fluid for each body, and no flow between bodies; "
+            "use RotnePragerYamakawa");
     if (!fluid.hasOneFlow())
-        fail(method,
-             "there are " + to_string(fluid.groups.size()) +
-                 " groups of bodies, each in a fluid of its own; ask in a Context with one group");
+        failFluid(
+            method,
+            "there are " + to_string(fluid.groups.size()) +
+                " groups of bodies, each in a fluid of its own; ask in a Context with one group");
     return *fluid.groups[0];
 }
 
@@ -185,9 +185,10 @@ Velocities FlowReader::flowAt(const vector<OpenMM::Vec3>& points, const FlowQues
         const OpenMM::Vec3& x = points[p];
         const double coordinate = x[boundary.wallAxis];
         if (coordinate < low || coordinate > high)
-            fail(method, "point " + to_string(p) + " at " + text(x) +
-                             " nm is behind a wall, where there is no fluid; give points above the "
-                             "wall or between the walls");
+            failFluid(method,
+                      "point " + to_string(p) + " at " + text(x) +
+                          " nm is behind a wall, where there is no fluid; give points above the "
+                          "wall or between the walls");
     }
     Answer& made = find(group, question);
     Velocities velocities = Velocities::Zero(3, points.size());
@@ -214,15 +215,16 @@ FluidGroup& FlowReader::groupWithWave(const char* method, int forceAxis, int wav
         return one.isPeriodic && one.numWalls != 1;
     };
     if (!model.box() || !hasModes(boundary))
-        fail(method, "the flow has no Fourier modes with the boundary " + string(boundary.name) +
-                         (boundary.isPeriodic ? ", because the fluid has no finite height" : "") +
-                         "; ask with the boundary " + namesIn(boundaryTable, " or ", hasModes) +
-                         ", or use getFlowInContext()");
+        failFluid(method,
+                  "the flow has no Fourier modes with the boundary " + string(boundary.name) +
+                      (boundary.isPeriodic ? ", because the fluid has no finite height" : "") +
+                      "; ask with the boundary " + namesIn(boundaryTable, " or ", hasModes) +
+                      ", or use getFlowInContext()");
     if (boundary.isAcross(forceAxis) || boundary.isAcross(waveAxis))
-        fail(method, "the axes are " + to_string(forceAxis) + " and " + to_string(waveAxis) +
-                         ", and in a " + boundary.name +
-                         " both must be along the walls; give the axes " +
-                         boundary.axesAlongWalls());
+        failFluid(method, "the axes are " + to_string(forceAxis) + " and " + to_string(waveAxis) +
+                              ", and in a " + boundary.name +
+                              " both must be along the walls; give the axes " +
+                              boundary.axesAlongWalls());
     model.box()->checkWave(box, waveAxis, waveVectorIndex);
     wave.forceAxis = forceAxis;
     wave.waveAxis = waveAxis;
@@ -239,9 +241,10 @@ FluidGroup& FlowReader::groupWithVolume(const char* method) const {
         return one.isPeriodic && one.numWalls != 1;
     };
     if (!hasVolume(boundary))
-        fail(method, string("the fluid with the boundary ") + boundary.name +
-                         " has no finite volume to take a mean over; ask with the boundary " +
-                         namesIn(boundaryTable, " or ", hasVolume) + ", or use getFlowInContext()");
+        failFluid(method, string("the fluid with the boundary ") + boundary.name +
+                              " has no finite volume to take a mean over; ask with the boundary " +
+                              namesIn(boundaryTable, " or ", hasVolume) +
+                              ", or use getFlowInContext()");
     return group;
 }
 

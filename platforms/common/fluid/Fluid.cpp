@@ -11,12 +11,6 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-namespace {
-
-constexpr ErrorsOf fail{"MobilityForce"};
-
-}  // namespace
-
 void Fluid::check(const MobilityForce& force, const FluidSettings& settings,
                   const OpenMM::System& system, const vector<vector<int>>& particlesOfBodies,
                   const FreeParticles& freeParticles, PlatformLoops& loops) {
@@ -85,7 +79,7 @@ void Fluid::checkBox() {
                     "setDefaultPeriodicBoxVectors() on the System before)";
             // Beside walls another boundary would be another fluid.
             if (!boundary.hasWalls()) text << ", or use the boundary Unbounded";
-            fail(text.str());
+            failFluid(text.str());
         }
     for (const auto& group : contents.groups)
         if (const BoxOfModel* box = group->box()) box->check(contents.box);

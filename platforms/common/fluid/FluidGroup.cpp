@@ -12,8 +12,6 @@ namespace RigidHIPlugin {
 
 namespace {
 
-constexpr ErrorsOf fail{"MobilityForce"};
-
 /** Forces on sites of a line give a torque about it of about 1e-16 of force times size. */
 const double torqueTolerance = 1e-9;
 
@@ -57,7 +55,7 @@ void FluidGroup::checkTorque(int e, const Matrix<double, 6, 1>& wrench_body,
             "fluid nor inertia resists rotation; this torque must be 0 within 1e-9 of force times "
             "size plus torque: remove the torque, or give the body hydrodynamic particles off the "
             "line";
-    fail(text.str());
+    failFluid(text.str());
 }
 
 }  // namespace RigidHIPlugin

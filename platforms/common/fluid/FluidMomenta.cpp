@@ -11,12 +11,6 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-namespace {
-
-constexpr ErrorsOf fail{"MobilityForce"};
-
-}  // namespace
-
 FluidMomenta::FluidMomenta(const FluidContents& fluid) : fluid(fluid) {
     for (const auto& group : fluid.groups) {
         fixesComponents = fixesComponents || group->holds;
@@ -35,7 +29,7 @@ void FluidMomenta::checkInertia(const BodySet& bodies) const {
     for (const auto& group : fluid.groups) {
         if (fluid.force.getSolver() == MobilityForce::MatrixFree && group->relaxation &&
             group->relaxation->getMobility().getWay() == BodyMobility::Dense)
-            fail(
+            failFluid(
                 "solver MatrixFree cannot be used with a body that has a principal moment of 0 "
                 "about an axis about which the fluid resists its rotation (a sphere, or blobs that "
                 "are not on a line); use setSolver(Dense)");
@@ -51,11 +45,12 @@ void FluidMomenta::checkInertia(const BodySet& bodies) const {
                 if (inertia.isLive(k)) momentum += abs(twist[3 + k]);
             const double directionTolerance = 1e-6;
             if (momentum > directionTolerance)
-                fail("body " + to_string(elements[e].body) +
-                     ": its hydrodynamic particles lie on a line, so that the fluid does not "
-                     "resist rotation about this line, but the body has a moment of inertia about "
-                     "the line; give the body a moment of 0 about the line, or hydrodynamic "
-                     "particles off the line");
+                failFluid(
+                    "body " + to_string(elements[e].body) +
+                    ": its hydrodynamic particles lie on a line, so that the fluid does not "
+                    "resist rotation about this line, but the body has a moment of inertia about "
+                    "the line; give the body a moment of 0 about the line, or hydrodynamic "
+                    "particles off the line");
         }
     }
 }

@@ -17,8 +17,6 @@ namespace RigidHIPlugin {
 
 namespace {
 
-constexpr ErrorsOf fail{"MobilityForce"};
-
 /**
  * Up to this many rows Auto decomposes matrices, beyond it uses Lanczos. The number is that of 30
  * spheres, where Lanczos becomes faster at the default tolerance.
@@ -67,8 +65,8 @@ string whatIterates(const MobilityForce& force) {
 }
 
 [[noreturn]] void refuseMatrixFree(const MobilityForce& force) {
-    fail("solver MatrixFree cannot be used with model " + string(modelName(force.getModel())) +
-         "; use setSolver(Dense), or setModel(RotnePragerYamakawa)");
+    failFluid("solver MatrixFree cannot be used with model " + string(modelName(force.getModel())) +
+              "; use setSolver(Dense), or setModel(RotnePragerYamakawa)");
 }
 
 }  // namespace
@@ -89,25 +87,26 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
     const int numBodies = particlesOfBodies.size();
     const bool freeDraining = force.getModel() == MobilityForce::FreeDraining;
     if (force.getNumParticles() != system.getNumParticles())
-        fail("it has " + to_string(force.getNumParticles()) + " radii, but the System has " +
-             to_string(system.getNumParticles()) +
-             " particles; call addParticle() once for each particle of the System, with radius 0 "
-             "where the fluid does not see it");
+        failFluid(
+            "it has " + to_string(force.getNumParticles()) + " radii, but the System has " +
+            to_string(system.getNumParticles()) +
+            " particles; call addParticle() once for each particle of the System, with radius 0 "
+            "where the fluid does not see it");
     flow.check();
     const vector<int>& labels = force.getGroups();
     if (!labels.empty() && (int)labels.size() != numBodies)
-        fail("setGroups() was given " + to_string(labels.size()) +
-             " groups, but the integrator has " + to_string(numBodies) +
-             " bodies; give one for each body");
+        failFluid("setGroups() was given " + to_string(labels.size()) +
+                  " groups, but the integrator has " + to_string(numBodies) +
+                  " bodies; give one for each body");
     for (int b : force.getBodiesWithOwnTensors()) {
         if (b >= numBodies)
-            fail("body " + to_string(b) +
-                 " was given a tensor of its own, but the integrator has " + to_string(numBodies) +
-                 " bodies, counted from 0; correct the index");
+            failFluid("body " + to_string(b) +
+                      " was given a tensor of its own, but the integrator has " +
+                      to_string(numBodies) + " bodies, counted from 0; correct the index");
         if (!traitsOf(force.getModel()).takesMultiblobs)
-            fail("body " + to_string(b) + " was given a tensor of its own, which model " +
-                 modelName(force.getModel()) +
-                 " cannot take; use RotnePragerYamakawa or FreeDraining");
+            failFluid("body " + to_string(b) + " was given a tensor of its own, which model " +
+                      modelName(force.getModel()) +
+                      " cannot take; use RotnePragerYamakawa or FreeDraining");
     }
     checkSlips();
     checkForcesOnFluid();
@@ -124,9 +123,10 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
             element.radii.push_back(force.getParticleRadius(p));
         }
         if (element.particles.empty() && !(freeDraining && force.getBodyHasOwnTensor(b)))
-            fail("body " + to_string(b) +
-                 " has no particle with a hydrodynamic radius, so the fluid would not see it; give "
-                 "at least one of its particles a radius above 0");
+            failFluid(
+                "body " + to_string(b) +
+                " has no particle with a hydrodynamic radius, so the fluid would not see it; give "
+                "at least one of its particles a radius above 0");
         if (settings.heldBodies.count(b)) element.hold();
         const auto prescribed = settings.prescribed.find(b);
         if (prescribed != settings.prescribed.end()) {
@@ -152,10 +152,11 @@ GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& sett
         for (int p : particles) known[p] = true;
     for (int p = 0; p < system.getNumParticles(); p++)
         if (force.getParticleRadius(p) > 0 && !known[p])
-            fail("particle " + to_string(p) + " has hydrodynamic radius " +
-                 to_string(force.getParticleRadius(p)) +
-                 " nm but is a virtual site in no body, which the fluid cannot move; make it part "
-                 "of a body, or give it radius 0");
+            failFluid(
+                "particle " + to_string(p) + " has hydrodynamic radius " +
+                to_string(force.getParticleRadius(p)) +
+                " nm but is a virtual site in no body, which the fluid cannot move; make it part "
+                "of a body, or give it radius 0");
     for (int i = 0; i < freeParticles.getNumParticles(); i++)
         indexOfFree[freeParticles.getParticles()[i]] = i;
     // Held elements come first, so that their part of the matrices stays together.
@@ -169,22 +170,24 @@ void GroupBuilder::checkSlips() const {
     for (int b : force.getBodiesWithSlip()) {
         const string object = "body " + to_string(b) + " was given a slip, ";
         if (b >= numBodies)
-            fail(object + "but the integrator has " + to_string(numBodies) +
-                 " bodies, counted from 0; correct the index in setBodySlip(), or use "
-                 "clearBodySlip()");
+            failFluid(object + "but the integrator has " + to_string(numBodies) +
+                      " bodies, counted from 0; correct the index in setBodySlip(), or use "
+                      "clearBodySlip()");
         int particles = 0;
         for (int p : particlesOfBodies[b]) particles += force.getParticleRadius(p) > 0;
         if (particles < 2)
-            fail(object + "but has " + to_string(particles) +
-                 " hydrodynamic particles; the models have no stresslet sources for the surface of "
-                 "a single sphere, so that its flow would be wrong: make the body of at least 2 "
-                 "blobs, such as those of app.multiblobSphere(), or use clearBodySlip()");
+            failFluid(
+                object + "but has " + to_string(particles) +
+                " hydrodynamic particles; the models have no stresslet sources for the surface of "
+                "a single sphere, so that its flow would be wrong: make the body of at least 2 "
+                "blobs, such as those of app.multiblobSphere(), or use clearBodySlip()");
         const int velocities = force.getBodySlip(b).size();
         if (velocities != particles)
-            fail(object + "of " + to_string(velocities) + " velocities, but has " +
-                 to_string(particles) +
-                 " hydrodynamic particles; give setBodySlip() one velocity for each particle of "
-                 "the body with a radius above 0, in their order");
+            failFluid(
+                object + "of " + to_string(velocities) + " velocities, but has " +
+                to_string(particles) +
+                " hydrodynamic particles; give setBodySlip() one velocity for each particle of "
+                "the body with a radius above 0, in their order");
     }
 }
 
@@ -194,17 +197,19 @@ void GroupBuilder::checkForcesOnFluid() const {
         const auto [b, unused] = forceOnFluid(i);
         const string object = "force " + to_string(i) + " on the fluid (addBodyForceOnFluid()) ";
         if (b >= numBodies)
-            fail(object + "is that of body " + to_string(b) + ", but the integrator has " +
-                 to_string(numBodies) + " bodies, counted from 0; correct its body");
+            failFluid(object + "is that of body " + to_string(b) + ", but the integrator has " +
+                      to_string(numBodies) + " bodies, counted from 0; correct its body");
         int particles = 0;
         for (int p : particlesOfBodies[b]) particles += force.getParticleRadius(p) > 0;
         if (particles == 0)
-            fail(object + "is that of body " + to_string(b) +
-                 ", none of whose particles the fluid sees; give one of them a radius above 0");
+            failFluid(
+                object + "is that of body " + to_string(b) +
+                ", none of whose particles the fluid sees; give one of them a radius above 0");
         if (force.getModel() == MobilityForce::StokesianDynamics)
-            fail(object +
-                 "is at a site without a surface, which model StokesianDynamics has no lubrication "
-                 "for; use setModel(RotnePragerYamakawa)");
+            failFluid(
+                object +
+                "is at a site without a surface, which model StokesianDynamics has no lubrication "
+                "for; use setModel(RotnePragerYamakawa)");
     }
 }
 
@@ -215,18 +220,19 @@ void GroupBuilder::checkIterations() const {
         return;
     const string start = whatIterates(force) + " cannot be used with solver MatrixFree and ";
     if (force.getMinimumGap() > 0)
-        fail(
+        failFluid(
             start + "the minimum gap " + text(force.getMinimumGap()) +
             "; use setSolver(Dense), or setMinimumGap(0), with which steps to overlaps are redone");
     const SchemeTraits& scheme = traitsOf(settings.scheme);
     if (scheme.kind == SchemeKind::FluidThermostat)
-        fail(start + "scheme " + scheme.name +
-             ", whose friction is stiff where spheres are close; use setSolver(Dense), or a scheme "
-             "without momenta, such as TractionEulerMaruyama");
+        failFluid(
+            start + "scheme " + scheme.name +
+            ", whose friction is stiff where spheres are close; use setSolver(Dense), or a scheme "
+            "without momenta, such as TractionEulerMaruyama");
     if (scheme.differenced == Differenced::Roots)
-        fail(start + "scheme " + scheme.name +
-             ", whose differences of random velocities know nothing of lubrication; use "
-             "TractionEulerMaruyama, or setSolver(Dense)");
+        failFluid(start + "scheme " + scheme.name +
+                  ", whose differences of random velocities know nothing of lubrication; use "
+                  "TractionEulerMaruyama, or setSolver(Dense)");
 }
 
 /** Refuse what cannot go together with lubrication of models other than StokesianDynamics. */
@@ -234,17 +240,17 @@ void GroupBuilder::checkLubrication() const {
     if (!isLubricatedByPairs(force)) return;
     const BoundaryTraits& boundary = traitsOf(force.getBoundary());
     if (force.getModel() == MobilityForce::ForceCoupling && boundary.hasWalls())
-        fail(string("lubrication cannot be used with model ForceCoupling and boundary ") +
-             boundary.name +
-             ", where the mobility of one of its spheres beside a wall is not known in closed "
-             "form; use setModel(RotnePragerYamakawa), or setLubrication(Off)");
+        failFluid(string("lubrication cannot be used with model ForceCoupling and boundary ") +
+                  boundary.name +
+                  ", where the mobility of one of its spheres beside a wall is not known in closed "
+                  "form; use setModel(RotnePragerYamakawa), or setLubrication(Off)");
     if (boundary.hasWalls() && settings.wallRejection == CustomRigidHIIntegrator::Crossing)
-        fail(
+        failFluid(
             "lubrication is known only for spheres that do not overlap the wall, so it cannot be "
             "used with the wall rejection Crossing; use setWallRejection(Overlap) or "
             "setLubrication(Off)");
     if (force.getSphereWallMobility() == MobilityForce::BestKnown)
-        fail(
+        failFluid(
             "lubrication has the exact mobility of single spheres at the wall already, so it "
             "cannot be used with sphere-wall mobility BestKnown; use "
             "setSphereWallMobility(FromModel) or setLubrication(Off)");
@@ -446,17 +452,18 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     const bool wanted = force.getSolver() == MobilityForce::MatrixFree;
     if (solved && wanted && !coupled.hasProducts()) {
         if (isLubricatedByPairs(force) || isStokesianGrid(force))
-            fail(whatIterates(force) +
-                 " cannot be used with solver MatrixFree where bodies of several particles, bodies "
-                 "with their origin off the centre of their sphere, or held and driven bodies are "
-                 "among the others; use setSolver(Dense)");
+            failFluid(
+                whatIterates(force) +
+                " cannot be used with solver MatrixFree where bodies of several particles, bodies "
+                "with their origin off the centre of their sphere, or held and driven bodies are "
+                "among the others; use setSolver(Dense)");
         refuseMatrixFree(force);
     }
     // The slips of bodies with tensors of their own are not known to the iterations that hold
     // bodies.
     const bool mayIterate = !isFixed || !coupled.getOwnTensors().any();
     if (solved && wanted && !mayIterate)
-        fail(
+        failFluid(
             "solver MatrixFree cannot be used where bodies are held or driven and others in their "
             "group have tensors of their own; use setSolver(Dense), or clearBodyMobility()");
     // Where MatrixFree is refused with lubrication, matrices are what Auto takes.

@@ -15,7 +15,6 @@ namespace RigidHIPlugin {
 
 namespace {
 
-constexpr ErrorsOf fail{"MobilityForce"};
 const char* const method = "getStressInContext()";
 
 }  // namespace
@@ -23,20 +22,23 @@ const char* const method = "getStressInContext()";
 void StressReader::check() const {
     const auto boundary = fluid.force.getBoundary();
     if (boundary != MobilityForce::Periodic || fluid.isFreeDraining())
-        fail(method, string("stress is the mean over a periodic box, and the fluid has the "
-                            "boundary ") +
-                         boundaryName(boundary) + " and the model " +
-                         modelName(fluid.force.getModel()) +
-                         "; ask with the boundary Periodic, and a model other than FreeDraining");
+        failFluid(method,
+                  string("stress is the mean over a periodic box, and the fluid has the "
+                         "boundary ") +
+                      boundaryName(boundary) + " and the model " +
+                      modelName(fluid.force.getModel()) +
+                      "; ask with the boundary Periodic, and a model other than FreeDraining");
     if (!fluid.hasOneFlow())
-        fail(method, "there are " + to_string(fluid.groups.size()) +
-                         " groups of bodies, each in a fluid of its own; ask in a Context with one "
-                         "group");
+        failFluid(method,
+                  "there are " + to_string(fluid.groups.size()) +
+                      " groups of bodies, each in a fluid of its own; ask in a Context with one "
+                      "group");
     const FluidGroup& group = *fluid.groups[0];
     if (group.joints || group.bodies.getFreeMotion().any() || group.bodies.getForcesOnFluid())
-        fail(method,
-             "bodies are held, driven or joined, or exert forces on the fluid at sites; the stress "
-             "of these forces is not computed: ask in a Context without them");
+        failFluid(
+            method,
+            "bodies are held, driven or joined, or exert forces on the fluid at sites; the stress "
+            "of these forces is not computed: ask in a Context without them");
 }
 
 /** Sum of the stresslets of all particles and of sum (x - X) f, symmetric and without trace. */

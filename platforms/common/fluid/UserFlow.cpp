@@ -11,12 +11,6 @@ using namespace std;
 
 namespace RigidHIPlugin {
 
-namespace {
-
-constexpr ErrorsOf fail{"MobilityForce"};
-
-}  // namespace
-
 UserFlow::UserFlow(const MobilityForce& force)
     : wallVelocity(force.getWallVelocity()), bodyForceDensity(force.getBodyForceDensity()),
       isFreeDraining(force.getModel() == MobilityForce::FreeDraining),
@@ -91,22 +85,22 @@ BoxVectors UserFlow::tilted(BoxVectors box, double time) const {
 void UserFlow::check() const {
     checkShear();
     if (hasWave() && isFreeDraining)
-        fail(
+        failFluid(
             "a sinusoidal force density drives a fluid that bodies share, and under FreeDraining "
             "each body has a fluid of its own; use setModel(RotnePragerYamakawa), or "
             "setSinusoidalForceDensity() with f0 = 0");
     const BoundaryTraits& traits = traitsOf(boundary);
     if (hasWave() && !traits.isPeriodic)
-        fail("a sinusoidal force density needs a periodic fluid, and the boundary is " +
-             string(boundaryName(boundary)) + "; use setBoundary(" +
-             namesIn(boundaryTable, ") or (",
-                     [](const BoundaryTraits& other) { return other.isPeriodic; }) +
-             "), or setSinusoidalForceDensity() with f0 = 0");
+        failFluid("a sinusoidal force density needs a periodic fluid, and the boundary is " +
+                  string(boundaryName(boundary)) + "; use setBoundary(" +
+                  namesIn(boundaryTable, ") or (",
+                          [](const BoundaryTraits& other) { return other.isPeriodic; }) +
+                  "), or setSinusoidalForceDensity() with f0 = 0");
     if (hasWave() && (traits.isAcross(forceAxis) || traits.isAcross(waveAxis)))
-        fail("the sinusoidal force density is along axis " + to_string(forceAxis) +
-             " with its wave along axis " + to_string(waveAxis) + ", and a " + traits.name +
-             " has its walls across axis " + to_string(traits.wallAxis) +
-             "; both must be along the walls: give axes " + traits.axesAlongWalls());
+        failFluid("the sinusoidal force density is along axis " + to_string(forceAxis) +
+                  " with its wave along axis " + to_string(waveAxis) + ", and a " + traits.name +
+                  " has its walls across axis " + to_string(traits.wallAxis) +
+                  "; both must be along the walls: give axes " + traits.axesAlongWalls());
     checkBackground();
     checkAlongPlanes();
 }
@@ -119,14 +113,15 @@ void UserFlow::checkBackground() const {
     const bool isAboveWall =
         boundary == MobilityForce::NoSlipWall || boundary == MobilityForce::PeriodicWall;
     if (isConfined(boundary) && !isAboveWall)
-        fail("a background flow cannot be used with boundary " + string(traits.name) +
-             ", whose flows are 0 on its walls; use " +
-             (boundary == MobilityForce::NoSlipChannel ? "setWallVelocity() or " : "") +
-             "setBodyForceDensity(), or setBoundary(Unbounded)");
+        failFluid("a background flow cannot be used with boundary " + string(traits.name) +
+                  ", whose flows are 0 on its walls; use " +
+                  (boundary == MobilityForce::NoSlipChannel ? "setWallVelocity() or " : "") +
+                  "setBodyForceDensity(), or setBoundary(Unbounded)");
     if (traits.isPeriodic && !isAboveWall)
-        fail("a background flow cannot be used with boundary " + string(boundaryName(boundary)) +
-             ", because the mean velocity of a periodic fluid is 0 and a velocity gradient is not "
-             "periodic; use setSinusoidalForceDensity(), or setBoundary(Unbounded)");
+        failFluid(
+            "a background flow cannot be used with boundary " + string(boundaryName(boundary)) +
+            ", because the mean velocity of a periodic fluid is 0 and a velocity gradient is not "
+            "periodic; use setSinusoidalForceDensity(), or setBoundary(Unbounded)");
     if (!isAboveWall) return;
     const double rounding = 1e-12, height = low;
     double largest = 0;
@@ -137,12 +132,13 @@ void UserFlow::checkBackground() const {
         if (along <= rounding * largest &&
             abs(atWall) <= rounding * max(abs(velocity[a]), abs(gradient[3 * a + 2] * height)))
             continue;
-        fail("the background flow is not 0 at the " + string(traits.name) +
-             " z = " + number(height) + " nm: component " + to_string(a) + " is " + number(atWall) +
-             " nm/ps above the origin and has the gradients " + number(gradient[3 * a]) + " and " +
-             number(gradient[3 * a + 1]) +
-             "/ps along the wall; give a flow that depends on z alone and is 0 at the wall, such "
-             "as a shear flow, by setBackgroundFlow()");
+        failFluid(
+            "the background flow is not 0 at the " + string(traits.name) +
+            " z = " + number(height) + " nm: component " + to_string(a) + " is " + number(atWall) +
+            " nm/ps above the origin and has the gradients " + number(gradient[3 * a]) + " and " +
+            number(gradient[3 * a + 1]) +
+            "/ps along the wall; give a flow that depends on z alone and is 0 at the wall, such "
+            "as a shear flow, by setBackgroundFlow()");
     }
 }
 
@@ -150,43 +146,45 @@ void UserFlow::checkShear() const {
     if (!isSheared()) return;
     const string shear = "a shear (setShear()) of the rate " + number(shearRate) + "/ps ";
     if (boundary != MobilityForce::Periodic)
-        fail(shear + "tilts a periodic box, and the boundary is " + boundaryName(boundary) +
-             "; use setBackgroundFlow() with the gradient of the shear" +
-             (boundary == MobilityForce::NoSlipChannel ? " or setWallVelocity()" : "") +
-             ", or setBoundary(Periodic), or setShear() with the rate 0");
+        failFluid(shear + "tilts a periodic box, and the boundary is " + boundaryName(boundary) +
+                  "; use setBackgroundFlow() with the gradient of the shear" +
+                  (boundary == MobilityForce::NoSlipChannel ? " or setWallVelocity()" : "") +
+                  ", or setBoundary(Periodic), or setShear() with the rate 0");
     if (isFreeDraining)
-        fail(shear +
-             "moves one fluid around all bodies, which the model FreeDraining does not have; use "
-             "setModel(RotnePragerYamakawa), or setShear() with the rate 0");
+        failFluid(
+            shear +
+            "moves one fluid around all bodies, which the model FreeDraining does not have; use "
+            "setModel(RotnePragerYamakawa), or setShear() with the rate 0");
     if (hasWave())
-        fail(shear +
-             "cannot be used together with a sinusoidal force density, whose wave is not periodic "
-             "in a box that tilts; use setSinusoidalForceDensity() with f0 = 0, or setShear() with "
-             "the rate 0");
+        failFluid(
+            shear +
+            "cannot be used together with a sinusoidal force density, whose wave is not periodic "
+            "in a box that tilts; use setSinusoidalForceDensity() with f0 = 0, or setShear() with "
+            "the rate 0");
 }
 
 void UserFlow::checkAlongPlanes() const {
     const string name = boundaryName(boundary);
     if (wallVelocity != OpenMM::Vec3() && boundary != MobilityForce::NoSlipChannel)
-        fail(
+        failFluid(
             "a wall velocity (setWallVelocity()) is that of the upper wall of a NoSlipChannel, "
             "and the boundary is " +
             name + "; use setBoundary(NoSlipChannel), or setWallVelocity() with 0");
     if (bodyForceDensity == OpenMM::Vec3()) return;
     const string orNone = ", or setBodyForceDensity() with 0";
     if (boundary == MobilityForce::PeriodicWall)
-        fail(
+        failFluid(
             "a uniform force density (setBodyForceDensity()) drives no steady flow above a "
             "PeriodicWall, because nothing bounds the fluid above; use setBackgroundFlow() for "
             "shear, setBoundary(Film)" +
             orNone);
     if (boundary != MobilityForce::NoSlipChannel && boundary != MobilityForce::Film)
-        fail(
+        failFluid(
             "a uniform force density (setBodyForceDensity()) drives a fluid between walls or in "
             "a film, and the boundary is " +
             name + "; use setBoundary(NoSlipChannel) or (Film)" + orNone);
     if (hasZeroFlux)
-        fail(
+        failFluid(
             "a uniform force density (setBodyForceDensity()) drives no flow with the channel "
             "condition ZeroFlux, because the pressure balances it; use "
             "setChannelCondition(ZeroPressureGradient)" +

@@ -13,7 +13,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-constexpr ErrorsOf fail{"CustomBodyMotion"};
+constexpr ErrorsOf failMotion{"CustomBodyMotion"};
 
 const char* const componentNames[6] = {"vx", "vy", "vz", "wx", "wy", "wz"};
 
@@ -78,9 +78,9 @@ BodyMotions::BodyMotions(const vector<OpenMM::ForceImpl*>& impls, int numBodies)
         for (int b : motion->getBodies()) {
             const auto added = prescribed.insert({b, motion->prescribed});
             if (!added.second)
-                fail("forces " + to_string(added.first->second.force) + " and " + to_string(i) +
-                     " both prescribe the motion of body " + to_string(b) +
-                     "; remove the body from one of them");
+                failMotion("forces " + to_string(added.first->second.force) + " and " +
+                           to_string(i) + " both prescribe the motion of body " + to_string(b) +
+                           "; remove the body from one of them");
         }
         time = time || motion->uses(0, 1);
         motions.push_back(move(motion));
@@ -100,11 +100,11 @@ void BodyMotions::evaluate(const map<string, double>& parametersOfContext, doubl
                 const int c = motion->components[i];
                 const double value = values(c, b) = motion->expressions()[i].evaluate();
                 if (!isfinite(value))
-                    fail("force " + to_string(motion->getForce()),
-                         string(componentNames[c]) + " of body " + to_string(b) + " is " +
-                             text(value) + " at t = " + text(t) + " ps",
-                         "a prescribed velocity must be finite",
-                         "correct its expression or its parameters");
+                    failMotion("force " + to_string(motion->getForce()),
+                               string(componentNames[c]) + " of body " + to_string(b) + " is " +
+                                   text(value) + " at t = " + text(t) + " ps",
+                               "a prescribed velocity must be finite",
+                               "correct its expression or its parameters");
             }
         }
     }
@@ -125,11 +125,12 @@ void BodyMotions::checkSpins(const vector<BodyGeometry>& geometries,
             const unsigned spin = 1u << (3 + axis);
             if ((components.components & ~components.zeros & spin) != 0 &&
                 areOnLineAlong(axis, sites))
-                fail("force " + to_string(components.force) + " prescribes " +
-                     componentNames[3 + axis] + " of body " + to_string(b) +
-                     ", but all its hydrodynamic particles are on one line along this axis, so "
-                     "that the spin has no effect on the fluid; leave the component free by an "
-                     "empty expression, or prescribe 0");
+                failMotion(
+                    "force " + to_string(components.force) + " prescribes " +
+                    componentNames[3 + axis] + " of body " + to_string(b) +
+                    ", but all its hydrodynamic particles are on one line along this axis, so "
+                    "that the spin has no effect on the fluid; leave the component free by an "
+                    "empty expression, or prescribe 0");
         }
     }
 }

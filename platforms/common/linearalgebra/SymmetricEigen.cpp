@@ -15,7 +15,7 @@ namespace RigidHIPlugin {
 namespace {
 
 /** From this many rows on LAPACK is faster than Eigen (benchmarks/README.md). */
-const int lapackRows = 40;
+const int lapackRowsOfEigen = 40;
 
 [[noreturn]] void reportFailure(int rows) {
     throw OpenMM::OpenMMException(
@@ -33,7 +33,7 @@ void SymmetricEigen::compute(const Eigen::MatrixXd& matrix) {
         eigenvectors.resize(0, 0);
         return;
     }
-    if (n < lapackRows) {
+    if (n < lapackRowsOfEigen) {
         small.compute(matrix);
         if (small.info() != Eigen::Success) reportFailure(n);
         eigenvalues = small.eigenvalues();

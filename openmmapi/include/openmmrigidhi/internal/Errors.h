@@ -11,7 +11,7 @@ namespace RigidHIPlugin {
 
 /**
  * Throws the errors of one class, whose name begins the message. A source that has such errors
- * calls its object `fail`.
+ * calls its object `fail`, or by a name that begins so.
  */
 class ErrorsOf {
 public:
@@ -33,6 +33,9 @@ public:
 private:
     const char* className;
 };
+
+/** Errors of the fluid's settings that platforms find. */
+inline constexpr ErrorsOf failFluid{"MobilityForce"};
 
 }  // namespace RigidHIPlugin
 

@@ -21,9 +21,10 @@ namespace {
 const MobilityModel& asModel(const ForceCouplingGrid& model) { return model; }
 
 /** The mobility at a placement, which is that of the periodic model at the same placement there. */
-class ConfinedAt : public MobilityAt {
+class ConfinedForceCouplingAt : public MobilityAt {
 public:
-    explicit ConfinedAt(const ConfinedForceCoupling& model) : MobilityAt(model), model(model) {}
+    explicit ConfinedForceCouplingAt(const ConfinedForceCoupling& model)
+        : MobilityAt(model), model(model) {}
     void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy& accuracy) override {
         onGrid->multiply(forces, velocities, model.mayRound(here.box) ? accuracy : Accuracy());
     }
@@ -295,7 +296,7 @@ void ConfinedForceCoupling::draw(const NoiseStream& noise, uint32_t purpose, con
 }
 
 std::unique_ptr<MobilityAt> ConfinedForceCoupling::makePlace() const {
-    return std::make_unique<ConfinedAt>(*this);
+    return std::make_unique<ConfinedForceCouplingAt>(*this);
 }
 
 }  // namespace RigidHIPlugin

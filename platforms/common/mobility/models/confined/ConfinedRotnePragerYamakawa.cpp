@@ -20,9 +20,9 @@ using std::complex;
 
 namespace {
 
-class ConfinedAt : public MobilityAt {
+class ConfinedRotnePragerYamakawaAt : public MobilityAt {
 public:
-    explicit ConfinedAt(const ConfinedRotnePragerYamakawa& model)
+    explicit ConfinedRotnePragerYamakawaAt(const ConfinedRotnePragerYamakawa& model)
         : MobilityAt(model), planes(model.getPlanes()), sum(particles, overSurfaces(), false) {}
     void multiply(const MatrixXd& forces, MatrixXd& velocities, const Accuracy&) override {
         velocities.noalias() = matrix() * forces;
@@ -59,7 +59,7 @@ private:
     MatrixXd positive, negative;  // columns of the present waves, with sorted rows
 };
 
-void ConfinedAt::moveTo(const Placement& placement, bool nearby) {
+void ConfinedRotnePragerYamakawaAt::moveTo(const Placement& placement, bool nearby) {
     planes.checkBox(placement.box);
     box = placement.box;
     positions = placement.positions;
@@ -81,7 +81,7 @@ void ConfinedAt::moveTo(const Placement& placement, bool nearby) {
     isKnown = false;
 }
 
-void ConfinedAt::setPeriod() {
+void ConfinedRotnePragerYamakawaAt::setPeriod() {
     leastDepth = INFINITY;
     for (const Vec3& x : positions) leastDepth = std::min(leastDepth, planes.depth(x[2]));
     const auto [lowest, highest] = std::minmax_element(heights.begin(), heights.end());
@@ -91,7 +91,7 @@ void ConfinedAt::setPeriod() {
     sum.setBox({box[0], box[1], Vec3(0, 0, period)});
 }
 
-void ConfinedAt::sortByDepth() {
+void ConfinedRotnePragerYamakawaAt::sortByDepth() {
     const int n = particles.size();
     depths.resize(n);
     for (int i = 0; i < n; i++) depths[i] = planes.depth(positions[i][2]);
@@ -104,7 +104,8 @@ void ConfinedAt::sortByDepth() {
 }
 
 /** Fill the columns of the present waves for the particles that feel them, which come first. */
-void ConfinedAt::fillColumns(const PlaneWave* waves, int size, int numModes, bool withImages) {
+void ConfinedRotnePragerYamakawaAt::fillColumns(const PlaneWave* waves, int size, int numModes,
+                                                bool withImages) {
     const WallModes walls(planes, period, middle);
     int toPositive = 0, toNegative = 0;
     SignedMode modes[WallModes::most];
@@ -139,7 +140,7 @@ void ConfinedAt::fillColumns(const PlaneWave* waves, int size, int numModes, boo
 
 /** Subtract the modes of the walls from the matrix with sorted rows, whose lower triangle counts.
  */
-void ConfinedAt::addModes(MatrixXd& sorted) {
+void ConfinedRotnePragerYamakawaAt::addModes(MatrixXd& sorted) {
     const WallModes walls(planes, period, middle);
     const double depth = largestDepth();
     const double imagesEnd = planes.isChannel() ? 0 : 2 * depth / (period - span);
@@ -172,7 +173,7 @@ void ConfinedAt::addModes(MatrixXd& sorted) {
     }
 }
 
-void ConfinedAt::addUniformPart() {
+void ConfinedRotnePragerYamakawaAt::addUniformPart() {
     const UniformFlow uniform(planes, period);
     const double scale = 8 * M_PI / planeArea(box);
     for (int j = 0; j < particles.size(); j++)
@@ -193,7 +194,7 @@ void ConfinedAt::addUniformPart() {
         }
 }
 
-const MatrixXd& ConfinedAt::matrix() {
+const MatrixXd& ConfinedRotnePragerYamakawaAt::matrix() {
     if (isKnown) return cached;
     sum.compute(positions, false, cached);
     sortByDepth();
@@ -213,8 +214,9 @@ const MatrixXd& ConfinedAt::matrix() {
     return cached;
 }
 
-void ConfinedAt::addFlowAt(const FlowSources& sources, const std::vector<Vec3>& points,
-                           double factor, Velocities& velocities) {
+void ConfinedRotnePragerYamakawaAt::addFlowAt(const FlowSources& sources,
+                                              const std::vector<Vec3>& points, double factor,
+                                              Velocities& velocities) {
     MatrixXd forces = sources.forces;
     if (weights.size() > 0) forces = weights.asDiagonal() * sources.forces;
     addConfinedFlow(planes, particles, positions, box, forces, points, factor / viscosity,
@@ -258,7 +260,7 @@ void ConfinedRotnePragerYamakawa::checkWave(const BoxVectors& box, int axis, int
 }
 
 std::unique_ptr<MobilityAt> ConfinedRotnePragerYamakawa::makePlace() const {
-    return std::make_unique<ConfinedAt>(*this);
+    return std::make_unique<ConfinedRotnePragerYamakawaAt>(*this);
 }
 
 }  // namespace RigidHIPlugin

@@ -14,8 +14,6 @@ namespace RigidHIPlugin {
 
 namespace {
 
-constexpr ErrorsOf fail{"MobilityForce"};
-
 /** A pose determines z of its particles to some roundings of the coordinates (NoSlipPlane.cpp). */
 const double touchTolerance = 1e-12;
 
@@ -31,22 +29,23 @@ ConfiningPlanes::ConfiningPlanes(const MobilityForce& force, bool crossingAllowe
 void ConfiningPlanes::checkRadii(const HydrodynamicParticles& particles) const {
     for (int i = 0; i < particles.size(); i++)
         if (!(2 * particles.radii[i] <= getHeight()))
-            fail(string(boundaryName(boundary)) + " has its planes at z = " + text(low) + " and " +
-                 text(high) + " nm, nearer to each other than the diameter of " +
-                 particleAndBody(particles, i) + ", " + text(2 * particles.radii[i]) +
-                 " nm; move them apart by setChannelWalls(), or make the particle smaller");
+            failFluid(string(boundaryName(boundary)) + " has its planes at z = " + text(low) +
+                      " and " + text(high) + " nm, nearer to each other than the diameter of " +
+                      particleAndBody(particles, i) + ", " + text(2 * particles.radii[i]) +
+                      " nm; move them apart by setChannelWalls(), or make the particle smaller");
 }
 
 void ConfiningPlanes::checkBox(const BoxVectors& box) const {
     const string name = boundaryName(boundary);
     if (!(box[0][0] > 0 && box[1][1] > 0))
-        fail(name +
-             " needs a periodic box, but the System has none; set a box by "
-             "setDefaultPeriodicBoxVectors() on the System");
+        failFluid(name +
+                  " needs a periodic box, but the System has none; set a box by "
+                  "setDefaultPeriodicBoxVectors() on the System");
     if (box[2][0] != 0 || box[2][1] != 0)
-        fail(name + " needs a box whose third vector is along z, but the box has the vectors " +
-             text(box[0]) + ", " + text(box[1]) + ", " + text(box[2]) +
-             " nm; set another box by setPeriodicBoxVectors() on the Context");
+        failFluid(name +
+                  " needs a box whose third vector is along z, but the box has the vectors " +
+                  text(box[0]) + ", " + text(box[1]) + ", " + text(box[2]) +
+                  " nm; set another box by setPeriodicBoxVectors() on the Context");
 }
 
 double ConfiningPlanes::depth(double z) const { return min(z - low, high - z); }

@@ -14,7 +14,7 @@ using Matrix = PlaneConditions::Matrix;
 using std::complex;
 
 /** The principal root of a symmetric matrix that is positive semidefinite but for rounding. */
-Matrix rootOf(const Matrix& square) {
+Matrix principalRoot(const Matrix& square) {
     using Doubles = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;
     const Eigen::SelfAdjointEigenSolver<Doubles> solver(square.cast<double>());
     const auto values = solver.eigenvalues().cwiseMax(0).cwiseSqrt();
@@ -172,11 +172,12 @@ void GridPlanes::makeFields() const {
                            own = truncated(conditions, profiles, shape, k, whole);
             store({inverseOf(S.t), inverseOf(S.lz)}, x, y, inverses);
             // The velocities that planes should have, less what no mode of the grid gives them.
-            store({rootOf(T.t + S.t - own.t), rootOf(T.lz + S.lz - own.lz)}, x, y, roots);
+            store({principalRoot(T.t + S.t - own.t), principalRoot(T.lz + S.lz - own.lz)}, x, y,
+                  roots);
         }
     meanInverse = inverseOf(withUniform(conditions)).cast<double>();
-    meanRoot = rootOf(conditions.meanLaw() + conditions.meanPeriodic() -
-                      truncatedMean(conditions, profiles, fluxProfile, shape, whole))
+    meanRoot = principalRoot(conditions.meanLaw() + conditions.meanPeriodic() -
+                             truncatedMean(conditions, profiles, fluxProfile, shape, whole))
                    .cast<double>();
 }
 

@@ -1,5 +1,6 @@
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
 
+#include "mobility/models/rotneprager/Columns.h"
 #include "mobility/models/rotneprager/FreeFlow.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa-inl.h"
 
@@ -14,16 +15,6 @@ namespace {
 using Vector = Vector3<double>;
 
 Vector separation(const Vec3& a, const Vec3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-
-/** Rows `row` ... row + 2 of a column. */
-Vector rows(const Eigen::MatrixXd& m, int row, int column) {
-    return {m(row, column), m(row + 1, column), m(row + 2, column)};
-}
-void addTo(Eigen::MatrixXd& m, int row, int column, const Vector& v) {
-    m(row, column) += v.x;
-    m(row + 1, column) += v.y;
-    m(row + 2, column) += v.z;
-}
 
 /**
  * Put the block identity I + outer r r^T into the matrix, and its transpose at the mirrored

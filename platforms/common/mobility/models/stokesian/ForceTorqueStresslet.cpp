@@ -18,13 +18,13 @@ namespace {
  * The mutual mobility of two spheres at the centre distance r, with the direction n from j to i, in
  * units of 1/(8 pi viscosity).
  */
-struct PairMobility {
+struct PairResponse {
     Matrix3d tt, rt, rr;  // of (F_j, T_j) on (U_i, Omega_i); the coupling of T_j to U_i equals rt
     Eigen::Matrix<double, 3, 5> ts, rs;                  // of S_j on (U_i, Omega_i)
     Eigen::Matrix<double, 3, 5> tsBackward, rsBackward;  // of S_i on (U_j, Omega_j)
     Eigen::Matrix<double, 5, 5> ss;
 
-    PairMobility(double ai, double aj, double r, const Vector3d& n) {
+    PairResponse(double ai, double aj, double r, const Vector3d& n) {
         const double r2 = r * r, r3 = r2 * r;
         const double squares = ai * ai + aj * aj;
         const Matrix3d one = Matrix3d::Identity(), nn = n * n.transpose(), cross = crossProduct(n);
@@ -67,7 +67,7 @@ void computeForceTorqueStressletMobility(const std::vector<double>& radii,
         for (int j = 0; j < i; j++) {
             const OpenMM::Vec3 d = positions[i] - positions[j];
             const double distance = std::sqrt(d.dot(d));
-            const PairMobility pair(radii[i], radii[j], std::max(distance, radii[i] + radii[j]),
+            const PairResponse pair(radii[i], radii[j], std::max(distance, radii[i] + radii[j]),
                                     Vector3d(d[0], d[1], d[2]) / distance);
             mobility.block<3, 3>(6 * i, 6 * j) = pair.tt;
             mobility.block<3, 3>(6 * i + 3, 6 * j) = pair.rt;

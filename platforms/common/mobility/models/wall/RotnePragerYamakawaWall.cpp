@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "mobility/models/rotneprager/Columns.h"
 #include "mobility/models/rotneprager/FreeFlow.h"
 #include "mobility/models/wall/RotnePragerYamakawaWall-inl.h"
 #include "simd/WithFlags.h"
@@ -16,16 +17,6 @@ using namespace scalar;
 namespace {
 
 using Vector = Vector3<double>;
-
-/** Rows `row` ... row + 2 of a column, times a factor. */
-Vector rows(const Eigen::MatrixXd& m, int row, int column, double factor) {
-    return {factor * m(row, column), factor * m(row + 1, column), factor * m(row + 2, column)};
-}
-void addTo(Eigen::MatrixXd& m, int row, int column, const Vector& v) {
-    m(row, column) += v.x;
-    m(row + 1, column) += v.y;
-    m(row + 2, column) += v.z;
-}
 
 /** Particle i relative to particle j, in free fluid and by way of the wall. */
 struct Pair {
@@ -110,9 +101,9 @@ void RotnePragerYamakawaWallAt::multiply(const Eigen::MatrixXd& forces, Eigen::M
             const double factor = scale * (weights[i] * weights[j]);
             const Pair pair(positions[i], positions[j], particles.radii[i], particles.radii[j]);
             for (int column = 0; column < forces.cols(); column++) {
-                const Vector force = rows(forces, from, column, factor);
+                const Vector force = factor * rows(forces, from, column);
                 const Vector torque =
-                    torque_j ? rows(forces, from + 3, column, factor) : Vector{0, 0, 0};
+                    torque_j ? factor * rows(forces, from + 3, column) : Vector{0, 0, 0};
                 Vector velocity = {0, 0, 0}, omega = {0, 0, 0};
                 pair.addVelocities<1>(torque_i, torque_j, &force, &torque, &velocity, &omega);
                 addTo(velocities, row, column, velocity);
@@ -183,8 +174,8 @@ void addWallFlowAt(const HydrodynamicParticles& particles, const std::vector<Vec
     addFreeFlowAt(particles, positions, weighted, fromWall, factor, velocities);
     for (int j = 0; j < particles.size(); j++) {
         const int from = particles.firstRow[j];
-        const Vector force = rows(weighted.forces, from, 0, factor),
-                     torque = particles.hasTorque[j] ? rows(weighted.forces, from + 3, 0, factor)
+        const Vector force = factor * rows(weighted.forces, from, 0),
+                     torque = particles.hasTorque[j] ? factor * rows(weighted.forces, from + 3, 0)
                                                      : Vector{0, 0, 0};
         for (size_t p = 0; p < points.size(); p++) {
             const Vec3 d = fromWall[p] - positions[j];
