@@ -51,37 +51,22 @@ protected:
     }
 };
 
-/** Steps of a scheme that all start from the poses of the scene, with constant wrenches. */
-class TestedStep {
+/**
+ * What a step gives, as a function of its random numbers, and the mean and covariance of that
+ * function over them: to first order in h, which only their second moments enter.
+ */
+class StepMoments {
 public:
     using VectorXd = Eigen::VectorXd;
     using MatrixXd = Eigen::MatrixXd;
     using Integrator = RigidHIPlugin::CustomRigidHIIntegrator;
 
-    TestedStep(Integrator::Scheme which, const PosedBodies& scene,
-               RigidHIPlugin::BodyMobility& mobility, double h, double kT)
-        : scene(scene), isDriftCorrectorRFD(which == Integrator::DriftCorrectorRFD),
-          entry(RigidHIPlugin::overdampedScheme(which)), scheme(entry.make()),
-          joints(scene.joints, mobility.getBodies()), move(mobility) {
-        if (!scene.joints.empty()) move.setJoints(&joints);
-        step.h = h;
-        step.kT = kT;
-        step.motorRates = scene.motorRates;
-        step.difference = 1e-5;
-        move.start = scene.poses;
-        if (scene.wrenches.size() > 0) move.force = scene.wrenches;
-        move.recordHolds(&holds);
-        move.recordJointForces(&jointForces);
-        move.values.clear();
-        take({});
-        numbers = move.drawn;
-        if (const RandomFieldModel* model = fieldModel()) {
-            for (int w = 0; w < model->numWaves() && move.getField(); w++)
-                numbers.push_back({RigidHIPlugin::NoiseStream::RandomField, (uint32_t)w, 0});
-        }
-    }
+    explicit StepMoments(Integrator::Scheme which)
+        : isDriftCorrectorRFD(which == Integrator::DriftCorrectorRFD) {}
+    virtual ~StepMoments() = default;
+    /** What a step with these random numbers gives. */
+    virtual VectorXd take(const RandomNumbers& values) = 0;
 
-    /** The mean velocity of bodies, and below it the mean wrench that holds fixed components. */
     VectorXd mean() {
         if (!isDriftCorrectorRFD) return meanOver({}, numbers);
         // Its drift is of second order in the directions of differences and in the other random
@@ -96,48 +81,30 @@ public:
                 0.5 * (meanOver({{number, 1}}, others) + meanOver({{number, -1}}, others)) - middle;
         return sum;
     }
-    /** The covariance of mean()'s rows. */
     MatrixXd covariance() {
-        const int rows = 2 * scene.numRows();
-        MatrixXd sum = MatrixXd::Zero(rows, rows);
+        MatrixXd sum;
         for (const RandomNumber& number : numbers) {
             const VectorXd odd = 0.5 * (take({{number, 1}}) - take({{number, -1}}));
+            if (sum.size() == 0) sum.setZero(odd.size(), odd.size());
             sum += odd * odd.transpose();
         }
         return sum;
     }
-    /** A step with these random numbers: its velocity, and below it the wrenches that hold. */
-    VectorXd take(const RandomNumbers& values) {
-        setField(values);
-        for (RigidHIPlugin::OverdampedScheme::Vectors* memory : scheme->memory())
-            memory->resize(0, 0);
-        holds.setZero(scene.numRows(), 1);
-        jointForces.setZero(4, scene.joints.size());
+
+protected:
+    /** Random numbers that the move has drawn, and those of its field. */
+    void findNumbers(TestedMove& move) {
+        numbers = move.drawn;
+        const RigidHIPlugin::CoupledBodies& bodies = move.getMobility().getBodies();
+        const auto* model =
+            bodies.hasModel() ? dynamic_cast<const RandomFieldModel*>(&bodies.getModel()) : nullptr;
+        if (!model) return;
+        for (int w = 0; w < model->numWaves() && move.getField(); w++)
+            numbers.push_back({RigidHIPlugin::NoiseStream::RandomField, (uint32_t)w, 0});
+    }
+    static void setNumbers(TestedMove& move, const RandomNumbers& values) {
         move.values = values;
         move.drawn.clear();
-        move.begin(step);
-        for (int stage = 0; stage < entry.numStages(); stage++) {
-            move.prescribe(scene.velocities.size() > 0 ? &scene.velocities : nullptr);
-            scheme->run(stage, move);
-        }
-        RandomFieldModel::onlyWave = -1;
-        if (givesJointForces)
-            return Eigen::Map<const VectorXd>(jointForces.data(), jointForces.size());
-        VectorXd outcome(2 * scene.numRows());
-        outcome << displacement() / step.h, holds.col(0);
-        return outcome;
-    }
-    RigidHIPlugin::OverdampedStep step;
-    /** Whether mean() is that of the forces of joints (Joints::forces()) instead. */
-    bool givesJointForces = false;
-
-private:
-    const RandomFieldModel* fieldModel() {
-        const RigidHIPlugin::CoupledBodies& bodies = move.getMobility().getBodies();
-        return bodies.hasModel() ? dynamic_cast<const RandomFieldModel*>(&bodies.getModel())
-                                 : nullptr;
-    }
-    void setField(const RandomNumbers& values) {
         RandomFieldModel::onlyWave = 0;
         RandomFieldModel::amplitudeOfWave = 0;
         for (const auto& value : values) {
@@ -146,6 +113,10 @@ private:
             RandomFieldModel::amplitudeOfWave = value.second;
         }
     }
+    /** Fields that are drawn from now on are random again. */
+    static void endNumbers() { RandomFieldModel::onlyWave = -1; }
+
+private:
     VectorXd meanOver(const RandomNumbers& fixed, const std::vector<RandomNumber>& over) {
         const VectorXd middle = take(fixed);
         VectorXd sum = middle;
@@ -157,6 +128,54 @@ private:
             }
         return sum;
     }
+    const bool isDriftCorrectorRFD;
+    std::vector<RandomNumber> numbers;
+};
+
+/** Steps of a scheme that all start from the poses of the scene, with constant wrenches. */
+class TestedStep : public StepMoments {
+public:
+    TestedStep(Integrator::Scheme which, const PosedBodies& scene,
+               RigidHIPlugin::BodyMobility& mobility, double h, double kT)
+        : StepMoments(which), scene(scene), entry(RigidHIPlugin::overdampedScheme(which)),
+          scheme(entry.make()), joints(scene.joints, mobility.getBodies()), move(mobility) {
+        if (!scene.joints.empty()) move.setJoints(&joints);
+        step.h = h;
+        step.kT = kT;
+        step.motorRates = scene.motorRates;
+        step.difference = 1e-5;
+        move.start = scene.poses;
+        if (scene.wrenches.size() > 0) move.force = scene.wrenches;
+        move.recordHolds(&holds);
+        move.recordJointForces(&jointForces);
+        take({});
+        findNumbers(move);
+    }
+
+    /** A step with these random numbers: its velocity, and below it the wrenches that hold. */
+    VectorXd take(const RandomNumbers& values) override {
+        setNumbers(move, values);
+        for (RigidHIPlugin::OverdampedScheme::Vectors* memory : scheme->memory())
+            memory->resize(0, 0);
+        holds.setZero(scene.numRows(), 1);
+        jointForces.setZero(4, scene.joints.size());
+        move.begin(step);
+        for (int stage = 0; stage < entry.numStages(); stage++) {
+            move.prescribe(scene.velocities.size() > 0 ? &scene.velocities : nullptr);
+            scheme->run(stage, move);
+        }
+        endNumbers();
+        if (givesJointForces)
+            return Eigen::Map<const VectorXd>(jointForces.data(), jointForces.size());
+        VectorXd outcome(2 * scene.numRows());
+        outcome << displacement() / step.h, holds.col(0);
+        return outcome;
+    }
+    RigidHIPlugin::OverdampedStep step;
+    /** Whether mean() is that of the forces of joints (Joints::forces()) instead. */
+    bool givesJointForces = false;
+
+private:
     /** Translations, and rotation vectors in the lab frame. */
     VectorXd displacement() const {
         VectorXd u = VectorXd::Zero(scene.numRows());
@@ -172,7 +191,6 @@ private:
     }
 
     const PosedBodies& scene;
-    const bool isDriftCorrectorRFD;
     const RigidHIPlugin::OverdampedEntry& entry;
     const std::unique_ptr<RigidHIPlugin::OverdampedScheme> scheme;
     const RigidHIPlugin::Joints joints;
@@ -182,7 +200,6 @@ public:
 
 private:
     MatrixXd holds, jointForces;
-    std::vector<RandomNumber> numbers;
 };
 
 }  // namespace RigidHITest

@@ -173,6 +173,7 @@ struct Parts {
 TEST(ConfinedNoise, TheCovarianceIsTheMobility) {
     for (Fluid fluid : {Channel, ClosedChannel, Wall})
         for (bool simd : {true, false}) {
+            if (!simd && fluid != Wall) continue;  // both fluids agree everywhere (below)
             const double height = 3.2, tolerance = simd && fluid == Channel ? 1e-3 : 1e-2;
             const Scene scene = mixture(4, height, 3 + fluid, {1, 0.7}, 2.5);
             const Parts parts(scene, planesOf(fluid, height), tolerance, fluidOf(simd));

@@ -7,6 +7,7 @@
 #include "HydrodynamicSupport.h"
 #include "Instrumented.h"
 #include "RandomFieldModel.h"
+#include "StepMoments.h"
 #include "TestSupport.h"
 #include "mobility/models/lubricated/LubricatedMobility.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
@@ -57,6 +58,12 @@ struct Scene {
         R.push_back(at);
         q.push_back(
             scalar::exponential(scalar::Vector3<double>{turn.x() / 2, turn.y() / 2, turn.z() / 2}));
+    }
+    void placeIn(OverdampedMove& move) const {
+        for (size_t e = 0; e < elements.size(); e++) {
+            move.start[e].R = R[e];
+            move.start[e].q = q[e];
+        }
     }
     /** Lubrication above the wall, of which a part has its taper. */
     unique_ptr<MobilityModel> withLubrication(const HydrodynamicParticles& particles) const {
@@ -314,10 +321,7 @@ struct Steps {
     Steps(Integrator::Scheme s, const Scene& scene, double kT)
         : scene(scene), entry(overdampedScheme(s)), scheme(entry.make()), bodies(scene.mobility()),
           move(scene.matrixFree ? bodies.byProducts() : bodies.byMatrices()) {
-        for (size_t e = 0; e < scene.elements.size(); e++) {
-            move.start[e].R = scene.R[e];
-            move.start[e].q = scene.q[e];
-        }
+        scene.placeIn(move);
         step.kT = kT;
         step.difference = scene.matrixFree ? 3e-3 : 1e-5;
         step.noise.seed = 4711;
@@ -334,16 +338,6 @@ struct Steps {
         move.begin(step);
         for (int stage = 0; stage < entry.numStages(); stage++) scheme->run(stage, move);
         return displacementOf(move, *bodies);
-    }
-    /**
-     * The part of order sqrt(h) of step i. Its mean is 0, so the displacement of a step minus this
-     * part has the same mean with a far smaller variance. It is found from a step of the scheme
-     * with the same random numbers that is so short that only this part is left. The drift then
-     * contributes sqrt(shortness) = 1e-4 of itself, and rounding less.
-     */
-    VectorXd leadingNoise(int i, double h) {
-        const double shortness = 1e-8;
-        return increment(i, shortness * h) / sqrt(shortness);
     }
 };
 
@@ -381,15 +375,34 @@ private:
     double alongSum = 0, alongSquares = 0;
 };
 
-/** @param direction  for Averages::along */
-Averages average(Integrator::Scheme scheme, const Scene& scene, double h, double kT, int samples,
-                 const VectorXd& direction) {
-    Steps steps(scheme, scene, kT);
-    Sampling sampling(direction);
-    for (int i = 0; i < samples; i++)
-        sampling.add(steps.increment(i, h) - steps.leadingNoise(i, h));
-    return sampling.averages();
-}
+/** The mean and the covariance of a step's displacement over h, without sampling. */
+struct ExactSteps : StepMoments {
+    const OverdampedEntry& entry;
+    const unique_ptr<OverdampedScheme> scheme;
+    TestedBodies bodies;
+    TestedMove move;
+    OverdampedStep step;
+
+    ExactSteps(Integrator::Scheme s, const Scene& scene, double kT)
+        : StepMoments(s), entry(overdampedScheme(s)), scheme(entry.make()),
+          bodies(scene.mobility()),
+          move(scene.matrixFree ? bodies.byProducts() : bodies.byMatrices()) {
+        scene.placeIn(move);
+        step.kT = kT;
+        step.h = 1e-6;
+        step.difference = scene.matrixFree ? 3e-3 : 1e-5;
+        ExactSteps::take({});
+        findNumbers(move);
+    }
+    VectorXd take(const RandomNumbers& values) override {
+        setNumbers(move, values);
+        for (OverdampedScheme::Vectors* vectors : scheme->memory()) vectors->resize(0, 0);
+        move.begin(step);
+        for (int stage = 0; stage < entry.numStages(); stage++) scheme->run(stage, move);
+        endNumbers();
+        return displacementOf(move, *bodies) / step.h;
+    }
+};
 
 /** The schemes that include the stochastic drift. */
 const vector<Integrator::Scheme> consistent = [] {
@@ -400,47 +413,69 @@ const vector<Integrator::Scheme> consistent = [] {
 }();
 
 /**
- * The mean increment is kT h div N. The rest after the leading noise is of order h, and odd powers
- * of sqrt(h) have zero mean. So at this h the bias is h kT N/a^2 = 1e-4 of the drift. The number of
- * samples, by scheme and scene, is such that the standard error is below a tenth of the drift's
- * norm. The test allows 5 standard errors for all components of all schemes and scenes (about 300
- * numbers: 2e-4 of failing by chance).
- *
- * Where single rows are known less well, a scheme without drift could pass row by row. So the
- * component along the expected drift must be known to a tenth of it. A scheme without any drift is
- * then 10 errors off, where 5 are allowed. Instrumented programs, which look for other faults, take
- * the first samples only.
+ * Bounds of relative errors of means: those of differences, whose steps are 1e-5, and 3e-3 where
+ * products have errors of 1e-8. They are of the second order in the step, but of the first with
+ * DriftCorrectorFD, which takes the difference at one side.
  */
-void checkDrift(const Scene& scene, double error = 0.1) {
-    const double h = 1e-4, kT = 1.3;
-    const VectorXd expected = kT * h * divergence(scene);
+double errorOfDrift(Integrator::Scheme scheme, const Scene& scene) {
+    if (scheme == Integrator::DriftCorrectorFD) return scene.matrixFree ? 1e-2 : 1e-3;
+    return scene.matrixFree ? 1e-3 : 3e-4;
+}
+
+/** The mean displacement is kT h div N. */
+void checkDrift(const Scene& scene) {
+    const double kT = 1.3;
+    const VectorXd expected = kT * divergence(scene);
     const double size = expected.norm();
     ASSERT_GT(size, 0);
-    for (Integrator::Scheme scheme : consistent) {
+    for (Integrator::Scheme scheme : consistent)
+        EXPECT_LT((ExactSteps(scheme, scene, kT).mean() - expected).norm(),
+                  errorOfDrift(scheme, scene) * size)
+            << scene.name << ", " << traitsOf(scheme).name;
+    // A scheme that omits the drift fails, by far.
+    const VectorXd without = ExactSteps(Integrator::EulerMaruyama, scene, kT).mean();
+    EXPECT_GT((without - expected).norm(), 0.99 * size);
+}
+
+/**
+ * The same by sampling, for products with lubrication, where pairs have random numbers of their
+ * own. The rest after the leading noise is of order h, and odd powers of sqrt(h) have zero mean. So
+ * at this h the bias is h kT N/a^2 = 1e-4 of the drift. Samples are taken until the component along
+ * the expected drift is known to a tenth, so that a scheme without drift is 10 errors off, and 5
+ * are allowed. Instrumented programs, which look for other faults, take the first samples only.
+ *
+ * @param takeStep  gives sample k of a step of length h, as displacement or flow times h
+ */
+template <typename TakeStep>
+void checkSampledMean(const VectorXd& expected, double h, TakeStep takeStep) {
+    const double size = expected.norm(), shortness = 1e-8;
+    ASSERT_GT(size, 0);
+    Sampling sampling(expected / size);
+    Averages found;
+    const int block = 100, most = 200000;  // so many that errors are known to a few per cent
+    do {
+        for (int i = 0; i < block; i++) {
+            const int k = sampling.samples;
+            sampling.add(takeStep(k, h) - takeStep(k, shortness * h) / sqrt(shortness));
+        }
+        found = sampling.averages();
+    } while (sampling.samples < most && (sampling.samples < 4 * block ||
+                                         (!isInstrumented() && found.alongError > 0.1 * size)));
+    ASSERT_LT(sampling.samples, most);
+    EXPECT_LT(abs(found.along - size), 5 * found.alongError + 1e-3 * size);
+    for (int i = 0; i < expected.size(); i++)
+        EXPECT_LT(abs(found.mean[i] - expected[i]), 5 * found.error[i] + 1e-3 * size)
+            << "row " << i;
+}
+
+void checkSampledDrift(const Scene& scene, const vector<Integrator::Scheme>& schemes) {
+    const double h = 1e-4, kT = 1.3;
+    const VectorXd expected = kT * h * divergence(scene);
+    for (Integrator::Scheme scheme : schemes) {
         SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
         Steps steps(scheme, scene, kT);
-        Sampling sampling(expected / size);
-        Averages found;
-        const int block = 100, most = 200000;  // so many that errors are known to a few per cent
-        do {
-            for (int i = 0; i < block; i++) {
-                const int k = sampling.samples;
-                sampling.add(steps.increment(k, h) - steps.leadingNoise(k, h));
-            }
-            found = sampling.averages();
-        } while (sampling.samples < most &&
-                 (sampling.samples < 4 * block ||
-                  (!isInstrumented() &&
-                   (found.alongError > 0.1 * size || found.error.norm() > error * size))));
-        ASSERT_LT(sampling.samples, most);
-        EXPECT_LT(abs(found.along - size), 5 * found.alongError + 1e-3 * size);
-        for (int i = 0; i < expected.size(); i++)
-            EXPECT_LT(abs(found.mean[i] - expected[i]), 5 * found.error[i] + 1e-3 * size)
-                << "row " << i;
+        checkSampledMean(expected, h, [&](int k, double h) { return steps.increment(k, h); });
     }
-    // A scheme that omits the drift fails, by far.
-    const Averages found = average(Integrator::EulerMaruyama, scene, h, kT, 100, expected / size);
-    EXPECT_GT((found.mean - expected).norm(), 0.99 * size);
 }
 
 }  // namespace
@@ -458,35 +493,33 @@ TEST(OverdampedSchemes, DriftOfThreeBlobsAboveAWall) {
 TEST(OverdampedSchemes, DriftOfThreeBodiesAboveAWall) { checkDrift(threeBodiesAtWall()); }
 TEST(OverdampedSchemes, DriftOfLubricatedSpheres) { checkDrift(lubricatedSpheres()); }
 TEST(OverdampedSchemes, DriftWithLubricationOfPairs) {
-    checkDrift(lubricatedBodiesAtWall(), 0.4);
-    checkDrift(lubricatedSpheresAtWall(), 0.4);
+    checkDrift(lubricatedBodiesAtWall());
+    checkDrift(lubricatedSpheresAtWall());
 }
+/** A scheme whose noise comes from forces, and one whose noise is a slip. */
 TEST(OverdampedSchemes, DriftWithLubricationOfPairsMatrixFree) {
-    checkDrift(matrixFree(lubricatedSpheresAtWall()), 0.4);
+    checkSampledDrift(matrixFree(lubricatedSpheresAtWall()),
+                      {Integrator::FixmanMidpoint, Integrator::TractionEulerMaruyama});
+}
+TEST(OverdampedSchemes, FullDriftWithLubricationOfPairsMatrixFree) {
+    checkSampledDrift(matrixFree(lubricatedSpheresAtWall()), consistent);
 }
 TEST(OverdampedSchemes, DriftWithOwnTensors) { checkDrift(ownTensors()); }
-TEST(OverdampedSchemes, DriftWithOwnTensorsMatrixFree) {
-    checkDrift(matrixFree(ownTensors()), 0.4);
-}
-TEST(OverdampedSchemes, DriftWithARandomField) { checkDrift(blobsInAField(), 0.4); }
+TEST(OverdampedSchemes, DriftWithOwnTensorsMatrixFree) { checkDrift(matrixFree(ownTensors())); }
+TEST(OverdampedSchemes, DriftWithARandomField) { checkDrift(blobsInAField()); }
 TEST(OverdampedSchemes, DriftOfASlowedSpin) {
     checkDrift(slowedRod(true, false));
     checkDrift(slowedAlone());
 }
 TEST(OverdampedSchemes, DriftOfASlowedSpinByIterationsAndFields) {
-    checkDrift(matrixFree(slowedRod(false, false)), 0.4);
-    checkDrift(slowedRod(false, true), 0.4);
+    checkDrift(matrixFree(slowedRod(false, false)));
+    checkDrift(slowedRod(false, true));
 }
-/** Rows are tested less exactly, because lattice sums take long. */
-TEST(OverdampedSchemes, DriftInASlipChannel) { checkDrift(bodyInAChannel(), 0.4); }
+TEST(OverdampedSchemes, DriftInASlipChannel) { checkDrift(bodyInAChannel()); }
 TEST(OverdampedSchemes, DriftWithLubrication) { checkDrift(stokesianSpheres()); }
 TEST(OverdampedSchemes, DriftOfRodsUnbounded) { checkDrift(rodsUnbounded()); }
 TEST(OverdampedSchemes, DriftOfOneBodyAboutAnyPoint) { checkDrift(aloneOffCentre()); }
-/**
- * Rows are tested less exactly, because a step takes a millisecond. The test is to show that the
- * iterations give the same as the factors.
- */
-TEST(OverdampedSchemes, DriftMatrixFree) { checkDrift(matrixFree(rodsUnbounded()), 0.4); }
+TEST(OverdampedSchemes, DriftMatrixFree) { checkDrift(matrixFree(rodsUnbounded())); }
 
 /**
  * div N = 0 wherever isDivergenceFree() says so, up to the error of differences. Elsewhere div N is
@@ -530,12 +563,11 @@ TEST(OverdampedSchemes, DivergenceIsZeroWhereItIsSaidToBe) {
 }
 
 /**
- * Without drift a step has the mean 0. Without forces, the steps of all schemes except
- * FixmanMidpoint are their leading noise and nothing else. The mid-point alone, or the divergence
- * of slips alone, would give 1e-2 of kT h here: kT h sum_jk (d_j L_ik) L_jk, with L the root.
+ * Without drift a step has the mean 0. The mid-point alone, or the divergence of slips alone, would
+ * give 1e-2 of kT here: kT sum_jk (d_j L_ik) L_jk, with L the root.
  */
 TEST(OverdampedSchemes, SpheresUnboundedHaveNoDrift) {
-    const double h = 1e-4, kT = 1.3;
+    const double kT = 1.3;
     for (Scene scene : {spheresUnbounded(), matrixFree(spheresUnbounded())}) {
         auto bodies = scene.mobility();
         const int n = bodies->getNumRows();
@@ -549,42 +581,39 @@ TEST(OverdampedSchemes, SpheresUnboundedHaveNoDrift) {
             const VectorXd u = delta * VectorXd::Unit(n, j);
             halfDrift += (root(u) - root(-u)) / (2 * delta) * L.row(j).transpose();
         }
-        const double size = kT * h * halfDrift.norm();
-        ASSERT_GT(size, 1e-2 * kT * h);
-        for (const Integrator::Scheme scheme : overdampedSchemes) {
-            const bool isFixman = scheme == Integrator::FixmanMidpoint;
-            const Averages found = average(scheme, scene, h, kT,
-                                           !isFixman          ? 10
-                                           : scene.matrixFree ? 500
-                                                              : 20000,
-                                           halfDrift.normalized());
-            SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
-            if (!isFixman) {
-                // Iterations have an error of 1e-8 of the noise. Positions are about 1, so short
-                // steps have an error of 1e-16, which the scaling by the shortness makes 1e-12.
-                const double noise = sqrt(2 * kT * h * L.squaredNorm());
-                EXPECT_LT(found.mean.norm(), scene.matrixFree ? 1e-7 * noise : 5e-12);
-                continue;
-            }
-            EXPECT_LT(found.alongError, (scene.matrixFree ? 0.5 : 0.1) * size);
-            for (int i = 0; i < n; i++)
-                EXPECT_LT(abs(found.mean[i]), 5 * found.error[i]) << "row " << i;
-        }
+        const double size = kT * halfDrift.norm();
+        ASSERT_GT(size, 1e-2 * kT);
+        for (const Integrator::Scheme scheme : overdampedSchemes)
+            EXPECT_LT(ExactSteps(scheme, scene, kT).mean().norm(), 1e-3 * size)
+                << scene.name << ", " << traitsOf(scheme).name;
     }
 }
 
 namespace {
 
+/** Displacements have the covariance 2 kT h N, to an error of h = 1e-6. */
+void checkCovariance(const Scene& scene) {
+    const double kT = 0.8;
+    auto bodies = scene.mobility();
+    const MatrixXd N = mobilityAt(scene, bodies, VectorXd::Zero(bodies->getNumRows()));
+    for (const Integrator::Scheme scheme : overdampedSchemes) {
+        ExactSteps steps(scheme, scene, kT);
+        const MatrixXd found = steps.step.h / (2 * kT) * steps.covariance();
+        EXPECT_LT((found - N).cwiseAbs().maxCoeff(), 1e-5 * N.cwiseAbs().maxCoeff())
+            << scene.name << ", " << traitsOf(scheme).name;
+    }
+}
+
 /**
  * Increments have the covariance 2 kT h N. The test allows 5 standard errors. The standard
  * deviation of a product of normal numbers is sqrt(N_ii N_jj + N_ij^2).
  */
-void checkCovariance(const Scene& scene) {
+void checkSampledCovariance(const Scene& scene, const vector<Integrator::Scheme>& schemes) {
     const double h = 1e-6, kT = 0.8;
     const int samples = allOrFew(scene.matrixFree ? 1000 : 4000, 300);
     auto bodies = scene.mobility();
     const MatrixXd N = mobilityAt(scene, bodies, VectorXd::Zero(bodies->getNumRows()));
-    for (const Integrator::Scheme scheme : overdampedSchemes) {
+    for (const Integrator::Scheme scheme : schemes) {
         if (scheme == Integrator::DriftCorrectorFD) continue;  // noise of the other corrector
         SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
         Steps steps(scheme, scene, kT);
@@ -607,29 +636,24 @@ TEST(OverdampedSchemes, Covariance) {
     for (const Scene& scene :
          {threeBodiesAtWall(), rodsUnbounded(), aloneOffCentre(), matrixFree(rodsUnbounded()),
           ownTensors(), matrixFree(ownTensors()), stokesianSpheres(), spheresUnbounded(),
-          blobsInAField(), slowedRod(true, false), slowedAlone(), lubricatedBodiesAtWall(),
-          matrixFree(lubricatedSpheresAtWall())})
+          blobsInAField(), slowedRod(true, false), slowedAlone(), lubricatedBodiesAtWall()})
         checkCovariance(scene);
+    checkSampledCovariance(matrixFree(lubricatedSpheresAtWall()),
+                           {Integrator::FixmanMidpoint, Integrator::TractionEulerMaruyama});
 }
 
 /**
- * Weak order 1 needs the first and second moments of a step, because odd moments beyond these
- * vanish by symmetry. Two-point numbers have these moments, both in the noise and in the directions
- * of differences. Their products vary less than normal ones, and those of three-point numbers as
- * much.
+ * Weak order 1 needs the first and second moments of random numbers, because odd moments beyond
+ * these vanish by symmetry. So steps whose numbers are drawn, by each law, have the same
+ * covariance.
  */
-TEST(OverdampedSchemes, DiscreteNoiseHasTheSameDriftAndCovariance) {
-    for (auto law : {NoiseStream::ThreePoint, NoiseStream::TwoPoint})
-        for (Scene scene : {boomerangAtWall(), threeBodiesAtWall(), aloneOffCentre()}) {
-            scene.law = law;
-            scene.name +=
-                law == NoiseStream::TwoPoint ? ", two-point noise" : ", three-point noise";
-            checkDrift(scene);
-            checkCovariance(scene);
-        }
-    Scene iterations = matrixFree(ownTensors());
-    iterations.law = NoiseStream::TwoPoint;
-    checkDrift(iterations, 0.4);
+TEST(OverdampedSchemes, NumbersOfEveryLawHaveTheCovariance) {
+    for (auto law : {NoiseStream::Gaussian, NoiseStream::ThreePoint, NoiseStream::TwoPoint}) {
+        Scene scene = boomerangAtWall();
+        scene.law = law;
+        scene.name += ", law " + to_string(law);
+        checkSampledCovariance(scene, overdampedSchemes);
+    }
 }
 
 /**
@@ -743,7 +767,6 @@ VectorXd flowAt(BodyMobility& mobility, const FlowOfStep& made, RandomField* fie
 
 /** Steps whose flow is recorded. */
 struct FlowingSteps : Steps {
-    bool whole = true;  // false: only the flow that comes from solves for velocities
     const char* name;
     FlowingSteps(Integrator::Scheme s, const Scene& scene, double kT)
         : Steps(s, scene, kT), name(traitsOf(s).name) {}
@@ -754,17 +777,7 @@ struct FlowingSteps : Steps {
         increment(i, h);
         move.record(nullptr);
         made.check(name);
-        if (!whole) {
-            // Besides these shares, only thermal slips are recorded.
-            made.fieldWeight = 0;
-            if (made.shares.size() > 1) made.shares.resize(1);
-        }
         return h * flowAt(move.getMobility(), made, move.getField());
-    }
-    /** The part of order sqrt(h) of the flow, as leadingNoise(). */
-    VectorXd leadingFlow(int i, double h) {
-        const double shortness = 1e-8;
-        return flow(i, shortness * h) / sqrt(shortness);
     }
 };
 
@@ -791,37 +804,50 @@ VectorXd divergenceOfFlow(const Scene& scene) {
     return sum;
 }
 
+/** The mean of a step's flow, without sampling. */
+struct ExactFlows : ExactSteps {
+    const char* name;
+    bool whole = true;  // false: only the flow that comes from solves for velocities
+    ExactFlows(Integrator::Scheme s, const Scene& scene, double kT)
+        : ExactSteps(s, scene, kT), name(traitsOf(s).name) {}
+    VectorXd take(const RandomNumbers& values) override {
+        FlowOfStep made;
+        move.record(&made);
+        ExactSteps::take(values);
+        move.record(nullptr);
+        made.check(name);
+        if (!whole) {
+            // Besides these shares, only thermal slips are recorded.
+            made.fieldWeight = 0;
+            if (made.shares.size() > 1) made.shares.resize(1);
+        }
+        return flowAt(move.getMobility(), made, move.getField());
+    }
+};
+
 /**
  * The mean flow of a step without forces is kT div N_xQ. It is the stochastic drift of a particle
- * at the point, without the fluid's own derivative, because the point stays where it is. Samples
- * and errors are those of checkDrift().
+ * at the point, without the fluid's own derivative, because the point stays where it is.
  */
-void checkMeanFlow(const Scene& scene, double error = 0.15) {
-    const double h = 1e-4, kT = 1.3;
-    const VectorXd expected = kT * h * divergenceOfFlow(scene);
+void checkMeanFlow(const Scene& scene) {
+    const double kT = 1.3;
+    const VectorXd expected = kT * divergenceOfFlow(scene);
     const double size = expected.norm();
     ASSERT_GT(size, 0);
-    for (Integrator::Scheme scheme : consistent) {
+    for (Integrator::Scheme scheme : consistent)
+        EXPECT_LT((ExactFlows(scheme, scene, kT).mean() - expected).norm(),
+                  errorOfDrift(scheme, scene) * size)
+            << scene.name << ", " << traitsOf(scheme).name;
+}
+
+/** The same by sampling, where pairs have random numbers of their own. */
+void checkSampledMeanFlow(const Scene& scene, const vector<Integrator::Scheme>& schemes) {
+    const double h = 1e-4, kT = 1.3;
+    const VectorXd expected = kT * h * divergenceOfFlow(scene);
+    for (Integrator::Scheme scheme : schemes) {
         SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
         FlowingSteps steps(scheme, scene, kT);
-        Sampling sampling(expected / size);
-        Averages found;
-        const int block = 100, most = 100000;
-        do {
-            for (int i = 0; i < block; i++) {
-                const int k = sampling.samples;
-                sampling.add(steps.flow(k, h) - steps.leadingFlow(k, h));
-            }
-            found = sampling.averages();
-        } while (sampling.samples < most &&
-                 (sampling.samples < 4 * block ||
-                  (!isInstrumented() &&
-                   (found.alongError > 0.1 * size || found.error.norm() > error * size))));
-        ASSERT_LT(sampling.samples, most);
-        EXPECT_LT(abs(found.along - size), 5 * found.alongError + 1e-3 * size);
-        for (int i = 0; i < expected.size(); i++)
-            EXPECT_LT(abs(found.mean[i] - expected[i]), 5 * found.error[i] + 1e-3 * size)
-                << "row " << i;
+        checkSampledMean(expected, h, [&](int k, double h) { return steps.flow(k, h); });
     }
 }
 
@@ -831,12 +857,16 @@ TEST(OverdampedSchemes, MeanFlowOfOneBodyAboutAnyPoint) { checkMeanFlow(aloneOff
 TEST(OverdampedSchemes, MeanFlowOfThreeBlobsAboveAWall) { checkMeanFlow(boomerangAtWall()); }
 TEST(OverdampedSchemes, MeanFlowOfRodsUnbounded) { checkMeanFlow(rodsUnbounded()); }
 TEST(OverdampedSchemes, MeanFlowWithOwnTensors) { checkMeanFlow(ownTensors()); }
-TEST(OverdampedSchemes, MeanFlowWithARandomField) { checkMeanFlow(blobsInAField(), 0.4); }
+TEST(OverdampedSchemes, MeanFlowWithARandomField) { checkMeanFlow(blobsInAField()); }
 TEST(OverdampedSchemes, MeanFlowWithLubricationOfPairs) {
-    checkMeanFlow(lubricatedSpheresAtWall(), 0.4);
+    checkMeanFlow(lubricatedSpheresAtWall());
 }
 TEST(OverdampedSchemes, MeanFlowWithLubricationOfPairsMatrixFree) {
-    checkMeanFlow(matrixFree(lubricatedSpheresAtWall()), 0.4);
+    checkSampledMeanFlow(matrixFree(lubricatedSpheresAtWall()),
+                         {Integrator::TractionEulerMaruyama});
+}
+TEST(OverdampedSchemes, FullMeanFlowWithLubricationOfPairsMatrixFree) {
+    checkSampledMeanFlow(matrixFree(lubricatedSpheresAtWall()), consistent);
 }
 TEST(OverdampedSchemes, MeanFlowWithLubrication) { checkMeanFlow(stokesianSpheres()); }
 
@@ -845,52 +875,31 @@ TEST(OverdampedSchemes, MeanFlowWithLubrication) { checkMeanFlow(stokesianSphere
  * the random flow is correlated with nu.
  */
 TEST(OverdampedSchemes, MeanFlowNeedsTheRandomFlow) {
-    const double h = 1e-4, kT = 1.3;
+    const double kT = 1.3;
     for (const Scene& scene : {boomerangAtWall(), blobsInAField()}) {
-        const VectorXd expected = kT * h * divergenceOfFlow(scene);
-        FlowingSteps steps(Integrator::DriftCorrectorFD, scene, kT);
-        steps.whole = false;
-        Sampling sampling(expected / expected.norm());
-        for (int i = 0; i < 4000; i++) sampling.add(steps.flow(i, h) - steps.leadingFlow(i, h));
-        const Averages found = sampling.averages();
-        EXPECT_GT(((found.mean - expected).array() / found.error.array()).abs().maxCoeff(), 10)
-            << scene.name;
+        const VectorXd expected = kT * divergenceOfFlow(scene);
+        ExactFlows flows(Integrator::DriftCorrectorFD, scene, kT);
+        flows.whole = false;
+        EXPECT_GT((flows.mean() - expected).norm(), 0.1 * expected.norm()) << scene.name;
     }
 }
 
-/** Spheres have no Brownian stress, because the flow of a force has no sources, neither at the
- * force nor at the point. So the mean flow is that of forces alone. */
+/**
+ * Spheres have no Brownian stress, because the flow of a force has no sources, neither at the force
+ * nor at the point. So the mean flow is that of forces alone. With slips of the mid-point instead
+ * of those of the start, the drift correctors would have a mean of 0.01 in row 3.
+ */
 TEST(OverdampedSchemes, MeanFlowOfSpheresIsThatOfForces) {
     Scene scene;
     scene.add(element(0, {{0, 0, 0}}, {0.9}), {0, 0, 0});
     scene.add(element(1, {{0, 0, 0}}, {0.8}), {1.4, 0.7, 0.5});
     scene.add(element(-1, {{0, 0, 0}}, {0.6}), {-0.6, 1.9, 1.0});
     EXPECT_LT(divergenceOfFlow(scene).norm(), 1e-8);
-    const double h = 1e-3;
     for (Integrator::Scheme scheme : overdampedSchemes)
-        for (bool iterate : {false, true}) {
-            SCOPED_TRACE(traitsOf(scheme).name);
-            Scene solved = iterate ? matrixFree(scene) : scene;
-            FlowingSteps steps(scheme, solved, 1);
-            Sampling sampling(VectorXd::Unit(6, 0));
-            // With slips of the mid-point instead of those of the start, the drift correctors would
-            // have a mean of 0.01 h in row 3. Where nothing is iterated, samples are taken until
-            // row 3 is known to a seventh of that.
-            Averages found;
-            const int block = iterate ? 500 : 1000, most = 60000;
-            do {
-                for (int i = 0; i < block; i++) {
-                    const int k = sampling.samples;
-                    sampling.add(steps.flow(k, h) - steps.leadingFlow(k, h));
-                }
-                found = sampling.averages();
-            } while (!iterate && sampling.samples < most && found.error[3] > 0.0014 * h);
-            for (int i = 0; i < 6; i++)
-                EXPECT_LT(abs(found.mean[i]), 5 * found.error[i] + 1e-10) << "row " << i;
-            if (!iterate) {
-                EXPECT_LT(found.error[3], 0.0025 * h);
-            }
-        }
+        for (bool iterate : {false, true})
+            EXPECT_LT(ExactFlows(scheme, iterate ? matrixFree(scene) : scene, 1).mean().norm(),
+                      iterate ? 3e-4 : 3e-5)
+                << traitsOf(scheme).name << (iterate ? ", matrix-free" : "");
 }
 
 TEST(OverdampedSchemes, SayWhatTheirFlowIs) {
