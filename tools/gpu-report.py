@@ -179,17 +179,18 @@ def propertiesFor(precision):
 
 
 def runTests(programs, precisions, jobs, minutes):
-    """Rows of test programs: those of platforms with a device run in each precision."""
+    """Rows of files of test programs: those of platforms with a device run in each precision."""
     tasks = []
     for program in programs:
         hasDevice = any(name in program.name for name in ('OpenCL', 'CUDA', 'HIP'))
-        tasks += [(program, precision) for precision in (precisions if hasDevice else ('double',))]
+        tasks += [(file, precision) for precision in (precisions if hasDevice else ('double',))
+                  for file in test_opencl.files_of(program)]
     rows = []
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as pool:
         logs = pathlib.Path(folder)
         futures = [
-            pool.submit(test_opencl.runs, program, precision or 'double', logs/'kernels', logs,
-                        60*minutes) for program, precision in tasks
+            pool.submit(test_opencl.runs, file, precision or 'double', logs/'kernels', logs,
+                        60*minutes) for file, precision in tasks
         ]
         with tqdm(futures, desc='Test programs') as bar:
             for future in bar:

@@ -112,7 +112,18 @@ def test_a_program_that_is_not_there_is_said(tmp_path):
 def test_a_program_that_hangs_has_failed(tmp_path, tool):
     hangs = program(tmp_path/'TestHangs', 'begun', '$(sleep 30)')
     row, = tool.runTests([hangs], ['double'], 1, 0.5/60)
-    assert row['failed'] == ['the program as a whole, exit code none in 0.5 s']
+    assert row['failed'] == ['the process as a whole, exit code none in 0.5 s']
+
+
+def test_a_program_runs_a_file_at_a_time(tmp_path, tool):
+    """CMake lists the files whose tests a program has."""
+    both = program(tmp_path/'TestBoth', '[  PASSED  ] 3 tests.', 0)
+    (tmp_path/'files.txt').write_text('TestA TestBoth A.*:*/A.*\nTestB TestBoth B.*\n'
+                                      'TestC TestOther C.*\n')
+    files = tool.test_opencl.files_of(both)
+    assert [(file.name, file.suites) for file in files] == [('TestA', 'A.*:*/A.*'),
+                                                            ('TestB', 'B.*')]
+    assert [row['program'] for row in tool.runTests([both], ['double'], 1, 1)] == ['TestA', 'TestB']
 
 
 def test_what_there_is_no_time_for_is_said(tmp_path):

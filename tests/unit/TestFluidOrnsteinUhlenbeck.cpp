@@ -17,7 +17,9 @@ using Eigen::VectorXd;
 
 namespace {
 
-const RigidHIPlugin::OneBlasThread singleBlasThread;  // as callers of SymmetricEigen must
+class ProcessOfFluid : public testing::Test {
+    const RigidHIPlugin::OneBlasThread singleBlasThread;  // as callers of SymmetricEigen must
+};
 
 using MatrixXl = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
 using VectorXl = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
@@ -74,7 +76,7 @@ double relativeError(const MatrixXd& a, const MatrixXd& exact) {
 
 }  // namespace
 
-TEST(FluidOrnsteinUhlenbeck, BothMatrixFunctionsAtEveryScale) {
+TEST_F(ProcessOfFluid, BothMatrixFunctionsAtEveryScale) {
     double worst = 0;
     for (int n : sizes)
         for (long double condition : {1.0L, 3.0L, 100.0L})
@@ -107,7 +109,7 @@ TEST(FluidOrnsteinUhlenbeck, BothMatrixFunctionsAtEveryScale) {
     cout << "largest relative error " << worst << endl;
 }
 
-TEST(FluidOrnsteinUhlenbeck, StepIsTheMatrices) {
+TEST_F(ProcessOfFluid, StepIsTheMatrices) {
     for (int n : sizes)
         for (double hS : {1e-14, 1e-9, 1e-3, 0.49, 0.51, 1.0, 30.0, 1e5, 1e14})
             for (bool inverse : {false, true}) {
@@ -140,7 +142,7 @@ TEST(FluidOrnsteinUhlenbeck, StepIsTheMatrices) {
             }
 }
 
-TEST(FluidOrnsteinUhlenbeck, StrongFrictionLeavesNoTraceOfTheStart) {
+TEST_F(ProcessOfFluid, StrongFrictionLeavesNoTraceOfTheStart) {
     // exp(-800) is negligible. What remains must not be rounding of the start, however large the
     // start is.
     const Known known(12, 800 * 50, 50, 5);
@@ -151,7 +153,7 @@ TEST(FluidOrnsteinUhlenbeck, StrongFrictionLeavesNoTraceOfTheStart) {
     EXPECT_LT(Z.norm(), 1e-300);
 }
 
-TEST(FluidOrnsteinUhlenbeck, NoiseHasTheCovarianceThatKeepsTheGibbsDistribution) {
+TEST_F(ProcessOfFluid, NoiseHasTheCovarianceThatKeepsTheGibbsDistribution) {
     for (int n : sizes)
         for (double hS : {1e-12, 1e-2, 1.0, 1e3}) {
             const Known known(n, hS, 100, 7 * n);
@@ -170,7 +172,7 @@ TEST(FluidOrnsteinUhlenbeck, NoiseHasTheCovarianceThatKeepsTheGibbsDistribution)
         }
 }
 
-TEST(FluidOrnsteinUhlenbeck, StepsAddUp) {
+TEST_F(ProcessOfFluid, StepsAddUp) {
     // A step over h1 + h2 is the same as steps over h1 and then h2: the decays multiply, and the
     // covariances follow.
     for (int n : sizes) {
@@ -197,7 +199,7 @@ TEST(FluidOrnsteinUhlenbeck, StepsAddUp) {
     }
 }
 
-TEST(FluidOrnsteinUhlenbeck, OfNothing) {
+TEST_F(ProcessOfFluid, OfNothing) {
     FluidOrnsteinUhlenbeck process;
     process.decompose(MatrixXd(0, 0), false);
     MatrixXd decay, noise;
@@ -208,7 +210,7 @@ TEST(FluidOrnsteinUhlenbeck, OfNothing) {
     EXPECT_EQ(Z.size(), 0);
 }
 
-TEST(FluidOrnsteinUhlenbeck, OneObjectTakesMatricesOfAnySize) {
+TEST_F(ProcessOfFluid, OneObjectTakesMatricesOfAnySize) {
     FluidOrnsteinUhlenbeck process;
     for (int n : {41, 3, 90, 40, 39, 1}) {
         const Known known(n, 1, 10, n);
@@ -221,7 +223,7 @@ TEST(FluidOrnsteinUhlenbeck, OneObjectTakesMatricesOfAnySize) {
     }
 }
 
-TEST(FluidOrnsteinUhlenbeck, RotationsThatTheFluidDoesNotSeeKeepTheirMomentum) {
+TEST_F(ProcessOfFluid, RotationsThatTheFluidDoesNotSeeKeepTheirMomentum) {
     // S has a null vector, up to rounding of either sign. The momentum along this vector does not
     // decay and has no noise.
     for (int n : {6, 45})
@@ -242,7 +244,7 @@ TEST(FluidOrnsteinUhlenbeck, RotationsThatTheFluidDoesNotSeeKeepTheirMomentum) {
         }
 }
 
-TEST(FluidOrnsteinUhlenbeck, MatricesThatAreNotPositiveAreRefused) {
+TEST_F(ProcessOfFluid, MatricesThatAreNotPositiveAreRefused) {
     for (int n : {1, 6, 45}) {
         Known known(n, 1, 10, n);
         known.rates[n - 1] = -1e-3;
