@@ -330,7 +330,7 @@ class GridStudy:
         return settings
 
     def _errors(self, observable, fluid, context, exact):
-        """The norm of the error over own mobilities, and the error for random forces.
+        """The norm of the error relative to self-mobilities, and the error for random forces.
 
         The latter is the root of the mean square of relative errors of velocities.
         """

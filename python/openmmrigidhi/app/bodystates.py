@@ -1,7 +1,7 @@
 """Files of body states: positions, orientations and velocities of rigid bodies over time, in HDF5.
 
-In layout version 1 there are n bodies, T frames, and m particles in all bodies. Numbers are doubles
-unless the table says otherwise. The unit of each data set is its attribute "unit":
+Layout version 1 has n bodies, T frames, and m particles in all bodies. Numbers are doubles unless
+the table says otherwise. The unit of each data set is its attribute "unit":
 
     /                          attributes "format" = "openmmrigidhi body states", "version" = 1
     /time                      (T,)        ps

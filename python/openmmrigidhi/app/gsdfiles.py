@@ -1,6 +1,6 @@
 """Trajectories of rigid bodies as GSD files (schema "hoomd").
 
-OVITO, HOOMD-blue, freud and other programs read these files. There are n bodies and m blobs.
+OVITO, HOOMD-blue, freud and other programs read these files. A file has n bodies and m blobs.
 Numbers have single precision, except for times:
 
     application                            "openmm-rigidhi <version>; nm, ps, dalton": the units of

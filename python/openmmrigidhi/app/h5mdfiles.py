@@ -1,7 +1,7 @@
 """Trajectories of rigid bodies as H5MD 1.1 files, which other programs read.
 
 H5MD is a layout of HDF5 files (de Buyl, Colberg, Hoefling, Comput. Phys. Commun. 185, 1546 (2014),
-nongnu.org/h5md). The files have its module "units". There are n bodies, T frames, s sites in all
+nongnu.org/h5md). The files have its module "units". They have n bodies, T frames, s sites in all
 bodies, and m blobs. Numbers are doubles unless the table says otherwise. The unit of each data set
 is its attribute "unit". Every element that changes with time is a group of step, time and value.
 Its step and time are the same data sets everywhere:
@@ -23,7 +23,7 @@ Its step and time are the same data sets everywhere:
     /parameters/bodies                     particle (s,) int, site_position (s, 3) nm, site_radius
                                            (s,) nm, first_site (n+1,) int
 
-H5MD 1.1 has no name for orientations. The name "orientation" is that of proposal 104 to H5MD.
+H5MD 1.1 has no name for orientations. The name "orientation" comes from proposal 104 to H5MD.
 """
 from __future__ import annotations
 
