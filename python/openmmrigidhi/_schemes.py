@@ -1,6 +1,6 @@
 """The table of schemes, as the library has it.
 
-The enumeration, its docstrings and the tables of the pages are made from the table.
+The table generates the enumeration, its docstrings and the tables of the pages.
 """
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from . import _bindings
 
 
 class SchemeTraits(NamedTuple):
-    """What is known of a scheme without running it."""
+    """The known properties of a scheme."""
 
     name: str
     number: int
@@ -33,7 +33,7 @@ TABLE = [SchemeTraits(*row) for row in _bindings.schemeTable()]
 class _TableEnum(enum.IntEnum):
     @property
     def traits(self) -> SchemeTraits:
-        """What the table of schemes says of this scheme, a SchemeTraits."""
+        """The row of this scheme in the table of schemes, a SchemeTraits."""
         return TABLE[self]
 
 
@@ -62,7 +62,7 @@ def page(name: str, folder: str = 'docs/schemes/') -> str:
 
 
 def facts(traits: SchemeTraits) -> str:
-    """What a scheme has, needs and costs, in one sentence that its page has, too."""
+    """The properties and costs of a scheme, in one sentence that its page also has."""
     cold = (f', and order {traits.coldOrder} at T = 0'
             if traits.coldOrder != traits.weakOrder else '')
     forces = f'{traits.forces} force evaluation{"s" if traits.forces > 1 else ""} a step'
