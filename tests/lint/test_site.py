@@ -87,11 +87,11 @@ def test_pictures_have_a_text_alternative(page):
 
 @pytest.mark.parametrize(
     'text, expected',
-    [('[a](../docs/THEORY.md#noise-laws)', '[a](docs/THEORY.md#noise-laws)'),
+    [('[a](../docs/theory/walls.md#on-a-grid)', '[a](docs/theory/walls.md#on-a-grid)'),
      ('[`code`](../README.md) and `[b](../README.md)`',
       '[`code`](README.md) and `[b](../README.md)`'), ('[a\nb](../docs)', 'a\nb'),
      ('[a](https://openmm.org) [b](#here)', '[a](https://openmm.org) [b](#here)'),
-     ('```text\n[a](../docs/THEORY.md)\n```', '```text\n[a](../docs/THEORY.md)\n```'),])
+     ('```text\n[a](../docs/INSTALL.md)\n```', '```text\n[a](../docs/INSTALL.md)\n```'),])
 def test_links_lead_on_the_site_to_what_they_lead_to_in_the_repository(text, expected, tmp_path):
     assert collect.links_of_the_site(text, 'site/index.md', collect.markdown_files(),
                                      tmp_path) == expected

@@ -9,7 +9,7 @@ import sys
 import pytest
 from conftest import ROOT, cpp_files, git_files, read
 
-from openmmrigidhi import _schemes
+from openmmrigidhi import _models, _schemes
 
 TEXT = ('.h', '.cpp', '.py', '.i', '.md', '.txt', '.json', '.cmake', '.sh', '.ini', '.html', '')
 BINARY = ('.png', '.gif', '.dcd', '.h5', '.npz', '.pdf', '.gz')
@@ -155,15 +155,14 @@ def test_scheme_opens_with_its_description(scheme):
 
 
 def test_pages_know_the_schemes():
-    """The table of the user guide agrees with the list of schemes, and every scheme has its
-    equations."""
+    """The table of the user guide agrees with the list of schemes, and every scheme and model has
+    its equations."""
     assert _schemes.markdown() in read('docs/USER_GUIDE.md'), \
         ('put this table into docs/USER_GUIDE.md, "Schemes, and how to choose":\n'
          f'{_schemes.markdown()}')
-    for traits in _schemes.TABLE:
-        assert re.search(
-            rf'`{traits.name}`',
-            read('docs/THEORY.md')), f'docs/THEORY.md has no equations of {traits.name}'
+    theory = ''.join(read(page) for page in git_files('docs/theory/*.md'))
+    for traits in [*_schemes.TABLE, *_models.MODELS]:
+        assert f'`{traits.name}`' in theory, f'docs/theory has no equations of {traits.name}'
 
 
 def test_no_scheme_is_known_by_its_number():
