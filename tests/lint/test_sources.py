@@ -108,6 +108,15 @@ def test_sentences_end_where_readers_see_their_end(tmp_path):
     ]
 
 
+def test_formulas_are_no_sentences(tmp_path):
+    page = tmp_path/'page.md'
+    text = ('Let $f. X$ be it.\n$$\na. B\n$$\n- First.\n\n  $$\n  a = b. C\n  $$\n\n  Second.\n\n'
+            '```math\na. B\n```\n')
+    page.write_text(text)
+    subprocess.run([sys.executable, 'tools/format_markdown.py', page], cwd=ROOT, check=True)
+    assert page.read_text() == text
+
+
 @pytest.mark.parametrize('header', PUBLIC_HEADERS)
 def test_public_header_compiles_alone(header, tmp_path):
     (tmp_path/'alone.cpp'
