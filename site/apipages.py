@@ -214,7 +214,7 @@ def _meaning(member, documents):
 
 def _with_formulas(text):
     """A docstring of a scheme with the formulas of the scheme's page in place of plain text."""
-    page = re.search(r'(docs/schemes/\w+)\.md', text)
+    page = re.search(r'docs/schemes/\w+\.md', text)
     if not page:
         return text
     equation = re.search(r'^## Equation\n.*?^\$\$\n(.*?)^\$\$',
@@ -223,7 +223,7 @@ def _with_formulas(text):
     text, number = re.subn(r'^(.*)::\n\n(?: {4}.*\n)+',
                            lambda found: f'{found[1]}:\n\n{formulas}\n', text, count=1, flags=re.M)
     assert number, text
-    return text.replace(page[0], f':doc:`{page[0]} </{page[1]}>`')
+    return text
 
 
 def _enumerators_of_cpp(folder):
