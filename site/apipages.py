@@ -10,10 +10,12 @@ import inspect
 import io
 import os
 import re
+import textwrap
 import types
 import xml.etree.ElementTree
 
 import openmmrigidhi
+from collect import ROOT
 from references import CLASSES, back
 
 PACKAGES = ['app', 'analysis', 'accuracy', 'ensemble']
@@ -206,8 +208,22 @@ def _meaning(member, documents):
     """The own docstring of an enumerator, or what the C++ header says."""
     own = inspect.getdoc(member)
     if own and own != inspect.getdoc(type(member)):
-        return own
+        return _with_formulas(own)
     return documents[member.name]
+
+
+def _with_formulas(text):
+    """A docstring of a scheme with the formulas of the scheme's page in place of plain text."""
+    page = re.search(r'docs/schemes/\w+\.md', text)
+    if not page:
+        return text
+    equation = re.search(r'^## Equation\n.*?^\$\$\n(.*?)^\$\$',
+                         (ROOT/page[0]).read_text(encoding='utf-8'), flags=re.S | re.M)[1]
+    formulas = '.. math::\n   :nowrap:\n\n' + textwrap.indent(rf'\[{equation}\]', '   ')
+    text, number = re.subn(r'^(.*)::\n\n(?: {4}.*\n)+',
+                           lambda found: f'{found[1]}:\n\n{formulas}\n', text, count=1, flags=re.M)
+    assert number, text
+    return text
 
 
 def _enumerators_of_cpp(folder):

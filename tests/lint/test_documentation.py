@@ -96,8 +96,8 @@ def test_every_public_method_is_in_a_guide_or_documented_reference():
         dir(openmmrigidhi.app))
     known |= set(dir(openmmrigidhi.CustomBodyForce)) | set(dir(openmmrigidhi.MobilityForce))
     known |= set(dir(openmmrigidhi.CustomBodyMotion))
-    for page in ('README.md', 'docs/USER_GUIDE.md', 'docs/CONVENTIONS.md', 'docs/THEORY.md',
-                 *git_files('docs/schemes/*.md', 'docs/models/*.md')):
+    for page in ('README.md', 'docs/USER_GUIDE.md', 'docs/CONVENTIONS.md',
+                 *git_files('docs/theory/*.md', 'docs/schemes/*.md', 'docs/models/*.md')):
         for name in re.findall(r'`(?:openmmrigidhi\.app\.)?((?:get|set|compute|addRigid)\w+)\(?',
                                read(page)):
             openmms = {
@@ -106,6 +106,16 @@ def test_every_public_method_is_in_a_guide_or_documented_reference():
             }
             assert name in known | openmms or name.startswith(
                 'setIntegration'), f'{page} names {name}'
+
+
+def test_the_theory_leads_to_each_of_its_pages_in_turn():
+    """The index has the pages in the order in which each leads to the next one."""
+    listed = re.findall(r'^- \[[^\]]+\]\((\w+\.md)\)', read('docs/theory/README.md'), flags=re.M)
+    assert {f'docs/theory/{page}'
+            for page in [*listed, 'README.md']} == set(git_files('docs/theory/*.md'))
+    for page, following in zip(['README.md', *listed], listed):
+        last = read(f'docs/theory/{page}').rstrip().splitlines()[-1]
+        assert re.fullmatch(r'Next: \[[^\]]+\]\(' + re.escape(following) + r'\)\.', last), page
 
 
 def test_pictures_are_not_huge():

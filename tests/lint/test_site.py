@@ -3,12 +3,14 @@ faults that it should find."""
 import enum
 import importlib.util
 import inspect
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
 import types
+from html import unescape
 
 import openmmrigidhi
 import pytest
@@ -87,11 +89,11 @@ def test_pictures_have_a_text_alternative(page):
 
 @pytest.mark.parametrize(
     'text, expected',
-    [('[a](../docs/THEORY.md#noise-laws)', '[a](docs/THEORY.md#noise-laws)'),
+    [('[a](../docs/theory/walls.md#on-a-grid)', '[a](docs/theory/walls.md#on-a-grid)'),
      ('[`code`](../README.md) and `[b](../README.md)`',
       '[`code`](README.md) and `[b](../README.md)`'), ('[a\nb](../docs)', 'a\nb'),
      ('[a](https://openmm.org) [b](#here)', '[a](https://openmm.org) [b](#here)'),
-     ('```text\n[a](../docs/THEORY.md)\n```', '```text\n[a](../docs/THEORY.md)\n```'),])
+     ('```text\n[a](../docs/INSTALL.md)\n```', '```text\n[a](../docs/INSTALL.md)\n```'),])
 def test_links_lead_on_the_site_to_what_they_lead_to_in_the_repository(text, expected, tmp_path):
     assert collect.links_of_the_site(text, 'site/index.md', collect.markdown_files(),
                                      tmp_path) == expected
@@ -158,6 +160,38 @@ def anchors(html, page):
 
 def test_site_is_built_without_warnings_and_faults(html):
     assert (html/'searchindex.js').exists() and check.faults(html) == []
+
+
+#: Prints what KaTeX objects to, of formulas that come as a list of (place, TeX, displayed).
+DRAW = """
+const katex = require(process.argv[1] + '/katex.min.js');
+for (const [place, tex, displayMode] of JSON.parse(require('fs').readFileSync(0, 'utf8')))
+    try {
+        katex.renderToString(tex, {displayMode, throwOnError: true});
+    } catch (error) {
+        console.log(place + ': ' + error.message);
+    }
+"""
+
+
+def test_no_formula_is_left_as_text_and_katex_draws_all(html):
+    formulas = []
+    for file in sorted(html.rglob('*.html')):
+        text = file.read_text(encoding='utf-8')
+        marked = r'<(span|div) class="math notranslate[^"]*"[^>]*>\s*(.*?)\s*</\1>'
+        formulas += [(file.name, unescape(tex)[2:-2], tex.startswith(r'\['))
+                     for _, tex in re.findall(marked, text, flags=re.S)]
+        if 'docs' in file.parts:
+            rest = re.sub(marked + r'|<(pre|code|script|style)\b.*?</\3>', '', text, flags=re.S)
+            left = re.findall(r'.{0,30}\$.{0,30}', rest)
+            assert not left, f'{file.name}: {left}'
+    assert len(formulas) > 1000
+    folder = '/usr/share/javascript/katex'
+    if shutil.which('node') is None:
+        pytest.skip('node is not installed: formulas were found and not drawn')
+    finished = subprocess.run(['node', '-e', DRAW, folder], input=json.dumps(formulas),
+                              capture_output=True, text=True, check=True)
+    assert not finished.stdout, finished.stdout
 
 
 def test_every_public_thing_has_its_page(html):
