@@ -430,7 +430,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         independent of configurations. Motion depends on the factor and is not the real motion;
         :meth:`describeEffects` says so. With a factor of 4 to 16, the rotation of light bodies
         (water) becomes slower than the other motion that limits the step. Time steps can then be
-        longer: the user guide has measurements.
+        longer: docs/guide/thermostats.md has measurements.
 
         Angular momenta, kinetic energies and temperatures are those of the scaled moments, so that
         equipartition holds about every axis. Angular velocities are real ones:
