@@ -11,13 +11,22 @@ import subprocess
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PICTURES = ('.png', '.gif', '.jpg', '.jpeg', '.svg')
 
+
+def pages_of_guide():
+    """The pages of the user guide, in the order of its first page."""
+    text = (ROOT/'docs'/'guide'/'README.md').read_text(encoding='utf-8')
+    return [
+        f'docs/guide/{name}' for name in re.findall(r'^- \[[^]]*\]\((\w+)\.md\)', text, flags=re.M)
+    ]
+
+
 #: The table of contents: sections with their pages, and the folders whose other pages belong to
 #: them, too.
-SECTIONS = [('Begin', ['README', 'docs/INSTALL', 'gallery'], []),
-            ('Use', [
-                'docs/cookbook/README', 'docs/USER_GUIDE', 'docs/schemes/README',
-                'docs/models/README', 'docs/CONVENTIONS', 'docs/ensembles'
-            ], ['docs']),
+SECTIONS = [('Begin', ['README', 'docs/INSTALL', 'docs/cookbook/README', 'gallery'], []),
+            ('User guide', ['docs/guide/README', *pages_of_guide()], []),
+            ('Schemes and models',
+             ['docs/schemes/README', 'docs/models/README', 'docs/CONVENTIONS',
+              'docs/ensembles'], ['docs']),
             ('Accuracy and validation', [
                 'docs/accuracy', 'docs/hydrodynamic_ladder', 'docs/grid_accuracy',
                 'docs/overdamped_accuracy', 'validation/README', 'benchmarks/README'
@@ -34,7 +43,7 @@ TITLES = {
     'docs/INSTALL': 'Installing',
     'validation/README': 'Validation',
     'docs/cookbook/README': 'Cookbook',
-    'docs/USER_GUIDE': 'User guide',
+    'docs/guide/README': 'Contents',
     'docs/CONVENTIONS': 'Conventions',
     'CHANGELOG': 'Changelog'
 }
@@ -68,10 +77,10 @@ def markdown_files():
     ]
 
 
-def copy_pages(source, change=lambda text: text):
+def copy_pages(source, change=lambda text, page: text):
     """Copy all Markdown files, and the files that they link to, and return the pages.
 
-    A change is made to the text of each page at the end.
+    A change is made to the text of each page at the end, change(text, page).
     """
     pages, known = [], markdown_files()
     for name in known:
@@ -80,7 +89,7 @@ def copy_pages(source, change=lambda text: text):
         text = links_of_the_site(text, name, known, source)
         text = re.sub(r'^```math\n(.*?)^```', r'$$\n\1$$', text,
                       flags=re.S | re.M)  # GitHub has both ways to write a formula
-        text = change(text) + _script_of(name, source)
+        text = change(text, page) + _script_of(name, source)
         target = source/(page + '.md')
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(text, encoding='utf-8')

@@ -3,6 +3,8 @@
 site/build.py collects the pages and calls Sphinx. Version, static files and Doxygen's XML come from
 there.
 """
+import pathlib
+
 project = 'openmm-rigidhi'
 author = 'The openmm-rigidhi authors'
 copyright = 'the openmm-rigidhi authors, MIT licence'
@@ -36,6 +38,7 @@ html_theme = 'furo'
 html_title = 'openmm-rigidhi'
 html_css_files = ['katex/katex.css', 'site.css']
 html_js_files = ['copy.js']
+html_search_scorer = str(pathlib.Path(__file__).with_name('search.js'))
 # Sphinx marks formulas as for MathJax; KaTeX draws what is between the same marks, and is fifty
 # times smaller.
 mathjax_path = 'formulas.js'

@@ -21,16 +21,29 @@ OF_OPENMM = {
 }
 #: Pages that the page of a class leads back to.
 PAGES = {
-    'CustomRigidHIIntegrator': [('User guide', 'docs/USER_GUIDE'),
+    'CustomRigidHIIntegrator': [('User guide', 'docs/guide/README'),
+                                ('Bodies', 'docs/guide/bodies'),
+                                ('State and quaternions', 'docs/guide/state'),
+                                ('Thermostats with momenta', 'docs/guide/thermostats'),
+                                ('Held and driven bodies', 'docs/guide/held_bodies'),
+                                ('Joints', 'docs/guide/joints'),
+                                ('Saving and resuming', 'docs/guide/saving'),
                                 ('Schemes', 'docs/schemes/README'),
                                 ('Cookbook', 'docs/cookbook/README'),
                                 ('Conventions', 'docs/CONVENTIONS')],
-    'MobilityForce': [('User guide', 'docs/USER_GUIDE'), ('Models', 'docs/models/README'),
+    'MobilityForce': [('User guide', 'docs/guide/README'), ('A fluid', 'docs/guide/fluid'),
+                      ('Boundaries and walls', 'docs/guide/walls'),
+                      ('Periodic fluids', 'docs/guide/periodic'),
+                      ('Lubrication', 'docs/guide/lubrication'),
+                      ('Performance', 'docs/guide/performance'),
+                      ('Bodies that swim', 'docs/guide/swimmers'), ('Models', 'docs/models/README'),
                       ('Driven flows', 'docs/models/driven_flows'),
                       ('Own tensors', 'docs/models/own_tensors'),
                       ('Cookbook', 'docs/cookbook/README')],
-    'CustomBodyForce': [('User guide', 'docs/USER_GUIDE'), ('Cookbook', 'docs/cookbook/README')],
-    'CustomBodyMotion': [('User guide', 'docs/USER_GUIDE'), ('Cookbook', 'docs/cookbook/README')]
+    'CustomBodyForce': [('Forces and torques on bodies', 'docs/guide/forces'),
+                        ('Cookbook', 'docs/cookbook/README')],
+    'CustomBodyMotion': [('Held and driven bodies', 'docs/guide/held_bodies'),
+                         ('Cookbook', 'docs/cookbook/README')]
 }
 
 
@@ -38,6 +51,32 @@ def back(name):
     """A line of links from the page of a class to pages of the documentation."""
     return 'Pages: ' + ' · '.join(f':doc:`{title} </{page}>`'
                                   for title, page in PAGES[name]) + '\n\n'
+
+
+#: The folders with a page for each enumerator of an enumeration, and the class that has it.
+ENUMERATIONS = {
+    'docs/schemes': ('Scheme', 'CustomRigidHIIntegrator'),
+    'docs/models': ('Model', 'MobilityForce')
+}
+
+
+def page_of_enumerator(class_, name):
+    """The page of a scheme or model, or None."""
+    for folder, (enumeration, owner) in ENUMERATIONS.items():
+        if owner == class_ and name in getattr(openmmrigidhi,
+                                               class_).__dict__[enumeration].__members__:
+            return f'{folder}/{name}'
+    return None
+
+
+def to_the_reference(page):
+    """A line of links from the page of a scheme or model to the references of Python and C++."""
+    folder, _, name = page.rpartition('/')
+    enumeration, class_ = ENUMERATIONS.get(folder, (None, None))
+    if class_ is None or page_of_enumerator(class_, name) is None:
+        return ''
+    return (f'\nIn the references: {{py:obj}}`Python <openmmrigidhi.{class_}.{name}>`, '
+            f'{{cpp:enum}}`C++ <RigidHIPlugin::{class_}::{enumeration}>`.\n')
 
 
 def _methods(name):
