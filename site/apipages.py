@@ -14,7 +14,7 @@ import types
 import xml.etree.ElementTree
 
 import openmmrigidhi
-from references import CLASSES, back, page_of_enumerator
+from references import CLASSES, back, with_pages
 
 PACKAGES = ['app', 'analysis', 'accuracy', 'ensemble']
 
@@ -175,13 +175,11 @@ def _page_of_large_class(type_, documents):
     if enumerations:
         text += _heading('Enumerations', '-')
     for each in enumerations:
-        text += _heading(each.__name__, '~') + f'{inspect.getdoc(each)}\n\n'
+        text += _heading(each.__name__, '~') + f'{with_pages(inspect.getdoc(each))}\n\n'
         for member in each:
             text += f'.. py:attribute:: {name}.{member.name}\n   :value: {member.value}\n\n'
-            text += ''.join(f'   {line}\n'
-                            for line in _meaning(member, documents[name]).split('\n')) + '\n'
-            if page := page_of_enumerator(name, member.name):
-                text += f'   More: :doc:`the page of {member.name} </{page}>`.\n\n'
+            meaning = with_pages(_meaning(member, documents[name]))
+            text += ''.join(f'   {line}\n' for line in meaning.split('\n')) + '\n'
     text += _heading(
         'The class', '-'
     ) + f'.. autoclass:: {full}\n   :members:\n   :exclude-members: {_enumerators(enumerations)}\n'

@@ -4,6 +4,10 @@ site/build.py collects the pages and calls Sphinx. Version, static files and Dox
 there.
 """
 import pathlib
+import sys
+
+sys.path.insert(0, str(pathlib.Path(__file__).parent))
+import references  # noqa: E402
 
 project = 'openmm-rigidhi'
 author = 'The openmm-rigidhi authors'
@@ -56,3 +60,11 @@ html_theme_options = {
         'color-brand-content': '#6bbdf0'
     },
 }
+
+
+def setup(app):
+    """Names of pages in docstrings become links."""
+    def with_links(app, what, name, thing, options, lines):
+        lines[:] = [references.with_pages(line) for line in lines]
+
+    app.connect('autodoc-process-docstring', with_links)

@@ -60,23 +60,21 @@ ENUMERATIONS = {
 }
 
 
-def page_of_enumerator(class_, name):
-    """The page of a scheme or model, or None."""
-    for folder, (enumeration, owner) in ENUMERATIONS.items():
-        if owner == class_ and name in getattr(openmmrigidhi,
-                                               class_).__dict__[enumeration].__members__:
-            return f'{folder}/{name}'
-    return None
-
-
 def to_the_reference(page):
     """A line of links from the page of a scheme or model to the references of Python and C++."""
     folder, _, name = page.rpartition('/')
-    enumeration, class_ = ENUMERATIONS.get(folder, (None, None))
-    if class_ is None or page_of_enumerator(class_, name) is None:
+    if folder not in ENUMERATIONS:
+        return ''
+    enumeration, class_ = ENUMERATIONS[folder]
+    if name not in getattr(getattr(openmmrigidhi, class_), enumeration).__members__:
         return ''
     return (f'\nIn the references: {{py:obj}}`Python <openmmrigidhi.{class_}.{name}>`, '
             f'{{cpp:enum}}`C++ <RigidHIPlugin::{class_}::{enumeration}>`.\n')
+
+
+def with_pages(text):
+    """A docstring whose names of pages, such as docs/schemes/LangevinC.md, lead there."""
+    return re.sub(r'(?<![\w/`<])docs/(\w+(?:/\w+)*)\.md\b', r':doc:`docs/\1.md </docs/\1>`', text)
 
 
 def _methods(name):
