@@ -1,12 +1,12 @@
-// What kind of page a result leads to, how much a match there counts, and a label before each result.
-// Readers look for how to do something first, for names second, and for the inside last.
+// What kind of page a result leads to, the factor and the bonus of its score, and a label before each
+// result. Readers look for how to do something first, for names second, and for the inside last.
 const KINDS = [
-    [/^docs\/guide\//, "Guide", 1, 20],
-    [/^docs\/cookbook\//, "Cookbook", 1, 20],
+    [/^docs\/guide\//, "Guide", 1.5, 20],
+    [/^docs\/cookbook\//, "Cookbook", 1.5, 20],
     [/^docs\/schemes\//, "Schemes", 1, 10],
     [/^docs\/models\//, "Models", 1, 10],
-    [/^api\//, "Python", 1, 5],
-    [/^cpp\//, "C++", 1, 0],
+    [/^api\//, "Python", 0.7, 5],
+    [/^cpp\//, "C++", 0.6, 0],
     [/^examples\//, "Example", 1, 0],
     [/^(CONTRIBUTING|CHANGELOG|SECURITY|docs\/ARCHITECTURE)/, "Development", 0.2, -40],
     [/^docs\/THEORY/, "Theory", 0.5, 0],
@@ -21,8 +21,9 @@ var Scorer = {
         const [, , factor, bonus] = kindOf(page);
         return factor * score + bonus;
     },
+    // Who gives the whole name of a method looks for that method.
+    objNameMatch: 60,
     // What Sphinx has where it is not told otherwise.
-    objNameMatch: 11,
     objPartialMatch: 6,
     objPrio: {0: 15, 1: 5, 2: -5},
     objPrioDefault: 0,

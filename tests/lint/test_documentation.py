@@ -45,6 +45,30 @@ def test_the_cookbook_lists_every_script():
         len(snippets(page)) for page in COOKBOOK)
 
 
+def test_the_guide_leads_from_page_to_page():
+    """The first page of the guide lists all others, and each one says what it is for and which one
+    comes next."""
+    listed = re.findall(r'^- \[([^]]*)\]\((\w+\.md)\): .', read('docs/guide/README.md'), flags=re.M)
+    assert {f'docs/guide/{name}'
+            for _, name in listed} | {'docs/guide/README.md'} == set(git_files('docs/guide/*.md'))
+    for k, (title, name) in enumerate(listed):
+        text = read(f'docs/guide/{name}')
+        assert text.startswith(f'# {title}\nThis page is '), name
+        following = f'Next: [{listed[k + 1][0]}]({listed[k + 1][1]}).' if k + 1 < len(
+            listed) else 'Next: the [cookbook](../cookbook/README.md)'
+        assert text.splitlines()[-1].startswith(following), f'{name}: {following}'
+        assert len(text.split()) < 2500, f'{name} is long: make two pages of it'
+
+
+@pytest.mark.parametrize('page',
+                         git_files('docs/schemes/*.md', 'docs/models/*.md', 'docs/guide/*.md'))
+def test_names_of_source_files_are_links(page):
+    dead = re.findall(
+        r'(?<!\[)`((?:openmmapi|platforms|python|tests|docs|examples|validation|'
+        r'benchmarks)/[\w./-]+\.\w+)`', read(page))
+    assert not dead, f'{page}: make links of {", ".join(dead)}'
+
+
 @pytest.mark.parametrize('page', [page for page in PAGES if not page.startswith('tests/')])
 def test_no_page_needs_the_inside_of_a_quantity(page):
     """Users divide by a unit: integrator.getBodyPositions()/unit.nanometer."""

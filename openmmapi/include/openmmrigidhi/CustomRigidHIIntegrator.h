@@ -258,8 +258,8 @@ public:
      * configurations do not depend on the factor, because momenta are Gaussian and independent of
      * the configuration. The motion does depend on it and is not the real one; describeEffects()
      * says so. With a factor of 4 to 16, the rotation of light bodies (water) becomes slower than
-     * the motion that limits the step otherwise, and longer steps are possible (docs/USER_GUIDE.md
-     * has measurements).
+     * the motion that limits the step otherwise, and longer steps are possible
+     * (docs/guide/thermostats.md has measurements).
      *
      * Angular momenta, kinetic energies and temperatures belong to the scaled moments, so that
      * equipartition holds about every axis. Angular velocities, as in setBodyAngularVelocities()
