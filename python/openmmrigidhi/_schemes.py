@@ -119,8 +119,8 @@ def summary(indent: int = 4) -> str:
 def markdown(folder: str = '../schemes/', overdamped: Optional[bool] = None) -> str:
     """The table of schemes of the user guide and of the schemes' own pages.
 
-    The pages lie in this folder, as seen from the file with the table. The guide has schemes without
-    momenta in a fluid on one page, and all others on another one.
+    The pages lie in this folder, as seen from the file with the table. The guide has schemes
+    without momenta in a fluid on one page, and all others on another one.
     """
     rows = [
         '| scheme | momenta | fluid | weak order | order at T = 0 | forces a step | |',
