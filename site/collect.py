@@ -11,19 +11,10 @@ import subprocess
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PICTURES = ('.png', '.gif', '.jpg', '.jpeg', '.svg')
 
-
-def pages_of_guide():
-    """The pages of the user guide, in the order of its first page."""
-    text = (ROOT/'docs'/'guide'/'README.md').read_text(encoding='utf-8')
-    return [
-        f'docs/guide/{name}' for name in re.findall(r'^- \[[^]]*\]\((\w+)\.md\)', text, flags=re.M)
-    ]
-
-
 #: The table of contents: sections with their pages, and the folders whose other pages belong to
-#: them, too.
+#: them, too. `folder/*` are the pages of a folder, in the order of the links on its first page.
 SECTIONS = [('Begin', ['README', 'docs/INSTALL', 'docs/cookbook/README', 'gallery'], []),
-            ('User guide', ['docs/guide/README', *pages_of_guide()], []),
+            ('User guide', ['docs/guide/README', 'docs/guide/*'], []),
             ('Schemes and models',
              ['docs/schemes/README', 'docs/models/README', 'docs/CONVENTIONS',
               'docs/ensembles'], ['docs']),
@@ -177,13 +168,13 @@ def write_contents(source, pages):
     The first page gets that of the whole site, and a folder's page that of the folder.
     """
     pages = [page for page in pages if page != 'index']
-    named = [page for _, listed, _ in SECTIONS for page in listed]
+    sections = [(title, _listed(source, entries, pages), folders)
+                for title, entries, folders in SECTIONS]
+    named = [page for _, listed, _ in sections for page in listed]
     children = {}
     for page in sorted(pages):
         if page not in named:
             children.setdefault(_parent(page, pages), []).append(page)
-    sections = [(title, [page for page in listed if page in pages], folders)
-                for title, listed, folders in SECTIONS]
     for page in children.pop(None, []):
         next(listed for _, listed, folders in sections if any(
             page.startswith(folder) for folder in folders)).append(page)
@@ -191,6 +182,19 @@ def write_contents(source, pages):
         _append(source, page, _in_order_of_links(source, page, below))
     for title, listed, _ in sections:
         _append(source, 'index', listed, title)
+
+
+def _listed(source, entries, pages):
+    """The pages of a section."""
+    listed = []
+    for entry in entries:
+        if entry.endswith('/*'):
+            first = entry[:-1] + 'README'
+            inside = [page for page in pages if page.startswith(entry[:-1]) and page != first]
+            listed += _in_order_of_links(source, first, inside)
+        elif entry in pages:
+            listed.append(entry)
+    return listed
 
 
 def _in_order_of_links(source, page, below):

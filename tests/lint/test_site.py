@@ -206,7 +206,8 @@ def test_schemes_and_models_lead_to_both_references_and_back(html):
 
 
 def test_the_guide_is_a_section_whose_pages_follow_each_other(html):
-    pages = ['docs/guide/README', *collect.pages_of_guide()]
+    listed = re.findall(r'^- \[[^]]*\]\((\w+)\.md\)', read('docs/guide/README.md'), flags=re.M)
+    pages = ['docs/guide/README', *(f'docs/guide/{name}' for name in listed)]
     assert len(pages) == len(git_files('docs/guide/*.md'))
     navigation = (html/'index.html').read_text(encoding='utf-8').partition('sidebar-tree')[2]
     places = [navigation.index(f'href="{page}.html"') for page in [*pages, 'docs/ARCHITECTURE']]
