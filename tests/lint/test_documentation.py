@@ -30,6 +30,13 @@ def test_snippets_run(page, tmp_path, run_python):
     assert finished.returncode == 0, finished.stderr
 
 
+@pytest.mark.parametrize('page', ['README.md', 'site/index.md', *git_files('docs/guide/*.md')])
+def test_first_snippets_and_those_of_the_guide_fit_on_a_screen(page):
+    """On a screen 1400 pixels wide the site has room for 112 columns of code."""
+    wide = [line for snippet in snippets(page) for line in snippet.splitlines() if len(line) > 112]
+    assert not wide, f'{page}: {wide}'
+
+
 @pytest.mark.parametrize('page, number', [(page, number) for page in COOKBOOK
                                           for number in range(len(snippets(page)))])
 def test_scripts_of_the_cookbook_run_by_themselves(page, number, tmp_path, run_python):
