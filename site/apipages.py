@@ -16,7 +16,7 @@ import xml.etree.ElementTree
 
 import openmmrigidhi
 from collect import ROOT
-from references import CLASSES, back
+from references import CLASSES, back, with_pages
 
 PACKAGES = ['app', 'analysis', 'accuracy', 'ensemble']
 
@@ -162,7 +162,8 @@ def _page_of_large_class(type_, documents):
     """A class with a table of its methods by purpose, its enumerations, then everything."""
     name = type_.__name__
     full = f'openmmrigidhi.{name}'
-    text = _heading(name) + f'.. currentmodule:: openmmrigidhi\n\n{_first_sentence(type_)}\n\n'
+    text = _heading(f'{name} (Python)')
+    text += f'.. currentmodule:: openmmrigidhi\n\n{_first_sentence(type_)}\n\n'
     text += back(name)
     for title, members in _purposes(type_):
         text += f'.. rubric:: {title}\n\n'
@@ -176,11 +177,11 @@ def _page_of_large_class(type_, documents):
     if enumerations:
         text += _heading('Enumerations', '-')
     for each in enumerations:
-        text += _heading(each.__name__, '~') + f'{inspect.getdoc(each)}\n\n'
+        text += _heading(each.__name__, '~') + f'{with_pages(inspect.getdoc(each))}\n\n'
         for member in each:
             text += f'.. py:attribute:: {name}.{member.name}\n   :value: {member.value}\n\n'
-            text += ''.join(f'   {line}\n'
-                            for line in _meaning(member, documents[name]).split('\n')) + '\n'
+            meaning = with_pages(_meaning(member, documents[name]))
+            text += ''.join(f'   {line}\n' for line in meaning.split('\n')) + '\n'
     text += _heading(
         'The class', '-'
     ) + f'.. autoclass:: {full}\n   :members:\n   :exclude-members: {_enumerators(enumerations)}\n'
@@ -264,6 +265,7 @@ def _cpp_pages(folder):
         description = _sentence(' '.join(''.join(
             details.find('detaileddescription').itertext()).split()))
         rows.append((f':cpp:{"class" if kind == "class" else "struct"}:`{name}`', description))
-        pages[f'cpp/{short}'] = _heading(short) + f'.. doxygen{kind}:: {name}\n   :members:\n'
+        pages[f'cpp/{short}'] = _heading(
+            f'{short} (C++)') + f'.. doxygen{kind}:: {name}\n   :members:\n'
     pages['cpp/index'] = text + _table(rows)
     return pages

@@ -13,11 +13,12 @@ PICTURES = ('.png', '.gif', '.jpg', '.jpeg', '.svg')
 
 #: The table of contents: sections with their pages, and the folders whose other pages belong to
 #: them, too. `folder/*` are the pages of a folder, in the order of the links on its first page.
-SECTIONS = [('Begin', ['README', 'docs/INSTALL', 'gallery'], []),
-            ('Use', [
-                'docs/cookbook/README', 'docs/USER_GUIDE', 'docs/schemes/README',
-                'docs/models/README', 'docs/CONVENTIONS', 'docs/ensembles'
-            ], ['docs']), ('Theory', ['docs/theory/README', 'docs/theory/*'], []),
+SECTIONS = [('Begin', ['README', 'docs/INSTALL', 'docs/cookbook/README', 'gallery'], []),
+            ('User guide', ['docs/guide/README', 'docs/guide/*'], []),
+            ('Schemes and models',
+             ['docs/schemes/README', 'docs/models/README', 'docs/CONVENTIONS',
+              'docs/ensembles'], ['docs']),
+            ('Theory', ['docs/theory/README', 'docs/theory/*'], []),
             ('Accuracy and validation', [
                 'docs/accuracy', 'docs/hydrodynamic_ladder', 'docs/grid_accuracy',
                 'docs/overdamped_accuracy', 'validation/README', 'benchmarks/README'
@@ -33,7 +34,7 @@ TITLES = {
     'docs/INSTALL': 'Installing',
     'validation/README': 'Validation',
     'docs/cookbook/README': 'Cookbook',
-    'docs/USER_GUIDE': 'User guide',
+    'docs/guide/README': 'Contents',
     'docs/CONVENTIONS': 'Conventions',
     'docs/theory/README': 'Contents',
     'CHANGELOG': 'Changelog'
@@ -68,10 +69,10 @@ def markdown_files():
     ]
 
 
-def copy_pages(source, change=lambda text: text):
+def copy_pages(source, change=lambda text, page: text):
     """Copy all Markdown files, and the files that they link to, and return the pages.
 
-    A change is made to the text of each page at the end.
+    A change is made to the text of each page at the end, change(text, page).
     """
     pages, known = [], markdown_files()
     for name in known:
@@ -80,7 +81,7 @@ def copy_pages(source, change=lambda text: text):
         text = links_of_the_site(text, name, known, source)
         text = re.sub(r'^```math\n(.*?)^```', r'$$\n\1$$', text,
                       flags=re.S | re.M)  # GitHub has both ways to write a formula
-        text = change(text) + _script_of(name, source)
+        text = change(text, page) + _script_of(name, source)
         target = source/(page + '.md')
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(text, encoding='utf-8')

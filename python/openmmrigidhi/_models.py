@@ -134,7 +134,7 @@ def _code(names):
     return ', '.join(f'`{name}`' for name in names)
 
 
-def markdown(folder: str = 'models/') -> str:
+def markdown(folder: str = '../models/') -> str:
     """The table of models of the user guide and of the models' own pages.
 
     The pages lie in this folder, as seen from the file with the table.

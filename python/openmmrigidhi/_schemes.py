@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import enum
 import textwrap
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Optional
 
 from . import _bindings
 
@@ -116,10 +116,11 @@ def summary(indent: int = 4) -> str:
     return ('\n' + ' '*indent).join(items)
 
 
-def markdown(folder: str = 'schemes/') -> str:
+def markdown(folder: str = '../schemes/', overdamped: Optional[bool] = None) -> str:
     """The table of schemes of the user guide and of the schemes' own pages.
 
-    The pages lie in this folder, as seen from the file with the table.
+    The pages lie in this folder, as seen from the file with the table. The guide has schemes
+    without momenta in a fluid on one page, and all others on another one.
     """
     rows = [
         '| scheme | momenta | fluid | weak order | order at T = 0 | forces a step | |',
@@ -129,5 +130,6 @@ def markdown(folder: str = 'schemes/') -> str:
         f'| [`{t.name}`]({page(t.name, folder)}) | {"yes" if t.hasMomenta else "no"} | '
         f'{"yes" if t.needsFluid else "no"} | {t.weakOrder} | '
         f'{t.coldOrder} | {t.forces} | {t.description} |' for t in TABLE
+        if overdamped in (None, t.needsFluid and not t.hasMomenta)
     ]
     return '\n'.join(rows)

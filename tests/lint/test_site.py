@@ -229,6 +229,50 @@ def test_pages_and_reference_lead_to_each_other(html):
         assert all(f'href="../{page}.html"' in text for _, page in references.PAGES[name])
 
 
+def test_schemes_and_models_lead_to_both_references_and_back(html):
+    for folder, (enumeration, class_) in references.ENUMERATIONS.items():
+        for name in getattr(getattr(openmmrigidhi, class_), enumeration).__members__:
+            text = (html/folder/f'{name}.html').read_text(encoding='utf-8')
+            assert f'api/{class_}.html#openmmrigidhi.{class_}.{name}"' in text, name
+            assert f'cpp/{class_}.html#_CPPv4N13RigidHIPlugin' in text, name
+            assert f'href="../{folder}/{name}.html"' in (html/f'api/{class_}.html').read_text(
+                encoding='utf-8'), name
+
+
+def test_the_guide_is_a_section_whose_pages_follow_each_other(html):
+    listed = re.findall(r'^- \[[^]]*\]\((\w+)\.md\)', read('docs/guide/README.md'), flags=re.M)
+    pages = ['docs/guide/README', *(f'docs/guide/{name}' for name in listed)]
+    assert len(pages) == len(git_files('docs/guide/*.md'))
+    navigation = (html/'index.html').read_text(encoding='utf-8').partition('sidebar-tree')[2]
+    places = [navigation.index(f'href="{page}.html"') for page in [*pages, 'docs/ARCHITECTURE']]
+    assert navigation.index('>User guide<') < places[0] and places == sorted(places)
+    for page, following in zip(pages, pages[1:]):
+        text = (html/f'{page}.html').read_text(encoding='utf-8')
+        assert f'class="next-page" href="{following.rpartition("/")[2]}.html"' in text, page
+
+
+def test_search_tells_kinds_of_pages_apart(html):
+    """The guide and the cookbook count more than pages for contributors, and a class of both
+    languages has two titles."""
+    script = read('site/search.js')
+    assert script in (html/'_static'/'language_data.js').read_text(encoding='utf-8')
+    kinds = [(pattern.replace('\\/', '/'), name, float(factor), float(bonus))
+             for pattern, name, factor, bonus in re.findall(
+                 r'\[/(.*)/, "([^"]+)", ([\d.]+), ([-\d.]+)\]', script)]
+
+    def best_and_worst(page):
+        _, _, factor, bonus = next(each for each in kinds if re.search(each[0], page))
+        return factor*100 + bonus, bonus
+
+    for page in ('CONTRIBUTING', 'CHANGELOG', 'docs/ARCHITECTURE'):
+        for other in ('docs/guide/bodies', 'docs/cookbook/walls'):
+            assert best_and_worst(page)[0] < best_and_worst(other)[1]
+    for name in references.CLASSES:
+        for folder, language in (('api', 'Python'), ('cpp', 'C++')):
+            text = (html/folder/f'{name}.html').read_text(encoding='utf-8')
+            assert f'<title>{name} ({language})' in text
+
+
 def test_every_public_header_is_in_the_cpp_reference(html):
     for header in git_files('openmmapi/include/openmmrigidhi/*.h'):
         if '/internal/' not in header:

@@ -164,11 +164,12 @@ def test_scheme_opens_with_its_description(scheme):
 
 
 def test_pages_know_the_schemes():
-    """The table of the user guide agrees with the list of schemes, and every scheme and model has
+    """The tables of the user guide agree with the list of schemes, and every scheme and model has
     its equations."""
-    assert _schemes.markdown() in read('docs/USER_GUIDE.md'), \
-        ('put this table into docs/USER_GUIDE.md, "Schemes, and how to choose":\n'
-         f'{_schemes.markdown()}')
+    for page, overdamped in (('docs/guide/thermostats.md', False), ('docs/guide/brownian.md',
+                                                                    True)):
+        table = _schemes.markdown(overdamped=overdamped)
+        assert table in read(page), f'put this table into {page}, "Schemes":\n{table}'
     theory = ''.join(read(page) for page in git_files('docs/theory/*.md'))
     for traits in [*_schemes.TABLE, *_models.MODELS]:
         assert f'`{traits.name}`' in theory, f'docs/theory has no equations of {traits.name}'
