@@ -17,8 +17,7 @@ SECTIONS = [('Begin', ['README', 'docs/INSTALL', 'docs/cookbook/README', 'galler
             ('User guide', ['docs/guide/README', 'docs/guide/*'], []),
             ('Schemes and models',
              ['docs/schemes/README', 'docs/models/README', 'docs/CONVENTIONS',
-              'docs/ensembles'], ['docs']),
-            ('Theory', ['docs/theory/README', 'docs/theory/*'], []),
+              'docs/ensembles'], ['docs']), ('Theory', ['docs/theory/README', 'docs/theory/*'], []),
             ('Accuracy and validation', [
                 'docs/accuracy', 'docs/hydrodynamic_ladder', 'docs/grid_accuracy',
                 'docs/overdamped_accuracy', 'validation/README', 'benchmarks/README'

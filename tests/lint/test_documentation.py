@@ -127,9 +127,8 @@ def test_every_public_method_is_in_a_guide_or_documented_reference():
         dir(openmmrigidhi.app))
     known |= set(dir(openmmrigidhi.CustomBodyForce)) | set(dir(openmmrigidhi.MobilityForce))
     known |= set(dir(openmmrigidhi.CustomBodyMotion))
-    for page in ('README.md', 'docs/CONVENTIONS.md',
-                 *git_files('docs/guide/*.md', 'docs/theory/*.md', 'docs/schemes/*.md',
-                            'docs/models/*.md')):
+    for page in ('README.md', 'docs/CONVENTIONS.md', *git_files(
+            'docs/guide/*.md', 'docs/theory/*.md', 'docs/schemes/*.md', 'docs/models/*.md')):
         for name in re.findall(r'`(?:openmmrigidhi\.app\.)?((?:get|set|compute|addRigid)\w+)\(?',
                                read(page)):
             openmms = {
