@@ -311,8 +311,8 @@ public:
      * Set a flow that is there without bodies, v(x) = velocity + gradient x, with x from the origin
      * of coordinates (default: none). The flow carries and turns bodies: blobs have the slip
      * (surface velocity) v(x), and spheres have v(x) and half the curl of v (Westwood 2022, eq.
-     * 33). Spheres of StokesianDynamics resist the strain by their stresslets, without lubrication
-     * of the strain. Multiblobs resist it by their blobs. Spheres of other models, and bodies' own
+     * 33). Spheres of StokesianDynamics resist the strain by their stresslets, with lubrication of
+     * the strain. Multiblobs resist it by their blobs. Spheres of other models, and bodies' own
      * tensors, do not resist it.
      *
      * The boundary must be Unbounded, or NoSlipWall or PeriodicWall if the flow is 0 at the wall.
