@@ -68,7 +68,8 @@ def test_the_guide_leads_from_page_to_page():
 
 
 @pytest.mark.parametrize('page',
-                         git_files('docs/schemes/*.md', 'docs/models/*.md', 'docs/guide/*.md'))
+                         git_files('docs/schemes/*.md', 'docs/models/*.md', 'docs/guide/*.md',
+                                   'docs/theory/*.md'))
 def test_names_of_source_files_are_links(page):
     dead = re.findall(
         r'(?<!\[)`((?:openmmapi|platforms|python|tests|docs|examples|validation|'
