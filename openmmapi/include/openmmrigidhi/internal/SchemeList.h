@@ -4,7 +4,7 @@
 /**
  * The one list of schemes, in the order of their numbers. A new scheme is a line at the end. The
  * list generates the enumeration in C++ and Python, names in XML and messages, checks, the loops
- * that run a scheme, docstrings, the table of the user guide, and the lists in the tests.
+ * that run a scheme, docstrings, the tables of the pages, and the lists in the tests.
  *
  * ROW(name, kind, momenta, weakOrder, coldOrder, forces, differenced, work, drift, description)
  *   name         of the enumerator, of the struct or class that is the scheme, and of its file in
