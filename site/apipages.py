@@ -10,11 +10,13 @@ import inspect
 import io
 import os
 import re
+import textwrap
 import types
 import xml.etree.ElementTree
 
 import openmmrigidhi
-from references import CLASSES, back
+from collect import ROOT
+from references import CLASSES, back, with_pages
 
 PACKAGES = ['app', 'analysis', 'accuracy', 'ensemble']
 
@@ -160,7 +162,8 @@ def _page_of_large_class(type_, documents):
     """A class with a table of its methods by purpose, its enumerations, then everything."""
     name = type_.__name__
     full = f'openmmrigidhi.{name}'
-    text = _heading(name) + f'.. currentmodule:: openmmrigidhi\n\n{_first_sentence(type_)}\n\n'
+    text = _heading(f'{name} (Python)')
+    text += f'.. currentmodule:: openmmrigidhi\n\n{_first_sentence(type_)}\n\n'
     text += back(name)
     for title, members in _purposes(type_):
         text += f'.. rubric:: {title}\n\n'
@@ -174,11 +177,11 @@ def _page_of_large_class(type_, documents):
     if enumerations:
         text += _heading('Enumerations', '-')
     for each in enumerations:
-        text += _heading(each.__name__, '~') + f'{inspect.getdoc(each)}\n\n'
+        text += _heading(each.__name__, '~') + f'{with_pages(inspect.getdoc(each))}\n\n'
         for member in each:
             text += f'.. py:attribute:: {name}.{member.name}\n   :value: {member.value}\n\n'
-            text += ''.join(f'   {line}\n'
-                            for line in _meaning(member, documents[name]).split('\n')) + '\n'
+            meaning = with_pages(_meaning(member, documents[name]))
+            text += ''.join(f'   {line}\n' for line in meaning.split('\n')) + '\n'
     text += _heading(
         'The class', '-'
     ) + f'.. autoclass:: {full}\n   :members:\n   :exclude-members: {_enumerators(enumerations)}\n'
@@ -206,8 +209,22 @@ def _meaning(member, documents):
     """The own docstring of an enumerator, or what the C++ header says."""
     own = inspect.getdoc(member)
     if own and own != inspect.getdoc(type(member)):
-        return own
+        return _with_formulas(own)
     return documents[member.name]
+
+
+def _with_formulas(text):
+    """A docstring of a scheme with the formulas of the scheme's page in place of plain text."""
+    page = re.search(r'docs/schemes/\w+\.md', text)
+    if not page:
+        return text
+    equation = re.search(r'^## Equation\n.*?^\$\$\n(.*?)^\$\$',
+                         (ROOT/page[0]).read_text(encoding='utf-8'), flags=re.S | re.M)[1]
+    formulas = '.. math::\n   :nowrap:\n\n' + textwrap.indent(rf'\[{equation}\]', '   ')
+    text, number = re.subn(r'^(.*)::\n\n(?: {4}.*\n)+',
+                           lambda found: f'{found[1]}:\n\n{formulas}\n', text, count=1, flags=re.M)
+    assert number, text
+    return text
 
 
 def _enumerators_of_cpp(folder):
@@ -248,6 +265,7 @@ def _cpp_pages(folder):
         description = _sentence(' '.join(''.join(
             details.find('detaileddescription').itertext()).split()))
         rows.append((f':cpp:{"class" if kind == "class" else "struct"}:`{name}`', description))
-        pages[f'cpp/{short}'] = _heading(short) + f'.. doxygen{kind}:: {name}\n   :members:\n'
+        pages[f'cpp/{short}'] = _heading(
+            f'{short} (C++)') + f'.. doxygen{kind}:: {name}\n   :members:\n'
     pages['cpp/index'] = text + _table(rows)
     return pages

@@ -97,7 +97,9 @@ def main():
         shutil.rmtree(old, ignore_errors=True)
     xml = describe_cpp(output/'cpp')
     known = references.names()
-    pages = collect.copy_pages(source, lambda text: references.with_references(text, known))
+    pages = collect.copy_pages(
+        source, lambda text, page: references.with_references(text, known) + references.
+        to_the_reference(page))
     gallery.write(source)
     pages += apipages.write(source, xml)
     collect.write_contents(source, pages)

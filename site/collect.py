@@ -12,17 +12,16 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 PICTURES = ('.png', '.gif', '.jpg', '.jpeg', '.svg')
 
 #: The table of contents: sections with their pages, and the folders whose other pages belong to
-#: them, too.
-SECTIONS = [('Begin', ['README', 'docs/INSTALL', 'gallery'], []),
-            ('Use', [
-                'docs/cookbook/README', 'docs/USER_GUIDE', 'docs/schemes/README',
-                'docs/models/README', 'docs/CONVENTIONS', 'docs/ensembles'
-            ], ['docs']),
+#: them, too. `folder/*` are the pages of a folder, in the order of the links on its first page.
+SECTIONS = [('Begin', ['README', 'docs/INSTALL', 'docs/cookbook/README', 'gallery'], []),
+            ('User guide', ['docs/guide/README', 'docs/guide/*'], []),
+            ('Schemes and models',
+             ['docs/schemes/README', 'docs/models/README', 'docs/CONVENTIONS',
+              'docs/ensembles'], ['docs']), ('Theory', ['docs/theory/README', 'docs/theory/*'], []),
             ('Accuracy and validation', [
                 'docs/accuracy', 'docs/hydrodynamic_ladder', 'docs/grid_accuracy',
                 'docs/overdamped_accuracy', 'validation/README', 'benchmarks/README'
-            ], ['validation', 'benchmarks']),
-            ('Theory and reference', ['docs/THEORY', 'api/index', 'cpp/index'], []),
+            ], ['validation', 'benchmarks']), ('Reference', ['api/index', 'cpp/index'], []),
             ('Development', ['CONTRIBUTING', 'docs/ARCHITECTURE', 'CHANGELOG'], ['']),]
 #: What the table of contents says in place of a page's own title.
 TITLES = {
@@ -34,8 +33,9 @@ TITLES = {
     'docs/INSTALL': 'Installing',
     'validation/README': 'Validation',
     'docs/cookbook/README': 'Cookbook',
-    'docs/USER_GUIDE': 'User guide',
+    'docs/guide/README': 'Contents',
     'docs/CONVENTIONS': 'Conventions',
+    'docs/theory/README': 'Contents',
     'CHANGELOG': 'Changelog'
 }
 #: Folders whose pages stand below a page that is not in the folder.
@@ -68,10 +68,10 @@ def markdown_files():
     ]
 
 
-def copy_pages(source, change=lambda text: text):
+def copy_pages(source, change=lambda text, page: text):
     """Copy all Markdown files, and the files that they link to, and return the pages.
 
-    A change is made to the text of each page at the end.
+    A change is made to the text of each page at the end, change(text, page).
     """
     pages, known = [], markdown_files()
     for name in known:
@@ -80,7 +80,7 @@ def copy_pages(source, change=lambda text: text):
         text = links_of_the_site(text, name, known, source)
         text = re.sub(r'^```math\n(.*?)^```', r'$$\n\1$$', text,
                       flags=re.S | re.M)  # GitHub has both ways to write a formula
-        text = change(text) + _script_of(name, source)
+        text = change(text, page) + _script_of(name, source)
         target = source/(page + '.md')
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(text, encoding='utf-8')
@@ -168,13 +168,13 @@ def write_contents(source, pages):
     The first page gets that of the whole site, and a folder's page that of the folder.
     """
     pages = [page for page in pages if page != 'index']
-    named = [page for _, listed, _ in SECTIONS for page in listed]
+    sections = [(title, _listed(source, entries, pages), folders)
+                for title, entries, folders in SECTIONS]
+    named = [page for _, listed, _ in sections for page in listed]
     children = {}
     for page in sorted(pages):
         if page not in named:
             children.setdefault(_parent(page, pages), []).append(page)
-    sections = [(title, [page for page in listed if page in pages], folders)
-                for title, listed, folders in SECTIONS]
     for page in children.pop(None, []):
         next(listed for _, listed, folders in sections if any(
             page.startswith(folder) for folder in folders)).append(page)
@@ -182,6 +182,19 @@ def write_contents(source, pages):
         _append(source, page, _in_order_of_links(source, page, below))
     for title, listed, _ in sections:
         _append(source, 'index', listed, title)
+
+
+def _listed(source, entries, pages):
+    """The pages of a section."""
+    listed = []
+    for entry in entries:
+        if entry.endswith('/*'):
+            first = entry[:-1] + 'README'
+            inside = [page for page in pages if page.startswith(entry[:-1]) and page != first]
+            listed += _in_order_of_links(source, first, inside)
+        elif entry in pages:
+            listed.append(entry)
+    return listed
 
 
 def _in_order_of_links(source, page, below):

@@ -3,6 +3,12 @@
 site/build.py collects the pages and calls Sphinx. Version, static files and Doxygen's XML come from
 there.
 """
+import pathlib
+import sys
+
+sys.path.insert(0, str(pathlib.Path(__file__).parent))
+import references  # noqa: E402
+
 project = 'openmm-rigidhi'
 author = 'The openmm-rigidhi authors'
 copyright = 'the openmm-rigidhi authors, MIT licence'
@@ -36,6 +42,7 @@ html_theme = 'furo'
 html_title = 'openmm-rigidhi'
 html_css_files = ['katex/katex.css', 'site.css']
 html_js_files = ['copy.js']
+html_search_scorer = str(pathlib.Path(__file__).with_name('search.js'))
 # Sphinx marks formulas as for MathJax; KaTeX draws what is between the same marks, and is fifty
 # times smaller.
 mathjax_path = 'formulas.js'
@@ -53,3 +60,11 @@ html_theme_options = {
         'color-brand-content': '#6bbdf0'
     },
 }
+
+
+def setup(app):
+    """Names of pages in docstrings become links."""
+    def with_links(app, what, name, thing, options, lines):
+        lines[:] = [references.with_pages(line) for line in lines]
+
+    app.connect('autodoc-process-docstring', with_links)

@@ -21,16 +21,29 @@ OF_OPENMM = {
 }
 #: Pages that the page of a class leads back to.
 PAGES = {
-    'CustomRigidHIIntegrator': [('User guide', 'docs/USER_GUIDE'),
+    'CustomRigidHIIntegrator': [('User guide', 'docs/guide/README'),
+                                ('Bodies', 'docs/guide/bodies'),
+                                ('State and quaternions', 'docs/guide/state'),
+                                ('Thermostats with momenta', 'docs/guide/thermostats'),
+                                ('Held and driven bodies', 'docs/guide/held_bodies'),
+                                ('Joints', 'docs/guide/joints'),
+                                ('Saving and resuming', 'docs/guide/saving'),
                                 ('Schemes', 'docs/schemes/README'),
                                 ('Cookbook', 'docs/cookbook/README'),
                                 ('Conventions', 'docs/CONVENTIONS')],
-    'MobilityForce': [('User guide', 'docs/USER_GUIDE'), ('Models', 'docs/models/README'),
+    'MobilityForce': [('User guide', 'docs/guide/README'), ('A fluid', 'docs/guide/fluid'),
+                      ('Boundaries and walls', 'docs/guide/walls'),
+                      ('Periodic fluids', 'docs/guide/periodic'),
+                      ('Lubrication', 'docs/guide/lubrication'),
+                      ('Performance', 'docs/guide/performance'),
+                      ('Bodies that swim', 'docs/guide/swimmers'), ('Models', 'docs/models/README'),
                       ('Driven flows', 'docs/models/driven_flows'),
                       ('Own tensors', 'docs/models/own_tensors'),
                       ('Cookbook', 'docs/cookbook/README')],
-    'CustomBodyForce': [('User guide', 'docs/USER_GUIDE'), ('Cookbook', 'docs/cookbook/README')],
-    'CustomBodyMotion': [('User guide', 'docs/USER_GUIDE'), ('Cookbook', 'docs/cookbook/README')]
+    'CustomBodyForce': [('Forces and torques on bodies', 'docs/guide/forces'),
+                        ('Cookbook', 'docs/cookbook/README')],
+    'CustomBodyMotion': [('Held and driven bodies', 'docs/guide/held_bodies'),
+                         ('Cookbook', 'docs/cookbook/README')]
 }
 
 
@@ -38,6 +51,30 @@ def back(name):
     """A line of links from the page of a class to pages of the documentation."""
     return 'Pages: ' + ' · '.join(f':doc:`{title} </{page}>`'
                                   for title, page in PAGES[name]) + '\n\n'
+
+
+#: The folders with a page for each enumerator of an enumeration, and the class that has it.
+ENUMERATIONS = {
+    'docs/schemes': ('Scheme', 'CustomRigidHIIntegrator'),
+    'docs/models': ('Model', 'MobilityForce')
+}
+
+
+def to_the_reference(page):
+    """A line of links from the page of a scheme or model to the references of Python and C++."""
+    folder, _, name = page.rpartition('/')
+    if folder not in ENUMERATIONS:
+        return ''
+    enumeration, class_ = ENUMERATIONS[folder]
+    if name not in getattr(getattr(openmmrigidhi, class_), enumeration).__members__:
+        return ''
+    return (f'\nIn the references: {{py:obj}}`Python <openmmrigidhi.{class_}.{name}>`, '
+            f'{{cpp:enum}}`C++ <RigidHIPlugin::{class_}::{enumeration}>`.\n')
+
+
+def with_pages(text):
+    """A docstring whose names of pages, such as docs/schemes/LangevinC.md, lead there."""
+    return re.sub(r'(?<![\w/`<])docs/(\w+(?:/\w+)*)\.md\b', r':doc:`docs/\1.md </docs/\1>`', text)
 
 
 def _methods(name):

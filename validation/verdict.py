@@ -558,32 +558,34 @@ def westwood2022():
 PAPERS = (
     ('davidchack2015', davidchack2015, 'Davidchack, Ouldridge, Tretyakov 2015',
      'New Langevin and gradient thermostats for rigid body dynamics, J. Chem. Phys. 142, 144114',
-     'The rows are for TIP4P water, section VI: Table 1, Figures 1 to 4, limits of stability. The '
-     'paper\'s 95 % intervals are divided by 1.96.'),
+     'The rows are for TIP4P water, section VI: Table 1, Figures 1 to 4, limits of stability. '
+     'Published errors are the paper\'s 95 % intervals divided by 1.96.'),
     ('davidchack2017', davidchack2017, 'Davidchack, Ouldridge, Tretyakov 2017',
      'Geometric integrator for Langevin systems with quaternion-based rotational degrees of '
      'freedom and hydrodynamic interactions, J. Chem. Phys. 147, 224103',
      'The rows are for Tables S1 to S3 and Figures 2 to 5, 7, 8, S1, S2; Figures 1 and 6 are '
-     'drawings. The columns "th" of Table S1 are series, which need no run. The errors of Table S2 '
-     'are taken as standard errors, since the paper does not say.'),
+     'drawings. The columns "th" of Table S1 are series, which need no run. We take the errors of '
+     'Table S2 as standard errors, since the paper does not define them.'),
     ('delong2015', delong2015, 'Delong, Balboa Usabiaga, Donev 2015',
      'Brownian dynamics of confined rigid bodies, J. Chem. Phys. 143, 144107',
-     'The rows are for Figures 3 to 9 and Table 1; Figures 1 and 2 are drawings. For numbers that '
-     'are printed without errors, only the rounding is taken as an error; the error of the '
-     'paper\'s sampling is not known.'),
+     'The rows are for Figures 3 to 9 and Table 1; Figures 1 and 2 are drawings. For numbers '
+     'printed without errors, only the rounding counts as an error; the error of the paper\'s '
+     'sampling is unknown.'),
     ('westwood2022', westwood2022, 'Westwood, Delmotte, Keaveny 2022',
      'A generalised drift-correcting time integration scheme for Brownian suspensions of rigid '
      'particles with arbitrary shape, J. Comput. Phys. 467, 111437',
      'The rows are for Figures 4, 5, 8, 9, 11; Figures 1 to 3, 6, 7, 10 are drawings. The '
-     'paper\'s text has no numbers of its results, so its statements in words are compared.'),
+     'paper\'s text gives no numbers for its results, so the rows compare its statements in words.'
+     ),
 )
 STUDIES = (('accuracy/water', 'the cost of accuracy for TIP4P-Ew water'),
            ('accuracy/overdamped', 'the bias and the cost of schemes for the overdamped limit'),
-           ('accuracy/grid', 'the error and the cost of a grid by its tolerance'),
+           ('accuracy/grid', 'the error and the cost of a grid at each tolerance'),
            ('accuracy/ladder', 'the error and the cost of models of the fluid'),
-           ('accuracy/arrays', 'models of the fluid in dense arrays, beside exact numbers'),
-           ('accuracy/viscosity', 'the effective viscosity where it is known'),
-           ('accuracy/suspensions', 'random hard spheres at short times, beside published fits'),
+           ('accuracy/arrays', 'models of the fluid in dense arrays, compared with exact numbers'),
+           ('accuracy/viscosity', 'the effective viscosity where its value is known'),
+           ('accuracy/suspensions',
+            'random hard spheres at short times, compared with published fits'),
            ('accuracy/energy', 'energy conservation without friction'),
            ('accuracy/density',
             'the density under a barostat'), ('bodies', 'equilibria of bodies with joints'),
@@ -591,40 +593,40 @@ STUDIES = (('accuracy/water', 'the cost of accuracy for TIP4P-Ew water'),
            ('sheared', 'suspensions in shear, rollers and monolayers, settling spheres'))
 TOP = '''# Validation: the papers\u2019 numbers and ours
 
-Each published number of four papers stands here beside the one that this plugin computes.
-A folder for each paper has the scripts, their results, and a page that says how the runs were made
-and what they show. Errors in brackets are one standard error. A difference is our number
-minus the paper\u2019s, divided by the standard error of this difference. If its magnitude is below
-{below:g}, the number **agrees**. A distribution agrees with the exact one if the probability of so
-large a difference by chance is above {above:g}. The verdict *not reached* comes with its reason.
+This page compares each published number of four papers with the number that this plugin computes.
+Each paper has a folder with the scripts, their results, and a page that describes the runs and
+their outcome. Errors in brackets are one standard error. A difference is our number minus the
+paper\u2019s, divided by the standard error of this difference. If its magnitude is below {below:g},
+the number **agrees**. A distribution agrees with the exact one if the probability of so large a
+difference by chance is above {above:g}. The verdict *not reached* comes with its reason.
 '''
 #: Why rows disagree, by a piece of their verdicts; the others are of heights above a wall.
 ELECTROSTATICS, TIME_STEP = 'truncation of its electrostatics', 'an error of the time step'
 WHY = '''
-Of the {all} rows that disagree, {water} are averages of water, whose paper gives neither the
+Of the {all} rows that disagree, {water} are averages of water; the paper gives neither the
 screening nor the truncation of its electrostatics. In {steps} rows the scheme has an error of its
-time step. The other {heights} are heights above a wall and what depends on them, where our numbers
-are exact or agree with an independent calculation.
+time step. The other {heights} are heights above a wall and quantities that depend on them; there
+our numbers are exact or agree with an independent calculation.
 '''
 RUNS = '''
 ## Making the runs again
 Each page gives the commands of its runs. All scripts that make runs use
 [openmmrigidhi.ensemble.tasks](../docs/ensembles.md#tasks-of-your-own). They have the options
 `--jobs N`, for N runs at a time, and `--cluster ADDRESS`, for a scheduler of dask.distributed. Runs
-are independent. The
-seed of a run follows from the script\u2019s seed and the place of the run in the script. Each run
-keeps its state in a directory of its own below `--work` (by default `work` in the folder of
-`--output`, which git ignores). The same command continues an interrupted run; `--fresh` begins
-anew. Runs that are timed take turns in one process (`accuracy/grid`, speeds of the other studies of
-accuracy). Workers on a cluster must find the scripts: `PYTHONPATH` has `validation/common` and the
-paper\u2019s folder. Code that the scripts of several papers share is in `common/`.
+are independent. The script\u2019s seed and the position of a run in the script determine the seed
+of the run. Each run keeps its state in its own directory below `--work` (by default `work` in the
+folder of `--output`, which git ignores). The same command continues an interrupted run; `--fresh`
+begins anew. Timed runs take turns in one process (`accuracy/grid`, speeds of the other studies of
+accuracy). Workers on a cluster must find the scripts: put `validation/common` and the
+paper\u2019s folder into `PYTHONPATH`. The folder `common/` has the code that the scripts of several
+papers share.
 
-Git has tables (JSON, CSV) and a picture or two for each experiment. State, raw series, pages with
-pictures inside and animations are made again by the same commands. `verdict.py` writes this page
-from the JSONs of the papers\u2019 folders: edit `verdict.py`, not the page.
+Git has tables (JSON, CSV) and a picture or two for each experiment. The same commands make states,
+raw series, pages with embedded pictures and animations again. `verdict.py` writes this page from
+the JSONs of the papers\u2019 folders: edit `verdict.py`, not the page.
 
 ## Studies of our own
-These studies have results that [the documentation](../docs) quotes, and belong to no paper:
+These studies belong to no paper; [the documentation](../docs) quotes their results:
 
 | study | what |
 |---|---|
@@ -656,7 +658,7 @@ def page():
                       f'{kinds.count("disagrees")} | {kinds.count("not reached")} |')
         sections.append('\n'.join([
             f'\n## {name}',
-            f'*{title}*. [{folder}]({folder}/README.md) says how the runs were made. {about}', '',
+            f'*{title}*. [{folder}]({folder}/README.md) describes the runs. {about}', '',
             *table(rows)
         ]))
     text = TOP.format(

@@ -9,8 +9,8 @@ A simulation of rigid water begins with::
                                        openmm.Platform.getPlatformByName('CPU'))
 
 Importing this package loads the plugin's libraries into OpenMM, from its own directory lib/plugins.
-No environment variable is needed. If a library does not load, the import raises ImportError, which
-says which library, from where, and why.
+You need no environment variable. If a library does not load, the import raises ImportError; its
+message names the library, its place and the cause.
 """
 import importlib
 import importlib.util
@@ -36,7 +36,7 @@ _SUBMODULES = ('app', 'analysis', 'accuracy', 'ensemble')
 
 
 def __getattr__(name):
-    """Submodules are attributes, imported when first used.
+    """Submodules are attributes, imported at their first use.
 
     They need more packages than the integrator does.
     """

@@ -1,4 +1,4 @@
-"""Methods that CustomBodyForce and CustomBodyMotion have in common.
+"""Common methods of CustomBodyForce and CustomBodyMotion.
 
 They are for expressions, parameters and bodies. Each of these classes names them as its own. They
 reach the C++ methods of the same names through the class's attribute `_base`.
@@ -256,7 +256,7 @@ def setBodyParameters(self, index: int, bodyIndex: int, parameters: Numbers = ()
 def updateParametersInContext(self, context: openmm.Context) -> None:
     """Copy the per-body parameters of all entries to a Context.
 
-    Expressions, names and the set of bodies stay as they were when the Context was created.
+    Expressions, names and the set of bodies stay as they were at Context creation.
 
     Parameters
     ----------
@@ -266,8 +266,7 @@ def updateParametersInContext(self, context: openmm.Context) -> None:
     Raises
     ------
     openmm.OpenMMException
-        if this force is not in the Context, or acts on other bodies than when the Context was
-        created
+        if this force is not in the Context, or acts on other bodies than at Context creation
     """
     self._base.updateParametersInContext(
         self, _units.context(context, _where(self, 'updateParametersInContext')))

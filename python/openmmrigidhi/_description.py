@@ -1,4 +1,4 @@
-"""What is installed and loaded, in the form of a bug report."""
+"""The installed and loaded parts, in the form of a bug report."""
 from __future__ import annotations
 
 import ctypes

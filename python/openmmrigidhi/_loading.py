@@ -109,12 +109,12 @@ def find_platform_library(name):
 
 
 def checkPlatform(platform: Union[str, openmm.Platform]) -> None:
-    """Check that a platform can run this plugin's integrator, and say why if it cannot.
+    """Check that a platform can run this plugin's integrator; an error says why it cannot.
 
-    A platform that was loaded after this package gets the plugin's kernels now.
+    A platform loaded after this package gets the plugin's kernels now.
 
-    When a Context is created on a platform without these kernels, OpenMM's own message ("Specified
-    a Platform for a Context which does not support all required kernels") gives no cause.
+    If you create a Context on a platform without these kernels, OpenMM's own message ("Specified a
+    Platform for a Context which does not support all required kernels") gives no cause.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def checkPlatform(platform: Union[str, openmm.Platform]) -> None:
     Raises
     ------
     openmm.OpenMMException
-        if OpenMM has no such platform, or the platform lacks our kernels
+        if OpenMM has no such platform, or the platform lacks the plugin's kernels
     """
     name = platform if isinstance(platform, str) else platform.getName()
     late = find_platform_library(_FOR_ANY_PLATFORM)

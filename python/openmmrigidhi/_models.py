@@ -1,6 +1,6 @@
 """The tables of hydrodynamic models and of boundaries of the fluid, as the library has them.
 
-The enumerations, their docstrings and the tables of the pages are made from these tables.
+These tables generate the enumerations, their docstrings and the tables of the pages.
 """
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _DEFAULT = _bindings.MobilityForce()
 
 
 class BoundaryTraits(NamedTuple):
-    """What is known of a boundary of the fluid."""
+    """The known properties of a boundary of the fluid."""
 
     name: str
     number: int
@@ -25,12 +25,12 @@ class BoundaryTraits(NamedTuple):
 
     @property
     def isDefault(self) -> bool:
-        """Whether a MobilityForce has this boundary at first."""
+        """Whether this is the default boundary of a MobilityForce."""
         return self.number == _DEFAULT.getBoundary()
 
 
 class ModelTraits(NamedTuple):
-    """What is known of a model without making it."""
+    """The known properties of a model."""
 
     name: str
     number: int
@@ -46,7 +46,7 @@ class ModelTraits(NamedTuple):
 
     @property
     def isDefault(self) -> bool:
-        """Whether a MobilityForce has this model at first."""
+        """Whether this is the default model of a MobilityForce."""
         return self.number == _DEFAULT.getModel()
 
 
@@ -60,14 +60,14 @@ MODELS = [
 class _BoundaryEnum(enum.IntEnum):
     @property
     def traits(self) -> BoundaryTraits:
-        """What the table of boundaries says of this boundary, a BoundaryTraits."""
+        """The row of this boundary in the table, a BoundaryTraits."""
         return BOUNDARIES[self]
 
 
 class _ModelEnum(enum.IntEnum):
     @property
     def traits(self) -> ModelTraits:
-        """What the table of models says of this model, a ModelTraits."""
+        """The row of this model in the table, a ModelTraits."""
         return MODELS[self]
 
 
@@ -134,7 +134,7 @@ def _code(names):
     return ', '.join(f'`{name}`' for name in names)
 
 
-def markdown(folder: str = 'models/') -> str:
+def markdown(folder: str = '../models/') -> str:
     """The table of models of the user guide and of the models' own pages.
 
     The pages lie in this folder, as seen from the file with the table.

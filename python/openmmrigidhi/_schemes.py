@@ -1,18 +1,18 @@
 """The table of schemes, as the library has it.
 
-The enumeration, its docstrings and the tables of the pages are made from the table.
+The table generates the enumeration, its docstrings and the tables of the pages.
 """
 from __future__ import annotations
 
 import enum
 import textwrap
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Optional
 
 from . import _bindings
 
 
 class SchemeTraits(NamedTuple):
-    """What is known of a scheme without running it."""
+    """The known properties of a scheme."""
 
     name: str
     number: int
@@ -33,7 +33,7 @@ TABLE = [SchemeTraits(*row) for row in _bindings.schemeTable()]
 class _TableEnum(enum.IntEnum):
     @property
     def traits(self) -> SchemeTraits:
-        """What the table of schemes says of this scheme, a SchemeTraits."""
+        """The row of this scheme in the table of schemes, a SchemeTraits."""
         return TABLE[self]
 
 
@@ -62,7 +62,7 @@ def page(name: str, folder: str = 'docs/schemes/') -> str:
 
 
 def facts(traits: SchemeTraits) -> str:
-    """What a scheme has, needs and costs, in one sentence that its page has, too."""
+    """The properties and costs of a scheme, in one sentence that its page also has."""
     cold = (f', and order {traits.coldOrder} at T = 0'
             if traits.coldOrder != traits.weakOrder else '')
     forces = f'{traits.forces} force evaluation{"s" if traits.forces > 1 else ""} a step'
@@ -116,10 +116,11 @@ def summary(indent: int = 4) -> str:
     return ('\n' + ' '*indent).join(items)
 
 
-def markdown(folder: str = 'schemes/') -> str:
+def markdown(folder: str = '../schemes/', overdamped: Optional[bool] = None) -> str:
     """The table of schemes of the user guide and of the schemes' own pages.
 
-    The pages lie in this folder, as seen from the file with the table.
+    The pages lie in this folder, as seen from the file with the table. The guide has schemes
+    without momenta in a fluid on one page, and all others on another one.
     """
     rows = [
         '| scheme | momenta | fluid | weak order | order at T = 0 | forces a step | |',
@@ -129,5 +130,6 @@ def markdown(folder: str = 'schemes/') -> str:
         f'| [`{t.name}`]({page(t.name, folder)}) | {"yes" if t.hasMomenta else "no"} | '
         f'{"yes" if t.needsFluid else "no"} | {t.weakOrder} | '
         f'{t.coldOrder} | {t.forces} | {t.description} |' for t in TABLE
+        if overdamped in (None, t.needsFluid and not t.hasMomenta)
     ]
     return '\n'.join(rows)

@@ -1,7 +1,7 @@
 """A function of many arguments: here, in processes, or on a cluster of dask.distributed.
 
-Users see it as ensemble.tasks. Workers come and go. A task whose worker dies is given to another
-worker, up to a fixed number of times. A task keeps what it has to remember in files.
+Users see it as ensemble.tasks. Workers come and go. If a worker dies, another worker gets its task,
+up to a fixed number of times. A task keeps its memory in files.
 """
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class TaskError(RuntimeError):
 
 @dataclass
 class Failure:
-    """Why a task has no value.
+    """The reason why a task has no value.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Failure:
     message : str
         text of the exception
     traceback : str
-        traceback of the process that computed; empty if the process died
+        traceback of the process of the task; empty if the process died
     """
 
     kind: str
@@ -83,12 +83,12 @@ class Outcome:
         index of its argument
     name : str
     value : object
-        what the function returned; None after a failure
+        the value that the function returned; None after a failure
     failure : Failure or None
     attempts : int
-        number of times that it was started: one more than its workers died
+        number of starts: one more than the number of its dead workers
     seconds : float
-        wall time of the attempt that ended
+        wall time of the final attempt
     """
 
     index: int
@@ -99,7 +99,7 @@ class Outcome:
     seconds: float = 0.0
 
     def get(self) -> Any:
-        """The value; raises TaskError if there is none."""
+        """The value; raises TaskError if the task has none."""
         if self.failure is not None:
             raise TaskError(f'task {self.name}: it failed with {self.failure.kind}: '
                             f'{self.failure.message}\n{self.failure.traceback}'.rstrip())
@@ -108,15 +108,15 @@ class Outcome:
 
 @dataclass
 class Job:
-    """What a function knows of its task beside its argument.
+    """The knowledge of a function about its task, in addition to its argument.
 
     Attributes
     ----------
     index : int
     name : str
     directory : str or None
-        an existing directory of this task alone, for what another worker needs to go on if this one
-        dies
+        an existing directory of this task alone; it holds what another worker needs to continue if
+        this one dies
     """
 
     index: int
@@ -126,15 +126,15 @@ class Job:
     _last: float = field(default=-1e300, repr=False)
 
     def report(self, done: float) -> None:
-        """Say how much is done; frequent calls cost nothing.
+        """Report progress; frequent calls cost nothing.
 
-        The progress bar shows it. It is also how progress is seen when workers die: a task that
-        goes on from a file reports where it begins, before it computes.
+        The progress bar shows it. It also measures progress when workers die: a task that continues
+        from a file reports its starting point before it computes.
 
         Parameters
         ----------
         done : float
-            amount since the task's beginning, in the unit of the amounts that run() was given
+            amount since the task's beginning, in the unit of the amounts given to run()
         """
         now = time.monotonic()
         if self._tell is not None and now - self._last > BETWEEN_REPORTS:
@@ -644,7 +644,7 @@ class _Attempts:
 
 
 def check_numbers(jobs, retries):
-    """Check how many tasks are wanted at a time, and how many retries.
+    """Check the numbers of simultaneous tasks and of retries.
 
     Parameters
     ----------
@@ -671,27 +671,27 @@ def run(function: Callable, arguments: Sequence, jobs: int = 1,
         quiet: bool = False) -> list[Outcome]:
     """Call a function for each of many arguments, several at a time.
 
-    Outcomes do not depend on who computes what, in which order, unless the function does. Arguments
-    are begun in their order, so put the longest first.
+    Outcomes do not depend on who computes what, in which order, unless the function does. The tasks
+    start in the order of the arguments, so put the longest first.
 
     Parameters
     ----------
     function : callable
         (argument, Job) -> value. pickle must accept the function, its arguments and its values. An
-        exception ends its own task only.
+        exception ends only its own task.
     arguments : sequence
     jobs : int
-        number of tasks at a time; with 1 they are done one after the other in this process
+        number of tasks at a time; with 1 this process does them one after the other
     cluster : str, distributed.Client or None
         the address of a scheduler of dask.distributed, e.g. tcp://host:8786, whose workers then
-        decide how many tasks are done at a time; None or 'local': workers on this machine, by
+        decide how many tasks run at a time; None or 'local': workers on this machine, by
         dask.distributed where it is installed and else by plain processes; 'processes': plain
         processes
     names : sequence of str, optional
         names of the tasks; default: their numbers
     directory : str, optional
-        where each task gets its own directory, by its name, for its checkpoints; workers on other
-        machines must see it under this path
+        directory in which each task gets its own directory, by its name, for its checkpoints;
+        workers on other machines must see it under this path
     amounts : sequence of float, optional
         amounts of work: the values with which each task's Job.report() ends; without them the
         progress bar counts tasks
@@ -700,31 +700,31 @@ def run(function: Callable, arguments: Sequence, jobs: int = 1,
     title : str
         title of the progress bar
     retries : int
-        how many times a task is given to another worker after a worker has died with it. The count
-        begins anew when a worker makes progress: it comes further than all workers before, or it
-        begins further than they began and does not die where the one before died (Job.report()).
+        how often another worker gets a task after a worker has died with it. The count begins anew
+        when a worker makes progress: it comes further than all workers before it, or it begins
+        further on and does not die where the previous worker died (Job.report()).
     timeout : float
-        seconds to wait for a cluster's answer, and for a worker where there is none; what is
-        connected already has 10 s at least, and a worker that imports this package 30 s
+        seconds to wait for a cluster's answer, and for a first worker; connected workers have at
+        least 10 s, and a worker that imports this package 30 s
     finished : callable, optional
-        called in this process with each Outcome, as they come
+        called in this process with each Outcome, as they arrive
     quiet : bool
         show no progress bar
 
     Returns
     -------
     list of Outcome
-        in the order of the arguments; outcomes of tasks that failed have a `failure`
+        in the order of the arguments; outcomes of failed tasks have a `failure`
 
     Raises
     ------
     ConnectionError
         if a cluster does not answer, has no workers, or was lost
     ImportError
-        if a worker has no openmmrigidhi or another version, or if there is no dask.distributed for
-        a cluster
+        if a worker has no openmmrigidhi or another version, or if a cluster is requested without
+        dask.distributed
     ValueError
-        for numbers that are not valid
+        for invalid numbers
 
     Notes
     -----

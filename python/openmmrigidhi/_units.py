@@ -1,8 +1,8 @@
-"""Conversion of what Python users pass into plain numbers in OpenMM's units.
+"""Conversion of Python users' arguments into plain numbers in OpenMM's units.
 
-Users pass numbers, quantities, Vec3, tuples, lists and arrays. A quantity's dimension is checked: 5
-nm is no temperature. OpenMM's own bindings drop units that they do not expect. All errors name the
-method, the argument, the value, what it must be and the remedy.
+Users pass numbers, quantities, Vec3, tuples, lists and arrays. The functions check a quantity's
+dimension: 5 nm is no temperature. OpenMM's own bindings drop units that they do not expect. All
+errors name the method, the argument, the value, the requirement and the remedy.
 """
 import difflib
 import enum

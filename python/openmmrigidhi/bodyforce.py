@@ -13,32 +13,32 @@ class CustomBodyForce(_copies.Copies, _Base):
 
     Add the force to the System with ``system.addForce``, and bodies to the force with
     :meth:`addBody`. Six expressions give the components of the force and of the torque about the
-    body's origin, all in the lab frame. Expressions are written in the language of OpenMM's Custom
-    forces (``'-k*(x-x0); k=2*stiffness'``). They may use
+    body's origin, all in the lab frame. Expressions use the language of OpenMM's Custom forces
+    (``'-k*(x-x0); k=2*stiffness'``). They may contain
 
     - ``x y z``: the position of the body's origin, nm, unwrapped;
-    - ``q0 q1 q2 q3``: the body's orientation, the unit quaternion (w, x, y, z) that turns
+    - ``q0 q1 q2 q3``: the body's orientation, the unit quaternion (w, x, y, z) that rotates
       body-frame vectors into lab-frame vectors. q and -q are the same orientation and either may
       occur, so only expressions that are even in q make sense;
     - ``vx vy vz``: the velocity of the origin, nm/ps (Langevin schemes only);
     - ``t``: the time, ps;
-    - per-body parameters, which have a value for each body that was added;
+    - per-body parameters, which have a value for each added body;
     - global parameters, which are parameters of the Context (``context.setParameter``).
 
-    The expressions are evaluated whenever the integrator evaluates OpenMM's forces, at the same
+    The integrator evaluates the expressions whenever it evaluates OpenMM's forces, at the same
     positions and time, if the force group is one of the integrator's. The forces and torques are
-    part of ``getBodyForces`` and ``getBodyTorques`` of the integrator. They have no energy:
-    minimisers and barostats do not see them. Torques about an axis without inertia have no effect.
+    part of ``getBodyForces`` and ``getBodyTorques`` of the integrator. They have no energy, so
+    minimisers and barostats ignore them. Torques about an axis without inertia have no effect.
 
     If an expression uses velocities, the first half kick of a step takes the velocities at its
-    beginning. The second half kick takes the velocities that it leads to (predicted once). The weak
-    order is 2 with LangevinC and LangevinHI, and 1 with LangevinA and LangevinB (2 without
-    friction). Set strong friction in the integrator: a step of an expression like ``-g*vx`` is
-    stable for h*g/m below 1 or so.
+    beginning. The second half kick takes the resulting velocities (predicted once). The weak order
+    is 2 with LangevinC and LangevinHI, and 1 with LangevinA and LangevinB (2 without friction). Set
+    strong friction in the integrator: a step of an expression like ``-g*vx`` is stable only for
+    h*g/m below 1 or so.
 
-    A wrong type raises TypeError, and a wrong shape ValueError. Everything else that is refused
-    raises openmm.OpenMMException. Each message names the object, the value, the bound and the
-    remedy. Expressions are checked when a Context is created.
+    A wrong type raises TypeError, and a wrong shape ValueError. Any other error raises
+    openmm.OpenMMException. Each message names the object, the value, the bound and the remedy.
+    Context creation checks the expressions.
 
     Parameters
     ----------

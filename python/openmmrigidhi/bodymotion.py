@@ -12,7 +12,7 @@ _Base = _bindings.CustomBodyMotion
 
 
 class Frame(_enums.Documented):
-    """The frames in which motion is prescribed; also class attributes of CustomBodyMotion."""
+    """The frames of prescribed motion; also class attributes of CustomBodyMotion."""
 
     Lab = _Base.Lab, 'Components are along the axes of the lab (default).'
     Body = _Base.Body, (
@@ -29,24 +29,24 @@ class CustomBodyMotion(_copies.Copies, _Base):
     Add the force to the System with ``system.addForce``, and bodies to the force with
     :meth:`addBody`. Six expressions give the components of the velocity of the body's origin and of
     the angular velocity. An empty expression leaves its component free: forces, the fluid and noise
-    then move the body along it. A component that is prescribed has the value of its expression
-    whatever forces act on the body. The integrator's ``computeHoldingWrenches`` says which wrench
-    this takes. So a roller has a prescribed spin and is free otherwise, and ``'0'`` for vz keeps a
-    body in a plane.
+    then move the body along it. A prescribed component has the value of its expression whatever
+    forces act on the body. The integrator's ``computeHoldingWrenches`` gives the necessary wrench.
+    So a roller has a prescribed spin and is otherwise free, and ``'0'`` for vz keeps a body in a
+    plane.
 
-    Expressions are written in the language of OpenMM's Custom forces. They may use
+    Expressions use the language of OpenMM's Custom forces. They may contain
 
-    - ``t``: the time, ps; at each stage of a step it is that of the stage;
-    - per-body parameters, which have a value for each body that was added;
+    - ``t``: the time, ps; at each stage of a step it is the time of the stage;
+    - per-body parameters, which have a value for each added body;
     - global parameters, which are parameters of the Context (``context.setParameter``).
 
-    Schemes without momenta in a fluid take any prescribed components, and LangevinHI those of whole
-    bodies. Other schemes can hold bodies (``integrator.setBodyHeld``). The force groups of OpenMM
-    have no meaning here, and there is no energy.
+    Schemes without momenta in a fluid support any prescribed components, and LangevinHI supports
+    whole bodies. Other schemes can hold bodies (``integrator.setBodyHeld``). The force groups of
+    OpenMM have no meaning here, and the force has no energy.
 
-    A wrong type raises TypeError, and a wrong shape ValueError. Everything else that is refused
-    raises openmm.OpenMMException. Each message names the object, the value, the bound and the
-    remedy. Expressions are checked when a Context is created.
+    A wrong type raises TypeError, and a wrong shape ValueError. Any other error raises
+    openmm.OpenMMException. Each message names the object, the value, the bound and the remedy.
+    Context creation checks the expressions.
 
     Parameters
     ----------
@@ -111,11 +111,11 @@ class CustomBodyMotion(_copies.Copies, _Base):
         return CustomBodyMotion._cast_generic(obj)
 
     def getFrame(self) -> _Frame:
-        """Get the frame in which components are prescribed (Lab or Body)."""
+        """Get the frame of the prescribed components (Lab or Body)."""
         return Frame(super().getFrame())
 
     def setFrame(self, frame: Union[_Frame, str, int]) -> None:
-        """Set the frame in which components are prescribed; default Lab.
+        """Set the frame of the prescribed components; default Lab.
 
         The frame takes effect at the next Context creation or reinitialize().
 
@@ -154,7 +154,7 @@ class CustomBodyMotion(_copies.Copies, _Base):
     def addBody(self, bodyIndex: int, parameters: Numbers = ()) -> int:
         """Prescribe the motion of a body.
 
-        A body may be in one entry of one CustomBodyMotion only.
+        A body may be in only one entry of one CustomBodyMotion.
 
         Parameters
         ----------

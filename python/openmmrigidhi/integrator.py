@@ -35,7 +35,7 @@ class NoiseLaw(_enums.Documented):
 
 
 class WallRejection(_enums.Documented):
-    """The steps through a wall that are redone with new noise.
+    """The steps through a wall that the scheme redoes with new noise.
 
     They are also class attributes of CustomRigidHIIntegrator.
     """
@@ -74,21 +74,21 @@ def _where(method):
 class CustomRigidHIIntegrator(_copies.Copies, _Base):
     """Integrates rigid bodies, whose orientations are unit quaternions, under a Context's forces.
 
-    Particles of the System are grouped into bodies with :meth:`addRigidBody`. The integrator moves
-    all other particles ("free particles") as point particles, with the same scheme. The state of a
-    body has four parts:
+    :meth:`addRigidBody` groups particles of the System into bodies. The integrator moves all other
+    particles ("free particles") as point particles, with the same scheme. The state of a body has
+    four parts:
 
     - the position R of its origin (its centre of mass), nm;
-    - the unit quaternion q = (w, x, y, z) that turns body-frame vectors into lab-frame vectors;
+    - the unit quaternion q = (w, x, y, z) that rotates body-frame vectors into lab-frame vectors;
     - the momentum p, lab frame;
     - the angular momentum l, body frame.
 
     Arguments are numbers in OpenMM's units (nm, ps, dalton, K, kJ/mol), or quantities, whose
     dimension is checked. Rows are Vec3, tuples, lists or rows of an array. Getters of dimensional
-    arrays return a Quantity of a numpy array. A constant may be given by its name, as in
+    arrays return a Quantity of a numpy array. You may give a constant by its name, as in
     ``setScheme('TrapezoidalSlip')``. A wrong type or dimension raises TypeError, and a wrong shape
-    or an unknown name ValueError. Everything else that is refused raises openmm.OpenMMException.
-    Each message names the object, the value, the bound and the remedy.
+    or an unknown name ValueError. Any other error raises openmm.OpenMMException. Each message names
+    the object, the value, the bound and the remedy.
 
     :meth:`setScheme` chooses how bodies move. ``help(CustomRigidHIIntegrator.Scheme)`` describes
     each scheme. docs/schemes/README.md says which scheme to take for which scene. Each scheme has a
@@ -183,19 +183,19 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                      sitePositions: Optional[Numbers] = None) -> int:
         """Add a rigid body.
 
-        With particles alone, shape, mass and inertia come from the System. Mass and inertia come
-        from the masses of its particles. If the constraints among the massive members fix the
-        shape, the shape comes from these constraints. Two members need one constraint, three a
-        triangle, and more need all pairs; the handedness is that of the first positions. Virtual
-        sites come from their definitions. Otherwise the shape comes from the first positions given
-        to the Context, and is kept until :meth:`resetBodyGeometry`. The body frame has its origin
-        at the centre of mass and its axes along the principal axes, the smallest moment first.
+        With particles alone, shape, mass and inertia come from the System. The masses of the
+        particles give mass and inertia. If the constraints among the massive members fix the shape,
+        the shape comes from these constraints. Two members need one constraint, three a triangle,
+        and more need all pairs; the first positions determine the handedness. Virtual sites come
+        from their definitions. Otherwise the first positions of the Context give the shape, and the
+        body keeps it until :meth:`resetBodyGeometry`. The body frame has its origin at the centre
+        of mass and its axes along the principal axes, the smallest moment first.
 
         The System has precedence over a saved state: changed constraints and masses take effect at
-        reinitialize(), and the positions and velocities of the state go on.
+        reinitialize(), and the positions and velocities of the state continue.
 
-        If mass, principalMoments and sitePositions are given, they override the System's masses.
-        OpenMM alone then uses the System's masses.
+        If you give mass, principalMoments and sitePositions, they override the System's masses.
+        Then only OpenMM uses the System's masses.
 
         Parameters
         ----------
@@ -207,8 +207,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             moves bodies without mass, too.
         principalMoments : Vec3, sequence or Quantity of shape (3,), optional
             principal moments of inertia about the body axes x, y, z, dalton nm^2, in any order. A
-            moment below 1e-13 of the largest counts as zero: about its axis there is no rotation,
-            noise or energy.
+            moment below 1e-13 of the largest counts as zero: the body then has no rotation, noise
+            or energy about this axis.
         sitePositions : array-like or Quantity of shape (n, 3), optional
             position of each particle in the body frame, nm. The origin of the frame is the centre
             of mass and its axes are the principal axes. Schemes without momenta in a fluid take any
@@ -226,9 +226,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         ValueError
             for a wrong shape
         openmm.OpenMMException
-            for an empty body, a negative or repeated particle, a particle that is in a body
-            already, a negative or non-finite mass or moment, moments that violate the triangle
-            inequality, or another number of sites than of particles
+            for an empty body, a negative or repeated particle, a particle that is already in a
+            body, a negative or non-finite mass or moment, moments that violate the triangle
+            inequality, or numbers of sites and particles that differ
         """
         where = _where('addRigidBody')
         indices = _units.indices(particles, where, 'particles')
@@ -256,8 +256,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def getNumRigidBodiesOfContext(self) -> int:
         """Get the number of rigid bodies of the bound Context.
 
-        It is the number of bodies at the creation of the Context. Bodies that are added later wait
-        for the next Context or `reinitialize()`. A Context is needed.
+        It is the number of bodies at the creation of the Context. Bodies added later wait for the
+        next Context or `reinitialize()`. The call needs a Context.
         """
         return super().getNumRigidBodiesOfContext()
 
@@ -265,8 +265,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             self, index: int) -> tuple[list[int], unit.Quantity, unit.Quantity, unit.Quantity]:
         """Get the definition of a body.
 
-        For a body without explicit geometry this needs a Context whose positions are set (or a
-        geometry that was read from XML).
+        For a body without explicit geometry the call needs a Context with positions (or a geometry
+        read from XML).
 
         Parameters
         ----------
@@ -287,7 +287,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Raises
         ------
         openmm.OpenMMException
-            if the index is out of range or the geometry is not known yet
+            if the index is out of range or the geometry is not yet known
         """
         particles, mass, moments, sites = super().getRigidBodyParameters(
             self._index(index, 'getRigidBodyParameters'))
@@ -296,7 +296,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                 _units.LENGTH.attach(_units.array(sites, 3)))
 
     def getRigidBodyParticles(self, index: int) -> list[int]:
-        """Get the indices of a body's particles, a list of int; no Context is needed.
+        """Get the indices of a body's particles, a list of int; the call needs no Context.
 
         Parameters
         ----------
@@ -307,7 +307,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return np.frombuffer(buffer, dtype=np.intc).tolist()
 
     def getRigidBodyIsExplicit(self, index: int) -> bool:
-        """Get whether a body was given explicit mass, moments and sites."""
+        """Get whether a body has explicit mass, moments and sites."""
         return super().getRigidBodyIsExplicit(self._index(index, 'getRigidBodyIsExplicit'))
 
     def getRigidBodyGeometryIsKnown(self, index: int) -> bool:
@@ -319,8 +319,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                                principalMoments: Numbers, sitePositions: Numbers) -> None:
         """Replace the definition of a body by an explicit one.
 
-        The definition takes effect at the next Context creation or reinitialize(). A state that was
-        saved with another mass, other moments or other sites is refused, also by
+        The definition takes effect at the next Context creation or reinitialize(). Loading a state
+        that was saved with another mass, other moments or other sites is an error, also in
         ``reinitialize(preserveState=True)``. Parameters and errors as in :meth:`addRigidBody`.
         """
         where = _where('setRigidBodyParameters')
@@ -330,7 +330,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
             *self._explicit_body(where, mass, principalMoments, sitePositions))
 
     def resetBodyGeometry(self) -> None:
-        """Forget the geometry of all bodies that were added without an explicit one.
+        """Forget the geometry of all bodies without an explicit geometry.
 
         The present positions of the Context, or the next ones, define the geometry anew.
         """
@@ -347,7 +347,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return Scheme(super().getScheme())
 
     def setScheme(self, scheme: Union[_Scheme, str, int]) -> None:
-        """Set the scheme (default LangevinC); it may be changed between steps.
+        """Set the scheme (default LangevinC); you may change it between steps.
 
         Parameters
         ----------
@@ -388,7 +388,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setTemperature(self, temperature: Number) -> None:
         """Set the temperature of the heat bath, K; not negative, finite.
 
-        At 0 there is no noise, and no random numbers are drawn.
+        At 0 the scheme has no noise and draws no random numbers.
         """
         super().setTemperature(
             self._number(temperature, _units.TEMPERATURE, 'setTemperature', 'temperature'))
@@ -400,7 +400,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setFriction(self, gamma: Number) -> None:
         """Set gamma, the rate at which momenta relax (eq. 8), 1/ps; default 1.
 
-        It is for the momenta of bodies and of free particles.
+        It applies to the momenta of bodies and of free particles.
         """
         super().setFriction(self._number(gamma, _units.RATE, 'setFriction', 'gamma'))
 
@@ -412,7 +412,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Set Gamma (eqs. 9, 10), 1/ps; default 1.
 
         Body axis k relaxes at the rate Gamma / (I_k sum_j 1/I_j). Where a moment is below a tenth
-        of the middle one, the rates go on to those of a linear body (docs/schemes/LangevinC.md).
+        of the middle one, the rates approach the rates of a linear body
+        (docs/schemes/LangevinC.md).
         """
         super().setRotationalFriction(
             self._number(Gamma, _units.RATE, 'setRotationalFriction', 'Gamma'))
@@ -430,21 +431,21 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         independent of configurations. Motion depends on the factor and is not the real motion;
         :meth:`describeEffects` says so. With a factor of 4 to 16, the rotation of light bodies
         (water) becomes slower than the other motion that limits the step. Time steps can then be
-        longer: the user guide has measurements.
+        longer: docs/guide/thermostats.md has measurements.
 
-        Angular momenta, kinetic energies and temperatures are those of the scaled moments, so that
-        equipartition holds about every axis. Angular velocities are real ones:
-        :meth:`setBodyAngularVelocities` and the velocities of particles mean the rotation that is
-        seen. The factor does not change the rates of :meth:`setRotationalFriction`. It does not
-        change the friction of a fluid (LangevinHI) either. There angular momenta relax more slowly
-        by the factor, and diffusion over long times is the real one. :meth:`getRigidBodyParameters`
-        and files have the real moments. The factor does not change masses and free particles.
-        Schemes without momenta ignore it.
+        Angular momenta, kinetic energies and temperatures use the scaled moments, so equipartition
+        holds about every axis. Angular velocities are real: :meth:`setBodyAngularVelocities` and
+        the velocities of particles refer to the visible rotation. The factor does not change the
+        rates of :meth:`setRotationalFriction`. It does not change the friction of a fluid
+        (LangevinHI) either; there angular momenta relax more slowly by the factor, and diffusion
+        over long times is real. :meth:`getRigidBodyParameters` and files have the real moments. The
+        factor does not change masses and free particles. Schemes without momenta ignore it.
 
-        The factor may be changed between steps, and takes effect at once. Positions and all
-        velocities go on, so rotational kinetic energies change by the ratio of the factors.
-        Friction brings thermal equilibrium back. The Context's ``setVelocitiesToTemperature()``
-        does so at once. A checkpoint or State that was saved under another factor goes on likewise.
+        You may change the factor between steps, and the change takes effect at once. Positions and
+        all velocities stay the same, so rotational kinetic energies change by the ratio of the
+        factors. Friction restores thermal equilibrium. The Context's
+        ``setVelocitiesToTemperature()`` does so at once. A checkpoint or State saved under another
+        factor continues in the same way.
 
         Parameters
         ----------
@@ -470,7 +471,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def getBodyFriction(self, index: int) -> tuple[unit.Quantity, unit.Quantity]:
         """Get the pair (gamma, Gamma) of one body, Quantities in 1/ps.
 
-        They are the body's own frictions, or else those of the integrator.
+        They are the body's own frictions, or else the frictions of the integrator.
         """
         gamma, Gamma = super().getBodyFriction(self._index(index, 'getBodyFriction'))
         return _units.RATE.attach(gamma), _units.RATE.attach(Gamma)
@@ -484,13 +485,13 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         super().clearBodyFriction(self._index(index, 'clearBodyFriction'))
 
     def setBodyHeld(self, index: int, held: bool) -> None:
-        """Hold a body at its place and orientation, or let it go.
+        """Hold a body at its position and orientation, or release it.
 
         A held body is an obstacle. It never moves, has no momentum and needs no mass, and a fluid
-        is at rest on it. Forces on it change nothing but the wrench that holds it
+        is at rest on it. Forces on it change only the wrench that holds it
         (:meth:`computeHoldingWrenches`).
 
-        The flag may be changed between steps. XML has the flag, but checkpoints and States do not.
+        You may change the flag between steps. XML has the flag, but checkpoints and States do not.
 
         Parameters
         ----------
@@ -502,8 +503,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Raises
         ------
         openmm.OpenMMException
-            if the index is out of range; at Context creation and at the next step: if nothing is
-            left that could move, or if the System has a barostat or a CMMotionRemover
+            if the index is out of range; at Context creation and at the next step: if nothing could
+            move, or if the System has a barostat or a CMMotionRemover
         """
         super().setBodyHeld(self._index(index, 'setBodyHeld'),
                             _units.boolean(held, _where('setBodyHeld'), 'held'))
@@ -513,9 +514,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return super().getBodyHeld(self._index(index, 'getBodyHeld'))
 
     def setParticleHeld(self, particle: int, held: bool) -> None:
-        """Hold a free particle where it is, or let it go.
+        """Hold a free particle where it is, or release it.
 
-        It is an obstacle as a held body is (:meth:`setBodyHeld`).
+        It is then an obstacle, like a held body (:meth:`setBodyHeld`).
 
         Parameters
         ----------
@@ -528,7 +529,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         ------
         openmm.OpenMMException
             if the index is negative; at Context creation and at the next step: as for
-            :meth:`setBodyHeld`, if there is no such particle, if it is in a body or is a virtual
+            :meth:`setBodyHeld`, if the particle does not exist, if it is in a body or is a virtual
             site, or if a constraint ties it to another particle
         """
         where = _where('setParticleHeld')
@@ -536,24 +537,24 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                                 _units.boolean(held, where, 'held'))
 
     def getParticleHeld(self, particle: int) -> bool:
-        """Get whether a particle was held by :meth:`setParticleHeld`."""
+        """Get whether :meth:`setParticleHeld` holds a particle."""
         return super().getParticleHeld(
             _units.integer(particle, _where('getParticleHeld'), 'particle'))
 
     def getHeldParticles(self) -> list[int]:
-        """Get the indices of all particles that were held by :meth:`setParticleHeld`, ascending."""
+        """Get the indices of all particles held by :meth:`setParticleHeld`, ascending."""
         return np.frombuffer(super().getHeldParticles(), dtype=np.intc).tolist()
 
     # ---- Joints ----------------------------------------------------------------------------------
 
     def addBallJoint(self, i: int, anchor_i: Numbers, j: int, anchor_j: Numbers) -> int:
-        """Join two bodies by a ball: the two anchors are at one place.
+        """Join two bodies by a ball joint: the two anchors are at one place.
 
-        Joints are rigid. What is sampled is the equilibrium of infinitely stiff springs, whose
+        Joints are rigid. The schemes sample the equilibrium of infinitely stiff springs, whose
         constant does not depend on the poses. Jointed bodies must belong to one group of
         :meth:`MobilityForce.setGroups`, and poses at the start must have the anchors together
-        within the pose tolerance. FixmanMidpoint, RandomFiniteDifference and TrapezoidalSlip have
-        joints, other schemes do not. Joints become part of a Context when it is created.
+        within the pose tolerance. Only FixmanMidpoint, RandomFiniteDifference and TrapezoidalSlip
+        support joints. Joints become part of a Context at its creation.
 
         Parameters
         ----------
@@ -574,14 +575,14 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Raises
         ------
         openmm.OpenMMException
-            if an index is out of range, if both are the same, or if a number is not finite
+            if an index is out of range, if both indices are the same, or if a number is not finite
         """
         return super().addBallJoint(*self._ends('addBallJoint', i, anchor_i, j, anchor_j))
 
     def addBallJointToPoint(self, i: int, anchor_i: Numbers, point: Numbers) -> int:
-        """Join a body to a point of space by a ball: the anchor is at the point.
+        """Join a body to a point of space by a ball joint: the anchor is at the point.
 
-        All else is as for :meth:`addBallJoint`.
+        Everything else is as for :meth:`addBallJoint`.
 
         Parameters
         ----------
@@ -611,7 +612,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def addLink(self, i: int, anchor_i: Numbers, j: int, anchor_j: Numbers, length: Number) -> int:
         """Join two bodies by a link: the two anchors have a fixed distance.
 
-        All else is as for :meth:`addBallJoint`.
+        Everything else is as for :meth:`addBallJoint`.
 
         Parameters
         ----------
@@ -634,8 +635,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Raises
         ------
         openmm.OpenMMException
-            if an index is out of range, if both are the same, if a number is not finite, or if the
-            length is not positive
+            if an index is out of range, if both indices are the same, if a number is not finite, or
+            if the length is not positive
         """
         return super().addLink(*self._ends('addLink', i, anchor_i, j, anchor_j),
                                self._number(length, _units.LENGTH, 'addLink', 'length'))
@@ -644,7 +645,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
                  axis_j: Numbers) -> int:
         """Join two bodies by a hinge: the anchors are at one place, the axes have one direction.
 
-        All else is as for :meth:`addBallJoint`.
+        Everything else is as for :meth:`addBallJoint`.
 
         Parameters
         ----------
@@ -667,8 +668,8 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Raises
         ------
         openmm.OpenMMException
-            if an index is out of range, if both are the same, if a number is not finite, or if an
-            axis is zero
+            if an index is out of range, if both indices are the same, if a number is not finite, or
+            if an axis is zero
         """
         where = _where('addHinge')
         return super().addHinge(*self._ends('addHinge', i, anchor_i, j, anchor_j),
@@ -700,7 +701,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         dict
             kind ('Ball', 'BallToPoint', 'Link' or 'Hinge') and the arguments of the method that
             adds such a joint, by their names. Lengths are Quantities in nm. The axes of a hinge are
-            unit vectors. Of a ball to a point, j is -1.
+            unit vectors. For a ball joint to a point, j is -1.
 
         Raises
         ------
@@ -721,13 +722,12 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def addHingeMotor(self, hinge: int, rate: Number) -> int:
         """Add a motor to a hinge: it turns the second body about the axis, relative to the first.
 
-        The rate of the rotation, by the right hand, is prescribed, and the motor exerts whatever
-        torque this needs. A rate of 0 locks the hinge. The motor becomes part of a Context when it
-        is created.
+        You prescribe the rate of the right-handed rotation, and the motor exerts the necessary
+        torque. A rate of 0 locks the hinge. The motor becomes part of a Context at its creation.
 
         In each step the angle of the hinge grows by rate times step size, as exactly as anchors
-        have their places (:meth:`setJointTolerance`), with noise too. The other motions have the
-        noise and the drift that belong to bodies with this motor.
+        keep their places (:meth:`setJointTolerance`), with noise, too. The noise and the drift of
+        the other motions are correct for bodies with this motor.
 
         Parameters
         ----------
@@ -744,7 +744,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Raises
         ------
         openmm.OpenMMException
-            if the index is out of range, if the joint is no hinge or has a motor already, or if the
+            if the index is out of range, if the joint is no hinge or already has a motor, or if the
             rate is not finite
         """
         return super().addHingeMotor(
@@ -779,7 +779,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setHingeMotorRate(self, index: int, rate: Number) -> None:
         """Set the rate of a motor, rad/ps.
 
-        The rate may be changed between steps and is constant during a step: for a rate that depends
+        You may change the rate between steps; it is constant during a step: for a rate that depends
         on time give the mean over the step, or the value at its middle. XML has the rate, but
         checkpoints and States do not.
 
@@ -804,10 +804,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return _units.LENGTH.attach(super().getJointTolerance())
 
     def setJointTolerance(self, tolerance: Number) -> None:
-        """Set the distance that every anchor has from its place at most after each step, nm.
+        """Set the largest distance of an anchor from its place after each step, nm.
 
-        The default is 1e-10. Axes of hinges have the same number of radians, as have the turns of
-        motors during a step. The setting may be changed between steps.
+        The default is 1e-10. The same number in radians holds for axes of hinges, and for the turns
+        of motors during a step. You may change the setting between steps.
         """
         super().setJointTolerance(
             self._number(tolerance, _units.LENGTH, 'setJointTolerance', 'tolerance'))
@@ -836,13 +836,13 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def getRandomNumberSeed(self) -> int:
         """Get the seed in use, an int.
 
-        It is that of the bound Context, which was set, drawn afresh, or loaded with a checkpoint or
+        It is the seed of the bound Context: as set, drawn afresh, or loaded with a checkpoint or
         State. Without a Context it is the seed as it was set (0: each Context draws a fresh seed).
         """
         return super().getRandomNumberSeed()
 
     def getRandomNumberSeedAsSet(self) -> int:
-        """Get the seed that the next Context begins with: as it was set, 0 for a fresh one."""
+        """Get the seed with which the next Context begins: as it was set, 0 for a fresh one."""
         return super().getRandomNumberSeedAsSet()
 
     def setRandomNumberSeed(self, seed: int) -> None:
@@ -851,10 +851,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         With 0 (default) each Context draws a fresh seed. A bound Context uses the new seed from its
         next step on; with 0 it draws a fresh seed at once.
 
-        Checkpoints and States save the seed in use. It goes on where one of them is loaded, and
-        after ``reinitialize(preserveState=True)``. Runs that begin with one checkpoint and shall
-        differ therefore need this call after the checkpoint was loaded. Random numbers are
-        functions of seed and step, so that setting the seed that is in use changes nothing.
+        Checkpoints and States save the seed in use. It continues after loading one of them, and
+        after ``reinitialize(preserveState=True)``. If runs begin with one checkpoint and must
+        differ, call this method after loading the checkpoint. Random numbers are functions of seed
+        and step, so setting the seed that is in use changes nothing.
         """
         super().setRandomNumberSeed(_units.integer(seed, _where('setRandomNumberSeed'), 'seed'))
 
@@ -865,32 +865,32 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setPoseTolerance(self, tolerance: Number) -> None:
         """Set how far a particle may lie from its place in the body, nm; default 2e-3.
 
-        The tolerance applies when positions are given to the Context. Particles within the
-        tolerance are put back when the next step starts. A particle beyond it is an error that
-        names body, particle and distance. The default takes positions that were rounded to three
-        decimals of nm, as in .gro files. :func:`openmmrigidhi.app.placeBodies` puts particles in
-        their places from farther away.
+        The tolerance applies to positions given to the Context. The next step moves particles
+        within the tolerance back to their places. A particle beyond it is an error that names body,
+        particle and distance. The default accepts positions rounded to three decimals of nm, as in
+        .gro files. :func:`openmmrigidhi.app.placeBodies` moves particles to their places from
+        farther away.
         """
         super().setPoseTolerance(
             self._number(tolerance, _units.LENGTH, 'setPoseTolerance', 'tolerance'))
 
     def getFiniteDifferenceStep(self) -> float:
-        """Get the relative finite-difference step; 0: chosen by the solver."""
+        """Get the relative finite-difference step; 0: the solver chooses it."""
         return super().getFiniteDifferenceStep()
 
     def setFiniteDifferenceStep(self, relative: Number) -> None:
         """Set the relative step delta of the finite differences; from 0 to 0.1.
 
-        The schemes without momenta in a fluid take these differences. Bodies are displaced by delta
-        times their length (the longest distance of points on their particles) and turned by delta
-        radians.
+        The schemes without momenta in a fluid take these differences. They displace bodies by delta
+        times their length (the longest distance of points on their particles) and turn them by
+        delta radians.
 
-        The default is 0, which means 1e-5, except where matrix-free solves are differenced: in
+        The default is 0, which means 1e-5, except for differences of matrix-free solves: in
         RandomFiniteDifference with multiblobs, and in all such schemes with multiblobs that have
-        tensors of their own. There 0 means tolerance**(1/3), between 1e-5 and 1e-2, with iterations
-        to a tenth of the tolerance. So it does in the drift-correctors at tolerances from 5e-5 up,
-        where products are of single precision. On a grid (ForceCoupling) the step has no effect on
-        the drift-correctors, which take the derivative of the random field.
+        own tensors. There 0 means tolerance**(1/3), between 1e-5 and 1e-2, with iterations to a
+        tenth of the tolerance. The same holds in the drift-correctors at tolerances from 5e-5 up,
+        where products are in single precision. On a grid (ForceCoupling) the step has no effect on
+        the drift-correctors, because they take the derivative of the random field.
         """
         super().setFiniteDifferenceStep(
             self._number(relative, _units.NONE, 'setFiniteDifferenceStep', 'relative'))
@@ -902,24 +902,24 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def setNumHostThreads(self, number: int) -> None:
         """Set the number of threads for bodies, fluid and noise on a device's host; 0 to 1024.
 
-        The number is for platforms other than Reference and CPU. On these platforms forces are
-        computed on a device, and everything else on the host. With 0 (default) the number is that
-        of OpenMM's CPU platform: ``OPENMM_CPU_THREADS``, or as many as there are processors. A
-        change takes effect at the next Context creation or ``reinitialize()``. Reference has one
-        thread. On the CPU platform its own property "Threads" holds, whatever is set here. Results
-        do not depend on the number.
+        The number applies to platforms other than Reference and CPU. On these platforms a device
+        computes forces, and the host everything else. With 0 (default) the number is that of
+        OpenMM's CPU platform: ``OPENMM_CPU_THREADS``, or the number of processors. A change takes
+        effect at the next Context creation or ``reinitialize()``. Reference has one thread. On the
+        CPU platform its own property "Threads" counts instead of this setting. Results do not
+        depend on the number.
         """
         super().setNumHostThreads(_units.integer(number, _where('setNumHostThreads'), 'number'))
 
     def getWallRejection(self) -> _WallRejection:
-        """Get which steps through a wall are redone (Overlap or Crossing)."""
+        """Get which steps through a wall the scheme redoes (Overlap or Crossing)."""
         return WallRejection(super().getWallRejection())
 
     def setWallRejection(self, rejection: Union[_WallRejection, str, int]) -> None:
-        """Set which steps through a wall are redone with new noise.
+        """Set which steps through a wall the scheme redoes with new noise.
 
-        The setting is for a MobilityForce with a boundary that has walls. It may be changed between
-        steps, and takes effect at once. A start that would be redone is an error.
+        The setting applies to a MobilityForce with a boundary that has walls. You may change it
+        between steps, and the change takes effect at once. A start in such a position is an error.
 
         Parameters
         ----------
@@ -931,9 +931,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Notes
         -----
         Under Crossing, particles with their centre at 0 < z < a above a NoSlipWall have the
-        mobility of contact. It is multiplied by z/a for their velocities, and once more for the
-        forces on them. This keeps the mobility continuous and positive definite. Between slip
-        walls no mobility is damped.
+        mobility at contact, multiplied by z/a for their velocities, and once more for the forces on
+        them. This keeps the mobility continuous and positive definite. Between slip walls the
+        scheme damps no mobility.
         """
         super().setWallRejection(
             _units.constant(rejection, WallRejection, _where('setWallRejection'), 'rejection'))
@@ -947,40 +947,40 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
         nu = 1 + (h/2) div V is one number for all bodies of a group. It fluctuates about 1 by the
         step times the divergence of the random velocities. The fluctuation grows with the number of
-        bodies. Where it is larger than 0.3, a warning says so. The setting may be changed between
+        bodies. Where it is larger than 0.3, a warning says so. You may change the setting between
         steps.
 
         Parameters
         ----------
         scaling : constant or str
             SlipOnly (default): nu multiplies the slips (random surface velocities) in the mobility
-            problem, U = N (F + nu K^T M^-1 v). The weak order is the same, and what forces do has
-            no noise from nu. Whole: nu multiplies the whole step, as in Westwood 2022, eq. 44.
+            problem, U = N (F + nu K^T M^-1 v). The weak order is the same, and the effect of forces
+            has no noise from nu. Whole: nu multiplies the whole step, as in Westwood 2022, eq. 44.
         """
         super().setDriftCorrectorScaling(
             _units.constant(scaling, DriftCorrectorScaling, _where('setDriftCorrectorScaling'),
                             'scaling'))
 
     def getMaximumRejections(self) -> int:
-        """Get how many times in a row a step may be redone."""
+        """Get how many times in a row the scheme may redo a step."""
         return super().getMaximumRejections()
 
     def setMaximumRejections(self, number: int) -> None:
-        """Set how many times in a row a step may be redone with new noise; default 100.
+        """Set how many times in a row the scheme may redo a step with new noise; default 100.
 
-        The number is from 0 to 65535. More redone steps in a row are an error. Steps are redone
-        when spheres overlap under MobilityForce.StokesianDynamics, or when particles come too near
-        to a wall (:meth:`setWallRejection`). In schemes without momenta the number is for each
-        group of :meth:`MobilityForce.setGroups`.
+        The number is from 0 to 65535. More redone steps in a row are an error. The scheme redoes a
+        step when spheres overlap under MobilityForce.StokesianDynamics, or when particles come too
+        near to a wall (:meth:`setWallRejection`). In schemes without momenta the number applies to
+        each group of :meth:`MobilityForce.setGroups`.
         """
         super().setMaximumRejections(
             _units.integer(number, _where('setMaximumRejections'), 'number'))
 
     def getNumRejectedSteps(self) -> int:
-        """Get how many steps were redone since the Context was created, at most 2**31 - 1.
+        """Get how many steps were redone since the creation of the Context, at most 2**31 - 1.
 
         In schemes without momenta every group of :meth:`MobilityForce.setGroups` counts its own
-        steps. A Context is needed.
+        steps. The call needs a Context.
         """
         return super().getNumRejectedSteps()
 
@@ -1004,7 +1004,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         Raises
         ------
         TypeError, ValueError
-            for anything else
+            for any other value
         """
         where = _where('setIntegrationForceGroups')
         if isinstance(groups, (set, frozenset)):
@@ -1039,7 +1039,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         The positions are in nm, in the lab frame, unwrapped. The origin is the centre of mass.
         Under schemes without momenta in a fluid it may be any point, the tracking point.
 
-        All methods of this section need a Context whose positions are set.
+        All methods of this section need a Context with positions.
         """
         return _units.LENGTH.attach(_units.array(super().getBodyPositions(), 3))
 
@@ -1054,7 +1054,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Get the velocities of the bodies' origins, a Quantity of shape (n, 3).
 
         The velocities are in nm/ps, in the lab frame. Under schemes without momenta they are the
-        velocities that were set.
+        velocities that you set.
         """
         return _units.VELOCITY.attach(_units.array(super().getBodyVelocities(), 3))
 
@@ -1152,7 +1152,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Get the wrenches that hold the bodies at the present poses, without noise.
 
         The fluid and all forces on a held body together exert the opposite of its wrench. Under
-        LangevinHI they are for the present velocities of the other bodies.
+        LangevinHI the wrenches belong to the present velocities of the other bodies.
 
         Returns
         -------
@@ -1203,9 +1203,9 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def getJointForces(self) -> unit.Quantity:
         """Get the forces that the joints exerted during the last step.
 
-        The share of the noise is as in :meth:`getHoldingWrenches`.
-        A hinge also exerts a torque across its axis, which is not part of the answer, and its motor
-        one about the axis, which :meth:`getHingeMotorTorques` has.
+        The share of the noise is as in :meth:`getHoldingWrenches`. A hinge also exerts a torque
+        across its axis, which the result omits; its motor exerts a torque about the axis, which
+        :meth:`getHingeMotorTorques` returns.
 
         Returns
         -------
@@ -1219,7 +1219,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Get the torques that the motors exerted during the last step.
 
         Without noise, torque times rate is the power of the motor. With noise the torque fluctuates
-        as :meth:`getHoldingWrenches` do.
+        like the wrenches of :meth:`getHoldingWrenches`.
 
         Returns
         -------
@@ -1232,7 +1232,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def getPoseResidual(self) -> unit.Quantity:
         """Get the largest distance of a particle from its place in its body, a Quantity in nm.
 
-        The distance is that of the last fit of poses to positions.
+        The distance belongs to the last fit of poses to positions.
         """
         return _units.LENGTH.attach(super().getPoseResidual())
 
@@ -1271,13 +1271,13 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         dict
             The keys are "translational"; "rotational1", "rotational2", "rotational3": the numbers
             of bodies that can rotate about the axis of their smallest, middle, largest moment;
-            "free": those of free particles less their constraints; "removed": 3 with a
+            "free": the number for free particles, minus their constraints; "removed": 3 with a
             CMMotionRemover; "total". All are 0 for schemes without momenta.
 
         Notes
         -----
         A CMMotionRemover removes the momentum of bodies and free particles, whether or not the
-        bodies' masses are those of the System.
+        bodies' masses are the System's masses.
         """
         return super().getDegreesOfFreedom()
 
@@ -1285,7 +1285,7 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         """Get the instantaneous temperature of bodies and free particles.
 
         It is 2 E_kin / (k_B n) with the number n of degrees of freedom of
-        :meth:`getDegreesOfFreedom`. OpenMM's StateDataReporter calls this method from OpenMM 8 on.
+        :meth:`getDegreesOfFreedom`. From OpenMM 8 on, OpenMM's StateDataReporter calls this method.
 
         Returns
         -------
@@ -1302,9 +1302,10 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     def computeMidStepTemperature(self) -> unit.Quantity:
         """Get the mid-step temperature of bodies and free particles.
 
-        It is that of the momenta with which the first drift of the next step moves bodies and
-        particles, averaged over the noise that this step draws before the drift. It tells right
-        runs from wrong ones at long steps, where :meth:`computeSystemTemperature` reads low.
+        It is the temperature of the momenta with which the first drift of the next step moves
+        bodies and particles, averaged over the noise that this step draws before the drift. It
+        distinguishes right runs from wrong ones at long steps, where
+        :meth:`computeSystemTemperature` reads low.
 
         Returns
         -------
@@ -1318,28 +1319,27 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
 
         Notes
         -----
-        The mean is expected to be, in a right run:
+        In a right run the expected mean is:
 
         - LangevinC and LangevinHI: the temperature of the bath;
-        - LangevinB: that of the bath, times the factor by which the step makes mean squares of
-          positions in a harmonic well wrong, 1/(1 - h^2 omega^2/4);
-        - LangevinA: that of the bath, times about 1 - gamma h/2, with the rate of the axis for
-          rotations.
+        - LangevinB: the temperature of the bath, times the factor by which the step makes mean
+          squares of positions in a harmonic well wrong, 1/(1 - h^2 omega^2/4);
+        - LangevinA: the temperature of the bath, times about 1 - gamma h/2, with the rate of the
+          axis for rotations.
 
-        Forces are evaluated if they are out of date. The steps that follow are the same as without
-        this call.
+        The call evaluates forces if they are out of date. It does not change the following steps.
         """
         return _units.TEMPERATURE.attach(super().computeMidStepTemperature())
 
     def computeMidStepTemperatures(self) -> dict[str, unit.Quantity]:
-        """Get the mid-step temperatures of bodies and free particles, apart.
+        """Get separate mid-step temperatures of bodies and free particles.
 
         Returns
         -------
         dict of Quantity
             K: "translational" and "rotational" of bodies, "free" of free particles, "total". Names
-            without degrees of freedom are left out. What a CMMotionRemover removes is divided
-            between bodies and free particles by their masses.
+            without degrees of freedom are left out. The degrees of freedom that a CMMotionRemover
+            removes are divided between bodies and free particles by their masses.
 
         Raises
         ------
@@ -1354,18 +1354,19 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
     # ---- What the scene costs --------------------------------------------------------------------
 
     def describeEffects(self) -> str:
-        """Get which effects are on, and why, as text; a Context is needed.
+        """Get which effects are on, and why, as text; the call needs a Context.
 
         Returns
         -------
         str
-            a line for each effect that is on, a line of the names of those that are off, and then
-            warnings, each a sentence with a remedy; :meth:`getEffects` has the same for programs
+            a line for each effect that is on, a line with the names of the effects that are off,
+            and then warnings, each a sentence with a remedy; :meth:`getEffects` has the same for
+            programs
         """
         return super().describeEffects()
 
     def getEffects(self) -> dict:
-        """Get which effects are on, and why; a Context is needed.
+        """Get which effects are on, and why; the call needs a Context.
 
         Returns
         -------
@@ -1378,17 +1379,17 @@ class CustomRigidHIIntegrator(_copies.Copies, _Base):
         return super().getEffects()
 
     def getStepStatistics(self) -> dict:
-        """Get counters and times since the Context was created; a Context is needed.
+        """Get counters and times since the creation of the Context; the call needs a Context.
 
         Returns
         -------
         dict
             steps, forceEvaluations, mobilityProducts, solverIterations, randomNumbers, squareRoots
-            (int); seconds_forces, seconds_mobility, seconds_scheme (float, seconds); and for a
-            fluid on a grid, of all threads together, seconds_spreading (forces to nodes),
-            seconds_fft (Fourier transforms, with the fluid's response), seconds_averaging
-            (velocities over nodes), seconds_solver (iterations beside products) (float, seconds; 0
-            without a grid); and for bodies on a device, deviceLaunches (kernels, without OpenMM's),
+            (int); seconds_forces, seconds_mobility, seconds_scheme (float, seconds); for a fluid on
+            a grid, summed over all threads, seconds_spreading (forces to nodes), seconds_fft
+            (Fourier transforms, with the fluid's response), seconds_averaging (velocities over
+            nodes), seconds_solver (iterations apart from products) (float, seconds; 0 without a
+            grid); for bodies on a device, deviceLaunches (kernels, without OpenMM's),
             deviceTransfers (states or lists, in either direction), deviceLooks (at a flag or a few
             sums, for which the host waits) (int; 0 without a device)
         """

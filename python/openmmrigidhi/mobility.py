@@ -52,7 +52,7 @@ class ChannelCondition(_enums.Documented):
 
 
 class Solver(_enums.Documented):
-    """How the linear algebra is done; also class attributes of MobilityForce."""
+    """How the solver does the linear algebra; also class attributes of MobilityForce."""
 
     Auto = _Base.Auto, (
         'Dense or matrix-free (default), by the numbers of rows of the matrices. Periodic fluids '
@@ -100,22 +100,21 @@ class MobilityForce(_copies.Copies, _Base):
     hydrodynamic radius, in order, by :meth:`addParticle`.
 
     A body with one hydrodynamic particle is a sphere, which takes force and torque. A body with
-    several is a rigid multiblob, whose blobs carry forces only. Its mobility is N = (K^T M^-1
-    K)^-1. M is the mobility of the blobs, and K gives the velocities of the blobs from those of the
-    body. If all blobs of a body lie on a line, the fluid does not drive the rotation about this
-    line. A torque about the line beyond rounding is then an error. A particle in no body that has a
-    radius takes a force only.
+    several particles is a rigid multiblob; its blobs carry forces only. Its mobility is N = (K^T
+    M^-1 K)^-1. M is the mobility of the blobs, and K maps the velocities of the body to the
+    velocities of its blobs. If all blobs of a body lie on a line, the fluid does not resist
+    rotation about this line, and a torque about the line beyond rounding is an error. A particle in
+    no body that has a radius takes a force only.
 
     :meth:`setModel` chooses how the fluid couples particles. The models are @models@.
     :meth:`setBoundary` chooses what bounds the fluid. The boundaries are @boundaries@.
-    ``help(MobilityForce.Model)`` and ``help(MobilityForce.Boundary)`` describe each of them.
+    ``help(MobilityForce.Model)`` and ``help(MobilityForce.Boundary)`` describe them.
     docs/models/README.md says which model to take for which scene. Each model has a page there with
-    its equations, its accuracy, its cost, and what each boundary needs and does.
+    its equations, its accuracy, its cost, and the requirements and effects of each boundary.
 
-    A constant may be given by its name, as in ``setModel('StokesianDynamics')``. A wrong type
-    raises TypeError, and a wrong shape or an unknown name ValueError. Everything else that is
-    refused raises openmm.OpenMMException. Each message names the object, the value, the bound and
-    the remedy.
+    You may give a constant by its name, as in ``setModel('StokesianDynamics')``. A wrong type
+    raises TypeError, and a wrong shape or an unknown name ValueError. Any other error raises
+    openmm.OpenMMException. Each message names the object, the value, the bound and the remedy.
 
     Examples
     --------
@@ -182,7 +181,7 @@ class MobilityForce(_copies.Copies, _Base):
     # ---- Particles and fluid ---------------------------------------------------------------------
 
     def getNumParticles(self) -> int:
-        """Get the number of particles that were added."""
+        """Get the number of particles."""
         return super().getNumParticles()
 
     def addParticle(self, radius: Number) -> int:
@@ -191,7 +190,8 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         radius : float or Quantity
-            hydrodynamic radius, nm; not negative, finite; the fluid does not see a particle with 0
+            hydrodynamic radius, nm; not negative, finite; a particle with 0 does not interact with
+            the fluid
 
         Returns
         -------
@@ -208,7 +208,7 @@ class MobilityForce(_copies.Copies, _Base):
     def setParticleRadius(self, index: int, radius: Number) -> None:
         """Set the hydrodynamic radius of a particle.
 
-        :meth:`updateParametersInContext` hands it to a Context.
+        :meth:`updateParametersInContext` copies it to a Context.
 
         Parameters
         ----------
@@ -226,7 +226,7 @@ class MobilityForce(_copies.Copies, _Base):
         return _units.VISCOSITY.attach(super().getViscosity())
 
     def setViscosity(self, eta: Number) -> None:
-        """Set the viscosity; default: that of water at 298.15 K, 0.89 mPa s.
+        """Set the viscosity; default: water at 298.15 K, 0.89 mPa s.
 
         Parameters
         ----------
@@ -248,11 +248,11 @@ class MobilityForce(_copies.Copies, _Base):
         super().setModel(_units.constant(model, Model, _where('setModel'), 'model'))
 
     def getBoundary(self) -> _Boundary:
-        """Get what bounds the fluid, a constant of Boundary such as Unbounded."""
+        """Get the boundary of the fluid, a constant of Boundary such as Unbounded."""
         return Boundary(super().getBoundary())
 
     def setBoundary(self, boundary: Union[_Boundary, str, int]) -> None:
-        """Set what bounds the fluid.
+        """Set the boundary of the fluid.
 
         The boundary takes effect at Context creation.
 
@@ -262,12 +262,12 @@ class MobilityForce(_copies.Copies, _Base):
             Unbounded (default). NoSlipWall: fluid above the plane z = :meth:`setWallHeight`, with
             the model RotnePragerYamakawa. Periodic: the Context's periodic box, with all models
             (under FreeDraining nothing changes compared with Unbounded). SlipChannel: fluid between
-            two walls (:meth:`setChannelWalls`) that it slips along, with ForceCoupling.
-            PeriodicWall: fluid above the plane z = :meth:`setWallHeight`, periodic in x and y, with
-            RotnePragerYamakawa and ForceCoupling. NoSlipChannel: fluid between two walls z = const
+            two slip walls (:meth:`setChannelWalls`), with ForceCoupling. PeriodicWall: fluid above
+            the plane z = :meth:`setWallHeight`, periodic in x and y, with RotnePragerYamakawa and
+            ForceCoupling. NoSlipChannel: fluid between two walls z = const
             (:meth:`setChannelWalls`, :meth:`setChannelCondition`), periodic in x and y, with the
-            same models. Film: fluid between a wall and a flat free surface, with ForceCoupling.
-            The third vector of the box is not a period of these three fluids.
+            same models. Film: fluid between a wall and a flat free surface, with ForceCoupling. The
+            third vector of the box is not a period of the last three fluids.
         """
         super().setBoundary(_units.constant(boundary, Boundary, _where('setBoundary'), 'boundary'))
 
@@ -303,14 +303,14 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         low, high : float or Quantity
-            nm; finite, the first below the second. The default, 0 and 0, is no channel: a Context
-            with such a boundary is then refused.
+            nm; finite, the first below the second. The default, 0 and 0, means no channel; a
+            boundary with such walls is then an error at Context creation.
         """
         super().setChannelWalls(self._number(low, _units.LENGTH, 'setChannelWalls', 'low'),
                                 self._number(high, _units.LENGTH, 'setChannelWalls', 'high'))
 
     def getChannelCondition(self) -> _ChannelCondition:
-        """Get what the mean flow of a NoSlipChannel does (ZeroPressureGradient or ZeroFlux)."""
+        """Get the condition on the mean flow of a channel (ZeroPressureGradient or ZeroFlux)."""
         return ChannelCondition(super().getChannelCondition())
 
     def setChannelCondition(self, condition: Union[_ChannelCondition, str, int]) -> None:
@@ -341,17 +341,17 @@ class MobilityForce(_copies.Copies, _Base):
         Parameters
         ----------
         mobility : constant or str
-            FromModel (default): the mobility of the model, without lubrication. A quarter of the
-            free mobility towards the wall is left at contact. BestKnown: the mobility of a rigid
-            sphere alone above the wall, at every gap, to 3e-8.
+            FromModel (default): the mobility of the model, without lubrication. At contact a
+            quarter of the free mobility towards the wall remains. BestKnown: the mobility of a
+            single rigid sphere above the wall, at every gap, to 3e-8.
 
         Notes
         -----
-        BestKnown takes the exact solutions: along the wall Dean, O'Neill, 1963, and O'Neill, 1964,
+        BestKnown uses the exact solutions: along the wall Dean, O'Neill, 1963, and O'Neill, 1964,
         towards it Brenner, 1961, about the normal Jeffery, 1915. Eqs. 94 to 97 of Delong et al., J.
-        Chem. Phys. 143, 144107, 2015, approximate them. Other spheres come in by congruence.
-        BestKnown is for bodies of one sphere and free particles. It needs a wall and the wall
-        rejection Overlap: without them no Context is created.
+        Chem. Phys. 143, 144107, 2015, approximate them. A congruence combines the exact mobility
+        with the interactions of other spheres. BestKnown is for bodies of one sphere and free
+        particles. It needs a wall and the wall rejection Overlap; otherwise Context creation fails.
         """
         super().setSphereWallMobility(
             _units.constant(mobility, SphereWallMobility, _where('setSphereWallMobility'),
@@ -375,13 +375,13 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        With RotnePragerYamakawa and ForceCoupling the friction is that of the model plus what it
-        lacks for each pair of spheres, and for each sphere and wall, by themselves. So it is exact
-        for two spheres, and for one above a wall. The models' pages say how accurate it is. Spheres
-        must not overlap each other (:meth:`setMinimumGap`) and not touch walls, and the ratios of
-        their radii are up to 10. A Context is refused with sphere-wall mobility BestKnown, which
-        this lubrication replaces, with the wall rejection Crossing, and with ForceCoupling beside
-        walls.
+        With RotnePragerYamakawa and ForceCoupling the friction is the friction of the model plus a
+        correction for each pair of spheres, and for each sphere and wall: the friction that the
+        model lacks for this pair alone. So it is exact for two spheres, and for one sphere above a
+        wall. The models' pages state the accuracy. Spheres must not overlap each other
+        (:meth:`setMinimumGap`) or touch walls, and the ratios of their radii are up to 10. Context
+        creation fails with sphere-wall mobility BestKnown, which this lubrication replaces, with
+        the wall rejection Crossing, and with ForceCoupling next to walls.
         """
         if isinstance(lubrication, (bool, np.bool_)):
             lubrication = Lubrication.On if lubrication else Lubrication.Off
@@ -402,17 +402,17 @@ class MobilityForce(_copies.Copies, _Base):
     def setLubricationReach(self, whole: Number, nothing: Number) -> None:
         """Set how far lubrication of pairs reaches.
 
-        Lubrication at walls is whole at every height.
+        Lubrication at walls acts fully at every height.
 
         Parameters
         ----------
         whole : float
-            the distance of the centres, in mean radii of the pair, up to which lubrication is
-            whole; at least 2, which is contact
+            the distance of the centres, in mean radii of the pair, up to which lubrication acts
+            fully; at least 2, the contact
         nothing : float
-            the distance from which on there is none, above the other one. 0 for both (default): 3
-            and 4, but with matrices of StokesianDynamics 8 and 10 in a periodic box, and all
-            distances without one.
+            the distance from which on lubrication vanishes, above the other one. 0 for both
+            (default): 3 and 4, but with matrices of StokesianDynamics 8 and 10 in a periodic box,
+            and all distances without a box.
         """
         super().setLubricationReach(
             self._number(whole, _units.NONE, 'setLubricationReach', 'whole'),
@@ -426,25 +426,25 @@ class MobilityForce(_copies.Copies, _Base):
         """Set the smallest gap between spheres with lubrication; default 0.
 
         The gap is relative to the mean radius of the two spheres. It is finite and not negative.
-        Smaller gaps, and overlaps, are treated as this gap. With 0, a start with overlapping
-        spheres is refused, and a step after which spheres overlap is redone with new noise. Spheres
-        of StokesianDynamics have it without lubrication, too.
+        Smaller gaps, and overlaps, count as this gap. With 0, a start with overlapping spheres is
+        an error, and the scheme redoes a step after which spheres overlap, with new noise. The
+        setting also applies to spheres of StokesianDynamics without lubrication.
         """
         super().setMinimumGap(self._number(gap, _units.NONE, 'setMinimumGap', 'gap'))
 
     def getSolver(self) -> _Solver:
-        """Get how the linear algebra is done (Auto, Dense or MatrixFree)."""
+        """Get how the solver does the linear algebra (Auto, Dense or MatrixFree)."""
         return Solver(super().getSolver())
 
     def setSolver(self, solver: Union[_Solver, str, int]) -> None:
-        """Set how the linear algebra is done.
+        """Set how the solver does the linear algebra.
 
         Parameters
         ----------
         solver : constant or str
             Auto (default): Dense or MatrixFree, by the numbers of rows of the matrices, and in
             periodic fluids by an estimate of the time of a step, never by measured times. Dense:
-            matrices are formed and decomposed; memory is quadratic and time cubic in bodies.
+            the solver forms and decomposes matrices; memory is quadratic and time cubic in bodies.
             MatrixFree: Krylov methods to the solver tolerance; memory is linear in particles, and
             time quadratic, or less by multipoles or on a grid.
 
@@ -453,11 +453,11 @@ class MobilityForce(_copies.Copies, _Base):
         With LangevinHI the same seed gives the same step with Dense and with MatrixFree, to the
         tolerance. In schemes without momenta Dense and MatrixFree take different square roots of
         the mobility, and different random numbers. The law of the noise is the same, but the same
-        seed gives other trajectories. Auto may choose another way for another scene, scheme or
-        tolerance, which then has other noise.
+        seed gives other trajectories. For another scene, scheme or tolerance Auto may choose the
+        other way, and the noise then differs.
 
-        :meth:`applyMobilityInContext` goes the same way, whatever masses there are.
-        ``CustomRigidHIIntegrator.getEffects`` says which way this is.
+        :meth:`applyMobilityInContext` uses the same way, for any masses.
+        ``CustomRigidHIIntegrator.getEffects`` names this way.
         """
         super().setSolver(_units.constant(solver, Solver, _where('setSolver'), 'solver'))
 
@@ -469,14 +469,13 @@ class MobilityForce(_copies.Copies, _Base):
         """Set the relative tolerance of MatrixFree (default 1e-6), from 1e-14 to 0.1.
 
         With LangevinHI, friction and noise of a step differ from the Dense ones by at most five
-        times the tolerance, in the norm of mass-weighted momenta. Velocities from forces, also
-        those of applyMobilityInContext() with multiblobs, have at most the tolerance as their
-        error, in the norm of the friction. This error is estimated, and it may be larger if bodies
-        nearly coincide. In schemes without momenta, the random
-        velocities have at most five times the tolerance as their error. Their norm is that of
-        velocities divided by the square roots of the own mobilities of the particles (of
-        multiblobs: of the bodies). If the tolerance is not reached, an exception says what was
-        reached.
+        times the tolerance, in the norm of mass-weighted momenta. Velocities from forces, also the
+        velocities of applyMobilityInContext() with multiblobs, have an error of at most the
+        tolerance, in the norm of the friction. This error is an estimate, and it may be larger if
+        bodies nearly coincide. In schemes without momenta, the random velocities have an error of
+        at most five times the tolerance. Its norm uses velocities divided by the square roots of
+        the self-mobilities of the particles (of multiblobs: of the bodies). If an iteration does
+        not reach the tolerance, an exception states the error.
         """
         super().setSolverTolerance(
             self._number(tolerance, _units.NONE, 'setSolverTolerance', 'tolerance'))
@@ -495,32 +494,32 @@ class MobilityForce(_copies.Copies, _Base):
         ----------
         spacing : float or Quantity
             nm; 0 (default): the spacing at which products have the solver tolerance. With
-            ForceCoupling another spacing means another tolerance of products, which
-            ``CustomRigidHIIntegrator.describeEffects`` says. With RotnePragerYamakawa it means more
-            or fewer pairs at the same tolerance.
+            ForceCoupling another spacing means another tolerance of products, stated by
+            ``CustomRigidHIIntegrator.describeEffects``. With RotnePragerYamakawa it means more or
+            fewer pairs at the same tolerance.
         """
         super().setGridSpacing(self._number(spacing, _units.LENGTH, 'setGridSpacing', 'spacing'))
 
     def getFastSummation(self) -> bool:
-        """Get whether products of many particles with the mobility may be done by multipoles."""
+        """Get whether multipoles may compute products of many particles with the mobility."""
         return super().getFastSummation()
 
     def setFastSummation(self, enabled: bool) -> None:
-        """Set whether products of many particles with the mobility may be done by multipoles.
+        """Set whether multipoles may compute products of many particles with the mobility.
 
         Multipoles (default True) are for RotnePragerYamakawa with the boundary Unbounded or
-        NoSlipWall and MatrixFree, on all platforms but Reference.
+        NoSlipWall and MatrixFree, on all platforms except Reference.
 
         Parameters
         ----------
         enabled : bool
             True: products for which a tolerance is good enough take a time that grows little faster
-            than the number of particles. There are three kinds of them, at tolerances of 1e-6 and
-            more: the answers of :meth:`applyMobilityInContext` for spheres, to the solver
+            than the number of particles. Three kinds of products use multipoles, at tolerances of
+            1e-6 and more: the answers of :meth:`applyMobilityInContext` for spheres, to the solver
             tolerance; products of iterations, to a part of their tolerance, unless a scheme takes
-            differences of the results; and products of which a scheme takes differences. The number
-            of particles from which on multipoles are used follows from the tolerance alone;
-            ``CustomRigidHIIntegrator.getEffects`` says it. False: all products are sums over all
+            differences of the results; and products of which a scheme takes differences. The
+            tolerance alone determines the number of particles from which on multipoles are used;
+            ``CustomRigidHIIntegrator.getEffects`` states it. False: all products are sums over all
             pairs.
         """
         super().setFastSummation(_units.boolean(enabled, _where('setFastSummation'), 'enabled'))
@@ -537,16 +536,16 @@ class MobilityForce(_copies.Copies, _Base):
             _units.array(gradient, 3))
 
     def setBackgroundFlow(self, velocity: Numbers, gradient: Numbers) -> None:
-        """Set a flow that is there without bodies, v(x) = velocity + gradient x.
+        """Set a flow that exists without bodies, v(x) = velocity + gradient x.
 
         x counts from the origin of coordinates. The flow carries and turns bodies. Blobs have the
         slip v(x), spheres v(x) and half the curl of v. Multiblobs resist the strain of the flow by
-        their blobs. Spheres of StokesianDynamics resist it by their stresslets, without lubrication
-        of the strain. Spheres of other models, and tensors of :meth:`setBodyMobility`, do not
-        resist it.
+        their blobs. Spheres of StokesianDynamics resist it by their stresslets, with lubrication of
+        the strain. Spheres of other models, and tensors of :meth:`setBodyMobility`, do not resist
+        it.
 
-        The flow is for schemes without momenta and for LangevinHI. The friction of LangevinHI is
-        that of the velocities relative to the velocities that force-free bodies have in the flow.
+        The flow is for schemes without momenta and for LangevinHI. The friction of LangevinHI acts
+        on velocities relative to the velocities of force-free bodies in the flow.
 
         Parameters
         ----------
@@ -558,7 +557,7 @@ class MobilityForce(_copies.Copies, _Base):
         Notes
         -----
         The boundary must be Unbounded, or NoSlipWall or PeriodicWall if the flow is 0 at the wall.
-        With other boundaries no Context is created. The default is zeros: no flow.
+        Other boundaries are an error at Context creation. The default is zeros: no flow.
         """
         where = _where('setBackgroundFlow')
         rows = _units.rows(gradient, _units.RATE, 3, where, 'gradient', 3)
@@ -566,7 +565,7 @@ class MobilityForce(_copies.Copies, _Base):
                                   rows.reshape(-1))
 
     def getSinusoidalForceDensity(self) -> tuple[unit.Quantity, int, int, int]:
-        """Get what :meth:`setSinusoidalForceDensity` has set.
+        """Get the settings of :meth:`setSinusoidalForceDensity`.
 
         It is the tuple (f0, forceAxis, waveAxis, waveVectorIndex), with f0 a Quantity in
         kJ/(mol nm^4).
@@ -579,10 +578,10 @@ class MobilityForce(_copies.Copies, _Base):
         """Drive the fluid by a force density f0 sin(k x_waveAxis) along forceAxis.
 
         k is 2 pi waveVectorIndex/L with the edge L of the Context's box along waveAxis. Without
-        bodies the fluid flows with the velocity f0/(eta k^2) sin(k x_waveAxis). Blobs have the slip
-        of the average of this flow over their surface or Gaussian. Spheres with torque also have
-        the slip of its average curl. Spheres of StokesianDynamics resist its strain by their
-        stresslets. :meth:`getFlowModeInContext` gives what is left of the flow among bodies.
+        bodies the fluid flows with the velocity f0/(eta k^2) sin(k x_waveAxis). The slip of a blob
+        is the average of this flow over its surface or Gaussian. Spheres with torque also have a
+        slip by the average curl. Spheres of StokesianDynamics resist the strain by their
+        stresslets. :meth:`getFlowModeInContext` gives the flow that remains among bodies.
 
         Parameters
         ----------
@@ -595,9 +594,9 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        The boundary must be periodic, and both axes must be along its walls. With other boundaries
-        no Context is created. Waves that are not periodic in a triclinic box, or too short for the
-        grid, are refused as well.
+        The boundary must be periodic, and both axes must be along its walls; otherwise Context
+        creation fails. It also fails for waves that are not periodic in a triclinic box, or too
+        short for the grid.
 
         Above a no-slip wall, in a NoSlipChannel and in a Film the flow is f0/(eta k^2) (1 - p)
         sin(k x_waveAxis), where p depends on z and is 1 on a wall: exp(-k s), cosh(k (s -
@@ -628,7 +627,7 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        With other boundaries and a velocity that is not 0 no Context is created.
+        With other boundaries a velocity other than 0 is an error at Context creation.
         """
         where = _where('setWallVelocity')
         super().setWallVelocity(_units.vector(velocity, _units.VELOCITY, where, 'velocity'))
@@ -640,11 +639,11 @@ class MobilityForce(_copies.Copies, _Base):
     def setBodyForceDensity(self, forceDensity: Numbers) -> None:
         """Drive the fluid along its walls by a uniform force density f.
 
-        The force density acts as a pressure gradient -f does. Without bodies the fluid has
+        The force density acts like a pressure gradient -f. Without bodies the fluid has
         Poiseuille's flow. This is f (z - low) (high - z)/(2 eta) in a NoSlipChannel, and f (z -
         low) (2 high - low - z)/(2 eta) in a Film. Bodies follow the flow as in
-        :meth:`setBackgroundFlow`, and no other force on them comes from the force density.
-        :meth:`getMeanFlowInContext` gives what is left of the mean flow among bodies.
+        :meth:`setBackgroundFlow`, and the force density exerts no other force on them.
+        :meth:`getMeanFlowInContext` gives the mean flow that remains among bodies.
 
         Parameters
         ----------
@@ -653,16 +652,16 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        The boundary must be NoSlipChannel with the condition ZeroPressureGradient, or Film. With
-        others no Context is created: with ZeroFlux the pressure balances the force density, and
-        above a PeriodicWall no flow is steady.
+        The boundary must be NoSlipChannel with the condition ZeroPressureGradient, or Film. Other
+        boundaries are an error at Context creation: with ZeroFlux the pressure balances the force
+        density, and above a PeriodicWall no flow is steady.
         """
         where = _where('setBodyForceDensity')
         super().setBodyForceDensity(
             _units.vector(forceDensity, _units.FORCE_DENSITY, where, 'forceDensity'))
 
     def getShear(self) -> tuple[unit.Quantity, int, int]:
-        """Get what :meth:`setShear` has set, as (rate, flowAxis, gradientAxis).
+        """Get the settings of :meth:`setShear`, as (rate, flowAxis, gradientAxis).
 
         The rate is a Quantity in 1/ps.
         """
@@ -673,15 +672,16 @@ class MobilityForce(_copies.Copies, _Base):
         """Shear a periodic fluid steadily, with the boundary conditions of Lees and Edwards.
 
         Without bodies the fluid flows with v = rate x_gradientAxis along flowAxis. The box tilts
-        with the flow: steps set the Context's box, and forces are computed in the box of their
-        time. The tilt starts from that of the Context's box. Where a tilt exceeds half an edge, the
-        box goes on with the other tilt that has the same lattice, so that positions, which are not
-        wrapped, and forces stay as they are. States and checkpoints hold the box, and with it the
-        strain. A rate that :meth:`updateParametersInContext` changes goes on from the present tilt.
+        with the flow: steps set the Context's box, and forces are computed in the box at their
+        time. The tilt starts from the tilt of the Context's box. Where a tilt exceeds half an edge,
+        the box continues with the other tilt of the same lattice, so positions, which are not
+        wrapped, and forces stay the same. States and checkpoints hold the box, and with it the
+        strain. If :meth:`updateParametersInContext` changes the rate, the shear continues from the
+        present tilt.
 
         Bodies follow the flow as in :meth:`setBackgroundFlow`. The velocity gradient is the mean
-        one of the fluid with its bodies. The relative viscosity is therefore 1 + stress/(eta rate),
-        with the stress of :meth:`getStressInContext`.
+        gradient of the fluid with its bodies. The relative viscosity is therefore 1 + stress/(eta
+        rate), with the stress of :meth:`getStressInContext`.
 
         Parameters
         ----------
@@ -692,13 +692,13 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        No Context is created with boundaries other than Periodic, with the model FreeDraining, with
-        schemes that have momenta, with barostats, with a sinusoidal force density beside the shear,
-        and on platforms other than Reference and CPU. A step is refused if it strains the fluid by
-        more than 0.1, or if somebody has set the box and no positions since the last step. The flow
-        that :meth:`getFlowInContext` gives is that of the present forces, without noise, because
-        the stages of a sheared step are in different boxes. OpenMM's PME is not the same, to its
-        tolerance, in the two boxes of one lattice, so that its forces jump there by its error.
+        Context creation fails with boundaries other than Periodic, with the model FreeDraining,
+        with schemes that have momenta, with barostats, with a sinusoidal force density in addition
+        to the shear, and on platforms other than Reference and CPU. A step is an error if it
+        strains the fluid by more than 0.1, or if you have set the box, but no positions, since the
+        last step. :meth:`getFlowInContext` gives the flow of the present forces, without noise,
+        because the stages of a sheared step are in different boxes. In the two boxes of one lattice
+        OpenMM's PME agrees only to its tolerance, so its forces jump there by its error.
         """
         where = _where('setShear')
         super().setShear(_units.number(rate, _units.RATE, where, 'rate'),
@@ -708,12 +708,12 @@ class MobilityForce(_copies.Copies, _Base):
     # ---- Bodies ----------------------------------------------------------------------------------
 
     def setBodyMobility(self, body: int, mobility: npt.ArrayLike) -> None:
-        """Give a body its own mobility tensor, that of the body alone in unbounded fluid.
+        """Give a body its own mobility tensor, the tensor of the body alone in unbounded fluid.
 
-        FreeDraining takes the tensor as it is. RotnePragerYamakawa combines it with the
+        FreeDraining uses the tensor unchanged. RotnePragerYamakawa combines it with the
         interactions by congruence: N = B N_RPY B^T with B = N_own^(1/2) N_RPY,alone^(-1/2). The
-        result is exact for the body alone, and always positive definite. B scales the interactions
-        on both sides, so give the particles radii whose own tensor is near the tensor given.
+        result is exact for a single body, and always positive definite. B scales the interactions
+        on both sides, so choose the particles' radii such that their tensor is near the own tensor.
 
         Parameters
         ----------
@@ -728,20 +728,20 @@ class MobilityForce(_copies.Copies, _Base):
                                 _units.matrix(mobility, _TENSOR, where, 'mobility'))
 
     def setBodyFriction(self, body: int, friction: npt.ArrayLike) -> None:
-        """Give a body its own tensor by the inverse, the friction tensor of shape (6, 6).
+        """Give a body its own friction tensor of shape (6, 6), the inverse of its mobility tensor.
 
-        :meth:`setBodyMobility` says how body and tensor are used; friction is in the same frame.
+        :meth:`setBodyMobility` explains the use of the tensor; friction is in the same frame.
         """
         where = _where('setBodyFriction')
         super().setBodyFriction(_units.integer(body, where, 'body'),
                                 _units.matrix(friction, _TENSOR, where, 'friction'))
 
     def getBodyHasOwnTensor(self, body: int) -> bool:
-        """Get whether a body has a tensor of its own."""
+        """Get whether a body has its own tensor."""
         return super().getBodyHasOwnTensor(self._index(body, 'getBodyHasOwnTensor', 'body'))
 
     def getBodyTensorIsFriction(self, body: int) -> bool:
-        """Get whether a body's own tensor was given as friction; an error if the body has none."""
+        """Get whether a body's own tensor was set as friction; an error if the body has none."""
         return super().getBodyTensorIsFriction(self._index(body, 'getBodyTensorIsFriction', 'body'))
 
     def getBodyMobility(self, body: int) -> Array:
@@ -755,7 +755,7 @@ class MobilityForce(_copies.Copies, _Base):
                             6)
 
     def clearBodyTensor(self, body: int) -> None:
-        """Take a body's own tensor away."""
+        """Remove a body's own tensor."""
         super().clearBodyTensor(self._index(body, 'clearBodyTensor', 'body'))
 
     def getBodiesWithOwnTensors(self) -> Array:
@@ -763,18 +763,18 @@ class MobilityForce(_copies.Copies, _Base):
         return np.frombuffer(super().getBodiesWithOwnTensors(), dtype=np.intc)
 
     def setBodySlip(self, body: int, velocities: npt.ArrayLike) -> None:
-        """Give the surface of a multiblob a slip, as a swimmer has it.
+        """Give the surface of a multiblob a slip, as for a swimmer.
 
-        The fluid at each blob moves with the body and with the velocity of the blob's slip besides.
-        The body is free of forces and torques all the same; the slip moves it and the fluid. The
-        velocities turn with the body. They are added to a step as a driven flow is: they make no
-        drift and no noise. Slips act in schemes without momenta; others are refused at Context
-        creation. Refused there as well are a wrong number of velocities, and the slip of a body of
-        one particle, because the models have no stresslet sources for a single sphere.
+        At each blob the fluid moves with the body plus the velocity of the blob's slip. The body is
+        nevertheless free of forces and torques; the slip moves the body and the fluid. The
+        velocities turn with the body. They enter a step like a driven flow: they cause no drift and
+        no noise. Slips act in schemes without momenta; with other schemes Context creation fails.
+        It also fails for a wrong number of velocities, and for the slip of a body of one particle,
+        because the models have no stresslet sources for a single sphere.
 
-        The velocities at blobs are not those at a smooth surface. A shell of 12 to 642 blobs with
-        the velocities of a squirmer swims 73 to 11 % too fast. :func:`app.squirmerSlip` scales the
-        modes of a squirmer by the response of the shell at hand.
+        The velocities at blobs are not the velocities at a smooth surface. A shell of 12 to 642
+        blobs with the velocities of a squirmer swims 73 to 11 % too fast. :func:`app.squirmerSlip`
+        scales the modes of a squirmer by the response of the given shell.
 
         Parameters
         ----------
@@ -797,7 +797,7 @@ class MobilityForce(_copies.Copies, _Base):
             _units.array(super().getBodySlip(self._index(body, 'getBodySlip', 'body')), 3))
 
     def clearBodySlip(self, body: int) -> None:
-        """Take a body's slip away."""
+        """Remove a body's slip."""
         super().clearBodySlip(self._index(body, 'clearBodySlip', 'body'))
 
     def getBodiesWithSlip(self) -> Array:
@@ -808,15 +808,15 @@ class MobilityForce(_copies.Copies, _Base):
                             force: npt.ArrayLike) -> int:
         """Let a body exert a force on the fluid at a site that moves with the body.
 
-        The flagella of a swimmer do so. The body takes the opposite force at the site, so that body
-        and site together are free of forces and torques. Force and site turn with the body. They
-        make no drift and no noise. (Forces between the blobs of a body would do nothing, because
-        the body is rigid.)
+        The flagella of a swimmer do so. The body takes the opposite force at the site, so body and
+        site together are free of forces and torques. Force and site turn with the body. They cause
+        no drift and no noise. (Forces between the blobs of a body would have no effect, because the
+        body is rigid.)
 
-        For the fluid the site is a particle of its own that nothing holds and that resists nothing.
-        It may be anywhere in the fluid. These forces act in schemes without momenta. Other schemes
-        are refused at Context creation, and so is StokesianDynamics, in which such a particle would
-        have lubrication.
+        For the fluid the site is a separate particle that nothing holds and that resists nothing.
+        It may be anywhere in the fluid. These forces act in schemes without momenta. Context
+        creation fails with other schemes, and with StokesianDynamics, in which such a particle
+        would have lubrication.
 
         Parameters
         ----------
@@ -843,7 +843,7 @@ class MobilityForce(_copies.Copies, _Base):
 
     def getBodyForceOnFluidParameters(
             self, index: int) -> tuple[int, unit.Quantity, unit.Quantity, unit.Quantity]:
-        """Get a force on the fluid: (body, site, radius, force), as Quantities but the body.
+        """Get a force on the fluid: (body, site, radius, force), Quantities except for the body.
 
         Site and radius are in nm, the force in kJ/(mol nm); site and force are in the body frame.
         """
@@ -856,7 +856,7 @@ class MobilityForce(_copies.Copies, _Base):
                                       radius: Number, force: npt.ArrayLike) -> None:
         """Set a force on the fluid; a force of 0 switches it off.
 
-        :meth:`updateParametersInContext` hands it to a Context.
+        :meth:`updateParametersInContext` copies it to a Context.
 
         Parameters
         ----------
@@ -881,16 +881,16 @@ class MobilityForce(_copies.Copies, _Base):
         return np.frombuffer(super().getGroups(), dtype=np.intc)
 
     def setGroups(self, groups: Sequence[int]) -> None:
-        """Set groups of bodies; bodies feel each other through the fluid only within a group.
+        """Set groups of bodies; the fluid couples bodies only within a group.
 
         In this way replicas of a scene can run in one Context, at a cost linear in their number.
-        Hydrodynamic particles that are in no body belong to group 0.
+        Hydrodynamic particles in no body belong to group 0.
 
-        Groups are meant to be independent. In schemes without momenta, a step that a group must
-        redo (at a wall, or for overlap) is redone for this group alone. The trajectories of the
-        other groups stay the same bit for bit. OpenMM forces between groups break this
-        independence. In schemes that evaluate forces at intermediate positions, such forces may
-        have been evaluated at poses that were rejected. LangevinHI redoes a step for all groups.
+        Groups should be independent. In schemes without momenta, if a group must redo a step (at a
+        wall, or for overlap), only this group redoes it. The trajectories of the other groups stay
+        the same bit for bit. OpenMM forces between groups break this independence. In schemes that
+        evaluate forces at intermediate positions, such forces may have been evaluated at rejected
+        poses. LangevinHI redoes a step for all groups.
 
         Parameters
         ----------
@@ -902,12 +902,12 @@ class MobilityForce(_copies.Copies, _Base):
     # ---- In a Context ----------------------------------------------------------------------------
 
     def updateParametersInContext(self, context: openmm.Context) -> None:
-        """Hand changed parameters to a Context.
+        """Copy changed parameters to a Context.
 
         The parameters are viscosity, radii, own tensors, slips, forces on the fluid, lubrication
         and its reach, minimum gap, solver, tolerance, grid spacing and flow. A radius may not
-        change between 0 and not 0. Changes of model, boundary, wall height, sphere-wall mobility
-        and groups need ``reinitialize``.
+        change between 0 and a positive value. Changes of model, boundary, wall height, sphere-wall
+        mobility and groups need ``reinitialize``.
         """
         super().updateParametersInContext(
             _units.context(context, _where('updateParametersInContext')))
@@ -915,10 +915,10 @@ class MobilityForce(_copies.Copies, _Base):
     def getMobilityInContext(self, context: openmm.Context) -> Array:
         """Get the mobility matrix of the bodies at their present poses.
 
-        The matrix is computed with dense matrices. MatrixFree iterates column by column, to its
-        tolerance, where this takes less time: for bodies of 850 blobs and more on the CPU platform,
-        and of 3500 on Reference. ``CustomRigidHIIntegrator.getEffects`` says which way is taken
-        ("mobilities asked for").
+        Dense matrices give the matrix. MatrixFree iterates column by column, to its tolerance,
+        where this takes less time: for bodies of 850 blobs and more on the CPU platform, and of
+        3500 on Reference. ``CustomRigidHIIntegrator.getEffects`` names the way ("mobilities asked
+        for").
 
         Returns
         -------
@@ -933,8 +933,8 @@ class MobilityForce(_copies.Copies, _Base):
     def getFrictionInContext(self, context: openmm.Context) -> Array:
         """Get the friction matrix of the bodies, an array of shape (6n, 6n).
 
-        It is the inverse of the mobility matrix. For bodies whose blobs lie on a line it is the
-        pseudo-inverse. It is always computed with dense matrices.
+        It is the inverse of the mobility matrix, or the pseudo-inverse for bodies whose blobs lie
+        on a line. It always uses dense matrices.
         """
         numbers = _units.array(super().getFrictionInContext(
             _units.context(context, _where('getFrictionInContext'))))
@@ -945,7 +945,7 @@ class MobilityForce(_copies.Copies, _Base):
 
         The computation is dense or matrix-free, as :meth:`setSolver` says. For spheres it is always
         a product, without a matrix. The product is exact to rounding, or to the solver tolerance
-        where :meth:`setFastSummation` has it.
+        where :meth:`setFastSummation` applies.
 
         Parameters
         ----------
@@ -967,13 +967,12 @@ class MobilityForce(_copies.Copies, _Base):
         """Get the velocities that forces on hydrodynamic particles would give if each were free.
 
         The result is the product of the forces with the mobility of the blobs, without the rigidity
-        of bodies. Blobs, spheres and free particles are where they are at present. Spheres (one
-        particle in a body) feel no torque, and their angular velocities are not given. Particles
+        of bodies. Blobs, spheres and free particles are at their present positions. Spheres (one
+        particle in a body) feel no torque, and the result omits their angular velocities. Particles
         feel each other as bodies do: within a group of :meth:`setGroups`, or, under FreeDraining,
         within a body. Tensors of :meth:`setBodyMobility` and :meth:`setBodyFriction` belong to
-        bodies and have no effect. No linear system is solved. The cost is that of one product with
-        the model's matrix for each group, whatever the solver is. StokesianDynamics forms its
-        matrix.
+        bodies and have no effect. The call solves no linear system. Its cost is one product with
+        the model's matrix for each group, with any solver. StokesianDynamics forms its matrix.
 
         Parameters
         ----------
@@ -981,12 +980,12 @@ class MobilityForce(_copies.Copies, _Base):
             a Context whose System has this Force
         forces : array-like or Quantity of shape (particles, 3)
             one finite row for each particle of the System, kJ/(mol nm), lab frame; forces on
-            particles that the fluid does not see are ignored
+            particles that do not interact with the fluid are ignored
 
         Returns
         -------
         Quantity of shape (particles, 3)
-            velocities, nm/ps, lab frame; 0 for particles that the fluid does not see
+            velocities, nm/ps, lab frame; 0 for particles that do not interact with the fluid
         """
         rows = _units.rows(forces, _units.FORCE, 3, _where('applyBlobMobilityInContext'), 'forces')
         context = _units.context(context, _where('applyBlobMobilityInContext'))
@@ -996,21 +995,21 @@ class MobilityForce(_copies.Copies, _Base):
     def getFlowInContext(self, context: openmm.Context, points: Numbers) -> unit.Quantity:
         """Get the velocities of the fluid at points.
 
-        The flow of the fluid is the driven flow and the flow that the bodies cause. Within a
+        The flow of the fluid is the driven flow plus the flow that the bodies cause. Within a
         particle it is the flow of the particle's spread forces.
 
-        In schemes without momenta the flow is that of the last step, at the poses where the step
+        In schemes without momenta the flow belongs to the last step, at the poses where the step
         evaluated its forces. For DriftCorrectorFD, DriftCorrectorRFD and FixmanMidpoint these poses
         are the mid-point. The flow is the sum of the driven flow, nu times the random flow (nu is
         the drift factor of :meth:`CustomRigidHIIntegrator.setDriftCorrectorScaling`), and the flow
         of the forces that kept the bodies rigid. The mean of this flow has the Brownian stress; a
-        mean of the forces alone does not have it. A fluid on a grid has all modes of its random
-        field in the flow. Where the model has no random field, the random flow is the mean of all
-        random flows that fit the particles' random velocities.
+        mean of the forces alone does not. For a fluid on a grid the flow has all modes of the
+        random field. Where the model has no random field, the random flow is the mean of all random
+        flows that fit the particles' random velocities.
 
-        Before a step, or after poses or parameters were changed, the flow has no noise: it is that
-        of the present forces at the present poses. With LangevinHI it is the flow of the friction
-        forces at the present poses and velocities.
+        Before a step, or after changes of poses or parameters, the flow has no noise: it is the
+        flow of the present forces at the present poses. With LangevinHI it is the flow of the
+        friction forces at the present poses and velocities.
 
         Parameters
         ----------
@@ -1026,10 +1025,10 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        Checkpoints and States hold what the flow needs of the last step. The cost is that of a
-        step, and the work of each particle at each point; on a grid, of each node at each point.
-        With several groups of :meth:`setGroups`, and with FreeDraining, there is no common fluid,
-        and the call is refused.
+        Checkpoints and States hold what the flow needs from the last step. The cost is the cost of
+        a step, plus the work of each particle at each point; on a grid, of each node at each point.
+        With several groups of :meth:`setGroups`, and with FreeDraining, no common fluid exists, and
+        the call is an error.
         """
         where = _where('getFlowInContext')
         rows = _units.rows(points, _units.LENGTH, 3, where, 'points')
@@ -1072,10 +1071,9 @@ class MobilityForce(_copies.Copies, _Base):
                                    waveVectorIndex: int) -> unit.Quantity:
         """Get the amplitudes of a wave in the random field of the last step, without nu.
 
-        The random field is the part of the noise that the model draws itself, on a grid; the
-        amplitudes are 0 where there is none. Their mean is 0, so they serve as a control variate. A
-        multiple of them may be subtracted from :meth:`getFlowModeInContext` to make the error of a
-        mean smaller.
+        The random field is the part of the noise that the model draws itself, on a grid; without a
+        grid the amplitudes are 0. Their mean is 0, so they serve as a control variate. Subtract a
+        multiple of them from :meth:`getFlowModeInContext` to reduce the error of a mean.
 
         Parameters
         ----------
@@ -1118,8 +1116,9 @@ class MobilityForce(_copies.Copies, _Base):
     def getRandomMeanFlowInContext(self, context: openmm.Context) -> unit.Quantity:
         """Get the mean of the random field of the last step over the volume of the fluid.
 
-        This is to :meth:`getMeanFlowInContext` what :meth:`getRandomFlowModeInContext` is to
-        :meth:`getFlowModeInContext`: the part of the noise that the model draws itself, without nu.
+        The mean relates to :meth:`getMeanFlowInContext` as :meth:`getRandomFlowModeInContext`
+        relates to :meth:`getFlowModeInContext`: it is the part of the noise that the model draws
+        itself, without nu.
 
         Parameters
         ----------
@@ -1137,18 +1136,18 @@ class MobilityForce(_copies.Copies, _Base):
     def getStressInContext(self, context: openmm.Context) -> Stress:
         """Get the stress that the bodies add to a periodic fluid, by parts, at present poses.
 
-        Each part is a mean over the box. The mean of their sum over a run is the stress of the
-        suspension beside that of the fluid alone. The hydrodynamic and Brownian parts have no
+        Each part is a mean over the box. The mean of their sum over a run, plus the stress of the
+        fluid alone, is the stress of the suspension. The hydrodynamic and Brownian parts have no
         trace, because the models know no pressure in bodies. Spheres of StokesianDynamics have
-        stresslets, and multiblobs have them by their blobs. Single spheres of the other models have
-        none.
+        stresslets, and multiblobs have stresslets by their blobs. Single spheres of the other
+        models have none.
 
         The Brownian part is kT div(R N), where R N gives stresslets from forces and torques. It is
-        one sample of a random finite difference, which costs two mobility problems and is right on
-        average over steps, in every scheme. It has rare huge values where spheres nearly touch. It
-        is 0 at the temperature 0.
+        one sample of a random finite difference; this sample costs two mobility problems and is
+        right on average over steps, in every scheme. It has rare huge values where spheres nearly
+        touch. It is 0 at the temperature 0.
 
-        The interparticle part is that of OpenMM's forces, which must not depend on absolute
+        The interparticle part comes from OpenMM's forces, which must not depend on absolute
         positions or orientations. Its virial is a difference of energies: to 1e-9 on the platform
         Reference, and to about 1e-4 on CPU, which computes in single precision.
 
@@ -1165,9 +1164,9 @@ class MobilityForce(_copies.Copies, _Base):
 
         Notes
         -----
-        Refused are FreeDraining, several groups of :meth:`setGroups`, schemes with momenta, bodies
-        that are held, driven, joined or exert forces on the fluid, a CustomBodyForce, and platforms
-        other than Reference and CPU.
+        The call is an error with FreeDraining, several groups of :meth:`setGroups`, schemes with
+        momenta, a CustomBodyForce, platforms other than Reference and CPU, and bodies that are
+        held, driven, joined or exert forces on the fluid.
         """
         context = _units.context(context, _where('getStressInContext'))
         parts = _units.array(super().getStressInContext(context)).reshape(4, 3, 3)
@@ -1176,7 +1175,7 @@ class MobilityForce(_copies.Copies, _Base):
     def usesPeriodicBoundaryConditions(self) -> bool:
         """Get whether this Force makes the System periodic.
 
-        It does with all boundaries but Unbounded and NoSlipWall.
+        It does with all boundaries except Unbounded and NoSlipWall.
         """
         return super().usesPeriodicBoundaryConditions()
 

@@ -30,6 +30,13 @@ def test_snippets_run(page, tmp_path, run_python):
     assert finished.returncode == 0, finished.stderr
 
 
+@pytest.mark.parametrize('page', ['README.md', 'site/index.md', *git_files('docs/guide/*.md')])
+def test_first_snippets_and_those_of_the_guide_fit_on_a_screen(page):
+    """On a screen 1400 pixels wide the site has room for 112 columns of code."""
+    wide = [line for snippet in snippets(page) for line in snippet.splitlines() if len(line) > 112]
+    assert not wide, f'{page}: {wide}'
+
+
 @pytest.mark.parametrize('page, number', [(page, number) for page in COOKBOOK
                                           for number in range(len(snippets(page)))])
 def test_scripts_of_the_cookbook_run_by_themselves(page, number, tmp_path, run_python):
@@ -43,6 +50,31 @@ def test_the_cookbook_lists_every_script():
     headings = sum(len(re.findall(r'^## ', read(page), flags=re.M)) for page in COOKBOOK)
     assert len(set(listed)) == len(listed) == headings == sum(
         len(snippets(page)) for page in COOKBOOK)
+
+
+def test_the_guide_leads_from_page_to_page():
+    """The first page of the guide lists all others, and each one says what it is for and which one
+    comes next."""
+    listed = re.findall(r'^- \[([^]]*)\]\((\w+\.md)\): .', read('docs/guide/README.md'), flags=re.M)
+    assert {f'docs/guide/{name}'
+            for _, name in listed} | {'docs/guide/README.md'} == set(git_files('docs/guide/*.md'))
+    for k, (title, name) in enumerate(listed):
+        text = read(f'docs/guide/{name}')
+        assert text.startswith(f'# {title}\nThis page is '), name
+        following = f'Next: [{listed[k + 1][0]}]({listed[k + 1][1]}).' if k + 1 < len(
+            listed) else 'Next: the [cookbook](../cookbook/README.md)'
+        assert text.splitlines()[-1].startswith(following), f'{name}: {following}'
+        assert len(text.split()) < 2500, f'{name} is long: make two pages of it'
+
+
+@pytest.mark.parametrize('page',
+                         git_files('docs/schemes/*.md', 'docs/models/*.md', 'docs/guide/*.md',
+                                   'docs/theory/*.md'))
+def test_names_of_source_files_are_links(page):
+    dead = re.findall(
+        r'(?<!\[)`((?:openmmapi|platforms|python|tests|docs|examples|validation|'
+        r'benchmarks)/[\w./-]+\.\w+)`', read(page))
+    assert not dead, f'{page}: make links of {", ".join(dead)}'
 
 
 @pytest.mark.parametrize('page', [page for page in PAGES if not page.startswith('tests/')])
@@ -96,8 +128,8 @@ def test_every_public_method_is_in_a_guide_or_documented_reference():
         dir(openmmrigidhi.app))
     known |= set(dir(openmmrigidhi.CustomBodyForce)) | set(dir(openmmrigidhi.MobilityForce))
     known |= set(dir(openmmrigidhi.CustomBodyMotion))
-    for page in ('README.md', 'docs/USER_GUIDE.md', 'docs/CONVENTIONS.md', 'docs/THEORY.md',
-                 *git_files('docs/schemes/*.md', 'docs/models/*.md')):
+    for page in ('README.md', 'docs/CONVENTIONS.md', *git_files(
+            'docs/guide/*.md', 'docs/theory/*.md', 'docs/schemes/*.md', 'docs/models/*.md')):
         for name in re.findall(r'`(?:openmmrigidhi\.app\.)?((?:get|set|compute|addRigid)\w+)\(?',
                                read(page)):
             openmms = {
@@ -106,6 +138,16 @@ def test_every_public_method_is_in_a_guide_or_documented_reference():
             }
             assert name in known | openmms or name.startswith(
                 'setIntegration'), f'{page} names {name}'
+
+
+def test_the_theory_leads_to_each_of_its_pages_in_turn():
+    """The index has the pages in the order in which each leads to the next one."""
+    listed = re.findall(r'^- \[[^\]]+\]\((\w+\.md)\)', read('docs/theory/README.md'), flags=re.M)
+    assert {f'docs/theory/{page}'
+            for page in [*listed, 'README.md']} == set(git_files('docs/theory/*.md'))
+    for page, following in zip(['README.md', *listed], listed):
+        last = read(f'docs/theory/{page}').rstrip().splitlines()[-1]
+        assert re.fullmatch(r'Next: \[[^\]]+\]\(' + re.escape(following) + r'\)\.', last), page
 
 
 def test_pictures_are_not_huge():

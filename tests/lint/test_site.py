@@ -3,12 +3,14 @@ faults that it should find."""
 import enum
 import importlib.util
 import inspect
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
 import types
+from html import unescape
 
 import openmmrigidhi
 import pytest
@@ -87,11 +89,11 @@ def test_pictures_have_a_text_alternative(page):
 
 @pytest.mark.parametrize(
     'text, expected',
-    [('[a](../docs/THEORY.md#noise-laws)', '[a](docs/THEORY.md#noise-laws)'),
+    [('[a](../docs/theory/walls.md#on-a-grid)', '[a](docs/theory/walls.md#on-a-grid)'),
      ('[`code`](../README.md) and `[b](../README.md)`',
       '[`code`](README.md) and `[b](../README.md)`'), ('[a\nb](../docs)', 'a\nb'),
      ('[a](https://openmm.org) [b](#here)', '[a](https://openmm.org) [b](#here)'),
-     ('```text\n[a](../docs/THEORY.md)\n```', '```text\n[a](../docs/THEORY.md)\n```'),])
+     ('```text\n[a](../docs/INSTALL.md)\n```', '```text\n[a](../docs/INSTALL.md)\n```'),])
 def test_links_lead_on_the_site_to_what_they_lead_to_in_the_repository(text, expected, tmp_path):
     assert collect.links_of_the_site(text, 'site/index.md', collect.markdown_files(),
                                      tmp_path) == expected
@@ -160,6 +162,38 @@ def test_site_is_built_without_warnings_and_faults(html):
     assert (html/'searchindex.js').exists() and check.faults(html) == []
 
 
+#: Prints what KaTeX objects to, of formulas that come as a list of (place, TeX, displayed).
+DRAW = """
+const katex = require(process.argv[1] + '/katex.min.js');
+for (const [place, tex, displayMode] of JSON.parse(require('fs').readFileSync(0, 'utf8')))
+    try {
+        katex.renderToString(tex, {displayMode, throwOnError: true});
+    } catch (error) {
+        console.log(place + ': ' + error.message);
+    }
+"""
+
+
+def test_no_formula_is_left_as_text_and_katex_draws_all(html):
+    formulas = []
+    for file in sorted(html.rglob('*.html')):
+        text = file.read_text(encoding='utf-8')
+        marked = r'<(span|div) class="math notranslate[^"]*"[^>]*>\s*(.*?)\s*</\1>'
+        formulas += [(file.name, unescape(tex)[2:-2], tex.startswith(r'\['))
+                     for _, tex in re.findall(marked, text, flags=re.S)]
+        if 'docs' in file.parts:
+            rest = re.sub(marked + r'|<(pre|code|script|style)\b.*?</\3>', '', text, flags=re.S)
+            left = re.findall(r'.{0,30}\$.{0,30}', rest)
+            assert not left, f'{file.name}: {left}'
+    assert len(formulas) > 1000
+    folder = '/usr/share/javascript/katex'
+    if shutil.which('node') is None:
+        pytest.skip('node is not installed: formulas were found and not drawn')
+    finished = subprocess.run(['node', '-e', DRAW, folder], input=json.dumps(formulas),
+                              capture_output=True, text=True, check=True)
+    assert not finished.stdout, finished.stdout
+
+
 def test_every_public_thing_has_its_page(html):
     for package in ('app', 'analysis', 'accuracy', 'ensemble'):
         module = getattr(openmmrigidhi, package)
@@ -193,6 +227,50 @@ def test_pages_and_reference_lead_to_each_other(html):
     for name in references.CLASSES:
         text = (html/f'api/{name}.html').read_text(encoding='utf-8')
         assert all(f'href="../{page}.html"' in text for _, page in references.PAGES[name])
+
+
+def test_schemes_and_models_lead_to_both_references_and_back(html):
+    for folder, (enumeration, class_) in references.ENUMERATIONS.items():
+        for name in getattr(getattr(openmmrigidhi, class_), enumeration).__members__:
+            text = (html/folder/f'{name}.html').read_text(encoding='utf-8')
+            assert f'api/{class_}.html#openmmrigidhi.{class_}.{name}"' in text, name
+            assert f'cpp/{class_}.html#_CPPv4N13RigidHIPlugin' in text, name
+            assert f'href="../{folder}/{name}.html"' in (html/f'api/{class_}.html').read_text(
+                encoding='utf-8'), name
+
+
+def test_the_guide_is_a_section_whose_pages_follow_each_other(html):
+    listed = re.findall(r'^- \[[^]]*\]\((\w+)\.md\)', read('docs/guide/README.md'), flags=re.M)
+    pages = ['docs/guide/README', *(f'docs/guide/{name}' for name in listed)]
+    assert len(pages) == len(git_files('docs/guide/*.md'))
+    navigation = (html/'index.html').read_text(encoding='utf-8').partition('sidebar-tree')[2]
+    places = [navigation.index(f'href="{page}.html"') for page in [*pages, 'docs/ARCHITECTURE']]
+    assert navigation.index('>User guide<') < places[0] and places == sorted(places)
+    for page, following in zip(pages, pages[1:]):
+        text = (html/f'{page}.html').read_text(encoding='utf-8')
+        assert f'class="next-page" href="{following.rpartition("/")[2]}.html"' in text, page
+
+
+def test_search_tells_kinds_of_pages_apart(html):
+    """The guide and the cookbook count more than pages for contributors, and a class of both
+    languages has two titles."""
+    script = read('site/search.js')
+    assert script in (html/'_static'/'language_data.js').read_text(encoding='utf-8')
+    kinds = [(pattern.replace('\\/', '/'), name, float(factor), float(bonus))
+             for pattern, name, factor, bonus in re.findall(
+                 r'\[/(.*)/, "([^"]+)", ([\d.]+), ([-\d.]+)\]', script)]
+
+    def best_and_worst(page):
+        _, _, factor, bonus = next(each for each in kinds if re.search(each[0], page))
+        return factor*100 + bonus, bonus
+
+    for page in ('CONTRIBUTING', 'CHANGELOG', 'docs/ARCHITECTURE'):
+        for other in ('docs/guide/bodies', 'docs/cookbook/walls'):
+            assert best_and_worst(page)[0] < best_and_worst(other)[1]
+    for name in references.CLASSES:
+        for folder, language in (('api', 'Python'), ('cpp', 'C++')):
+            text = (html/folder/f'{name}.html').read_text(encoding='utf-8')
+            assert f'<title>{name} ({language})' in text
 
 
 def test_every_public_header_is_in_the_cpp_reference(html):

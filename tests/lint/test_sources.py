@@ -9,7 +9,7 @@ import sys
 import pytest
 from conftest import ROOT, cpp_files, git_files, read
 
-from openmmrigidhi import _schemes
+from openmmrigidhi import _models, _schemes
 
 TEXT = ('.h', '.cpp', '.py', '.i', '.md', '.txt', '.json', '.cmake', '.sh', '.ini', '.html', '')
 BINARY = ('.png', '.gif', '.dcd', '.h5', '.npz', '.pdf', '.gz')
@@ -108,6 +108,15 @@ def test_sentences_end_where_readers_see_their_end(tmp_path):
     ]
 
 
+def test_formulas_are_no_sentences(tmp_path):
+    page = tmp_path/'page.md'
+    text = ('Let $f. X$ be it.\n$$\na. B\n$$\n- First.\n\n  $$\n  a = b. C\n  $$\n\n  Second.\n\n'
+            '```math\na. B\n```\n')
+    page.write_text(text)
+    subprocess.run([sys.executable, 'tools/format_markdown.py', page], cwd=ROOT, check=True)
+    assert page.read_text() == text
+
+
 @pytest.mark.parametrize('header', PUBLIC_HEADERS)
 def test_public_header_compiles_alone(header, tmp_path):
     (tmp_path/'alone.cpp'
@@ -155,15 +164,15 @@ def test_scheme_opens_with_its_description(scheme):
 
 
 def test_pages_know_the_schemes():
-    """The table of the user guide agrees with the list of schemes, and every scheme has its
-    equations."""
-    assert _schemes.markdown() in read('docs/USER_GUIDE.md'), \
-        ('put this table into docs/USER_GUIDE.md, "Schemes, and how to choose":\n'
-         f'{_schemes.markdown()}')
-    for traits in _schemes.TABLE:
-        assert re.search(
-            rf'`{traits.name}`',
-            read('docs/THEORY.md')), f'docs/THEORY.md has no equations of {traits.name}'
+    """The tables of the user guide agree with the list of schemes, and every scheme and model has
+    its equations."""
+    for page, overdamped in (('docs/guide/thermostats.md', False), ('docs/guide/brownian.md',
+                                                                    True)):
+        table = _schemes.markdown(overdamped=overdamped)
+        assert table in read(page), f'put this table into {page}, "Schemes":\n{table}'
+    theory = ''.join(read(page) for page in git_files('docs/theory/*.md'))
+    for traits in [*_schemes.TABLE, *_models.MODELS]:
+        assert f'`{traits.name}`' in theory, f'docs/theory has no equations of {traits.name}'
 
 
 def test_no_scheme_is_known_by_its_number():

@@ -35,8 +35,8 @@ def test_diffusion_of_a_protein():
 def test_diffusion_at_a_step_that_is_far_too_long():
     """
     At 0.5 ps, four relaxation times of the fastest mode, the scheme diffuses too fast by x coth x,
-    x = h/2 tau (docs/THEORY.md). This factor is up to two, here measured to 4 %. The right tensor
-    is then excluded, by hundreds in chi^2.
+    x = h/2 tau (docs/theory/fluid_with_momenta.md). This factor is up to two, here measured to 4 %.
+    The right tensor is then excluded, by hundreds in chi^2.
     """
     example = load()
     result, _ = example.diffusion(copies=7, step=0.5, sample=0.5, total=11200, blockTime=100.0,

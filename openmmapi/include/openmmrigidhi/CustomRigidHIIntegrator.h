@@ -61,7 +61,7 @@ using QuaternionArray = std::array<double, 4>;
  * The rotational friction of the Langevin schemes relaxes body axis l at the rate Gamma / (I_l
  * sum_k 1/I_k), where the sum is over axes with a non-zero moment. Where a moment is below a tenth
  * of the middle one, the rates go on continuously to those of a linear body, so that the tumbling
- * of an elongated body is thermostatted too (docs/THEORY.md).
+ * of an elongated body is thermostatted too (docs/theory/thermostats.md).
  *
  * Units are OpenMM's: nm, ps, amu, K, kJ/mol. Every error is an OpenMMException that names the
  * object, the value, the bound and the remedy.
@@ -258,8 +258,8 @@ public:
      * configurations do not depend on the factor, because momenta are Gaussian and independent of
      * the configuration. The motion does depend on it and is not the real one; describeEffects()
      * says so. With a factor of 4 to 16, the rotation of light bodies (water) becomes slower than
-     * the motion that limits the step otherwise, and longer steps are possible (docs/USER_GUIDE.md
-     * has measurements).
+     * the motion that limits the step otherwise, and longer steps are possible
+     * (docs/guide/thermostats.md has measurements).
      *
      * Angular momenta, kinetic energies and temperatures belong to the scaled moments, so that
      * equipartition holds about every axis. Angular velocities, as in setBodyAngularVelocities()
@@ -676,7 +676,7 @@ public:
      *   - LangevinB: that of the bath, times the factor by which the step makes mean squares of
      *     positions in a harmonic well wrong, 1/(1 - h^2 omega^2/4),
      *   - LangevinA: that of the bath, times about 1 - gamma h/2 (for rotation the rate of the
-     *     axis; docs/THEORY.md).
+     *     axis; docs/theory/thermostats.md).
      *
      * The degrees of freedom are those of getDegreesOfFreedom(). Forces are evaluated if they are
      * out of date; the steps that follow are the same as without this call.

@@ -311,8 +311,8 @@ public:
      * Set a flow that is there without bodies, v(x) = velocity + gradient x, with x from the origin
      * of coordinates (default: none). The flow carries and turns bodies: blobs have the slip
      * (surface velocity) v(x), and spheres have v(x) and half the curl of v (Westwood 2022, eq.
-     * 33). Spheres of StokesianDynamics resist the strain by their stresslets, without lubrication
-     * of the strain. Multiblobs resist it by their blobs. Spheres of other models, and bodies' own
+     * 33). Spheres of StokesianDynamics resist the strain by their stresslets, with lubrication of
+     * the strain. Multiblobs resist it by their blobs. Spheres of other models, and bodies' own
      * tensors, do not resist it.
      *
      * The boundary must be Unbounded, or NoSlipWall or PeriodicWall if the flow is 0 at the wall.
@@ -343,7 +343,8 @@ public:
      * The boundary must be periodic, and both axes must be along its walls. Other boundaries with
      * f0 not 0 are refused at Context creation. Waves that are not periodic in a triclinic box, or
      * too short for a grid, are refused too. Above a no-slip wall, or between walls, the flow is
-     * f0/(eta k^2) (1 - p(z)) sin(k x_waveAxis), where p is 1 on a wall (docs/THEORY.md).
+     * f0/(eta k^2) (1 - p(z)) sin(k x_waveAxis), where p is 1 on a wall
+     * (docs/theory/driven_flows.md).
      *
      * @param f0               kJ/(mol nm^4)
      * @param forceAxis        0, 1, 2: x, y, z
@@ -614,9 +615,9 @@ public:
      * Get the amplitudes of sin(k x_waveAxis) and of cos(k x_waveAxis) in the component forceAxis
      * of the flow of getFlowInContext(), with k = 2 pi waveVectorIndex/L, nm/ps: two numbers. They
      * are exact and need no grid: (2/(eta k^2 V)) times the power of the forces on such a flow
-     * (docs/THEORY.md). The boundary must be periodic, with axes along its walls. Between no-slip
-     * walls and in a film, a flow is not a sum of such waves. There the amplitudes are means over
-     * the height of the fluid. A PeriodicWall has no such mean.
+     * (docs/theory/flow_of_the_fluid.md). The boundary must be periodic, with axes along its walls.
+     * Between no-slip walls and in a film, a flow is not a sum of such waves. There the amplitudes
+     * are means over the height of the fluid. A PeriodicWall has no such mean.
      *
      * @throws OpenMMException as getFlowInContext(), for axes or an index as
      *     setSinusoidalForceDensity(), and for other boundaries
@@ -635,8 +636,8 @@ public:
      * Get the mean of the flow of getFlowInContext() over the volume of the fluid, nm/ps. Times the
      * height of a channel, this is the flux through the channel per length across the flow. The
      * mean is exact and needs no grid: it is the power of the forces on Poiseuille's flow of a unit
-     * force density (docs/THEORY.md). It is 0 in a periodic box, in a SlipChannel, and with the
-     * condition ZeroFlux.
+     * force density (docs/theory/flow_of_the_fluid.md). It is 0 in a periodic box, in a
+     * SlipChannel, and with the condition ZeroFlux.
      *
      * @throws OpenMMException as getFlowInContext(), and for fluids without a finite volume
      */

@@ -21,7 +21,7 @@ namespace {
 const double shortestWindow = 4000, relaxationTimes = 20;
 // Relative errors of temperatures that right steps may have. In water at 7 fs, where energies are
 // right, translation is 2 % cold and rotation 4 % hot; at 9 fs, where the energy is 3 % off,
-// rotation is 13 to 19 % hot (docs/THEORY.md). Rotors are not harmonic.
+// rotation is 13 to 19 % hot (docs/theory/thermostats.md). Rotors are not harmonic.
 const double translationalBand = 0.05, rotationalBand = 0.10;
 // Beyond the band. A right run goes beyond one of the four bounds of a window less often than once
 // in 10^6 windows.

@@ -164,7 +164,8 @@ private:
     };
     /**
      * How forces have turned a slowed body about its fastest axis, beside what noise does. Where
-     * forces have a potential, the two are of one size, since the body goes nowhere (THEORY.md).
+     * forces have a potential, the two are of one size, since the body goes nowhere
+     * (docs/theory/details_of_steps.md).
      */
     struct DrivenSpin {
         double turn = 0, variance = 0;  // rad, rad^2

@@ -13,7 +13,7 @@ namespace RigidHIPlugin {
  * Mid-step momenta: with them the first drift of the next step moves bodies and particles. Their
  * kinetic energy is averaged over the noise that the step draws before this drift, so that no
  * random numbers are needed. At long steps their temperature has a far smaller error than that of
- * the momenta between two steps (docs/THEORY.md).
+ * the momenta between two steps (docs/theory/thermostats.md).
  */
 struct MidStepEnergies {
     double translational = 0, rotational = 0;  // of bodies, kJ/mol

@@ -41,7 +41,8 @@ struct Joint {
  *            link    e.(V_i + W_i x a_i - ...), e the direction from j's anchor to i's
  *            hinge   a ball, and (W_j - W_i).(h_j x f_k) for two axes f_k of i across its axis
  *            motor   (W_j - W_i).h_i
- * Measure:   what schemes sample is that of infinitely stiff springs (THEORY.md).
+ * Measure:   what schemes sample is that of infinitely stiff springs
+ *            (docs/theory/held_and_driven.md).
  */
 class Joints {
 public:

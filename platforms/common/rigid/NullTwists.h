@@ -16,7 +16,7 @@ namespace RigidHIPlugin {
  * The inverse of a friction xi with such null vectors is the symmetric generalised inverse N (xi N
  * xi = xi, N xi N = N) whose twists do not turn bodies about their lines, W.line = 0. For an origin
  * on the line N is the pseudo-inverse. For any other origin the pseudo-inverse would depend on the
- * origin and on units, and N does not (THEORY.md).
+ * origin and on units, and N does not (docs/theory/multiblobs.md).
  *
  * Method: the friction is lifted along n before it is inverted or factorised, and the contribution
  * of the lift is removed from results.

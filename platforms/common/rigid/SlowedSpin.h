@@ -12,8 +12,8 @@ namespace RigidHIPlugin {
  * A step turns a body by one rotation vector. Let v_k = 2 kT h mu_k be the variance of its
  * component along axis k, with mu_1 >= mu_2 >= mu_3 the rotational mobilities of the body alone,
  * and v_2 = v_3. To first order axis 1 then tumbles at the right rate times 1 + (2 v_2 - v_1)/12
- * (THEORY.md). A body that is straight to the decimals of its file has mu_1/mu_2 up to 1e9, so that
- * v_1 is huge and the tumbling is lost.
+ * (docs/theory/details_of_steps.md). A body that is straight to the decimals of its file has
+ * mu_1/mu_2 up to 1e9, so that v_1 is huge and the tumbling is lost.
  *
  * Equation:  N = N_rest + mu_1 t t^T, where t = N e_1/mu_1 is the screw (twist) that a torque about
  *            axis 1 causes, and N_rest e_1 = 0. With t = s + p, where p is the advance of the screw
@@ -63,7 +63,7 @@ constexpr double leastSpinRatio = 3;
 constexpr SpinBounds boundsOfStart = {0.25, 0.04, leastSpinRatio};
 /**
  * A scheme whose noise is that of the start and whose mobility that of the mid-point turns spin
- * into tumbling, which has an error of 1.2 (v_1 - v_2) (measured; THEORY.md).
+ * into tumbling, which has an error of 1.2 (v_1 - v_2) (measured; docs/theory/details_of_steps.md).
  */
 constexpr SpinBounds boundsOfMidpoint = {0.02, 0.02, 1};
 

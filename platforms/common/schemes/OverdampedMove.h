@@ -227,8 +227,8 @@ public:
     void rigidSlipDifference(const Vectors& twists, Vectors& slips);
     // Components that are fixed along axes which turn with their body, and joints: C U = b, C =
     // C(Q). Schemes whose noise acts at other poses than their mobility lack a term of the drift,
-    // which is the mean of a force along these axes (THEORY.md). Differences are along the
-    // directions.
+    // which is the mean of a force along these axes (docs/theory/held_and_driven.md). Differences
+    // are along the directions.
     /** Whether there are such components, or joints. */
     bool axesTurn() const {
         return joints || mobility.getBodies().getFreeMotion().turnsWithBodies();

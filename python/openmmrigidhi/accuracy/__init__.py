@@ -1,4 +1,4 @@
-"""What accuracy costs, measured on this machine: error of chosen observables against ns/day.
+"""The cost of accuracy, measured on this machine: errors of chosen observables against ns/day.
 
 From the shell, ``python3 -m openmmrigidhi.accuracy --help``; from Python::
 

@@ -51,12 +51,12 @@ class Recommendation:
     verdict : str
         'recommended', 'none of these' or 'cannot tell'
     setting : dict or None
-        the candidate that is recommended
+        the recommended candidate
     text : str
         one paragraph
     candidates : list of dict
-        every setting that can be used, fastest first, with its verdict ('yes', 'no', 'undecided',
-        'n/a') and what recommend() adds
+        every usable setting, fastest first, with its verdict ('yes', 'no', 'undecided', 'n/a') and
+        the additional entries of recommend()
     factor : float or None
         how many times longer a run would have to be to settle an undecided answer, or to decide
         about a faster setting
@@ -229,7 +229,7 @@ _Kind = TypeVar('_Kind', bound='Result')
 
 
 class Result:
-    """Rows of a table, and how they were measured.
+    """Rows of a table, and data on their measurement.
 
     A subclass has asDict(), fromDict(), recommend() and a REPORT.
 
@@ -281,7 +281,7 @@ class Result:
         Returns
         -------
         Report
-            a report of the class that belongs to this result
+            a report of the class for this result
         """
         return self.REPORT(self, wanted)
 
@@ -293,7 +293,7 @@ class Result:
         Parameters
         ----------
         directory : str
-            it is made if it does not exist
+            created if it does not exist
         wanted : sequence of str
             wanted errors; the report answers each of them
 
@@ -326,7 +326,7 @@ class Result:
 
     @classmethod
     def fromJson(cls: type[_Kind], path: str) -> _Kind:
-        """Read what writeJson() wrote.
+        """Read a file of writeJson().
 
         Parameters
         ----------
@@ -385,7 +385,7 @@ def beginning() -> dict:
 
 
 def provenance(began: float) -> dict:
-    """When, on which machine and with which versions something was measured.
+    """The date, machine and versions of a measurement.
 
     Parameters
     ----------

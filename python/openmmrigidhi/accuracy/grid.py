@@ -1,4 +1,4 @@
-"""What grids cost: the error of products on a grid against the time that they take.
+"""The cost of grids: the error of products on a grid against their time.
 
 The products are those with the mobility of force coupling.
 """
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 #: Finenesses sigma/dx between which all grids are looked at.
 FINENESSES = (0.65, 1.7)
-#: Widths of envelopes, radii (THEORY.md, in a periodic box): of forces, and of torques. The
+#: Widths of envelopes, radii (docs/theory/periodic_fluid.md): of forces, and of torques. The
 #: narrower envelopes of torques decide where there are torques.
 WIDTHS = {'forces': np.pi**-0.5, 'wrenches': (6*np.pi**0.5)**(-1/3)}
 #: What is compared: name -> label, description.
@@ -75,7 +75,7 @@ def gridSizes(least: float, most: float) -> list[int]:
 
 
 def describedGrid(integrator: CustomRigidHIIntegrator) -> tuple[list[int], float]:
-    """What an integrator says of the grid of its Context's fluid.
+    """The grid of a fluid, as an integrator describes it.
 
     It is the pair (nodes along the edges, tolerance of products).
 
@@ -101,28 +101,28 @@ def describedGrid(integrator: CustomRigidHIIntegrator) -> tuple[list[int], float
 class GridStudy:
     """Error of products with the mobility on a grid, against time and against the fineness.
 
-    D has the own mobilities of the particles. The matrices d = D^(-1/2) (M_grid - M) D^(-1/2) and m
-    = D^(-1/2) M D^(-1/2) have no units. The error is the norm of d over that of m: the largest
-    error of velocities over the largest velocities, for forces of one size. The norm of d alone is
-    the error over own mobilities. The error of velocities from random forces is taken relative to
-    these velocities. M is the matrix of lattice sums (``setSolver(Dense)``).
+    D has the self-mobilities of the particles. The matrices d = D^(-1/2) (M_grid - M) D^(-1/2) and
+    m = D^(-1/2) M D^(-1/2) have no units. The error is the norm of d divided by the norm of m: the
+    largest error of velocities divided by the largest velocities, for forces of one size. The norm
+    of d alone is the error relative to self-mobilities. The error of velocities from random forces
+    is relative to these velocities. M is the matrix of lattice sums (``setSolver(Dense)``).
 
     Parameters
     ----------
     scene : Scene, optional
         spheres in a periodic fluid, in a box with edges along the axes; default: 500 spheres at
-        random at a volume fraction of 0.1. A flow that drives the fluid is left out.
+        random positions at a volume fraction of 0.1. A driven flow of the fluid is left out.
     tolerances : sequence of float
         tolerances of setSolverTolerance
     finenesses : (float, float) or None
-        all grids of the box with sigma/dx between these values are studied too, by setGridSpacing;
-        None: no such grids
+        also study all grids of the box with sigma/dx between these values, by setGridSpacing; None:
+        no such grids
     observables : sequence of str
         forces, wrenches
     platform : str
     threads : int
         threads of the CPU platform; with one thread, time is the process's CPU time where other
-        programs make the clock show more
+        programs lengthen the wall-clock time
     seed : int
         seed of random forces
 
@@ -183,7 +183,7 @@ class GridStudy:
             constant of MobilityForce
         tolerance : float
         spacing : float
-            nm; 0: the spacing that the tolerance needs
+            nm; 0: the spacing for the tolerance
 
         Returns
         -------
@@ -330,7 +330,7 @@ class GridStudy:
         return settings
 
     def _errors(self, observable, fluid, context, exact):
-        """The norm of the error over own mobilities, and the error for random forces.
+        """The norm of the error relative to self-mobilities, and the error for random forces.
 
         The latter is the root of the mean square of relative errors of velocities.
         """

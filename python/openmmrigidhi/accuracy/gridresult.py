@@ -1,4 +1,4 @@
-"""What a GridStudy found: errors, grids and times of products, and recommended tolerances."""
+"""The result of a GridStudy: errors, grids and times of products, and recommended tolerances."""
 from __future__ import annotations
 
 from typing import Optional, Sequence, Union
@@ -10,21 +10,22 @@ from .gridreport import GridReport, milliseconds
 
 
 class GridResult(Result):
-    """Rows of settings of a grid, and how they were measured.
+    """Rows of settings of a grid, and data on their measurement.
 
     Attributes
     ----------
     rows : list of dict
         one row for each observable and setting. Keys: observable ('forces' or 'wrenches'), kind
-        ('tolerance': the grid is the library's choice; 'spacing': it was given), setting (the
+        ('tolerance': the library chooses the grid; 'spacing': the study gives it), setting (the
         tolerance, or sigma/dx), status ('stable' or 'not applicable'), message, nodes (text),
-        fineness (sigma/dx of the grid, sigma that of the narrowest envelope), described (tolerance
-        that describeEffects() says), error (its norm over that of the mobility, see GridStudy),
-        own_error (the same over own mobilities), typical (error of velocities from random forces),
-        seconds_product (the fastest round; for tolerances only), seconds_median.
+        fineness (sigma/dx of the grid, sigma of the narrowest envelope), described (the tolerance
+        from describeEffects()), error (its norm divided by the norm of the mobility, see
+        GridStudy), own_error (the same relative to self-mobilities), typical (error of velocities
+        from random forces), seconds_product (the fastest round; for tolerances only),
+        seconds_median.
     observables : dict
         name -> dict with label, description, width (of the narrowest envelope, radii), norm (of the
-        mobility over own mobilities)
+        mobility divided by self-mobilities)
     scene : dict
         also edges (nm), least_radius (nm), seconds_dense (of a product by lattice sums)
     """
@@ -60,7 +61,7 @@ class GridResult(Result):
         return sorted(rows, key=lambda row: (row['fineness'], -row['described']))
 
     def recommend(self, wanted: Union[str, Sequence[str]]) -> Recommendation:
-        """The tolerance with the cheapest products whose error is below the wanted one.
+        """The tolerance with the cheapest products whose error is below the wanted error.
 
         Parameters
         ----------
@@ -114,7 +115,7 @@ class GridResult(Result):
                               DECIDED if candidates else UNUSABLE)
 
     def finenessFor(self, observable: str, error: float) -> Optional[float]:
-        """The fineness sigma/dx at which the error is this, between the measured spacings.
+        """The fineness sigma/dx with this error, between the measured spacings.
 
         Parameters
         ----------
@@ -124,7 +125,7 @@ class GridResult(Result):
         Returns
         -------
         float or None
-            None if the error was not met by the finest grid, or also by the coarsest
+            None if the finest grid did not reach the error, or if even the coarsest did
         """
         rows = self.select(observable, 'spacing')
         for coarse, fine in zip(rows[:-1], rows[1:]):

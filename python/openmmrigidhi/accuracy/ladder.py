@@ -1,4 +1,4 @@
-"""The hydrodynamic ladder: the errors of models of the fluid, and what a step with each costs.
+"""The hydrodynamic ladder: errors of models of the fluid, and the cost of a step with each.
 
 The scenes have spheres.
 """
@@ -35,13 +35,13 @@ VERY_LONG_STEP = 2.0
 
 
 def remainder(distances: list[float]) -> Optional[float]:
-    """How far the finest multiblob is believed to be from the limit of many blobs.
+    """Estimated distance of the finest multiblob from the limit of many blobs.
 
-    The number of blobs grows fourfold from rung to rung. If the last difference is q times the one
-    before, the differences to come sum up to q/(1 - q) times the last. q is taken as at least 1/2,
-    as for an error proportional to the spacing of the blobs. The last difference is taken as at
-    least a quarter of the one before, as for an error proportional to the square of the spacing.
-    Smaller values may be chance.
+    The number of blobs grows fourfold from rung to rung. If the last difference is q times the
+    previous one, the differences to come sum up to q/(1 - q) times the last. q is at least 1/2, as
+    for an error proportional to the spacing of the blobs. The last difference counts as at least a
+    quarter of the previous one, as for an error proportional to the square of the spacing. Smaller
+    values may be chance.
 
     Parameters
     ----------
@@ -66,35 +66,35 @@ def remainder(distances: list[float]) -> Optional[float]:
 class LadderStudy:
     """Error of the mobility against time per step, for models of the fluid.
 
-    The mobility of the scene's spheres at its start is computed with every rung. It is compared,
-    with what follows from it, with the best rung (see :meth:`chooseReference`). Steps of LangevinHI
-    are timed.
+    The study computes the mobility of the scene's spheres at its start with every rung. It compares
+    this mobility, and numbers that follow from it, with the best rung (see
+    :meth:`chooseReference`). It times steps of LangevinHI.
 
     Parameters
     ----------
     scene : Scene, or dict from float to Scene
         one scene of spheres, or several along a parameter, such as
         :func:`openmmrigidhi.accuracy.scenes.pairs` over gaps or
-        :func:`openmmrigidhi.accuracy.scenes.arrays` over volume fractions. A flow that drives the
+        :func:`openmmrigidhi.accuracy.scenes.arrays` over volume fractions. A driven flow of the
         fluid is left out, since mobilities do not depend on it.
     rungs : sequence of str or Rung, optional
         among FreeDraining, RPY, ForceCoupling (periodic fluids), FTS, multiblob12, multiblob42,
         multiblob162, multiblob642, FTS+lubrication, and multiblobs with +self, whose single spheres
-        have Stokes' tensor; default: all but multiblob642 and those with +self
+        have Stokes' tensor; default: all except multiblob642 and rungs with +self
     observables : sequence of str, MobilityObservable or callable, optional
-        see :func:`openmmrigidhi.accuracy.mobilities.byName`; default: those for which the scenes
-        have exact numbers, or else the general ones
+        see :func:`openmmrigidhi.accuracy.mobilities.byName`; default: the observables for which the
+        scenes have exact numbers, or else the general ones
     reference : str, optional
-        the rung that the other rungs are compared with; default: the best
+        the rung with which the other rungs are compared; default: the best
     platforms : sequence of str
-        each rung is timed on all of them, and the faster platform counts
+        platforms for the times of each rung; the faster platform counts
     threads : int
         threads of the CPU platform; with one thread, time is the process's CPU time where other
-        programs make the clock show more
+        programs lengthen the wall-clock time
     parameter : str, optional
         meaning of the keys of a dict of scenes; default: the parameter of a Sweep, or gap
     seed : int
-        seed of the noise in the steps that are timed
+        seed of the noise in the timed steps
 
     Examples
     --------
@@ -139,28 +139,28 @@ class LadderStudy:
         self.seed = seed
 
     def chooseReference(self, observable: MobilityObservable, values: dict) -> dict:
-        """What the rungs are compared with for an observable that has no exact number.
+        """The reference of the rungs for an observable without an exact number.
 
-        The result also says how wrong this reference is believed to be. For at most two spheres in
-        unbounded fluid the reference is StokesianDynamics with lubrication, which is exact. For
-        more spheres it lacks many-body terms, and multiblobs lack resolution where spheres nearly
-        touch. The multiblob with the most blobs is the reference where multiblobs have converged
-        (see :func:`remainder`) to less than half of its distance to StokesianDynamics. Elsewhere
-        StokesianDynamics is the reference. It is believed to be off by no more than its distance to
-        the finest multiblobs (as they are, and with Stokes' tensor for each sphere alone), since
-        this distance has both errors in it.
+        The result also estimates the error of this reference. For at most two spheres in unbounded
+        fluid the reference is StokesianDynamics with lubrication, which is exact. For more spheres
+        it lacks many-body terms, and multiblobs lack resolution where spheres nearly touch. The
+        multiblob with the most blobs is the reference where multiblobs have converged (see
+        :func:`remainder`) to less than half of its distance to StokesianDynamics. Elsewhere
+        StokesianDynamics is the reference. Its estimated error is its distance to the finest
+        multiblobs (unchanged, and with Stokes' tensor for each single sphere), since this distance
+        contains both errors.
 
         Parameters
         ----------
         observable : MobilityObservable
         values : dict
-            rung name -> value, for the rungs that could be computed
+            rung name -> value, for the computed rungs
 
         Returns
         -------
         dict
-            rung (name), believed (relative error, or None if nothing tells it), seconds (names of
-            the rungs that tell it)
+            rung (name), believed (relative error, or None if unknown), seconds (names of the rungs
+            that tell it)
         """
         known = [rungsModule.byName(name) for name in values]
         own = [rung for rung in self.rungs if rung.name in values]
@@ -204,7 +204,7 @@ class LadderStudy:
             jobs: int = 1, cluster: Optional[str] = None) -> LadderResult:
         """Compute and time everything.
 
-        Times are measured here, one after the other, when everything else is done.
+        It measures times here, one after the other, after everything else.
 
         Parameters
         ----------
@@ -215,7 +215,7 @@ class LadderStudy:
         progress : callable, optional
             called with (done, total, text)
         jobs : int
-            how many mobilities are computed at a time
+            number of mobilities computed at a time
         cluster : str, optional
             who computes them: see :func:`openmmrigidhi.ensemble.tasks.run`
 

@@ -1,4 +1,4 @@
-"""What the hydrodynamic ladder found: errors and times of the models, and recommended models."""
+"""The result of the hydrodynamic ladder: errors and times of models, and recommendations."""
 from __future__ import annotations
 
 from typing import Optional, Sequence, Union
@@ -14,7 +14,7 @@ EXACT = 'exact numbers'
 
 
 class LadderResult(Result):
-    """Rows of rungs and observables, the references, and how they were measured.
+    """Rows of rungs and observables, the references, and data on the measurement.
 
     Attributes
     ----------
@@ -22,16 +22,15 @@ class LadderResult(Result):
         one row for each scene, rung and observable. Keys: parameter (0 for a single scene), rung,
         observable, status ('stable' or 'not applicable'), message, value (arrays: their norm),
         error (relative to the reference rung), believed (error of the reference rung itself, or
-        None if nothing tells it), is_reference, seconds_step (of LangevinHI, the scene's forces
-        included; median over rounds), seconds_low and _high (16 and 84 %), seconds_forces (the part
-        of seconds_step that the scene's forces take), platform (the faster one), solver.
+        None if unknown), is_reference, seconds_step (of LangevinHI, the scene's forces included;
+        median over rounds), seconds_low and _high (16 and 84 %), seconds_forces (the part of
+        seconds_step for the scene's forces), platform (the faster one), solver.
     references : dict
-        parameter -> dict with exact (whether the reference is that of a pair, exact but for
-        rounding) and observables: name -> dict with rung (or 'exact numbers'), believed (relative
-        error of the reference itself, or None), seconds (the rungs that tell it) and, for exact
-        numbers, value
+        parameter -> dict with exact (whether the reference is a pair's, exact up to rounding) and
+        observables: name -> dict with rung (or 'exact numbers'), believed (relative error of the
+        reference itself, or None), seconds (the rungs that tell it) and, for exact numbers, value
     parameter : str or None
-        what distinguishes the scenes; None for a single scene
+        the parameter that distinguishes the scenes; None for a single scene
     """
 
     FORMAT = 'openmmrigidhi.accuracy.ladder 1'
@@ -81,7 +80,7 @@ class LadderResult(Result):
     def judge(row: dict, tolerance: float) -> str:
         """Whether an error meets a tolerance: 'yes', 'no', 'undecided' or 'n/a'.
 
-        The reference itself has an error, and the error of a rung is known only up to it.
+        The reference itself has an error, which limits the knowledge of a rung's error.
 
         Parameters
         ----------
@@ -99,7 +98,7 @@ class LadderResult(Result):
         return 'no' if size - own > tolerance else 'undecided'
 
     def recommend(self, wanted: Union[str, Sequence[str]]) -> Recommendation:
-        """The cheapest rung whose errors are below the wanted ones in every scene.
+        """The cheapest rung whose errors are below the wanted errors in every scene.
 
         Parameters
         ----------
@@ -219,7 +218,7 @@ class LadderResult(Result):
     def exactNumbers(self, observable: str) -> dict:
         """Exact numbers of the scenes: parameter -> number.
 
-        The dict is empty if there is no exact number for one of the scenes.
+        The dict is empty if one of the scenes has no exact number.
 
         Parameters
         ----------
@@ -252,7 +251,7 @@ class LadderResult(Result):
         return result
 
     def referenceText(self) -> str:
-        """What the errors are compared with, and how good it is, as text."""
+        """The reference of the errors, and its quality, as text."""
         if all(entry['exact'] for entry in self.references.values()):
             return f'Compared with {BEST}, which is exact for a pair of spheres, to 1e-9.'
         if all(self.exactNumbers(name) for name in self.observables):

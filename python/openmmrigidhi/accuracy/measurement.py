@@ -1,4 +1,4 @@
-"""One run of one setting, and the rows of a table that runs make.
+"""One run of one setting, and the table rows from runs.
 
 A run has samples and times, and ends when it blows up.
 """
@@ -37,7 +37,7 @@ SLOW = 'slow fluctuations of small amplitude'
 
 @dataclass
 class Record:
-    """What a run leaves behind.
+    """The results of a run.
 
     Attributes
     ----------
@@ -49,13 +49,13 @@ class Record:
         'stable', 'unstable' or 'not applicable'; of runs in other processes also 'failed' or 'not
         run'
     message : str
-        why it is not stable
+        reason why it is not stable
     samplesAt : float
         time between samples, ps
     length : float
-        time that was sampled, ps
+        sampled time, ps
     equilibration : float
-        time that was left out before, ps
+        time left out before, ps
     """
 
     samplesAt: float
@@ -72,7 +72,7 @@ class Explosion(Exception):
 
 
 class Run:
-    """A Context that is advanced in pieces.
+    """A Context that advances in pieces.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class Run:
         return self.record.status == STABLE
 
     def end(self, status: str, message: str) -> None:
-        """End the run: its record gets this status, and the Context goes.
+        """End the run: its record gets this status, and the Context is deleted.
 
         Parameters
         ----------
@@ -135,15 +135,15 @@ class Run:
 
     def advance(self, samples: int, record: bool = True,
                 progress: Optional[Callable] = None) -> None:
-        """Advance by a number of sample intervals, which make one entry in the timings.
+        """Advance by a number of sample intervals; they make one entry in the timings.
 
         Parameters
         ----------
         samples : int
         record : bool
-            False: a warm-up, of which nothing is kept (but the energy is watched)
+            False: a warm-up without samples (the energy is nevertheless watched)
         progress : callable, optional
-            called with the number of steps that were made
+            called with the number of steps made
         """
         steps, wall, cpu = 0, 0.0, 0.0
         for _ in range(samples if self.isAlive else 0):
@@ -188,7 +188,7 @@ class Run:
             self.record.series[observable.name].append(value)
 
     def secondsPerStep(self, seconds: float = 0.3, leastSamples: int = 2) -> Optional[float]:
-        """Wall seconds per step, sampling included, from a short warm-up; None if the run ended.
+        """Wall seconds per step, including sampling, from a short warm-up; None if the run ended.
 
         Parameters
         ----------

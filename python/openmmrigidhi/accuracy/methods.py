@@ -1,7 +1,7 @@
-"""Methods that are compared: one method is one curve in the picture.
+"""Methods to compare: one method is one curve in the picture.
 
-A study adds the quantity that changes along the curve. The name of a method is that of a way to
-integrate, followed by what differs from the scene. LangevinC-I8-g2-G4 is LangevinC with moments
+A study adds the quantity that changes along the curve. The name of a method is the name of a way to
+integrate, followed by the differences from the scene. LangevinC-I8-g2-G4 is LangevinC with moments
 times 8 and frictions of 2/ps and 4/ps. LangevinMiddle-H3 has hydrogens of 3 dalton. :data:`OPTIONS`
 lists the letters, and :func:`byName` reads such names.
 """
@@ -32,15 +32,15 @@ class Method:
     name : str
         name in tables and pictures
     makeIntegrator : callable
-        (scene, stepSize in ps, seed) -> openmm.Integrator; a module-level function, so that it can
-        be sent to another process
+        (scene, stepSize in ps, seed) -> openmm.Integrator; a module-level function, so that another
+        process can receive it
     order : int
         weak order of the error in the step size
     whyNot : callable, optional
-        scene -> None, or the reason why the method cannot be used for this scene
+        scene -> None, or the reason why the method cannot run in this scene
     description : str
     prepare : callable, optional
-        scene -> Scene: the scene in which the method runs, if the System must be another; canonical
+        scene -> Scene: the scene of the method's runs, if the System must be another; canonical
         averages over configurations must be those of the original scene
     """
 
@@ -52,7 +52,7 @@ class Method:
     prepare: Optional[Callable] = None
 
     def sceneOf(self, scene: Scene) -> Scene:
-        """The scene in which the method runs: what `prepare` makes of this scene.
+        """The scene of the method's runs: the result of `prepare` for this scene.
 
         Parameters
         ----------
@@ -73,10 +73,9 @@ class RigidScheme:
     scheme : int
         a constant of CustomRigidHIIntegrator
     inertiaScale : float, optional
-        factor used instead of the scene's
+        factor that replaces the scene's
     friction, rotationalFriction : float, optional
-        1/ps, used instead of the scene's; bodies with their own frictions (setBodyFriction) keep
-        them
+        1/ps, replaces the scene's; bodies with their own frictions (setBodyFriction) keep them
     """
     def __init__(self, scheme: int, inertiaScale: Optional[float] = None,
                  friction: Optional[float] = None,
@@ -103,16 +102,16 @@ class RigidScheme:
 class LangevinMiddle:
     """Makes OpenMM's LangevinMiddleIntegrator, or a multiple-time-step version of it.
 
-    The second version evaluates reciprocal space in every few steps only, for a scene that
-    :func:`reciprocalSpaceApart` has made. It is an impulse method. In each `every`-th step the
-    force of reciprocal space kicks `every` times as long, and in the other steps not at all. It is
-    a CustomIntegrator whose step is the short step. It therefore places virtual sites before each
-    evaluation of forces, which OpenMM's MTSLangevinIntegrator does not.
+    The second version evaluates reciprocal space only in every few steps, for a scene from
+    :func:`reciprocalSpaceApart`. It is an impulse method. In each `every`-th step the force of
+    reciprocal space kicks `every` times as long, and in the other steps not at all. It is a
+    CustomIntegrator whose step is the short step. It therefore places virtual sites before each
+    evaluation of forces; OpenMM's MTSLangevinIntegrator does not.
 
     Parameters
     ----------
     friction : float, optional
-        1/ps, used instead of the scene's
+        1/ps, replaces the scene's
     every : int
         1: all forces in every step
     """
@@ -159,15 +158,15 @@ class LangevinMiddle:
 class MTSLangevin:
     """Makes OpenMM's MTSLangevinIntegrator: reciprocal space once a step, the rest several times.
 
-    The scene must be one that :func:`reciprocalSpaceApart` has made. The step size is the outer
-    one. Before OpenMM 8.0 the class of OpenMM damped in each of the inner steps with its friction
-    times the *outer* step. The factors of an inner step are therefore set here. With every version
-    the friction is the one asked for.
+    The scene must come from :func:`reciprocalSpaceApart`. The step size is the outer step size.
+    Before OpenMM 8.0 the class of OpenMM damped in each of the inner steps with its friction times
+    the *outer* step. The factors of an inner step are therefore set here. The friction is then as
+    requested with every version.
 
     Parameters
     ----------
     friction : float, optional
-        1/ps, used instead of the scene's
+        1/ps, replaces the scene's
     inner : int
         number of steps of the faster forces in each step
     """
@@ -197,10 +196,10 @@ HEAVIEST_HYDROGEN = 1.2
 def heavyHydrogens(scene: Scene, mass: float) -> Scene:
     """The scene with heavier hydrogens (hydrogen mass repartitioning).
 
-    The mass is taken from the heaviest particle of the hydrogen's body. The masses of bodies and
-    the constraints stay. Canonical averages over configurations stay, too: bodies are rigid, so
-    masses enter kinetic energies alone. Velocities of the start are drawn anew. The method is that
-    of K. A. Feenstra, B. Hess, H. J. C. Berendsen, J. Comput. Chem. 20, 786 (1999).
+    The heaviest particle of the hydrogen's body gives the mass. The masses of bodies and the
+    constraints stay. Canonical averages over configurations stay, too: bodies are rigid, so masses
+    enter only kinetic energies. Velocities of the start are drawn anew. The method follows K. A.
+    Feenstra, B. Hess, H. J. C. Berendsen, J. Comput. Chem. 20, 786 (1999).
 
     Parameters
     ----------
@@ -216,8 +215,8 @@ def heavyHydrogens(scene: Scene, mass: float) -> Scene:
     Raises
     ------
     ValueError
-        if there are no hydrogens in bodies, or if a hydrogen would be heavier than the particle
-        that its mass is taken from
+        if the bodies have no hydrogens, or if a hydrogen would be heavier than the particle that
+        gives it its mass
     """
     system = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(scene.system))
     masses = [system.getParticleMass(i)._value for i in range(system.getNumParticles())]
@@ -389,7 +388,7 @@ def byName(name: str) -> Method:
                                                      (without -N3, 2)
     ==========  ===================================  ==============================================
 
-    Without an option a setting is that of the scene. Options may be in any order, each once.
+    Without an option a setting is the scene's setting. Options may be in any order, each once.
 
     Parameters
     ----------
@@ -403,7 +402,7 @@ def byName(name: str) -> Method:
     Raises
     ------
     ValueError
-        for any other name, if the method has no such option, or if the number is not good
+        for any other name, if the method has no such option, or if the number is invalid
     """
     name = str(name)
     base = BUILT_IN.get(re.split('-', name)[0])

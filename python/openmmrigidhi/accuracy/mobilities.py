@@ -1,6 +1,6 @@
-"""What the hydrodynamic ladder compares: the mobility matrix, and numbers that follow from it.
+"""The quantities of the hydrodynamic ladder: the mobility matrix, and numbers from it.
 
-The numbers are those for given forces.
+The numbers belong to given forces.
 """
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class MobilitySample:
 
 
 class MobilityObservable:
-    """A number or an array that follows from the mobility.
+    """A number or an array computed from the mobility.
 
     Parameters
     ----------

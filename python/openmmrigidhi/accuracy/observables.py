@@ -1,6 +1,6 @@
-"""What is measured in a run: energies, temperatures, pressure, dipole moment, diffusion.
+"""The quantities measured in a run: energies, temperatures, pressure, dipole moment, diffusion.
 
-A user's own function of the Context can be measured, too.
+They may include a user's own function of the Context.
 """
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Sample:
 
 
 class Observable:
-    """Something that has an average.
+    """A quantity with an average.
 
     Parameters
     ----------
@@ -99,11 +99,11 @@ class Observable:
         Sample -> float; NaN where the observable has no meaning (temperatures of schemes without
         momenta)
     exact : callable, optional
-        Scene -> exact canonical average or None; without it the scene's own table is asked
+        Scene -> exact canonical average or None; without it the scene's own table gives the average
     setup : callable, optional
-        (scene, platform, properties) -> an object for the whole run; measure is then called with
-        (sample, object). If it remembers earlier samples, its methods `memory()` -> array and
-        `recall(array)` make an ensemble go on from a checkpoint as without an interruption.
+        (scene, platform, properties) -> an object for the whole run; the arguments of measure are
+        then (sample, object). If it remembers earlier samples, its methods `memory()` -> array and
+        `recall(array)` let an ensemble continue from a checkpoint as without an interruption.
     """
     def __init__(self, name: str, label: str, unit: str, measure: Callable,
                  exact: Optional[Callable] = None, setup: Optional[Callable] = None) -> None:
@@ -115,7 +115,7 @@ class Observable:
         self.setup = setup
 
     def exact(self, scene: Scene) -> Optional[float]:
-        """The exact canonical average, or None where only the limit of small steps can tell."""
+        """The exact canonical average, or None where only the limit of small steps is known."""
         if self.name in scene.exact:
             return scene.exact[self.name]
         return self._exact(scene) if self._exact is not None else None
@@ -463,7 +463,7 @@ DEFAULT = ('potential_energy', 'translational_temperature', 'rotational_temperat
 def diffusionCoefficient(window: float) -> Observable:
     """The observable diffusion_coefficient over another window.
 
-    A body's centre of mass is followed without wrapping it into the box. Its mean square
+    The observable follows a body's centre of mass without wrapping it into the box. Its mean square
     displacement over time t is 6 D t plus a constant, once the memory of its velocity and of its
     neighbours' cage is gone. Therefore D = (msd(2 window) - msd(window))/(6 window), averaged over
     bodies and over all moments of the run with a long enough past. D belongs to the method's own
@@ -472,7 +472,7 @@ def diffusionCoefficient(window: float) -> Observable:
     Parameters
     ----------
     window : float
-        ps; it is taken as whole sample intervals, one at least; for water 2 ps
+        ps; rounded to whole sample intervals, at least one; for water 2 ps
 
     Returns
     -------
@@ -490,13 +490,13 @@ def diffusionCoefficient(window: float) -> Observable:
 def meanSquareDisplacement(window: float, lateral: bool = False) -> Observable:
     """The mean square displacement of bodies over a time.
 
-    The origins of bodies are followed without wrapping them into the box. The mean is over bodies,
-    and over all moments of the run with a long enough past.
+    The observable follows the origins of bodies without wrapping them into the box. The mean runs
+    over bodies, and over all moments of the run with a long enough past.
 
     Parameters
     ----------
     window : float or Quantity
-        ps; it is taken as whole sample intervals, one at least
+        ps; rounded to whole sample intervals, at least one
     lateral : bool
         only along x and y, as for bodies above a wall
 
@@ -524,10 +524,10 @@ def bins(of: Union[str, Callable], edges: Numbers) -> list[Observable]:
     ----------
     of : str or callable
         "height", of the bodies' origins, nm; or a function of the Context that returns a number for
-        each body, or "module:function" of one
+        each body, or the "module:function" of one
     edges : array-like or Quantity of shape (bins + 1,)
-        ascending edges, in nm or the function's unit; a bin has its lower edge and not its upper
-        one
+        ascending edges, in nm or the function's unit; a bin includes its lower edge and not its
+        upper edge
 
     Returns
     -------
@@ -594,9 +594,9 @@ def byName(name: Union[str, Observable, Callable]) -> Observable:
     ----------
     name : str or Observable or callable
         a built-in name; "energy_group_N" for the energy of force group N per body;
-        "module:function", or a function of the Context that returns a number (its attributes
-        ``unit`` and ``exact``, if there, are used). dipole_squared is <M^2>/N of the box's total
-        dipole moment M, e^2 nm^2, for N neutral bodies. diffusion_coefficient is that of
+        "module:function", or a function of the Context that returns a number (with optional
+        attributes ``unit`` and ``exact``). dipole_squared is <M^2>/N of the box's total dipole
+        moment M, e^2 nm^2, for N neutral bodies. diffusion_coefficient is the observable of
         :func:`diffusionCoefficient` over 2 ps.
 
     Returns

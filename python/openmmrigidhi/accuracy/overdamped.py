@@ -1,7 +1,7 @@
 """The cheapest way to the overdamped limit: equilibrium of bodies above a wall.
 
-The schemes without momenta are compared with LangevinHI. All numbers are in units of the blob
-radius a and of the time tau_D = 6 pi eta a^3/kT, in which a blob diffuses about its radius.
+The module compares the schemes without momenta with LangevinHI. All numbers are in units of the
+blob radius a and of the time tau_D = 6 pi eta a^3/kT, in which a blob diffuses about its radius.
 """
 from __future__ import annotations
 
@@ -333,7 +333,7 @@ def suspension(bodies: int = 16, weight: float = 10*WEIGHT, blobsPerArm: int = 2
     sweeps : int
         Monte Carlo sweeps for the reference, after half as many for equilibration
     systems : int
-        number of systems that are sampled side by side
+        number of systems sampled side by side
     seed : int
         seed of the Monte Carlo run
 
@@ -532,10 +532,10 @@ class OverdampedStudy(StepSizeStudy):
     methods : sequence of str
         among SCHEMES and INERTIA
     stepSizes : sequence of float, or dict from method name to sequence of float, optional
-        in units of tau_D; default: the scene's. A whole number of steps must make 1.
+        in units of tau_D; default: the scene's. A whole number of steps must add up to 1.
     observables : sequence of str
-        among height, cos2, repulsion and msd. msd belongs to the motion: its reference is the
-        common limit of the consistent schemes without momenta.
+        among height, cos2, repulsion and msd. msd describes the motion: its reference is the common
+        limit of the consistent schemes without momenta.
     **kwargs
         platform, threads, seed, clock: see Study
 

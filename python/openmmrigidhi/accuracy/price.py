@@ -1,8 +1,7 @@
-"""What it takes to know a number: bias and noise of every setting together.
+"""The price of knowing a number: bias and noise of every setting together.
 
-The module gives the time to a wanted error, and the error that a time buys. The arithmetic is in
-accuracy/statistics.py. Here settings are compared, with the uncertainty of everything that was
-measured.
+The module gives the time to a wanted error, and the error after a given time. The arithmetic is in
+accuracy/statistics.py. Here settings are compared, with the uncertainty of all measured quantities.
 """
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The pictures and tables of prices.
 
-They are total error against time, and the time to a wanted error against the knob.
+The pictures show total error against time, and the time to a wanted error against the knob.
 """
 from __future__ import annotations
 

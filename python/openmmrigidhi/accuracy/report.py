@@ -76,7 +76,7 @@ class StudyReport(Report):
     wanted : str, or sequence of str
         wanted errors; the report answers each of them
     baseline : str
-        the method that speeds are compared with
+        the method with which speeds are compared
     price : str, or sequence of str
         wanted total errors (bias and noise); the report gives the price of each
     spend : sequence of (str, float)

@@ -1,4 +1,4 @@
-"""What a study found: a table with errors, recommended settings, and a comparison of methods."""
+"""The result of a study: a table with errors, recommended settings, a comparison of methods."""
 from __future__ import annotations
 
 import math
@@ -31,11 +31,11 @@ class Knob:
     unit : str
         unit in texts
     scale : float
-        internal value times scale = value in that unit
+        internal value times scale = value in this unit
     speedUnit : str
         unit of speeds in texts
     speedScale : float
-        ns/day times speedScale = speed in that unit
+        ns/day times speedScale = speed in this unit
     """
 
     name: str
@@ -60,7 +60,7 @@ STEP_SIZE = Knob('step_size', 'step', 'fs', 1000.0)
 
 @dataclass
 class Reference:
-    """What means are compared with.
+    """The reference of the comparison of means.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Reference:
         'exact', 'given' or 'extrapolated'
     fit : statistics.Extrapolation, optional
     points : list of (method, knob value)
-        the points that the fit's weights belong to
+        the points of the fit's weights
     """
 
     observable: str
@@ -84,7 +84,7 @@ class Reference:
     def weight(self, method: str, value: float) -> float:
         """d(reference)/d(mean of a setting).
 
-        The mean is part of the reference that it is compared with.
+        The mean contributes to the reference with which it is compared.
 
         Parameters
         ----------
@@ -145,22 +145,21 @@ class Reference:
 
 
 class StudyResult(Result):
-    """Rows of settings and observables, the references, and how they were measured.
+    """Rows of settings and observables, the references, and data on the measurement.
 
     Attributes
     ----------
     rows : list of dict
         one row for each setting and observable. Keys: method, knob, value (of the knob, internal
-        unit), step_size (ps), status ('stable', 'unstable', 'not applicable',
-        'failed', 'not run'), message, ns_per_day
-        (median over rounds), ns_per_day_low and _high (16 and 84 %), ns_per_cpu_day, speeds (each
-        round), length and equilibration (ps), seed, observable, mean, standard_error, degrees (of
-        freedom of that error), tau (integrated autocorrelation time that the length of blocks is
-        from, ps), samples, drift, note. From the comparison with the reference: error,
-        error_standard_error, error_low, error_high (confidence interval), relative_error. For
-        prices: sample_interval (ps), variance (of one sample), own_tau and own_tau_error (of this
-        run alone, and its standard error, ps), noise (squared standard error times length, unit^2
-        ps), noise_degrees (degrees of freedom of noise), effective_per_second,
+        unit), step_size (ps), status ('stable', 'unstable', 'not applicable', 'failed', 'not run'),
+        message, ns_per_day (median over rounds), ns_per_day_low and _high (16 and 84 %),
+        ns_per_cpu_day, speeds (each round), length and equilibration (ps), seed, observable, mean,
+        standard_error, degrees (of freedom of this error), tau (integrated autocorrelation time
+        that determines the length of blocks, ps), samples, drift, note. From the comparison with
+        the reference: error, error_standard_error, error_low, error_high (confidence interval),
+        relative_error. For prices: sample_interval (ps), variance (of one sample), own_tau and
+        own_tau_error (of this run alone, and its standard error, ps), noise (squared standard error
+        times length, unit^2 ps), noise_degrees (degrees of freedom of noise), effective_per_second,
         effective_per_cpu_second and effective_per_wall_second (independent samples, by the study's
         clock and by both), ns_per_wall_day.
     references : dict
@@ -221,7 +220,7 @@ class StudyResult(Result):
         method : str, optional
             only rows of this method
         stableOnly : bool
-            only rows that have a mean
+            only rows with a mean
 
         Returns
         -------
@@ -235,7 +234,7 @@ class StudyResult(Result):
         return sorted(rows, key=lambda row: (row['method'], row['value']))
 
     def methods(self) -> list:
-        """Names of the methods that were run, in the order given."""
+        """Names of the methods, in the given order."""
         return list(dict.fromkeys(row['method'] for row in self.rows))
 
     def parseWanted(self, wanted: Union[str, Sequence[str]]) -> list[Wanted]:
@@ -286,7 +285,7 @@ class StudyResult(Result):
         -------
         Recommendation
             its setting and candidates have method, value, step_size (ps), ns_per_day, verdict,
-            likely (whether the errors as measured are below the wanted ones) and factor (how many
+            likely (whether the measured errors are below the wanted ones) and factor (how many
             times longer to run for a decision, or None)
         """
         confidence = checked_confidence(self.confidence if confidence is None else confidence,
@@ -319,7 +318,7 @@ class StudyResult(Result):
 
     def judge(self, row: dict, item: Wanted, confidence: float,
               isReferenceExact: bool = False) -> tuple[str, Optional[float], bool]:
-        """Whether the error of a setting is below a wanted one.
+        """Whether the error of a setting is below a wanted error.
 
         Parameters
         ----------
@@ -327,13 +326,13 @@ class StudyResult(Result):
         item : Wanted
         confidence : float
         isReferenceExact : bool
-            take the length for a decision without the error that the reference keeps
+            take the length for a decision without the remaining error of the reference
 
         Returns
         -------
         tuple of (str, float or None, bool)
             verdict 'yes', 'no', 'undecided' or 'n/a'; how many times longer to run for a decision,
-            infinite where no length suffices; whether the error as measured is below the wanted one
+            infinite where no length suffices; whether the measured error is below the wanted error
         """
         if row['error'] is None or not math.isfinite(item.tolerance):
             return 'n/a', None, False
@@ -365,14 +364,14 @@ class StudyResult(Result):
 
     def outlook(self, factor: float, undecided: list[dict], wanted: list[Wanted],
                 confidence: float) -> tuple[str, str]:
-        """What decides about settings: the reason of the answer, and what to do, as text.
+        """What decides about settings: the reason of the answer, and advice, as text.
 
         Parameters
         ----------
         factor : float
             how many times longer to run
         undecided : list of dict
-            the candidates that are to be decided
+            the undecided candidates
         wanted : list of Wanted
         confidence : float
 
@@ -457,7 +456,7 @@ class StudyResult(Result):
                 if row['observable'] in names and row['status'] == STABLE and row['mean'] is None))
 
     def _best_of_others(self, candidates, best):
-        """What the other methods reach, as text."""
+        """The results of the other methods, as text."""
         parts = []
         for method in self.methods():
             if method == best['method']:
@@ -476,18 +475,18 @@ class StudyResult(Result):
                   resamplings: int = 1000) -> dict:
         """How fast each method is at the wanted error, also between the measured steps.
 
-        The errors of each method up to twice the wanted error are fitted by E h^p + F h^2p. Beyond,
-        the curve goes straight from point to point. The curve gives the step at which the error
-        reaches the wanted one. ns/day at this step is the step times the steps per second (median
-        over rounds). For uncertainties the means are resampled (normal law), together with the
-        shared reference and the rounds of the timings.
+        The function fits E h^p + F h^2p to the errors of each method up to twice the wanted error.
+        Above that the curve goes straight from point to point. The curve gives the step at which
+        the error reaches the wanted error. ns/day at this step is the step times the steps per
+        second (median over rounds). For uncertainties the means are resampled (normal law),
+        together with the shared reference and the rounds of the timings.
 
         Parameters
         ----------
         wanted : str
             one wanted error, e.g. "potential_energy:0.5%"
         baseline : str
-            the method that ratios refer to
+            the reference method of ratios
         resamplings : int
 
         Returns
@@ -576,7 +575,7 @@ class StudyResult(Result):
                    for row in self.rows)
 
     def deviations(self, rows: list[dict], rng: np.random.Generator, resamplings: int) -> Array:
-        """By how much errors may be off, by the normal law.
+        """Possible deviations of the errors, by the normal law.
 
         Rows that share a reference are correlated.
 
@@ -601,19 +600,19 @@ class StudyResult(Result):
 
     def price(self, wanted: Union[str, Sequence[str]], confidence: Optional[float] = None,
               resamplings: int = 2000) -> Recommendation:
-        """The setting that makes a number known to a wanted total error in the least time.
+        """The setting that determines a number to a wanted total error in the least time.
 
         The total error is the root mean square of bias and standard error. A setting whose bias
-        reaches the wanted error therefore never gets there. Time is that of the integration steps
-        by the study's clock, with the equilibration that the runs had. With several observables the
-        slowest one decides. Settings are those that were measured: the price is flat around the
-        optimum. A step that is too long or too short by a fifth costs 9 to 14 % more where the
+        reaches the wanted error therefore never reaches the wanted total error. Time is the time of
+        the integration steps by the study's clock, with the equilibration of the runs. With several
+        observables the slowest one decides. Only measured settings count: the price is flat around
+        the optimum. A step that is too long or too short by a fifth costs 9 to 14 % more where the
         error grows with the square of the step.
 
         For intervals the following are resampled together: the bias (Student's t, with the
         reference that settings share), the noise (chi^2, see
         :func:`openmmrigidhi.analysis.series.noise`) and the rounds of the timings. Where an error
-        cannot be told from 0, the lower end is without it.
+        cannot be distinguished from 0, the lower end excludes it.
 
         Parameters
         ----------
@@ -643,7 +642,7 @@ class StudyResult(Result):
 
     def spend(self, observable: str, seconds: float, confidence: Optional[float] = None,
               resamplings: int = 2000) -> Recommendation:
-        """The setting that makes a number known best in a given time.
+        """The setting that determines a number best in a given time.
 
         Parameters
         ----------
@@ -671,8 +670,8 @@ class StudyResult(Result):
     def stepsPerSecond(self, observable: str, method: str, step: float) -> Array:
         """Steps per second in each round at a step size.
 
-        They are interpolated between the measured step sizes around it. A step costs nearly the
-        same whatever its size is; larger steps rebuild neighbour lists more often.
+        They are interpolated between the neighbouring measured step sizes. A step costs nearly the
+        same for all sizes; larger steps rebuild neighbour lists more often.
 
         Parameters
         ----------
@@ -768,11 +767,11 @@ class StudyResult(Result):
         Parameters
         ----------
         directory : str
-            it is made if it does not exist
+            created if it does not exist
         wanted : sequence of str
             wanted errors; :meth:`recommend` answers each of them
         baseline : str
-            the method that speeds are compared with
+            the method with which speeds are compared
         price : sequence of str
             wanted total errors; :meth:`price` answers each of them, with a picture
         spend : sequence of (str, float)

@@ -1,4 +1,4 @@
-"""The rungs of the hydrodynamic ladder, and a scene's spheres as each rung sees them."""
+"""The rungs of the hydrodynamic ladder, and a scene's spheres in the fluid of each rung."""
 from __future__ import annotations
 
 import time
@@ -106,9 +106,9 @@ def byName(name: Union[str, Rung]) -> Rung:
 
 
 class Spheres:
-    """The part of a scene that the fluid sees.
+    """The part of a scene that interacts with the fluid.
 
-    It has the spheres where they start, their inertia, and the forces on them there.
+    It has the spheres at their start, their inertia, and the forces on them there.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ class Spheres:
         return integrator, context
 
     def secondsOfForces(self, platform: str, properties: dict, seconds: float = 0.2) -> float:
-        """Seconds a step that the scene's own forces take.
+        """Seconds a step for the scene's own forces.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ class Spheres:
     def makeContext(self, rung: Rung, platform: str = 'Reference',
                     properties: Optional[dict] = None,
                     seed: int = 1) -> tuple[MobilityForce, CustomRigidHIIntegrator, openmm.Context]:
-        """The spheres alone, without the scene's forces, in a fluid by one of the rungs.
+        """The spheres alone, without the scene's forces, in the fluid of a rung.
 
         Parameters
         ----------
@@ -294,7 +294,7 @@ class Spheres:
         return turn @ np.diag([1/(6*np.pi*eta*radius)]*3 + [1/(8*np.pi*eta*radius**3)]*3) @ turn.T
 
     def reset(self, integrator: CustomRigidHIIntegrator) -> None:
-        """Put the bodies back where the scene starts, at rest.
+        """Put the bodies back to the start of the scene, at rest.
 
         Parameters
         ----------

@@ -28,9 +28,9 @@ GAS_CONSTANT = _units.GAS_CONSTANT
 class Scene:
     """A System, a start configuration, and an integrator.
 
-    The integrator says what the bodies, the temperature and the frictions are.
+    The integrator defines the bodies, the temperature and the frictions.
 
-    Everything is kept as XML and arrays, so that a scene can be sent to another process.
+    Everything is stored as XML and arrays, so another process can receive a scene.
 
     Parameters
     ----------
@@ -38,8 +38,8 @@ class Scene:
     state : openmm.State, or array or Quantity of shape (particles, 3)
         start: positions in nm, and velocities and box vectors where the State has them
     integrator : CustomRigidHIIntegrator
-        the template: its bodies, temperature, frictions and noise law are those of every run; its
-        scheme, step size and seed are replaced
+        the template: every run has its bodies, temperature, frictions and noise law; its scheme,
+        step size and seed are replaced
     name, description : str
         texts for the report
     exact : dict, optional
@@ -139,7 +139,7 @@ class Scene:
                     system: Optional[openmm.System] = None) -> openmm.Context:
         """A Context of this scene at its start.
 
-        Velocities that the scene does not give are drawn at its temperature.
+        Velocities that the scene does not define are drawn at its temperature.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class Scene:
         seed : int
             seed of the velocities
         system : openmm.System, optional
-            a System with the same particles, used instead of the scene's own
+            a System with the same particles, which replaces the scene's own
         """
         context = openmm.Context(self.system if system is None else system, integrator, platform,
                                  properties)
@@ -188,7 +188,7 @@ class Scene:
     def bodyTable(self) -> BodyTable:
         """The bodies' particles, masses and degrees of freedom.
 
-        They are for integrators that know particles only.
+        They are for integrators that know only particles.
         """
         if self._bodyTable is None:
             self._bodyTable = BodyTable(self)
@@ -223,7 +223,7 @@ def water(molecules: int = 216, temperature: float = 298.15, gamma: float = 5.0,
           threads: Optional[int] = None, progress: Optional[Callable] = None) -> Scene:
     """A box of TIP4P-Ew water with PME, equilibrated with LangevinC.
 
-    The force field is that of openmm.app.
+    The force field comes from openmm.app.
 
     Parameters
     ----------
@@ -314,12 +314,12 @@ def trap(bodies: int = 400, temperature: float = 300.0, gamma: float = 10.0, Gam
          frequency: float = 100.0, field: float = 2.0, seed: int = 1) -> Scene:
     """Triangular rigid bodies in a harmonic trap with a uniform field on their dipoles.
 
-    Every average is known exactly. The bodies do not see each other. Each body has three massive
-    particles and an asymmetric inertia. Constraints hold the particles, so that LangevinMiddle with
-    SETTLE can be compared. Each particle is bound by m w^2 x^2/2. This is a trap M w^2 X^2/2 on the
-    centre of mass, without a torque (force group 0). Forces along z that add up to zero make the
-    energy -field kT n_z of a dipole n (force group 1). Then <U_trap> = 3/2 kT, <U_field> = -field
-    kT (coth(field) - 1/field).
+    Every average is known exactly. The bodies do not interact. Each body has three massive
+    particles and an asymmetric inertia. Constraints hold the particles, so LangevinMiddle with
+    SETTLE can run for comparison. A potential m w^2 x^2/2 binds each particle. This is a trap M w^2
+    X^2/2 on the centre of mass, without a torque (force group 0). Forces along z that add up to
+    zero make the energy -field kT n_z of a dipole n (force group 1). Then <U_trap> = 3/2 kT,
+    <U_field> = -field kT (coth(field) - 1/field).
 
     Parameters
     ----------
@@ -402,7 +402,7 @@ def spheres(centres: npt.ArrayLike, radii: npt.ArrayLike = 1.0, temperature: flo
     temperature : float
         K
     viscosity : float, optional
-        dalton/(nm ps); default: that of water
+        dalton/(nm ps); default: water
     stepSize : float
         ps
     density : float
@@ -452,9 +452,9 @@ def pair(gap: float, ratio: float = 1.0, temperature: float = 1e-9) -> Scene:
     gap : float
         gap between the surfaces, in radii of the first sphere
     ratio : float
-        radius of the second sphere over that of the first
+        radius of the second sphere divided by the radius of the first
     temperature : float
-        K; the default is so low that the spheres stay where they are while steps are timed
+        K; the default is so low that the spheres hardly move while steps are timed
 
     Returns
     -------
@@ -475,7 +475,7 @@ def pairs(gaps: Sequence[float] = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10)
     gaps : sequence of float
         gaps between the surfaces, in radii of the first sphere
     ratio : float
-        radius of the second sphere over that of the first
+        radius of the second sphere divided by the radius of the first
 
     Returns
     -------
@@ -567,7 +567,7 @@ def arrays(fractions: Sequence[float] = tuple(SIMPLE_CUBIC)) -> Sweep:
 
 def suspension(bodies: int = 12, fraction: float = 0.1, radius: float = 1.0, leastGap: float = 0.02,
                temperature: float = 300.0, seed: int = 1) -> Scene:
-    """Spheres of one size at random places without overlap, within a sphere, in water, settling.
+    """Spheres of one size at random positions without overlap, within a sphere, in water, settling.
 
     Parameters
     ----------
@@ -577,7 +577,7 @@ def suspension(bodies: int = 12, fraction: float = 0.1, radius: float = 1.0, lea
     radius : float
         nm
     leastGap : float
-        least gap between surfaces, in radii
+        smallest gap between surfaces, in radii
     temperature : float
         K
     seed : int
@@ -595,7 +595,7 @@ def suspension(bodies: int = 12, fraction: float = 0.1, radius: float = 1.0, lea
 
 
 def _random_centres(bodies, fraction, outer, least, side, seed):
-    """Places that are no nearer to each other than `least`.
+    """Positions that are no nearer to each other than `least`.
 
     They are in a sphere of this radius, or in a periodic cube of this side.
     """
@@ -623,7 +623,7 @@ def _random_centres(bodies, fraction, outer, least, side, seed):
 
 def periodicSuspension(bodies: int = 8, fraction: float = 0.15, radius: float = 1.0,
                        leastGap: float = 0.02, temperature: float = 300.0, seed: int = 1) -> Scene:
-    """Spheres of one size at random places in a cubic periodic box of water, settling.
+    """Spheres of one size at random positions in a cubic periodic box of water, settling.
 
     The spheres do not overlap.
 
@@ -635,7 +635,7 @@ def periodicSuspension(bodies: int = 8, fraction: float = 0.15, radius: float = 
     radius : float
         nm
     leastGap : float
-        least gap between surfaces, in radii
+        smallest gap between surfaces, in radii
     temperature : float
         K
     seed : int
@@ -722,7 +722,7 @@ def importObject(specification: str, what: str) -> Any:
 
 
 def findObservable(name: Any, kind: type, builtIn: dict, fromFunction: Callable) -> Any:
-    """An observable from what a user may give for it.
+    """An observable from the user's specification.
 
     Parameters
     ----------
@@ -757,7 +757,7 @@ def platformProperties(platform: str, threads: Optional[int]) -> dict:
     ----------
     platform : str
     threads : int or None
-        threads of the CPU platform; None: as many as OpenMM chooses
+        threads of the CPU platform; None: OpenMM's choice
     """
     return {'Threads': str(threads)} if threads is not None and platform == 'CPU' else {}
 

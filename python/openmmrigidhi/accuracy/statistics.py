@@ -1,7 +1,7 @@
 """The extrapolation of a step-size study to step 0, curves of errors, and times to errors.
 
-Means of series and their errors are those of analysis.series. This module uses numpy and scipy, not
-OpenMM, so every rule here can be tested on synthetic numbers.
+analysis.series computes means of series and their errors. This module uses numpy and scipy, not
+OpenMM, so tests can check every rule on synthetic numbers.
 """
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SMALLEST_FIT_PROBABILITY = 0.01
 
 
 def quantile(confidence: float, degrees: float, sided: int = 2) -> float:
-    """How many standard errors a confidence interval reaches, by Student's t.
+    """The half-width of a confidence interval in standard errors, by Student's t.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def quantile(confidence: float, degrees: float, sided: int = 2) -> float:
 
 @dataclass
 class Point:
-    """What the extrapolation needs of one setting.
+    """The data of one setting for the extrapolation.
 
     It has the method, the step size h, the mean, its standard error, and the order of the method.
     """
@@ -64,7 +64,7 @@ class Extrapolation:
     ----------
     value, standardError : float
         A0; the standard error is multiplied by sqrt(chi2/degrees) where this factor is above 1, and
-        has the error of the model in quadrature (:func:`extrapolate`)
+        includes the error of the model in quadrature (:func:`extrapolate`)
     weights : ndarray of shape (number of points,)
         value = sum_i weights_i mean_i; the covariance of A0 with every mean needs the weights
     coefficients : dict
@@ -76,7 +76,7 @@ class Extrapolation:
     probability : float
         probability of a larger chi2
     modelError : float
-        the part of the standard error that longer runs leave as it is
+        the part of the standard error that longer runs do not reduce
     """
 
     value: float
@@ -94,18 +94,18 @@ class Extrapolation:
 def extrapolate(points: list[Point]) -> Optional[Extrapolation]:
     """Fit mean = A0 + E_m h^p + F_m h^2p to points, with A0 common to all methods.
 
-    The term F_m is there if a method has 4 or more steps. The fit is by least squares, with points
+    The term F_m exists if a method has 4 or more steps. The fit is a least-squares fit, with points
     weighted by their standard errors. While the fit is not credible (probability of chi^2 below
     0.01), the largest step of the method that deviates most is left out, and the fit is repeated.
 
-    The terms beyond those that are fitted make A0 wrong by something that chi^2 does not show. The
-    error of the model is the larger of two changes of A0: without the largest step, and with one
-    more term for each method that has the steps for it. A change that is within its own standard
-    error counts only where fewer than three degrees of freedom test the model. A single method of
-    three steps is tested poorly: intervals of 95 % hold the truth in some 84 % of the cases. Where
-    no fit can be changed in this way, and where no degree of freedom is left, the model is not
-    tested: its error is then what the next term would make at the smallest step if terms had the
-    ratio of the smallest to the largest step, and there is a note.
+    Terms beyond the fitted ones make A0 wrong by an amount that chi^2 does not show. The error of
+    the model is the larger of two changes of A0: without the largest step, and with an additional
+    term for each method that has enough steps for it. A change within its own standard error counts
+    only where fewer than three degrees of freedom test the model. Three steps of a single method
+    test it poorly: intervals of 95 % contain the truth in some 84 % of the cases. Where no fit can
+    be changed in this way, and where no degree of freedom remains, nothing tests the model: its
+    error is then the contribution of the next term at the smallest step, if terms had the ratio of
+    the smallest to the largest step, and a note says so.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def extrapolate(points: list[Point]) -> Optional[Extrapolation]:
     Returns
     -------
     Extrapolation or None
-        None if there are too few points: at least one method must have two steps
+        None if the points are too few: at least one method must have two steps
     """
     used = [np.isfinite(point.mean) and point.standardError > 0 for point in points]
     note = ''
@@ -137,7 +137,7 @@ def extrapolate(points: list[Point]) -> Optional[Extrapolation]:
 
 
 def _add_model_error(points, fit):
-    """Enlarge the standard error of a fit by what its model may be wrong by."""
+    """Enlarge the standard error of a fit by the possible error of its model."""
     indices = [i for i in range(len(points)) if fit.used[i]]
     changes = []
     for other in _other_fits(points, fit, indices):
@@ -253,8 +253,9 @@ def _fit(points, used, terms=None):
 class ErrorCurve:
     """error(h) of one method: E h^p + F h^2p where the errors are small.
 
-    Between the points beyond the curve is a straight line in h. The stability limit of a scheme is
-    a cliff that no low polynomial follows. Near it the measured points are the better curve.
+    Between the points above these errors the curve is a straight line in h. The stability limit of
+    a scheme is a cliff that no low-order polynomial follows. Near it the measured points are the
+    better curve.
 
     Attributes
     ----------
@@ -270,7 +271,7 @@ class ErrorCurve:
     errorCloud : ndarray of shape (resamplings, k)
         resampled errors
     largest : float
-        the largest stable step that was measured
+        the largest stable measured step
     fitted : float
         the largest step in the fit
     chi2 : float
@@ -322,7 +323,7 @@ def errorCurve(h: Array, errors: Array, sigma: Array, resampled: Array, order: i
                tolerance: float, largest: float) -> ErrorCurve:
     """Fit E h^p + F h^2p to the errors of one method up to twice a tolerance.
 
-    The points beyond are kept as they are.
+    The points above are kept unchanged.
 
     Parameters
     ----------
@@ -371,8 +372,8 @@ def timeToError(tolerance: float, bias: float, noise: float, speed: float,
     """How long a run must be for a total error.
 
     The total error is the root mean square of bias and standard error: bias^2 + noise/length =
-    tolerance^2. Equilibration comes before the length. Arguments are numbers or arrays of shapes
-    that go together.
+    tolerance^2. Equilibration comes before the length. Arguments are numbers or arrays of
+    compatible shapes.
 
     Parameters
     ----------
@@ -425,7 +426,7 @@ def errorAfter(seconds: float, bias: float, noise: float, speed: float,
 
 def resampledNoise(noise: Array, degrees: Array, rng: np.random.Generator,
                    resamplings: int) -> Array:
-    """What noises may really be, given the noises that were measured.
+    """Possible true noises, given the measured noises.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Studies: which settings are run, how long, and what they are compared with.
+"""Studies: their settings, the lengths of runs, and the reference of the comparison.
 
 :class:`Study` runs settings side by side and does not know what distinguishes them.
 :class:`StepSizeStudy` changes the step size. A study of another quantity (hydrodynamic model,
@@ -53,7 +53,7 @@ class Study:
     Parameters
     ----------
     scene : Scene
-        a scene in equilibrium; a scene whose fluid is driven by a flow, or with joints, is refused
+        a scene in equilibrium; a scene with a driven flow or with joints is an error
     methods : sequence of str or Method
     observables : sequence of str, Observable or callable
         see :func:`openmmrigidhi.accuracy.observables.byName`
@@ -64,8 +64,8 @@ class Study:
     seed : int
         seed of all random numbers; each setting gets its own seed from it
     clock : str
-        the time from which ns/day is computed, 'wall' or 'cpu'. CPU time is less disturbed by other
-        programs, but with several threads it means ns per CPU-day.
+        the time for ns/day, 'wall' or 'cpu'. Other programs disturb CPU time less, but with several
+        threads it means ns per CPU-day.
     sampleInterval : float, optional
         time between samples, ps, rounded to whole steps; default: the scene's. Nothing is lost
         below half the correlation time of the fastest observable of interest.
@@ -132,7 +132,7 @@ class Study:
                                  platformProperties(self.platform, self.threads), seed)
 
     def reference(self, observable: Observable, rows: Sequence[dict]) -> Optional[Reference]:
-        """What the means of an observable are compared with, a Reference or None.
+        """The reference for the means of an observable, a Reference or None.
 
         rows are the observable's rows of stable settings.
         """
@@ -161,25 +161,25 @@ class Study:
         """Measure.
 
         The runs take turns. In each round every setting advances by a part of its length, in a
-        random order. What slows the machine down for a while so slows all settings down, and ratios
-        of times stay right. Ctrl-C ends the measurement early; what was gathered is evaluated.
-        Runs in other processes count as a whole: a run that was not at its end has the status 'not
-        run', and one that failed has the status 'failed' and a message.
+        random order. Whatever slows the machine for a while thus slows all settings, and ratios of
+        times remain valid. Ctrl-C ends the measurement early; the collected samples are evaluated.
+        Runs in other processes count as a whole: an unfinished run has the status 'not run', and a
+        failed run has the status 'failed' and a message.
 
         Parameters
         ----------
         budget : float
-            time that the measurement may take, seconds (wall). Run lengths are planned from a short
-            trial of each setting, in proportion to the square root of its speed: large steps get
-            longer runs, and small steps get more time.
+            allowed time of the measurement, seconds (wall). A short trial of each setting
+            determines the run lengths, in proportion to the square root of its speed: large steps
+            get longer runs, and small steps get more time.
         length : float, optional
-            length of the run of every setting, ps; then there is no budget, and results do not
+            length of the run of every setting, ps; then no budget applies, and results do not
             depend on the machine's speed
         equilibration : float, optional
             time left out at the start of each run, ps; default: the scene's, or else a tenth of the
             run's length
         rounds : int
-            number of turns that the lengths are planned for; with a budget there are as many as fit
+            number of turns for which the lengths are planned; with a budget as many as fit
         jobs : int
             above 1: number of runs at the same time. The runs do not take turns, and times are
             measured afterwards, alone.
@@ -187,8 +187,8 @@ class Study:
             called with (done, total, text) in steps
         cluster : str, optional
             who makes the runs if they do not take turns: see
-            :func:`openmmrigidhi.ensemble.tasks.run`. All workers of a scheduler are used; the
-            budget is planned for as many workers as there are jobs.
+            :func:`openmmrigidhi.ensemble.tasks.run`. The runs use all workers of a scheduler; the
+            plan of the budget assumes as many workers as jobs.
 
         Returns
         -------
@@ -286,8 +286,8 @@ class Study:
     def _together(self, runs, lengths, left, jobs, cluster, meter):
         """Whole runs in other processes; then times, here and in turn, without other work.
 
-        A run that fails is no reason to lose the others, nor is an interruption. If there is no
-        other, the failure is raised.
+        A failing run does not discard the others, nor does an interruption. If no other run exists,
+        the failure is raised.
         """
         alive = [i for i, (_, run) in enumerate(runs) if run.isAlive]
         # The longest first, so that none is left alone at the end.
@@ -321,7 +321,7 @@ class Study:
             self._time([runs[i] for i in alive if runs[i][1].isAlive], 1 if interrupted else 7)
 
     def _time(self, runs, rounds):
-        """Times of runs whose samples are there already."""
+        """Times of runs whose samples already exist."""
         rng = np.random.default_rng([self.seed, 2])
         for _ in range(rounds):
             for i in rng.permutation(len(runs)):
@@ -413,15 +413,15 @@ class StepSizeStudy(Study):
     stepSizes : sequence of float, or dict from method name to sequence of float, optional
         ps; default: the scene's. A method that the dict does not name gets the scene's step sizes.
     references : dict, optional
-        observable name -> (value, standard error): known averages, which are used instead of exact
-        averages and of the extrapolation
+        observable name -> (value, standard error): known averages, used instead of exact averages
+        and of the extrapolation
     **kwargs
         observables, platform, threads, seed, clock, sampleInterval: see Study
 
     Notes
     -----
     All methods sample the canonical ensemble as h -> 0, so they have a common limit A0 of an
-    observable. A0 is fitted to all stable settings as A0 + E_m h^p + F_m h^2p
+    observable. The study fits A0 + E_m h^p + F_m h^2p to all stable settings
     (:func:`openmmrigidhi.accuracy.statistics.extrapolate`). Kinetic temperatures need no fit, since
     their limit is the temperature of the heat bath.
 

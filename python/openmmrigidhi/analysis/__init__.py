@@ -1,10 +1,10 @@
 """Analysis of trajectories and mobilities of rigid bodies.
 
-It has mean square displacements, diffusion coefficients and hydrodynamic centres, pair
-distributions and structure factors. It has Monte Carlo of bodies at equilibrium, the reference for
-every scheme. It also has the effective viscosity of a driven suspension.
+It computes mean square displacements, diffusion coefficients and hydrodynamic centres, pair
+distributions and structure factors, and the effective viscosity of a driven suspension. Its Monte
+Carlo of bodies at equilibrium is the reference for every scheme.
 
-Equation numbers are those of Delong, Balboa Usabiaga, Donev 2015, J. Chem. Phys. 143, 144107.
+Equation numbers refer to Delong, Balboa Usabiaga, Donev 2015, J. Chem. Phys. 143, 144107.
 """
 from .displacements import (MeanSquareDisplacement, nonAffinePositions, planarAngleMSD,
                             rotationalMSD, translationalMSD)

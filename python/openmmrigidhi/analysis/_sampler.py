@@ -1,6 +1,6 @@
-"""What Monte Carlo samplers have in common.
+"""The common part of Monte Carlo samplers.
 
-They make sweeps, with moves whose sizes adapt or are fixed, and keep samples.
+They make sweeps, with moves of adaptive or fixed sizes, and keep samples.
 """
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Sampler:
         Parameters
         ----------
         numSamples : int
-            number of samples of each walker; all are kept in memory, some 60 bytes for each body or
+            number of samples of each walker; all stay in memory, some 60 bytes for each body or
             walker
         interval : int
             sweeps between samples
@@ -54,7 +54,7 @@ class Sampler:
         Returns
         -------
         PoseSamples
-            acceptance and stepSizes of "free" are those of free particles
+            acceptance and stepSizes of "free" refer to free particles
         """
         count, interval = _moves.positive(numSamples, 'sample', 'numSamples'), _moves.positive(
             interval, 'sample', 'interval')

@@ -1,4 +1,4 @@
-"""What the functions share that step a Context and average samples of it."""
+"""Shared code of functions that step a Context and average its samples."""
 from __future__ import annotations
 
 import numpy as np
@@ -41,7 +41,7 @@ def lengths(steps, equilibration, interval, random, where):
 
 
 def advance(integrator, steps, label, progress):
-    """Steps that are not measured."""
+    """Make steps without measurement."""
     with progress_bar(range(steps), label, progress, ' steps') as bar:
         for _ in bar:
             integrator.step(1)
@@ -69,7 +69,7 @@ def check_finite(rows, where, name):
 def block_average(series):
     """Mean, standard error, its degrees of freedom, and the autocorrelation time of samples.
 
-    A single sample is taken to be without noise.
+    A single sample counts as free of noise.
     """
     if len(series) == 1:
         return float(series[0]), 0.0, 0, 0.5

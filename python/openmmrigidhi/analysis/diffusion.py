@@ -1,4 +1,4 @@
-"""Diffusion coefficients from mean square displacements, and the length that gravity sets."""
+"""Diffusion coefficients from mean square displacements, and the gravitational height."""
 from __future__ import annotations
 
 import dataclasses
@@ -23,7 +23,7 @@ class DiffusionCoefficient:
     error : Quantity
         its standard error, from the spread of the blocks
     degrees : int
-        degrees of freedom of that standard error: number of blocks less 1
+        degrees of freedom of this standard error: number of blocks minus 1
     """
 
     value: unit.Quantity
@@ -42,22 +42,22 @@ def shortTimeDiffusion(msd: MeanSquareDisplacement,
     msd : MeanSquareDisplacement
         with some lag times above 0
     maxTime : float or Quantity, optional
-        MSD/(2 lag time) is fitted by a straight line in the lag time up to this lag time, ps, and
-        extrapolated to 0. None: its value at the smallest lag time is returned, which has an error
-        from the curvature up to there.
+        fit a straight line in the lag time to MSD/(2 lag time) up to this lag time, ps, and
+        extrapolate to 0. None: return the value at the smallest lag time, which has an error from
+        the curvature up to there.
 
     Returns
     -------
     DiffusionCoefficient
-        a coefficient for each component of a tensor; of ``msd.isotropic`` and ``msd.lateral`` the
-        mean coefficient; of ``msd.trace`` and ``msd.parallel`` three and two times that
+        a coefficient for each component of a tensor; for ``msd.isotropic`` and ``msd.lateral`` the
+        mean coefficient; for ``msd.trace`` and ``msd.parallel`` three and two times the mean
 
     Raises
     ------
     TypeError
         if msd is no MeanSquareDisplacement
     ValueError
-        if there are no lag times above 0, or fewer than two up to maxTime
+        if msd has no lag times above 0, or fewer than two up to maxTime
     """
     times = _lag_times(msd, 'shortTimeDiffusion')
     if not np.any(times > 0):
@@ -85,20 +85,20 @@ def longTimeDiffusion(msd: MeanSquareDisplacement, minTime: Number,
                       maxTime: Optional[Number] = None) -> DiffusionCoefficient:
     """Get the long-time diffusion coefficient (eq. 60).
 
-    It is half the slope of a mean square displacement at long lag times. The slope is that of the
+    It is half the slope of a mean square displacement at long lag times. The slope comes from a
     least-squares straight line, with the same weight for all lag times. Take ``msd.isotropic`` for
     motion in space and ``msd.lateral`` for motion along a wall: these are means over three and two
-    axes, so that the result is the diffusion coefficient itself.
+    axes, so the result is the diffusion coefficient itself.
 
     Parameters
     ----------
     msd : MeanSquareDisplacement
         with at least two lag times in the range
     minTime : float or Quantity
-        the shortest lag time that is used, ps; longer than the time in which the body loses its
+        the shortest lag time in the fit, ps; longer than the time in which the body loses its
         orientation
     maxTime : float or Quantity, optional
-        the longest lag time that is used, ps; None: all lag times from minTime on
+        the longest lag time in the fit, ps; None: all lag times from minTime on
 
     Returns
     -------
@@ -110,7 +110,7 @@ def longTimeDiffusion(msd: MeanSquareDisplacement, minTime: Number,
     TypeError
         if msd is no MeanSquareDisplacement
     ValueError
-        if there are fewer than two lag times in the range
+        if the range contains fewer than two lag times
     """
     times = _lag_times(msd, 'longTimeDiffusion')
     minTime = _units.number(minTime, _units.TIME, 'longTimeDiffusion', 'minTime')
@@ -141,7 +141,7 @@ def gravitationalHeight(kT: Number, weight: Number) -> unit.Quantity:
     kT : float or Quantity
         thermal energy, kJ/mol
     weight : float or Quantity
-        weight less buoyancy, kJ/(mol nm)
+        weight minus buoyancy, kJ/(mol nm)
 
     Returns
     -------
@@ -169,19 +169,20 @@ _CUBIC_LATTICE = 2.837297
 def finiteSizeCorrection(temperature: Number, viscosity: Number, box: Numbers,
                          radius: Optional[Number] = None,
                          structureFactor: float = 1) -> unit.Quantity:
-    """Get what a periodic box takes off a diffusion coefficient: add it to the measured one.
+    """Get the reduction of a diffusion coefficient by a periodic box: add it to the measured one.
 
     It is kT xi/(6 pi eta L), with xi = 2.837297 in a cube of edge L (Yeh and Hummer, J. Phys. Chem.
-    B 108, 15873 (2004), eq. 8). What eta is depends on what diffuses:
+    B 108, 15873 (2004), eq. 8). The viscosity eta depends on the diffusing particle:
 
     - a molecule, or one colloid in its box: the viscosity of the fluid. For molecules of a liquid
-      without a MobilityForce it is that of the model, which is not that of the experiment.
+      without a MobilityForce take the viscosity of the model, not of the experiment.
     - one of many spheres, at short times: the viscosity of the *suspension* at high frequencies,
-      from getStressInContext() in uniform shear. Then the correction is 1.76 (phi/n)^(1/3)
-      eta_fluid/eta of kT/(6 pi eta_fluid a), as Ladd (1990) and Mo and Sangani (1994) have it.
+      from getStressInContext() in uniform shear. The correction is then 1.76 (phi/n)^(1/3)
+      eta_fluid/eta times kT/(6 pi eta_fluid a), as in Ladd (1990) and Mo and Sangani (1994).
     - at long times: the viscosity of the suspension in steady shear.
 
-    Spheres that sediment together are slowed by this times S(0): give structureFactor.
+    The box slows spheres that sediment together by this correction times S(0): give
+    structureFactor.
 
     Parameters
     ----------
@@ -190,10 +191,10 @@ def finiteSizeCorrection(temperature: Number, viscosity: Number, box: Numbers,
     viscosity : float or Quantity
         dalton/(nm ps), or a quantity in any unit of viscosity
     box : float, or sequence or Quantity of shape (3,) or (3, 3)
-        edge of a cube, nm; three equal edges and the vectors of a cube are accepted, too
+        edge of a cube, nm; three equal edges and the vectors of a cube are also accepted
     radius : float or Quantity, optional
-        nm; of a single sphere in the box, for the next term of the sum over images, 1 - (4 pi/3)
-        (radius/L)^2/xi times the first one
+        nm; radius of a single sphere in the box, for the next term of the sum over images, 1 - (4
+        pi/3) (radius/L)^2/xi times the first term
     structureFactor : float
         S(0) of the suspension, for sedimentation; 1 for diffusion
 
@@ -255,7 +256,7 @@ def _lag_times(msd, where):
 
 
 def _estimate(msd, weights):
-    """The estimate that is linear in the mean square displacement of the lag times.
+    """The estimate, linear in the mean square displacement of the lag times.
 
     Weights are in 1/ps.
     """

@@ -58,12 +58,12 @@ class MeanSquareDisplacement:
 
     @property
     def isotropic(self) -> MeanSquareDisplacement:
-        """A third of the trace: the mean over three axes, whose slope is 2 D."""
+        """A third of the trace: the mean over three axes; its slope is 2 D."""
         return self.component((1/3, 1/3, 1/3))
 
     @property
     def lateral(self) -> MeanSquareDisplacement:
-        """The mean of the xx and yy components, whose slope is 2 D along a wall."""
+        """The mean of the xx and yy components; its slope is 2 D along a wall."""
         return self.component((1/2, 1/2, 0))
 
     def component(self, weights: npt.ArrayLike) -> MeanSquareDisplacement:
@@ -82,7 +82,8 @@ class MeanSquareDisplacement:
         Raises
         ------
         ValueError
-            for weights of another shape, or if there is one number for each lag time already
+            for weights of another shape, or if the displacement already is one number for each lag
+            time
         """
         weights = np.array(weights, dtype=float)
         if weights.shape == (3,):
@@ -103,10 +104,10 @@ def translationalMSD(positions: Numbers, orientations: Optional[npt.ArrayLike],
                      independentBodies: bool = False) -> MeanSquareDisplacement:
     """Get the mean square displacement of a point of rigid bodies.
 
-    The choice of the tracked point matters at short times and not at long times. At short times the
+    The choice of the tracked point matters at short times but not at long times. At short times the
     tensor is 2 kT N_tt times the lag time, with the translational mobility N_tt about this point.
     If the point is the centre of mobility of an isolated body, this holds at all times (eq. 67).
-    The average is over all pairs of frames within a block, and over all bodies.
+    The average runs over all pairs of frames within a block, and over all bodies.
 
     Parameters
     ----------
@@ -118,20 +119,20 @@ def translationalMSD(positions: Numbers, orientations: Optional[npt.ArrayLike],
     frameInterval : float or Quantity
         time between frames, ps
     trackingPoint : Vec3, sequence or Quantity of shape (3,)
-        the point in the body frame, nm; (0, 0, 0) is the body's origin. It must be given with
-        orientations.
+        the point in the body frame, nm; (0, 0, 0) is the body's origin. You must give it if you
+        give orientations.
     lags : sequence of int, optional
         lag times as numbers of frames, from 0 to less than the length of a block; None: about 50,
         from 1 to a quarter of a block in equal ratios
     numBlocks : int
         number of blocks of the trajectory in time. A block should be longer than all relaxation
-        times and several times the largest lag; otherwise errors are too small. Frames that fill no
-        block are left out at the start.
+        times and several times the largest lag; otherwise errors are too small. Frames at the start
+        that do not fill a block are left out.
     bodyFrame : bool
         resolve displacements along the body axes of the earlier frame instead of the lab axes
     independentBodies : bool
-        count the blocks of each body separately. This is right for replicas that do not interact,
-        for which numBlocks=1 may be enough.
+        count the blocks of each body separately. This is right for replicas without interactions;
+        numBlocks=1 may be enough for them.
 
     Returns
     -------
@@ -179,14 +180,15 @@ def nonAffinePositions(positions: Numbers, frameInterval: Number, rate: Number, 
                        gradientAxis: int) -> unit.Quantity:
     """Get positions without the displacements by a shear (:meth:`MobilityForce.setShear`).
 
-    The integral of rate x_gradientAxis(t) from the first frame on is subtracted along flowAxis,
-    with the body's own x_gradientAxis at each time. Differences of the results are non-affine
-    displacements: those of U - G x. They may be given to :func:`translationalMSD`.
+    The function subtracts along flowAxis the integral of rate x_gradientAxis(t) from the first
+    frame on, with the body's own x_gradientAxis at each time. Differences of the results are
+    non-affine displacements, the integrals of U - G x. You may give the results to
+    :func:`translationalMSD`.
 
     Parameters
     ----------
     positions : array-like or Quantity of shape (frames, bodies, 3)
-        positions at equal intervals, unwrapped, as :class:`CustomRigidHIIntegrator` gives them, nm
+        positions at equal intervals, unwrapped, as from :class:`CustomRigidHIIntegrator`, nm
     frameInterval : float or Quantity
         time between frames, ps
     rate : float or Quantity
@@ -197,7 +199,7 @@ def nonAffinePositions(positions: Numbers, frameInterval: Number, rate: Number, 
     Returns
     -------
     Quantity of shape (frames, bodies, 3)
-        nm; the first frame is that of positions
+        nm; the first frame equals the first frame of positions
 
     Raises
     ------
@@ -206,8 +208,8 @@ def nonAffinePositions(positions: Numbers, frameInterval: Number, rate: Number, 
 
     Notes
     -----
-    The integral is by trapezoids. Diffusion with the coefficient D between frames adds the variance
-    rate^2 D frameInterval^3/6 an interval. With a frame at each step the integral has the order of
+    The integral uses trapezoids. Diffusion with the coefficient D between frames adds the variance
+    rate^2 D frameInterval^3/6 per interval. With a frame at each step the integral has the order of
     the schemes.
     """
     where = 'nonAffinePositions'
@@ -282,10 +284,10 @@ def planarAngleMSD(orientations: npt.ArrayLike, frameInterval: Number, bodyVecto
                    independentBodies: bool = False) -> MeanSquareDisplacement:
     """Get the mean square displacement of the angle of a body vector in the xy plane.
 
-    The angle is that of the vector's projection onto the plane. It is followed from frame to frame
-    through full turns. A change by more than half a turn between frames would be taken for a turn
-    the other way round. The angle is undefined where the vector is along z, so the result says
-    little about bodies that flip.
+    The angle belongs to the vector's projection onto the plane. The function follows it from frame
+    to frame through full turns. It would take a change by more than half a turn between frames for
+    a turn in the opposite direction. The angle is undefined where the vector is along z, so the
+    result says little about bodies that flip.
 
     Parameters
     ----------

@@ -26,11 +26,11 @@ _Z = 2
 class GibbsBoltzmannSampler(Sampler):
     """Samples poses of a Context's rigid bodies and free particles from exp(-U/kT).
 
-    The samples are the reference that dynamics must reproduce. Metropolis moves respect the
-    measure dR times Haar's on SO(3) for each body (and dr for each free particle), at constant box.
-    U is the potential energy of the Context's forces in the integrator's force groups, plus
-    energyFunction. Momenta, fluid and scheme do not matter: the distribution is that of every right
-    scheme as its step tends to 0. A driven fluid has no such distribution, and is refused.
+    The samples are the reference that dynamics must reproduce. Metropolis moves respect the measure
+    dR times Haar's on SO(3) for each body (and dr for each free particle), at constant box. U is
+    the potential energy of the Context's forces in the integrator's force groups, plus
+    energyFunction. Momenta, fluid and scheme do not matter: every right scheme has this
+    distribution as its step tends to 0. A driven fluid has no such distribution and is an error.
 
     A trial costs one evaluation of the Context's energy (1 us or less of OpenMM's own on the
     Reference platform, 50 us on CPU) and some 40 us of Python. A sweep is one trial of each kind
@@ -40,19 +40,19 @@ class GibbsBoltzmannSampler(Sampler):
     Parameters
     ----------
     context : openmm.Context
-        with a CustomRigidHIIntegrator and positions, at which the sampler starts; it is left at the
-        last sample
+        with a CustomRigidHIIntegrator and positions, at which the sampler starts; the sampler
+        leaves it at the last sample
     temperature : float or Quantity, optional
         K; None: the integrator's temperature
     energyFunction : callable, optional
-        ``energyFunction(positions, orientations)`` is a further energy, kJ/mol, of the poses of all
-        bodies: arrays (n, 3) in nm, and (n, 4) of unit quaternions (w, x, y, z), body frame to lab
-        frame. Infinity forbids the poses. It is needed for a System with a CustomBodyForce, which
-        has no energy.
+        ``energyFunction(positions, orientations)`` is an additional energy, kJ/mol, of the poses of
+        all bodies: arrays (n, 3) in nm, and (n, 4) of unit quaternions (w, x, y, z), body frame to
+        lab frame. Infinity forbids the poses. A System with a CustomBodyForce, which has no energy,
+        needs this function.
     wallHeight : float or Quantity, optional
-        height z of a hard wall, nm; None: that of a MobilityForce with a no-slip wall, else no
-        wall. Both walls of a MobilityForce's SlipChannel or NoSlipChannel, or the wall and the
-        surface of its Film, are taken in addition.
+        height z of a hard wall, nm; None: the no-slip wall of a MobilityForce, else no wall. Both
+        walls of a MobilityForce's SlipChannel or NoSlipChannel, or the wall and the surface of its
+        Film, act in addition.
     radii : sequence or Quantity of shape (particles of the System,), optional
         radii that walls stop, nm; particles of radius 0 do not feel walls; None: the radii of the
         MobilityForce
@@ -61,11 +61,11 @@ class GibbsBoltzmannSampler(Sampler):
         "Crossing" z - wallHeight > 0. The same holds at both walls of a channel. None: the
         integrator's wall rejection.
     coordinates : sequence of str
-        what is sampled: any of "x", "y", "z", "rotation"
+        the sampled coordinates: any of "x", "y", "z", "rotation"
     rotationAxis : Vec3 or sequence of shape (3,), optional
-        turn about this axis of the lab only; None: about all axes
+        turn only about this axis of the lab; None: about all axes
     trackingPoints : array-like or Quantity of shape (bodies, 3), optional
-        the point of each body about which it is turned, body frame, nm; None: the origins. The
+        the point of each body about which the moves turn it, body frame, nm; None: the origins. The
         points change only how fast samples become independent.
     bodies : sequence of int, optional
         which bodies move; None: all bodies that the integrator does not hold
@@ -81,24 +81,24 @@ class GibbsBoltzmannSampler(Sampler):
     Attributes
     ----------
     seed : int
-        the seed that is used
+        the seed in use
 
     Raises
     ------
     TypeError, ValueError
         for arguments of wrong dimension or shape, for a start that a wall forbids or that has an
-        infinite energy, for a CustomBodyForce without energyFunction, for constraints on a free
-        particle that is to move, for a MobilityForce with a driven flow, or for joints
+        infinite energy, for a CustomBodyForce without energyFunction, for constraints on a moving
+        free particle, for a MobilityForce with a driven flow, or for joints
 
     Notes
     -----
     Bodies need no masses. A Context of bodies without masses, as
     :func:`openmmrigidhi.app.addRigidMultiblob` adds them, needs a scheme without momenta, such as
-    ``FixmanMidpoint``, and the MobilityForce that goes with it.
+    ``FixmanMidpoint``, and a MobilityForce for this scheme.
 
-    Coordinates that nothing confines, such as x and y over a plain wall, drift without limit. This
-    does not harm the other coordinates. Spheres that StokesianDynamics keeps from overlapping must
-    here be kept apart by a force, or by an infinite energyFunction.
+    Unconfined coordinates, such as x and y over a plain wall, drift without limit. This does not
+    harm the other coordinates. StokesianDynamics keeps spheres from overlapping; here a force, or
+    an infinite energyFunction, must do so.
     """
     def __init__(self, context: openmm.Context, temperature: Optional[Number] = None,
                  energyFunction: Optional[Callable] = None, wallHeight: Optional[Number] = None,

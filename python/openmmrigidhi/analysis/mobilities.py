@@ -2,9 +2,9 @@
 
 Mobilities are 6 x 6 matrices of plain numbers in OpenMM's units, with rows Vx Vy Vz Wx Wy Wz and
 columns Fx Fy Fz Tx Ty Tz. MobilityForce.getMobilityInContext returns such matrices: N[6*i:6*i+6,
-6*i:6*i+6] is the mobility of body i. Points are relative to the point about which the mobility is
-given, and in the same frame. Functions that do not look for a point also take stacks of mobilities,
-of n bodies or configurations.
+6*i:6*i+6] is the mobility of body i. Points are relative to the point of the mobility, and in the
+same frame. Functions that do not search for a point also take stacks of mobilities, of n bodies or
+configurations.
 """
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def mobilityAboutPoint(N: npt.ArrayLike, shift: Numbers) -> Array:
 
 
 def mobilityInBodyFrame(N: npt.ArrayLike, orientation: npt.ArrayLike) -> Array:
-    """Get a mobility in the body's frame from that in the lab frame.
+    """Get a mobility in the body's frame from the mobility in the lab frame.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def mobilityInBodyFrame(N: npt.ArrayLike, orientation: npt.ArrayLike) -> Array:
 def centerOfMobility(N: npt.ArrayLike) -> unit.Quantity:
     """Get the centre of mobility (or diffusion) of a body (eq. 64).
 
-    It is the one point about which the coupling block of N is symmetric. For an isolated body in
+    It is the only point about which the coupling block of N is symmetric. For an isolated body in
     unbounded fluid, the mean square displacement of this point is a straight line (eq. 67). Near
     walls and other bodies the point changes with the configuration.
 
@@ -126,7 +126,7 @@ def centerOfHydrodynamicStress(N: npt.ArrayLike, tolerance: float = 1e-6) -> uni
     N : array-like of shape (6, 6)
         mobility about any point of the body
     tolerance : float
-        how large the coupling may be, relative to the geometric mean of the largest translational
+        the largest allowed coupling, relative to the geometric mean of the largest translational
         and rotational mobility
 
     Returns
@@ -157,8 +157,8 @@ def centerOfHydrodynamicStress(N: npt.ArrayLike, tolerance: float = 1e-6) -> uni
 def planarCenterOfHydrodynamicStress(N: npt.ArrayLike, z: Number = 0) -> unit.Quantity:
     """Get the quasi-two-dimensional centre of hydrodynamic stress (eq. 65).
 
-    A torque about z does not move this point of the body along x and y. There is one such point at
-    each height z. Track it if a flat body lies flat on a wall, with z along the body's normal.
+    A torque about z does not move this point of the body along x and y. Each height z has one such
+    point. Track it if a flat body lies flat on a wall, with z along the body's normal.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass
 class PoseSamples:
-    """Poses sampled by a GibbsBoltzmannSampler or a WalkerSampler.
+    """Poses from a GibbsBoltzmannSampler or a WalkerSampler.
 
     A GibbsBoltzmannSampler has n interacting bodies. A WalkerSampler has n independent walkers of
     one body.
@@ -55,7 +55,7 @@ class PoseSamples:
     def average(self, values: Numbers) -> SeriesStatistics:
         """Get the mean of an observable over all samples and its standard error.
 
-        For interacting bodies the error is that of block averages over many autocorrelation times.
+        For interacting bodies the error comes from block averages over many autocorrelation times.
         For walkers the error comes from the spread of the walkers' own means, which are independent
         whatever the autocorrelation is.
 
@@ -69,7 +69,7 @@ class PoseSamples:
         -------
         openmmrigidhi.analysis.series.SeriesStatistics
             mean and standardError in the values' unit; tau, the integrated autocorrelation time in
-            samples; degrees; effectiveSamples; isTrusted: whether there were enough blocks
+            samples; degrees; effectiveSamples; isTrusted: whether the blocks suffice
 
         Raises
         ------

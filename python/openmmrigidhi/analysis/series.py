@@ -1,6 +1,6 @@
 """Means of series of correlated samples, their autocorrelation times, and their errors.
 
-This module uses numpy and scipy, not OpenMM, so every rule here can be tested on synthetic numbers.
+This module uses numpy and scipy, not OpenMM, so tests can check every rule on synthetic numbers.
 """
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class SeriesStatistics:
     standardError : float
         its standard error (one sigma), from block averages
     degrees : float
-        degrees of freedom of that standard error: number of blocks less 1, or fewer where slow
+        degrees of freedom of this standard error: number of blocks minus 1, or fewer where slow
         fluctuations were found
     tau : float
         integrated autocorrelation time 1/2 + sum_k rho(k), in samples; 0.5 for independent samples,
@@ -57,8 +57,8 @@ class SeriesStatistics:
     blockLength : int
         samples in a block
     isSlow : bool
-        whether slow fluctuations of small amplitude made the error larger, which Sokal's window
-        does not see; tau is then the one that belongs to the error
+        whether slow fluctuations of small amplitude, which Sokal's window misses, made the error
+        larger; tau then corresponds to this error
     """
 
     mean: float
@@ -76,7 +76,7 @@ class SeriesStatistics:
 
     @property
     def isTrusted(self) -> bool:
-        """Whether there are enough blocks to trust the standard error."""
+        """Whether the number of blocks suffices to trust the standard error."""
         return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS
 
 
@@ -94,8 +94,8 @@ def autocorrelationTime(series: npt.ArrayLike) -> float:
         tau = 1/2 + sum_{k=1}^{W} rho(k), in samples, with the smallest W >= 5 tau(W); at least 0.5,
         and 0.5 for a constant series. The variance of the mean is 2 tau var/n. For oscillating and
         anticorrelated series this is too large, since the window closes before the oscillation has
-        cancelled. A slow part of small variance under a fast one is not seen, since the window
-        closes on the fast part. seriesStatistics() and noise() see both by longer blocks.
+        cancelled. It misses a slow part of small variance under a fast one, since the window closes
+        on the fast part. seriesStatistics() and noise() find both by longer blocks.
     """
     series = np.asarray(series, dtype=float)
     n = len(series)
@@ -224,19 +224,20 @@ def seriesStatistics(series: npt.ArrayLike, leastTau: float = 0.0) -> SeriesStat
     """Mean of a correlated series, and its standard error from block averages.
 
     The block length is 20 autocorrelation times (:func:`autocorrelationTime`), but never so long
-    that fewer than 5 blocks are left. It is doubled as long as 10 blocks are left. An error of
-    longer blocks that is larger by more than twice its own standard error shows slow fluctuations
-    of small amplitude under fast ones. The error is then that of the autocorrelations of averages
-    over blocks, which the fast part no longer hides. An error of longer blocks that is smaller by
-    more than three times its own standard error shows oscillations, and is taken. Samples that do
-    not fill a block are left out at the start, where they are least equilibrated.
+    that fewer than 5 blocks remain. It is doubled as long as 10 blocks remain. If the error of
+    longer blocks is larger by more than twice its own standard error, the series has slow
+    fluctuations of small amplitude under fast ones. The error then comes from the autocorrelations
+    of averages over blocks, in which the fast part no longer hides the slow one. If the error of
+    longer blocks is smaller by more than three times its own standard error, the series oscillates,
+    and the smaller error counts. Samples that do not fill a block are left out at the start, where
+    they are least equilibrated.
 
     Parameters
     ----------
     series : array-like of shape (n,)
         equally spaced samples, n >= 2
     leastTau : float
-        lower limit of the autocorrelation time, in samples: that of similar runs
+        lower limit of the autocorrelation time, in samples: the time of similar runs
 
     Returns
     -------
@@ -259,7 +260,7 @@ def replicaStatistics(series: npt.ArrayLike, leastTau: float = 0.0) -> SeriesSta
     """Mean over independent replicas, and its standard error from their spread.
 
     Correlations in time do not matter. With fewer than 10 replicas their spread is hardly known.
-    The error is then that of :func:`seriesStatistics` of their mean.
+    The error is then the error of their mean by :func:`seriesStatistics`.
 
     Parameters
     ----------
@@ -271,7 +272,7 @@ def replicaStatistics(series: npt.ArrayLike, leastTau: float = 0.0) -> SeriesSta
     Returns
     -------
     SeriesStatistics
-        degrees: number of replicas less 1; tau: mean over the replicas; samples: n
+        degrees: number of replicas minus 1; tau: mean over the replicas; samples: n
     """
     series = np.asarray(series, dtype=float)
     if series.shape[1] < FEWEST_TRUSTED_BLOCKS:
@@ -295,8 +296,8 @@ class Noise:
         2 tau times the variance of the series (of the mean over replicas, if there are several): n
         times the squared standard error of its mean
     degrees : float
-        value divided by its true value, times this, is nearly chi^2 distributed with so many
-        degrees of freedom
+        value divided by its true value, times this number, is nearly chi^2 distributed with this
+        many degrees of freedom
     variance : float
         variance of one sample, about the mean of its replica
     tau : float
@@ -305,7 +306,7 @@ class Noise:
         standard error of tau
     isSlow : bool
         whether slow fluctuations of small amplitude made the noise larger, see seriesStatistics();
-        value, degrees and tau are then from averages over blocks
+        value, degrees and tau then come from averages over blocks
     """
 
     value: float
@@ -317,7 +318,7 @@ class Noise:
 
 
 def noiseDegrees(tau: float, samples: int) -> float:
-    """Degrees of freedom of what a series says about its :class:`Noise`.
+    """Degrees of freedom of the :class:`Noise` that a series determines.
 
     Parameters
     ----------
@@ -335,14 +336,15 @@ def noiseDegrees(tau: float, samples: int) -> float:
 
 
 def noise(series: npt.ArrayLike) -> Noise:
-    """How fast the mean of a series becomes known, and how well this speed is known itself.
+    """How fast the mean of a series becomes known, and how accurate this information is.
 
     By Madras and Sokal (J. Stat. Phys. 50, 109 (1988), appendices) a sum of autocorrelations up to
     the lag W has the relative variance 2 (2 W + 1)/n, here with W = 5 tau. The relative variance of
     chi^2 with n/(2 W + 1) degrees of freedom is the same (:func:`noiseDegrees`). Deviations from
     the mean of the samples make the sum too small by (2 W + 1)/n of itself (Wolff, Comput. Phys.
-    Commun. 156, 143 (2004)). This bias is corrected. Where longer blocks show slow fluctuations of
-    small amplitude, or oscillations, the noise is what they say (:func:`seriesStatistics`).
+    Commun. 156, 143 (2004)). The function corrects this bias. Where longer blocks show slow
+    fluctuations of small amplitude, or oscillations, the noise comes from these blocks
+    (:func:`seriesStatistics`).
 
     Parameters
     ----------
@@ -380,9 +382,9 @@ def splitRHat(chains: npt.ArrayLike) -> float:
 
     It compares how much chains, and halves of chains, differ with how much chains that have
     forgotten their start would differ. It is the larger of two numbers. Rank-normalised split R-hat
-    sees means that differ. The same of distances from the median ("folded") sees widths that
-    differ. It is 1 for chains that sample the same distribution. Chains above 1.01 should be run
-    longer.
+    detects means that differ. The same number for distances from the median ("folded") detects
+    widths that differ. R-hat is 1 for chains that sample the same distribution. Run chains longer
+    if it is above 1.01.
 
     Reference: Vehtari, Gelman, Simpson, Carpenter, Buerkner 2021, Bayesian Analysis 16, 667,
     equations (1) to (4) and (14), section 4; split R-hat: Gelman, Carlin, Stern, Dunson, Vehtari,
@@ -391,8 +393,8 @@ def splitRHat(chains: npt.ArrayLike) -> float:
     Parameters
     ----------
     chains : array-like of shape (chains, n)
-        n samples of each chain, n >= 4; a single chain is enough, since its halves are then
-        compared
+        n samples of each chain, n >= 4; a single chain is enough, since the function then compares
+        its halves
 
     Returns
     -------
@@ -432,7 +434,7 @@ def _r_hat(chains):
 
 @dataclass
 class ReplicaSummary:
-    """What several independent runs say of one mean.
+    """The common mean of several independent runs.
 
     Attributes
     ----------
@@ -441,14 +443,14 @@ class ReplicaSummary:
     standardError : float
         error from the spread of the runs' means; for a single run from block averages
     degrees : int
-        degrees of freedom of the standard error, for Student's t: number of runs less 1, or of
-        blocks less 1
+        degrees of freedom of the standard error, for Student's t: number of runs minus 1, or of
+        blocks minus 1
     tau : float
         integrated autocorrelation time, mean over runs, in samples
     effectiveSamples : float
-        number of independent samples that all runs together have: number of samples/(2 tau); where
-        R-hat is above 1.01, at most the variance of all samples divided by standardError^2, since
-        runs that disagree know little of their mean however many samples each has
+        number of independent samples in all runs together: number of samples/(2 tau); where R-hat
+        is above 1.01, at most the variance of all samples divided by standardError^2, since runs
+        that disagree know little about their mean however many samples each has
     rHat : float or None
         see :func:`splitRHat`, of as many samples as the shortest run has; None with fewer than 4
     samples : int
@@ -465,9 +467,10 @@ class ReplicaSummary:
 
 
 def independentRuns(chains: Sequence[npt.ArrayLike]) -> ReplicaSummary:
-    """Mean over independent runs of the same thing.
+    """Mean over independent runs of the same system.
 
-    The error comes from the spread of the runs. R-hat and the effective sample size are given, too.
+    The error comes from the spread of the runs. The result also has R-hat and the effective sample
+    size.
 
     Parameters
     ----------

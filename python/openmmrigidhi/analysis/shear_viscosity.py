@@ -28,8 +28,8 @@ class ShearViscosity:
     """The viscosity of a suspension in steady shear, by parts, and its normal stresses.
 
     With the fluid's viscosity eta, the shear rate g and the stress s of bodies, the parts of the
-    ratio are s_fg/(eta g) of each part of the stress, where f is the axis of the flow and g that of
-    the gradient. Errors are standard errors.
+    ratio are s_fg/(eta g) of each part of the stress; here f is the axis of the flow and g the axis
+    of the gradient. Errors are standard errors.
 
     Attributes
     ----------
@@ -38,17 +38,18 @@ class ShearViscosity:
     ratio, ratioError : float
         ratio to the viscosity of the fluid alone
     parts, partErrors : dict of float
-        what 'hydrodynamic', 'brownian' and 'interparticle' stresses add to the ratio
+        contributions of 'hydrodynamic', 'brownian' and 'interparticle' stresses to the ratio
     firstNormalDifference, firstNormalDifferenceError : float
-        N1/eta over the modulus of g, with N1 = s_ff - s_gg
+        N1/eta divided by the modulus of g, with N1 = s_ff - s_gg
     secondNormalDifference, secondNormalDifferenceError : float
-        N2/eta over the modulus of g, with N2 = s_gg - s_vv, where v is the third axis
+        N2/eta divided by the modulus of g, with N2 = s_gg - s_vv, where v is the third axis
     shearRate : Quantity
         g, 1/ps
     degrees : int
-        degrees of freedom of the error of the ratio: number of blocks less 1; 0 for a single sample
+        degrees of freedom of the error of the ratio: number of blocks minus 1; 0 for a single
+        sample
     tau : float
-        integrated autocorrelation time of s_fg that the error stands for, in samples
+        integrated autocorrelation time of s_fg that corresponds to the error, in samples
     samples : int
         number of samples
     """
@@ -70,7 +71,7 @@ class ShearViscosity:
 
     @property
     def isTrusted(self) -> bool:
-        """Whether the errors are trusted: there are enough blocks, or a single sample."""
+        """Whether the errors are trusted: enough blocks exist, or only a single sample."""
         return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS or self.samples == 1
 
 
@@ -80,21 +81,21 @@ def shearViscosity(context: openmm.Context, steps: int = 0, equilibration: int =
 
     The mean velocity gradient of the box is the shear rate g, so the viscosity is eta + s_fg/g with
     the stress s that bodies add (:meth:`MobilityForce.getStressInContext`). The normal stress
-    differences come from the same samples. :func:`viscosity` measures at a wavelength, by the flow
-    that a force density drives.
+    differences come from the same samples. :func:`viscosity` measures at a wavelength instead, by
+    the flow that a force density drives.
 
     Parameters
     ----------
     context : openmm.Context
         with a CustomRigidHIIntegrator, positions, and a MobilityForce with
-        :meth:`MobilityForce.setShear`, whose settings are those of the Context; the Context goes on
-        for equilibration + steps steps
+        :meth:`MobilityForce.setShear`, whose settings are those of the Context; the call advances
+        the Context by equilibration + steps steps
     steps : int
-        number of steps that are measured. 0, at temperature 0: the stress at the present poses,
-        once, without error.
+        number of measured steps. 0, at temperature 0: the stress at the present poses, once,
+        without error.
     equilibration : int
-        number of earlier steps that are not measured: a strain of a few, since structure forms
-        with the strain
+        number of earlier steps without measurement; let them strain the suspension by a few units,
+        since structure forms with the strain
     interval : int
         steps from one sample to the next. A sample costs one solve, and two more at temperatures
         above 0. Strains of 0.01 between samples lose next to nothing.
@@ -116,9 +117,9 @@ def shearViscosity(context: openmm.Context, steps: int = 0, equilibration: int =
 
     Notes
     -----
-    Errors are those of averages over 20 blocks or fewer
-    (:func:`openmmrigidhi.analysis.series.seriesStatistics`). The Brownian part is a sample of mean
-    kT div(R N) in each step. Its spread does not depend on g, so slow shear needs long runs, as
+    Errors come from averages over 20 blocks or fewer
+    (:func:`openmmrigidhi.analysis.series.seriesStatistics`). In each step the Brownian part is a
+    sample of mean kT div(R N). Its spread does not depend on g, so slow shear needs long runs, as
     1/g^2.
     """
     where = 'shearViscosity'
@@ -139,9 +140,9 @@ def sampleStresses(context: openmm.Context, steps: int, interval: int = 1,
                    progress: Optional[bool] = None) -> unit.Quantity:
     """Step a Context, and sample the stress of its bodies by parts.
 
-    :func:`shearViscosity` averages these samples. This function is for runs that go on in parts, or
-    that sample other things too. :func:`shearViscosityFromStresses` makes a viscosity of all parts
-    together.
+    :func:`shearViscosity` averages these samples. Use this function for runs in several parts, or
+    if you also sample other quantities. :func:`shearViscosityFromStresses` computes a viscosity
+    from all parts together.
 
     Parameters
     ----------
@@ -167,15 +168,15 @@ def sampleStresses(context: openmm.Context, steps: int, interval: int = 1,
 
 
 def shearViscosityFromStresses(context: openmm.Context, stresses: Numbers) -> ShearViscosity:
-    """Get viscosity and normal stresses from stresses that were sampled.
+    """Get viscosity and normal stresses from sampled stresses.
 
     Parameters
     ----------
     context : openmm.Context
-        the Context in which they were sampled, or one with the same shear and viscosity
+        the Context of the samples, or one with the same shear and viscosity
     stresses : array-like or Quantity of shape (n, 4, 3, 3)
         results of :func:`sampleStresses`, equally spaced, of one state, kJ/(mol nm^3); at least 2.
-        A single one is taken to be without noise.
+        A single one counts as free of noise.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""How bodies lie beside each other: the pair distribution g(r) and the structure factor S(k)."""
+"""The arrangement of bodies: the pair distribution g(r) and the structure factor S(k)."""
 from __future__ import annotations
 
 import dataclasses
@@ -28,7 +28,8 @@ class PairDistribution:
     distances : Quantity of shape (bins,)
         their middles, nm
     values : array of shape (bins,)
-        g(r): number of pairs at this distance, over that of bodies without interactions
+        g(r): number of pairs at this distance, divided by the number for bodies without
+        interactions
     errors : array of shape (bins,)
         standard errors, from the spread of blocks of frames; NaN for a single frame
     """
@@ -76,8 +77,8 @@ def pairDistribution(positions: Numbers, box: Numbers, maxDistance: Optional[Num
     numBins : int
         number of bins of distance, of equal width
     normalAxis : int, optional
-        0, 1 or 2: distances are those in the plane across this axis, and the density is that of the
-        area, for a monolayer along a wall. None: distances in space.
+        0, 1 or 2: distances in the plane across this axis, with the density per area, for a
+        monolayer along a wall. None: distances in space.
 
     Returns
     -------
@@ -86,8 +87,8 @@ def pairDistribution(positions: Numbers, box: Numbers, maxDistance: Optional[Num
     Raises
     ------
     TypeError, ValueError
-        for arrays of other shapes or dimensions, fewer than two bodies, a box that is not right, or
-        a distance beyond the smallest width of the box
+        for arrays of other shapes or dimensions, fewer than two bodies, an invalid box, or a
+        distance beyond the smallest width of the box
     """
     from scipy.spatial import cKDTree
     where = 'pairDistribution'
@@ -132,8 +133,8 @@ def structureFactor(positions: Numbers, box: Numbers, maxWaveNumber: Number,
     """Get the structure factor S(k) of bodies in a periodic box.
 
     It is the mean of ``|sum_i exp(i k r_i)|^2/n``, for the waves k that fit into the box. Its limit
-    at small k is the compressibility of the suspension over that of an ideal one. A box shows it
-    down to 2 pi over its longest edge.
+    at small k is the compressibility of the suspension divided by that of an ideal suspension. A
+    box shows it down to 2 pi divided by its longest edge.
 
     Parameters
     ----------
@@ -156,8 +157,8 @@ def structureFactor(positions: Numbers, box: Numbers, maxWaveNumber: Number,
     Raises
     ------
     TypeError, ValueError
-        for arrays of other shapes or dimensions, a box that is not right, or a largest wave number
-        that no wave of the box is below
+        for arrays of other shapes or dimensions, an invalid box, or a largest wave number below all
+        waves of the box
     """
     where = 'structureFactor'
     x, vectors = _frames(positions, where), _vectors(box, where)

@@ -1,4 +1,4 @@
-"""Effective viscosity of a suspension that a force density drives."""
+"""Effective viscosity of a suspension driven by a force density."""
 from __future__ import annotations
 
 import dataclasses
@@ -30,7 +30,7 @@ MOST_WITHOUT_LUBRICATION = 0.1
 
 @dataclasses.dataclass
 class EffectiveViscosity:
-    """An effective viscosity, and the flow by which it was measured.
+    """An effective viscosity, and the flow that was measured for it.
 
     Errors are standard errors.
 
@@ -46,15 +46,15 @@ class EffectiveViscosity:
         nm/ps. With a uniform force density it is the mean velocity of the fluid along the force.
     cosine, cosineError : Quantity
         mean amplitude of the cosine, or the mean velocity along the walls and across the force,
-        nm/ps; it tends to 0 as the places of the bodies are averaged over
+        nm/ps; it tends to 0 as the average includes more positions of the bodies
     shearRate, shearRateError : Quantity
-        largest shear rate of the mean flow, 1/ps: k amplitude of a wave, and of Poiseuille's flow
-        that at a wall, 6 amplitude/H in a channel and 3 amplitude/H in a film
+        largest shear rate of the mean flow, 1/ps: k amplitude of a wave, and for Poiseuille's flow
+        the shear rate at a wall, 6 amplitude/H in a channel and 3 amplitude/H in a film
     degrees : int
-        degrees of freedom of the errors: number of blocks less 1; 0 for a single value without
+        degrees of freedom of the errors: number of blocks minus 1; 0 for a single value without
         noise
     tau : float
-        integrated autocorrelation time of the amplitude that the error stands for, in samples;
+        integrated autocorrelation time of the amplitude that corresponds to the error, in samples;
         about 0.5 for independent samples
     samples : int
         number of samples
@@ -76,41 +76,41 @@ class EffectiveViscosity:
 
     @property
     def isTrusted(self) -> bool:
-        """Whether the errors are trusted: there are enough blocks, or nothing is random."""
+        """Whether the errors are trusted: enough blocks exist, or nothing is random."""
         return self.degrees + 1 >= FEWEST_TRUSTED_BLOCKS or self.samples == 1
 
 
 def viscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0, interval: int = 1,
               progress: Optional[bool] = None) -> EffectiveViscosity:
-    """Get the effective viscosity of what a Context simulates.
+    """Get the effective viscosity of the suspension in a Context.
 
     A force density f0 sin(k x_waveAxis) drives a fluid of viscosity eta to the velocity f0/(eta
     k^2) sin(k x_waveAxis). In a suspension the mean amplitude A of this wave is smaller. The
     effective viscosity at this wavelength and shear rate is f0/(k^2 A) (Westwood 2022, eq. 65). The
-    flow of each sampled step has the bodies' forces and the random field in it, so its mean has the
+    flow of each sampled step contains the bodies' forces and the random field, so its mean has the
     Brownian stress.
 
     A uniform force density f drives Poiseuille's flow. Between the walls of a NoSlipChannel its
-    mean velocity is f H^2/(12 eta) with the height H, which is the flux Q per length across the
-    flow over H. In a suspension the apparent viscosity is f H^3/(12 Q). In a Film it is f H^3/(3
-    Q). Particles keep away from walls, so the apparent viscosity depends on H.
+    mean velocity is f H^2/(12 eta) with the height H. Times H, this is the flux Q per length across
+    the flow. In a suspension the apparent viscosity is f H^3/(12 Q). In a Film it is f H^3/(3 Q).
+    Particles keep away from walls, so the apparent viscosity depends on H.
 
     Parameters
     ----------
     context : openmm.Context
         with a CustomRigidHIIntegrator, positions, and a MobilityForce with
         :meth:`MobilityForce.setSinusoidalForceDensity` or
-        :meth:`MobilityForce.setBodyForceDensity`, whose settings are those of the Context; the
-        Context goes on for equilibration + steps steps
+        :meth:`MobilityForce.setBodyForceDensity`, whose settings are those of the Context; the call
+        advances the Context by equilibration + steps steps
     steps : int
-        number of steps that are measured. 0, at temperature 0: the flow at the present poses is
-        measured once, without error.
+        number of measured steps. 0, at temperature 0: one measurement of the flow at the present
+        poses, without error.
     equilibration : int
-        number of earlier steps that are not measured
+        number of earlier steps without measurement
     interval : int
         steps from one sample to the next. A sample costs about a step. The effect of noise on the
         amplitude is new at each step. Therefore 1 (default) is at worst half as efficient as the
-        best interval. A larger interval pays where configurations make most of the error.
+        best interval. A larger interval pays where configurations cause most of the error.
     progress : bool, optional
         show a progress bar; None: on a terminal only
 
@@ -121,33 +121,33 @@ def viscosity(context: openmm.Context, steps: int = 0, equilibration: int = 0, i
     Raises
     ------
     TypeError, ValueError
-        for arguments that are no such Context or numbers; without a force density, or with a
-        second one or a moving wall besides; with fewer than 10 samples; if the amplitude is not 3
-        standard errors above 0; at temperatures above 0 with
-        LangevinHI, or with EulerMaruyama where the drift that it omits is not 0, since the mean
-        flow of these schemes does not have the Brownian stress
+        for arguments that are no such Context or numbers; without a force density, or with a second
+        one or a moving wall in addition; with fewer than 10 samples; if the amplitude is not 3
+        standard errors above 0; at temperatures above 0 with LangevinHI, or with EulerMaruyama
+        where the drift that it omits is not 0, since the mean flow of these schemes does not have
+        the Brownian stress
     openmm.OpenMMException
         as :meth:`MobilityForce.getFlowModeInContext` and
         :meth:`MobilityForce.getMeanFlowInContext`
 
     Notes
     -----
-    Errors are those of averages over 20 blocks or fewer
+    Errors come from averages over 20 blocks or fewer
     (:func:`openmmrigidhi.analysis.series.seriesStatistics`). A run must therefore be long compared
-    with 20 times the time in which configurations change. The relative error of the viscosity is
-    that of the amplitude.
+    with 20 times the time in which configurations change. The relative error of the viscosity
+    equals the relative error of the amplitude.
 
-    The random field of a fluid on a grid gives the amplitude of a step the variance 4 kT/(eta k^2 V
-    h) without bodies, with the step h and the volume V. The amplitude of the random field itself is
-    known (:meth:`MobilityForce.getRandomFlowModeInContext`). The multiple of it that makes the
-    variance least is subtracted. This removes nearly all of the variance in dilute suspensions, and
-    in dense suspensions a part of 1/ratio. Dense matrices have no such field. What is left does not
-    depend on f0, so weaker driving needs longer runs, as 1/f0^2. Bodies feel the curvature of the
-    wave by (k times their size)^2.
+    Without bodies the random field of a fluid on a grid gives the amplitude of a step the variance
+    4 kT/(eta k^2 V h), with the step h and the volume V. The amplitude of the random field itself
+    is known (:meth:`MobilityForce.getRandomFlowModeInContext`). The function subtracts the multiple
+    of this amplitude that minimises the variance. This removes nearly all of the variance in dilute
+    suspensions, and in dense suspensions a part of 1/ratio. Dense matrices have no such field. The
+    remaining variance does not depend on f0, so weaker driving needs longer runs, as 1/f0^2. Bodies
+    feel the curvature of the wave by (k times their size)^2.
 
     Under StokesianDynamics lubrication does not act on the strain of a wave. Above a volume
     fraction of 0.1 a UserWarning says so. In the uniform shear of :meth:`MobilityForce.setShear` it
-    does, and :func:`shearViscosity` measures there.
+    does act; use :func:`shearViscosity` there.
     """
     where = 'viscosity'
     integrator, drive = _driven_scene(context, where)
@@ -167,9 +167,9 @@ def sampleFlowAmplitudes(context: openmm.Context, steps: int, interval: int = 1,
                          progress: Optional[bool] = None) -> unit.Quantity:
     """Step a Context, and sample the amplitudes of the flow that its force density drives.
 
-    :func:`viscosity` averages these amplitudes. This function is for runs that go on in parts, or
-    that sample other things too. :func:`viscosityFromAmplitudes` makes a viscosity of all parts
-    together.
+    :func:`viscosity` averages these amplitudes. Use this function for runs in several parts, or if
+    you also sample other quantities. :func:`viscosityFromAmplitudes` computes a viscosity from all
+    parts together.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def sampleFlowAmplitudes(context: openmm.Context, steps: int, interval: int = 1,
     Returns
     -------
     Quantity of shape (steps // interval, 4)
-        amplitudes on sin and on cos, and the same of the random field alone, nm/ps. With a uniform
+        amplitudes on sin and on cos, and the same for the random field alone, nm/ps. With a uniform
         force density they are mean velocities along x and y.
 
     Raises
@@ -196,15 +196,15 @@ def sampleFlowAmplitudes(context: openmm.Context, steps: int, interval: int = 1,
 
 
 def viscosityFromAmplitudes(context: openmm.Context, amplitudes: Numbers) -> EffectiveViscosity:
-    """Get the effective viscosity from amplitudes that were sampled.
+    """Get the effective viscosity from sampled amplitudes.
 
     Parameters
     ----------
     context : openmm.Context
-        the Context in which they were sampled, or one with the same box and force density
+        the Context of the samples, or one with the same box and force density
     amplitudes : array-like or Quantity of shape (n, 4)
         results of :func:`sampleFlowAmplitudes`, equally spaced, of one state, nm/ps; at least 10. A
-        single row is taken to be without noise.
+        single row counts as free of noise.
 
     Returns
     -------

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 class WalkerSampler(Sampler):
     """Samples poses of one rigid body from exp(-U/kT), by many independent walkers.
 
-    The walkers move at once. A sweep has two Metropolis moves, a translation and a rotation, with
-    respect to the measure dR times Haar's on SO(3). Brownian dynamics with the right stochastic
-    drift has the same distribution. The energy is a function of arrays of poses, so a trial of a
-    walker costs about a microsecond. For interacting bodies and OpenMM's forces see
+    All walkers move at the same time. A sweep has two Metropolis moves, a translation and a
+    rotation, with respect to the measure dR times Haar's on SO(3). Brownian dynamics with the right
+    stochastic drift has the same distribution. The energy is a function of arrays of poses, so a
+    trial of a walker costs about a microsecond. For interacting bodies and OpenMM's forces see
     :class:`GibbsBoltzmannSampler`.
 
     Parameters
@@ -39,11 +39,11 @@ class WalkerSampler(Sampler):
     numWalkers : int
         number of walkers; errors come from their spread, so take dozens at least
     position : Vec3, sequence or Quantity of shape (3,) or (numWalkers, 3)
-        start of the body's origin, nm
+        starting position of the body's origin, nm
     orientation : sequence of shape (4,) or (numWalkers, 4)
         orientation at the start; default: the body frame is the lab frame
     sitePositions : array-like or Quantity of shape (m, 3), optional
-        places in the body frame of the blobs that a wall stops, nm
+        positions in the body frame of the blobs that a wall stops, nm
     radii : float, or sequence or Quantity of shape (m,), optional
         radii of the blobs, nm; blobs of radius 0 do not feel the wall
     wallHeight : float or Quantity, optional
@@ -51,20 +51,20 @@ class WalkerSampler(Sampler):
     rejection : str
         "Overlap": every blob must have z - wallHeight >= its radius; "Crossing": z - wallHeight > 0
     coordinates : sequence of str
-        what is sampled: any of "x", "y", "z", "rotation". Nothing holds a body along the wall.
-        Without x and y it stays above its start.
+        the sampled coordinates: any of "x", "y", "z", "rotation". Nothing holds a body along the
+        wall. Without x and y it stays above its start.
     rotationAxis : Vec3 or sequence of shape (3,), optional
-        turn about this axis of the lab only; None: about all axes
+        turn only about this axis of the lab; None: about all axes
     trackingPoint : Vec3, sequence or Quantity of shape (3,)
-        the point of the body about which it is turned, body frame, nm; it changes only how fast
-        samples become independent
+        the point of the body about which the moves turn it, body frame, nm; it changes only how
+        fast samples become independent
     seed : int
         seed of the random numbers; 0: a fresh seed
 
     Attributes
     ----------
     seed : int
-        the seed that is used
+        the seed in use
 
     Raises
     ------

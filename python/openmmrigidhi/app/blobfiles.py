@@ -1,9 +1,9 @@
 """Vertex files and clones files: text files of rigid multiblobs.
 
-RigidMultiblobsWall writes and reads such files. A vertex file says where a body's blobs are, and a
-clones file where the copies of the body are. In both, ``#`` opens a comment, the first number is
-the number of rows, and each row is a line of numbers. The unit of length is the choice of the
-file's author, often micrometers or the radius of a blob. The file does not say which.
+RigidMultiblobsWall writes and reads such files. A vertex file gives the positions of a body's
+blobs, and a clones file the poses of the body's copies. In both, ``#`` opens a comment, the first
+number is the number of rows, and each row is a line of numbers. The author of a file chooses the
+unit of length, often micrometers or the radius of a blob. The file does not name it.
 """
 from __future__ import annotations
 
@@ -53,27 +53,27 @@ def readVertexFile(
     file : str or path
         name of the file
     radii : bool
-        return the fourth column too
+        also return the fourth column
     unit : openmm.unit.Unit, Quantity or float, optional
         the file's unit of length, as ``unit.micrometer``, ``0.5*unit.micrometer`` or in nm; None:
-        numbers are returned as they are in the file, which means nm
+        return the numbers of the file unchanged, as nm
 
     Returns
     -------
     positions : array of shape (n, 3)
         body frame, nm
     radii : array of shape (n,)
-        nm, only with ``radii=True``. A warning says where the blobs are so near or far that radii
-        seem to be in another unit.
+        nm, only with ``radii=True``. A warning appears where the blobs are so near or far that the
+        radii seem to be in another unit.
 
     Raises
     ------
     TypeError, ValueError
-        for a unit that is no length; if the file is no vertex file, or if a radius that is asked
-        for is negative; the message has the name of the file, the line, what was found there and
-        what was expected
+        for a unit that is no length; if the file is no vertex file, or if a requested radius is
+        negative; the message has the name of the file, the line, the found text and the expected
+        text
     OSError
-        if there is no such file
+        if the file does not exist
     """
     withRadii = _units.boolean(radii, 'readVertexFile', 'radii')
     scale = _length_of(unit, 'readVertexFile')
@@ -133,7 +133,7 @@ def _length_of(unit, where):
 
 
 def readClones(file: Path, unit: Optional[Union[units.Unit, Number]] = None) -> tuple[Array, Array]:
-    """Read the places of a body's copies from a clones file.
+    """Read the poses of a body's copies from a clones file.
 
     The file has the number of bodies, then a row ``x y z q0 q1 q2 q3`` for each body, with q0 the
     scalar part of the quaternion. Quaternions of few digits are normalised. A quaternion whose
@@ -145,7 +145,7 @@ def readClones(file: Path, unit: Optional[Union[units.Unit, Number]] = None) -> 
         name of the file
     unit : openmm.unit.Unit, Quantity or float, optional
         the file's unit of length, as ``unit.micrometer``, ``0.5*unit.micrometer`` or in nm; None:
-        numbers are returned as they are in the file, which means nm
+        return the numbers of the file unchanged, as nm
 
     Returns
     -------
@@ -158,9 +158,9 @@ def readClones(file: Path, unit: Optional[Union[units.Unit, Number]] = None) -> 
     ------
     TypeError, ValueError
         for a unit that is no length; if the file is no clones file; the message has the name of the
-        file, the line, what was found there and what was expected
+        file, the line, the found text and the expected text
     OSError
-        if there is no such file
+        if the file does not exist
     """
     scale = _length_of(unit, 'readClones')
     numbered = _read_rows(file, (7,), 'x y z q0 q1 q2 q3', 'bodies')
@@ -175,7 +175,7 @@ def readClones(file: Path, unit: Optional[Union[units.Unit, Number]] = None) -> 
 
 
 def writeClones(file: Path, positions: Numbers, orientations: npt.ArrayLike) -> None:
-    """Write the places of bodies to a clones file, with 17 digits.
+    """Write the poses of bodies to a clones file, with 17 digits.
 
     :func:`readClones` reads the same numbers.
 

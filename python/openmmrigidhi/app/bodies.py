@@ -1,4 +1,4 @@
-"""Make bodies of residues, and tell OpenMM that a body is one molecule."""
+"""Make bodies from residues, and tell OpenMM that a body is one molecule."""
 from __future__ import annotations
 
 import collections
@@ -30,12 +30,12 @@ def addRigidWater(integrator: CustomRigidHIIntegrator, topology: openmm.app.Topo
 
     Extra particles (M sites, lone pairs) are part of the body. If the System was made with
     ``rigidWater=True`` (the default of openmm.app.ForceField.createSystem), the shape comes from
-    the System's constraints and virtual sites when the Context is created. It never comes from the
-    coordinates of a PDB file. Pass the system to have the constraints checked, and to have virtual
-    sites found that the topology lacks.
+    the System's constraints and virtual sites at Context creation. It never comes from the
+    coordinates of a PDB file. Pass the system to check the constraints, and to find virtual sites
+    that the topology lacks.
 
-    Water is known by the residue names of :data:`WATER_NAMES` and of names. A warning says which
-    other residues have the composition of water and are left out.
+    The residue names of :data:`WATER_NAMES` and of names identify water. A warning names other
+    residues that have the composition of water and are left out.
 
     Parameters
     ----------
@@ -48,11 +48,11 @@ def addRigidWater(integrator: CustomRigidHIIntegrator, topology: openmm.app.Topo
         parents are all in one molecule become part of its body, even if the topology lacks them, as
         topologies of OpenFF do.
     names : sequence of str, optional
-        further residue names that mean water
+        additional residue names of water
     skipFrozen : bool, optional
-        whether molecules whose particles have mass 0 in the System are left out, so that they stay
-        where they are. None: they are left out, and a warning says how many. False: they become
-        bodies without mass, for schemes without momenta in a fluid. True needs the system.
+        whether to leave out molecules whose particles have mass 0 in the System, so that they stay
+        where they are. None: leave them out, with a warning that gives their number. False: make
+        them bodies without mass, for schemes without momenta in a fluid. True needs the system.
 
     Returns
     -------
@@ -113,16 +113,16 @@ def addRigidResidues(integrator: CustomRigidHIIntegrator, topology: openmm.app.T
         residue names
     system : openmm.System, optional
         if given, the constraints must fix the shape of every residue. Without it, a residue whose
-        shape is not fixed by constraints takes its shape from the first positions. Virtual sites of
+        shape the constraints do not fix takes its shape from the first positions. Virtual sites of
         the System become part of bodies as in :func:`addRigidWater`.
     skipFrozen : bool, optional
-        whether residues whose particles have mass 0 in the System are left out, as in
-        :func:`addRigidWater`; None: they are left out, and a warning says how many. True needs
-        the system.
+        whether to leave out residues whose particles have mass 0 in the System, as in
+        :func:`addRigidWater`; None: leave them out, with a warning that gives their number. True
+        needs the system.
     fromPositions : bool, optional
         take the shape of a residue from the first positions where constraints do not fix it, and
         tie its particles into one molecule for OpenMM, as :func:`bindBodies` does, so that boxes
-        and barostats keep it whole even if no bonds do. True needs the system.
+        and barostats keep it whole even without bonds. True needs the system.
 
     Returns
     -------
@@ -170,7 +170,7 @@ def _names(names, where):
 
 
 def _elements(residue):
-    """How many atoms of each element a residue has; extra particles and beads have none."""
+    """The number of atoms of each element in a residue; extra particles and beads have none."""
     symbols = (atom.element.symbol for atom in residue.atoms()
                if atom.element is not None and atom.element.mass._value > 0)
     return collections.Counter('H' if symbol == 'D' else symbol for symbol in symbols)
@@ -219,7 +219,7 @@ class _ParticlesOfAtoms:
             self.system.getParticleMass(i)._value == 0 for i in self.of(residue))
 
     def dependent_sites(self, particles, taken):
-        """Virtual sites whose parents are all among these particles; those taken are left out."""
+        """Virtual sites with all parents among these particles, except sites already taken."""
         found = []
         family = set(particles)
         queue = list(particles)
@@ -294,10 +294,10 @@ def addRigidMultiblob(system: openmm.System, integrator: CustomRigidHIIntegrator
                       particleMasses: Optional[Numbers] = None) -> int:
     """Add particles to a System and a MobilityForce, and make them one rigid body.
 
-    Call it for one body after the other, before the Context is created, while System and
-    MobilityForce have the same number of particles. If an argument is refused, nothing has been
-    added. A warning says where sites are so near or far that they and the radii seem to be in
-    different units of length.
+    Call it for one body after the other, before Context creation, while System and MobilityForce
+    have the same number of particles. If an argument is invalid, the function adds nothing. A
+    warning appears where sites are so near or far that they and the radii seem to be in different
+    units of length.
 
     Parameters
     ----------
@@ -312,14 +312,15 @@ def addRigidMultiblob(system: openmm.System, integrator: CustomRigidHIIntegrator
         frame's origin is the tracking point. For schemes with momenta it must be the centre of
         mass, and the axes must be principal axes.
     radii : float, or sequence or Quantity of shape (n,)
-        hydrodynamic radius of all particles or of each, nm; 0: a marker that the fluid does not see
+        hydrodynamic radius of all particles or of each, nm; 0: a marker that does not interact with
+        the fluid
     mass : float or Quantity
         mass of the body, dalton; 0 is enough for overdamped schemes
     principalMoments : Vec3, sequence or Quantity of shape (3,)
         principal moments of inertia about the body axes, dalton nm^2; 0 is enough for overdamped
         schemes
     particleMasses : sequence or Quantity of shape (n,), optional
-        masses that OpenMM sees, dalton; None: equal shares of the body's mass
+        masses for OpenMM, dalton; None: equal shares of the body's mass
 
     Returns
     -------
@@ -332,8 +333,8 @@ def addRigidMultiblob(system: openmm.System, integrator: CustomRigidHIIntegrator
     TypeError
         for arguments of another kind or dimension
     ValueError
-        for a number of radii or masses other than that of sites, for negative or non-finite ones,
-        or if the MobilityForce and the System have different numbers of particles
+        if the numbers of radii, masses and sites differ, for negative or non-finite ones, or if the
+        MobilityForce and the System have different numbers of particles
     openmm.OpenMMException
         as in CustomRigidHIIntegrator.addRigidBody
     """
@@ -366,8 +367,8 @@ def bindBodies(system: openmm.System,
     OpenMM keeps molecules whole in ``getState(enforcePeriodicBox=True)``, and Monte Carlo barostats
     scale them as units. An Integrator cannot tell OpenMM what is a molecule. This function adds one
     HarmonicBondForce of strength 0, with bonds from each body's first particle to its other
-    particles. Its energy and forces are 0. Call the function before the Context is created. Bodies
-    that are held together by constraints, virtual sites or bonds do not need it.
+    particles. Its energy and forces are 0. Call the function before Context creation. Bodies held
+    together by constraints, virtual sites or bonds do not need it.
 
     Parameters
     ----------
@@ -379,7 +380,7 @@ def bindBodies(system: openmm.System,
     Returns
     -------
     openmm.HarmonicBondForce
-        the force that was added
+        the added force
     """
     integrator = CustomRigidHIIntegrator.cast(integrator)
     return _bind(
@@ -403,12 +404,12 @@ def _bind(system, molecules):
 
 def bodyTopology(system: openmm.System, integrator: CustomRigidHIIntegrator,
                  names: Optional[Sequence[str]] = None) -> openmm.app.Topology:
-    """Make a topology of bodies without chemical elements, as of colloids.
+    """Make a topology for bodies without chemical elements, such as colloids.
 
     ``openmm.app.Simulation`` and reporters need a topology. Each body is a residue (several where
-    other particles lie between its own), and so is each particle in no body. Atoms have no
-    element. Each body's particles are bonded to its first one, so that programs that draw molecules
-    keep it together.
+    other particles lie between its own), and so is each particle in no body. Atoms have no element.
+    Each body's particles are bonded to its first particle, so that drawing programs keep molecules
+    together.
 
     Parameters
     ----------
@@ -417,7 +418,7 @@ def bodyTopology(system: openmm.System, integrator: CustomRigidHIIntegrator,
     integrator : CustomRigidHIIntegrator
         has the bodies
     names : sequence of str, optional
-        name of the residue of each body; None: BDY. PDB files have room for three letters.
+        residue name of each body; None: BDY. PDB files have room for three letters.
 
     Returns
     -------
@@ -427,8 +428,8 @@ def bodyTopology(system: openmm.System, integrator: CustomRigidHIIntegrator,
     Raises
     ------
     ValueError
-        for a number of names other than that of bodies, or bodies with particles that the System
-        does not have
+        if the numbers of names and bodies differ, or for bodies with particles that the System
+        lacks
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Files of body states: positions, orientations and velocities of rigid bodies over time, in HDF5.
 
-In layout version 1 there are n bodies, T frames, and m particles in all bodies. Numbers are doubles
-unless the table says otherwise. The unit of each data set is its attribute "unit":
+Layout version 1 has n bodies, T frames, and m particles in all bodies. Numbers are doubles unless
+the table says otherwise. The unit of each data set is its attribute "unit":
 
     /                          attributes "format" = "openmmrigidhi body states", "version" = 1
     /time                      (T,)        ps
@@ -48,7 +48,7 @@ _FRAME_DATA = {
 
 @dataclasses.dataclass
 class BodyStates:
-    """What a body-state file holds: T frames of n bodies."""
+    """The content of a body-state file: T frames of n bodies."""
 
     time: unit.Quantity
     step: np.ndarray
@@ -79,14 +79,14 @@ class RigidBodyReporter(Hdf5Reporter):
         number of steps between frames
     append : bool
         continue an existing file of the same bodies. Frames at or after the step of the first new
-        frame are dropped. So a run that is resumed from a checkpoint leaves the file of the
+        frame are dropped. So a run resumed from a checkpoint leaves the same file as the
         uninterrupted run. A file that does not exist is created. Without append an existing file is
         replaced.
 
     Notes
     -----
-    The file is closed between reports. It can be read while the run goes on, and it is whole if the
-    run is killed between reports. Closing costs about two milliseconds a report.
+    The file is closed between reports. You can read it during the run, and it is whole if the run
+    is killed between reports. Closing costs about two milliseconds a report.
     """
     def __init__(self, file: Path, reportInterval: int, append: bool = False) -> None:
         super().__init__(file, reportInterval, append)
@@ -145,7 +145,7 @@ def readBodyStates(file: Path, frames: Optional[slice] = None) -> BodyStates:
     file : str or path
         name of the file
     frames : slice, optional
-        which frames are read; None: all
+        the frames to read; None: all
 
     Returns
     -------
@@ -158,7 +158,7 @@ def readBodyStates(file: Path, frames: Optional[slice] = None) -> BodyStates:
     ------
     TypeError, ValueError
         for bad arguments; if the file is no body-state file of a known version, if it is damaged,
-        or if it has numbers that are not finite or orientations that are not of length 1
+        or if it has non-finite numbers or orientations whose length is not 1
     """
     frames = checkedFrames(frames, 'readBodyStates')
     with readingFrom(file, 'readBodyStates:'), openHdf5(file, 'r') as handle:

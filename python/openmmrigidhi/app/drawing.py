@@ -47,14 +47,14 @@ def show(context: openmm.Context, radii: Optional[Numbers] = None, view: tuple[f
                                                                                float] = (20, -60),
          wrap: bool = True, ax: Optional[matplotlib.axes.Axes] = None,
          title: Optional[str] = None) -> matplotlib.axes.Axes:
-    """Draw the bodies of a Context as they stand, with walls and periodic box.
+    """Draw the present bodies of a Context, with walls and periodic box.
 
     In a notebook the picture appears.
 
     Parameters
     ----------
     context : openmm.Context
-        of a CustomRigidHIIntegrator; its positions must be set
+        of a CustomRigidHIIntegrator, with positions
     radii : sequence or Quantity, optional
         radius of each particle of the System, nm. The default is the radii of the MobilityForce, or
         else half of sigma of the NonbondedForce. Particles without a radius are dots.
@@ -71,19 +71,19 @@ def show(context: openmm.Context, radii: Optional[Numbers] = None, view: tuple[f
     Returns
     -------
     matplotlib.axes.Axes
-        axes of the picture in nm; its figure is savable by ``show(context).figure.savefig(name)``
+        axes of the picture in nm; ``show(context).figure.savefig(name)`` saves its figure
 
     Raises
     ------
     TypeError
         if the Context has another integrator
     ValueError
-        for radii or a view that are not valid
+        for invalid radii or an invalid view
 
     Notes
     -----
-    Spheres are drawn in the order of their distance from the viewer, so a sphere in front hides the
-    overlapping sphere behind it as a whole. The half of a body that has positive x in its frame is
+    Spheres are drawn in the order of their distance from the viewer, so a sphere in front hides an
+    overlapping sphere behind it as a whole. The half of a body with positive x in its frame is
     light, and the other half is dark. A body that is one sphere has marks where its axes x (white)
     and z (black) leave it.
     """
@@ -132,7 +132,7 @@ def movie(file: Path, output: Optional[Path] = None, context: Optional[openmm.Co
     walls : sequence of (axis, place), optional
         planes to draw, such as ``[('z', 0)]``, nm; by default those of the Context
     every : int
-        draw one in so many frames of the file
+        draw one frame out of this number
     framesPerSecond : float
         frames per second of the film
     width : float
@@ -150,7 +150,7 @@ def movie(file: Path, output: Optional[Path] = None, context: Optional[openmm.Co
     ImportError
         without h5py, gsd or matplotlib
     ValueError
-        if the file is of another kind or has no frames, or if an argument is not valid
+        if the file is of another kind or has no frames, or if an argument is invalid
     """
     every = _units.integer(every, 'movie', 'every')
     if every < 1:
@@ -329,7 +329,7 @@ def _view(view, where):
 
 
 class _Scene:
-    """What does not move: sites and radii of bodies, colours."""
+    """The constants of a film: sites and radii of bodies, colours."""
     def __init__(self, sites, radii, types=None):
         self.sites = np.concatenate([np.zeros((0, 3)), *sites])
         self.radii = np.concatenate([np.zeros(0), *radii])
@@ -427,7 +427,7 @@ class _Picture:
         return ax
 
     def draw(self, ax, scene, frame, box):
-        """Draw everything, what is farther away first."""
+        """Draw everything, the most distant objects first."""
         if self.limits is None:
             self._set_limits(scene)
         (left, low), (right, high) = self.limits

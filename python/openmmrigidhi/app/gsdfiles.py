@@ -1,6 +1,6 @@
 """Trajectories of rigid bodies as GSD files (schema "hoomd").
 
-OVITO, HOOMD-blue, freud and other programs read these files. There are n bodies and m blobs.
+OVITO, HOOMD-blue, freud and other programs read these files. A file has n bodies and m blobs.
 Numbers have single precision, except for times:
 
     application                            "openmm-rigidhi <version>; nm, ps, dalton": the units of
@@ -18,7 +18,7 @@ Numbers have single precision, except for times:
     log/openmmrigidhi/periodic             0 or 1
 
 Without periodic boundaries the box is a cube about the origin. Its edge is a power of 2 nm, and
-large enough for all that is in it.
+large enough for its content.
 """
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _BLOB = 'blob'
 class GsdReporter(BodyReporter):
     """Writes the poses of all bodies to a GSD file, once per interval of steps.
 
-    Numbers are written in single precision. The Python package gsd is needed.
+    Numbers have single precision. The reporter needs the Python package gsd.
 
     Parameters
     ----------
@@ -50,19 +50,20 @@ class GsdReporter(BodyReporter):
     reportInterval : int
         number of steps between frames
     append : bool
-        continue an existing file of as many bodies and blobs of the same types. Frames at or after
-        the step of the first new frame are dropped, by copying the earlier frames. So a run that is
-        resumed from a checkpoint leaves the file of the uninterrupted run. A file that does not
-        exist is created. Without append an existing file is replaced.
+        continue an existing file with the same numbers of bodies and blobs, of the same types.
+        Frames at or after the step of the first new frame are dropped, by copying the earlier
+        frames. So a run resumed from a checkpoint leaves the same file as the uninterrupted run. A
+        file that does not exist is created. Without append an existing file is replaced.
     velocities : bool
         also write velocities and angular momenta
     blobs : bool
-        also write the hydrodynamic particles as particles, which are drawn in place of the bodies;
-        without blobs, bodies are drawn as unions of spheres
+        also write the hydrodynamic particles as particles; programs draw them in place of the
+        bodies; without blobs, they draw bodies as unions of spheres
     types : sequence of str, optional
-        a name of the type of each body; None: bodies of equal sites and radii are body0, body1, ...
+        type name of each body; None: bodies of equal sites and radii are body0, body1, ...
     radii : sequence or Quantity of shape (particles of the System,), optional
-        radius of each particle, nm, 0 for none; None: those of the MobilityForce, if there is one
+        radius of each particle, nm, 0 for none; None: the radii of the MobilityForce, if the System
+        has one
 
     Raises
     ------
@@ -74,9 +75,9 @@ class GsdReporter(BodyReporter):
 
     Notes
     -----
-    The file is closed between reports, and its index is written after the data. It can be read
-    while the run goes on. Whenever the run is killed, the file holds all frames that were finished.
-    A report takes about a millisecond.
+    The file is closed between reports, and its index is written after the data. You can read it
+    during the run. Whenever the run is killed, the file holds all finished frames. A report takes
+    about a millisecond.
     """
     def __init__(self, file: Path, reportInterval: int, append: bool = False,
                  velocities: bool = False, blobs: bool = False,
@@ -175,7 +176,7 @@ def readGsd(file: Path, stepSize: Optional[Number] = None,
             frames: Optional[slice] = None) -> Trajectory:
     """Read poses of rigid bodies from a GSD file.
 
-    The file may be of GsdReporter or of another program that writes orientations.
+    The file may come from GsdReporter or from another program that writes orientations.
 
     Parameters
     ----------
@@ -184,13 +185,13 @@ def readGsd(file: Path, stepSize: Optional[Number] = None,
     stepSize : float or Quantity, optional
         time between steps, ps, for files of programs that write no times
     frames : slice, optional
-        which frames are read; None: all
+        the frames to read; None: all
 
     Returns
     -------
     Trajectory
-        lengths, times and masses are taken to be in nm, ps and dalton; angular velocities are zero
-        about axes without inertia
+        lengths, times and masses count as nm, ps and dalton; angular velocities are zero about axes
+        without inertia
 
     Raises
     ------
@@ -198,7 +199,7 @@ def readGsd(file: Path, stepSize: Optional[Number] = None,
         without the package gsd
     TypeError, ValueError
         for bad arguments; if the file has no frames or no times, if the number of particles
-        changes, if steps go back, if types or bodies are not there, if numbers are not finite or
+        changes, if steps go back, if types or bodies are missing, if numbers are not finite or
         orientations not of length 1, if it is no GSD file of schema "hoomd", or if it is damaged
     """
     if stepSize is not None:
@@ -344,7 +345,7 @@ def _is_periodic(frame):
 def _bodies_of(particles):
     """Indices of particles that are bodies.
 
-    They are all particles, or the central ones where HOOMD's "body" tells which are constituents.
+    They are all particles, or the central ones where HOOMD's "body" identifies constituents.
     """
     body = np.asarray(particles.body)
     return np.flatnonzero(body == np.arange(len(body))) if np.any(
@@ -441,7 +442,7 @@ def _open(name, mode):
 def _check_sizes(file, name):
     """Check the numbers of particles that frames claim to have.
 
-    gsd makes arrays for so many particles before it looks for them in the file.
+    gsd makes arrays for this many particles before it looks for them in the file.
     """
     for k in range(file.nframes):
         if not file.chunk_exists(frame=k, name='particles/N'):

@@ -1,7 +1,7 @@
 """Trajectories of rigid bodies as H5MD 1.1 files, which other programs read.
 
 H5MD is a layout of HDF5 files (de Buyl, Colberg, Hoefling, Comput. Phys. Commun. 185, 1546 (2014),
-nongnu.org/h5md). The files have its module "units". There are n bodies, T frames, s sites in all
+nongnu.org/h5md). The files have its module "units". They have n bodies, T frames, s sites in all
 bodies, and m blobs. Numbers are doubles unless the table says otherwise. The unit of each data set
 is its attribute "unit". Every element that changes with time is a group of step, time and value.
 Its step and time are the same data sets everywhere:
@@ -23,7 +23,7 @@ Its step and time are the same data sets everywhere:
     /parameters/bodies                     particle (s,) int, site_position (s, 3) nm, site_radius
                                            (s,) nm, first_site (n+1,) int
 
-H5MD 1.1 has no name for orientations. The name "orientation" is that of proposal 104 to H5MD.
+H5MD 1.1 has no name for orientations. The name "orientation" comes from proposal 104 to H5MD.
 """
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ _SYMBOLS = {
 class H5mdReporter(Hdf5Reporter):
     """Writes the poses of all bodies to an H5MD file, once per interval of steps.
 
-    Numbers are written in double precision: they are bit for bit those of the bodies.
+    Numbers have double precision: they equal the numbers of the bodies bit for bit.
 
     Parameters
     ----------
@@ -74,20 +74,20 @@ class H5mdReporter(Hdf5Reporter):
         number of steps between frames
     append : bool
         continue an existing file of the same bodies. Frames at or after the step of the first new
-        frame are dropped. So a run that is resumed from a checkpoint leaves the file of the
+        frame are dropped. So a run resumed from a checkpoint leaves the same file as the
         uninterrupted run. A file that does not exist is created. Without append an existing file is
         replaced.
     velocities : bool
         also write velocities and angular velocities
     blobs : bool
-        also write the positions of the hydrodynamic particles, as particles of their own
+        also write the positions of the hydrodynamic particles, as separate particles
     types : sequence of str, optional
-        a name of the type of each body; None: bodies of equal sites and radii are body0, body1, ...
+        type name of each body; None: bodies of equal sites and radii are body0, body1, ...
     radii : sequence or Quantity of shape (particles of the System,), optional
-        radius of each particle, nm, 0 for none; None: those of the MobilityForce, if there is one
+        radius of each particle, nm, 0 for none; None: the radii of the MobilityForce, if the System
+        has one
     author : str, optional
-        name of the responsible person, which H5MD asks for; None: the user's login name, or
-        "unknown"
+        name of the responsible person, as H5MD requires; None: the user's login name, or "unknown"
 
     Raises
     ------
@@ -97,10 +97,10 @@ class H5mdReporter(Hdf5Reporter):
 
     Notes
     -----
-    The file is closed between reports. It can be read while the run goes on, and it is whole if the
-    run is killed between reports. Closing costs about a millisecond a report. A frame that was only
-    partly written (when the disk was full, for example) is ignored by readH5md and overwritten by
-    append. If the run is killed within the few milliseconds of a report, HDF5 may leave a file that
+    The file is closed between reports. You can read it during the run, and it is whole if the run
+    is killed between reports. Closing costs about a millisecond a report. If a frame was only
+    partly written (when the disk was full, for example), readH5md ignores it and append overwrites
+    it. If the run is killed within the few milliseconds of a report, HDF5 may leave a file that
     cannot be opened.
     """
 
@@ -265,31 +265,29 @@ def readH5md(file: Path, group: Optional[str] = None, velocities: bool = True,
              frames: Optional[slice] = None) -> Trajectory:
     """Read poses of rigid bodies from an H5MD file, of H5mdReporter or of another program.
 
-    Every element of the file has steps of its own. A frame has the entries of all elements at one
-    step: the frames are the steps of positions at which the other elements have entries, too. A
-    warning says which steps were left out for want of an entry.
+    Every element of the file has its own steps. A frame has the entries of all elements at one
+    step: the frames are the steps of positions at which the other elements also have entries. A
+    warning names the steps that were left out because an entry is missing.
 
     Parameters
     ----------
     file : str or path
         name of the file
     group : str, optional
-        the group below /particles that is read; None: "bodies", or the only group that has
-        orientations
+        the group below /particles to read; None: "bodies", or the only group with orientations
     velocities : bool
-        read velocities and angular velocities, if the file has them; False also reads frames that
-        have none
+        read velocities and angular velocities, if the file has them; False also reads frames
+        without them
     frames : slice, optional
-        which entries of the positions are read; None: all
+        the entries of the positions to read; None: all
 
     Returns
     -------
     Trajectory
-        in nm and ps; data sets without unit are taken to be in these units, and positions with an
-        "image" element are unwrapped. Bodies are in the order of the first frame that is read, also
-        where the element "id" says that the order changes. The file may be of two dimensions: then
-        z is 0. Numbers that the file has for a box along directions that are not periodic are
-        placeholders.
+        in nm and ps; data sets without unit count as being in these units, and positions with an
+        "image" element are unwrapped. Bodies are in the order of the first read frame, even where
+        the element "id" says that the order changes. The file may be of two dimensions: then z is
+        0. Numbers of the file for a box along directions that are not periodic are placeholders.
 
     Raises
     ------
@@ -297,7 +295,7 @@ def readH5md(file: Path, group: Optional[str] = None, velocities: bool = True,
         for bad arguments; if the file is damaged or is no H5MD file of version 1; if it has no such
         group, no position, orientation or time there, units that are no lengths or times, numbers
         that are not finite, orientations that are not of length 1, no step that all elements have,
-        or bodies that are not there in every frame
+        or bodies that are missing in a frame
     """
     if group is not None and not isinstance(group, str):
         raise TypeError(
@@ -332,7 +330,7 @@ def _subgroups(group):
 
 
 class _Element:
-    """An H5MD element: values at steps of its own, or a static value.
+    """An H5MD element: values at its own steps, or a static value.
 
     Parameters
     ----------
@@ -435,7 +433,7 @@ class _Element:
 
 
 class _Particles:
-    """What is read of a group below /particles: its elements at common steps, bodies in order.
+    """The content of a group below /particles: its elements at common steps, bodies in order.
 
     Parameters
     ----------

@@ -36,12 +36,11 @@ _FIRST_STEP = 0.02
 
 @dataclasses.dataclass
 class MinimizationResult:
-    """How a minimisation went.
+    """The outcome of a minimisation.
 
-    It has the energies, the root mean square force component that is left, the numbers of
-    iterations and evaluations, and the tolerance that was used. Force and tolerance are those of
-    the particle, or of all molecules together, whose force is the largest multiple of its
-    tolerance.
+    It has the energies, the remaining root mean square force component, the numbers of iterations
+    and evaluations, and the tolerance. Force and tolerance belong to one particle, or to all
+    molecules together: to the one whose force is the largest multiple of its tolerance.
     """
 
     initialEnergy: unit.Quantity
@@ -58,14 +57,14 @@ def minimize(context: openmm.Context, tolerance: Optional[Number] = None, maxIte
              progress: Optional[bool] = None) -> MinimizationResult:
     """Minimise the potential energy with the bodies of a CustomRigidHIIntegrator as rigid units.
 
-    OpenMM's own minimiser moves the members of bodies one by one. That does not work for bodies
-    that no constraints hold. It leaves particles of mass 0 where they are, and so bodies without
-    mass, and does not say so. Here each body has six coordinates, a translation and a rotation
+    OpenMM's own minimiser moves the members of bodies one by one. This does not work for bodies
+    that no constraints hold. It leaves particles of mass 0, and so bodies without mass, where they
+    are, and does not say so. Here each body has six coordinates, a translation and a rotation
     vector, and each free particle three. Massless free particles stay, unless they have a
-    hydrodynamic radius. Bodies and particles that the integrator holds stay, too. The method is
-    L-BFGS-B of SciPy. The origin of the rotation vectors moves along whenever a body has turned by
-    half a radian. Stiff springs hold the constraints between free particles during the search. At
-    its end the constraints are made exact, as in OpenMM's minimiser. Velocities do not change.
+    hydrodynamic radius. Held bodies and particles stay, too. The method is L-BFGS-B of SciPy. The
+    origin of the rotation vectors moves along whenever a body has turned by half a radian. Stiff
+    springs hold the constraints between free particles during the search. At its end the
+    constraints are made exact, as in OpenMM's minimiser. Velocities do not change.
 
     Parameters
     ----------
@@ -76,10 +75,10 @@ def minimize(context: openmm.Context, tolerance: Optional[Number] = None, maxIte
         nm), for each body and free particle that is longer than 0.25 nm, and for all others
         together. Torques are divided by the root mean square distance of a body's sites from its
         origin, or by the body's largest hydrodynamic radius if this is larger. None: 2.5 kJ/mol (kT
-        at 300 K) over the length of the body or particle, but at most 10, which suits molecules.
-        The length is the body's smallest hydrodynamic radius above 0. Where it has no radius, the
-        length is the smallest radius of all, or without radii half of the median distance of a
-        particle from its nearest neighbour. The result says the tolerance.
+        at 300 K) divided by the length of the body or particle, but at most 10, which suits
+        molecules. The length is the body's smallest hydrodynamic radius above 0. Where it has no
+        radius, the length is the smallest radius of all, or without radii half of the median
+        distance of a particle from its nearest neighbour. The result states the tolerance.
     maxIterations : int
         the largest number of iterations; 0: no limit
     reporter : callable, optional
@@ -98,14 +97,14 @@ def minimize(context: openmm.Context, tolerance: Optional[Number] = None, maxIte
     ValueError
         for a wrong argument, or if the integrator has joints
     openmm.OpenMMException
-        if positions are not set or do not fit the bodies, or if the energy is not finite at the
+        if positions are missing or do not fit the bodies, or if the energy is not finite at the
         start
 
     Notes
     -----
     An iteration costs one to two force evaluations and O(particles) numpy arithmetic. Energies on
-    the CPU platform have single precision, which limits how small a tolerance can be reached. If
-    the tolerance is not reached, converged is False and a warning says so.
+    the CPU platform have single precision, which limits the smallest tolerance that a search can
+    reach. If a search does not reach the tolerance, converged is False and a warning says so.
     """
     import tqdm
     if tolerance is not None:

@@ -37,10 +37,10 @@ def placeBodies(context: openmm.Context, positions: Optional[Numbers] = None,
                 tolerance: Optional[Number] = None) -> unit.Quantity:
     """Set the poses of bodies, and put all their particles exactly in their places.
 
-    Poses are given by positions and orientations, or fitted to the coordinates of particles, as a
-    file has them, by mass-weighted least squares (massless bodies: unweighted). Where one of
-    positions and orientations is given, the other one is fitted for it. The function also works as
-    the first placement in a Context. Coordinates may be farther from the shape of a body than the
+    You give poses by positions and orientations, or the function fits them to the coordinates of
+    particles, as in a file, by mass-weighted least squares (massless bodies: unweighted). If you
+    give only positions or only orientations, it fits the others. The function also works as the
+    first placement in a Context. Coordinates may be farther from the shape of a body than the
     integrator's pose tolerance. The periodic box, the velocities of bodies and the pose tolerance
     do not change.
 
@@ -54,12 +54,11 @@ def placeBodies(context: openmm.Context, positions: Optional[Numbers] = None,
         positions of the n bodies' origins, nm, lab frame
     orientations : array-like of shape (n, 4), optional
         unit quaternions (w, x, y, z), body frame to lab frame. At a first placement without
-        particlePositions the default is bodies that are not turned.
+        particlePositions the default is unrotated bodies.
     particlePositions : array-like or Quantity of shape (N, 3), optional
-        positions of all particles of the System, nm. Particles outside bodies are set to these
-        positions; virtual sites are computed. The rows of bodies define shapes that are not known
-        yet. They are ignored where both positions and orientations are given and the shape is
-        known.
+        positions of all particles of the System, nm. Particles outside bodies get these positions;
+        virtual sites are computed. The rows of bodies define shapes that are not yet known. They
+        are ignored if you give both positions and orientations and the shape is known.
     tolerance : float or Quantity, optional
         the largest distance of a particle from its place after the fit, nm. None: half of the
         largest distance of a site from the centre of its body, after a fit of both position and
@@ -68,8 +67,8 @@ def placeBodies(context: openmm.Context, positions: Optional[Numbers] = None,
     Returns
     -------
     Quantity
-        the largest distance of a given position from the place where the particle is put, nm; 0,
-        but for rounding, if positions and orientations are given
+        the largest distance of a given position from the place of its particle, nm; 0, up to
+        rounding, if you give positions and orientations
 
     Raises
     ------
@@ -79,7 +78,7 @@ def placeBodies(context: openmm.Context, positions: Optional[Numbers] = None,
     ValueError
         for wrong shapes, values that are not finite, quaternions whose length is not 1 within 1e-3,
         particles that are farther from their places than the tolerance, or a first placement that
-        leaves a shape or a particle open
+        leaves a shape or a particle undetermined
     """
     where = 'placeBodies'
     integrator = CustomRigidHIIntegrator.cast(_units.context(context, where).getIntegrator())
@@ -299,7 +298,7 @@ class _PoseFit:
         self.centres = self._mean(bodies.places)
 
     def poses(self, x, present, positions=None, orientations=None):
-        """Positions and orientations of the bodies; those that are given stay.
+        """Positions and orientations of the bodies; given ones stay.
 
         Rotations that the particles leave open are the smallest ones from the present orientations.
         """
@@ -412,21 +411,21 @@ def makeWhole(integrator: CustomRigidHIIntegrator, positions: Numbers, boxVector
               system: Optional[openmm.System] = None) -> unit.Quantity:
     """Make bodies whole whose particles were wrapped one by one into the periodic box.
 
-    Programs that write files often move each particle into the box, so that bodies at its faces are
-    torn apart. This function moves the particles of each body to the periodic images that are
-    nearest to its first particle. All other particles stay where they are.
+    Programs that write files often move each particle into the box, which tears bodies at its faces
+    apart. This function moves the particles of each body to the periodic images nearest to its
+    first particle. All other particles stay where they are.
 
     Parameters
     ----------
     integrator : CustomRigidHIIntegrator
-        has the bodies; it needs no Context
+        the bodies; the integrator needs no Context
     positions : array-like or Quantity of shape (n, 3)
         positions of all particles of the System, nm
     boxVectors : array-like or Quantity of shape (3, 3)
         the periodic box vectors, nm, in rows
     system : openmm.System, optional
-        if given, positions of virtual sites need not be finite, and stay as they are where they are
-        not: :func:`placeBodies` computes them
+        if given, positions of virtual sites need not be finite; non-finite ones stay unchanged, and
+        :func:`placeBodies` computes them
 
     Returns
     -------
@@ -437,14 +436,14 @@ def makeWhole(integrator: CustomRigidHIIntegrator, positions: Numbers, boxVector
     ------
     ValueError
         for wrong shapes, positions that are not finite, box vectors that span no volume, and bodies
-        that are longer than half the box along one of its vectors: which images are nearest is
-        then not known
+        that are longer than half the box along one of its vectors, since the nearest images are
+        then unknown
 
     Notes
     -----
-    A body that is longer than half the box may look short after its particles have moved. This is
-    noticed where the integrator knows the shape: from explicit sites, or in a Context. Otherwise
-    the body is torn apart. Give whole positions of such bodies.
+    A body that is longer than half the box may look short after its particles have moved. The
+    function notices this where the integrator knows the shape: from explicit sites, or in a
+    Context. Otherwise the body stays torn apart. Give whole positions of such bodies.
     """
     where = 'makeWhole'
     integrator = CustomRigidHIIntegrator.cast(integrator)

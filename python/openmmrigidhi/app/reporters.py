@@ -16,23 +16,23 @@ _NOT_AVAILABLE = 'n/a'
 class StateDataReporter(openmm.app.StateDataReporter):
     """openmm.app.StateDataReporter for a CustomRigidHIIntegrator, with the right temperatures.
 
-    OpenMM's own reporter counts three degrees of freedom for each massive particle less one for
+    OpenMM's own reporter counts three degrees of freedom for each massive particle, minus one for
     each constraint. Temperatures of rigid bodies without constraints are then far too low. This
     reporter takes the degrees of freedom from ``integrator.getDegreesOfFreedom()``. It writes
-    ``n/a`` for schemes without momenta, and for kinds of motion that nothing in the System has.
+    ``n/a`` for schemes without momenta, and for kinds of motion that the System lacks.
 
     Parameters
     ----------
     file, reportInterval, ... :
-        as for openmm.app.StateDataReporter; ``temperature`` is that of bodies and free particles
-        together
+        as for openmm.app.StateDataReporter; ``temperature`` is the temperature of bodies and free
+        particles together
     translationalTemperature : bool
         whether to write the temperature of the bodies' translation
     rotationalTemperatures : bool
         whether to write the temperatures of rotation about the axis of the smallest, the middle and
         the largest principal moment, in three columns. At equilibrium all temperatures fluctuate
-        about that of the heat bath. The relative standard deviation of a single report is
-        sqrt(2/degrees of freedom).
+        about the temperature of the heat bath. The relative standard deviation of a single report
+        is sqrt(2/degrees of freedom).
     """
     def __init__(self, file: Union[str, IO[str]], reportInterval: int, *args: Any,
                  translationalTemperature: bool = False, rotationalTemperatures: bool = False,
@@ -57,7 +57,7 @@ class StateDataReporter(openmm.app.StateDataReporter):
         self._massFraction = _mass_fraction_of_bodies(integrator, simulation.system)
 
     def _place(self):
-        """How many columns come before the temperatures."""
+        """The number of columns before the temperatures."""
         return sum(
             map(bool, (self._progress, self._step, self._time, self._potentialEnergy,
                        self._kineticEnergy, self._totalEnergy)))

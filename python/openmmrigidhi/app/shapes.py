@@ -69,7 +69,7 @@ def rod(n: int, spacing: Number) -> unit.Quantity:
     -------
     Quantity of shape (n, 3)
         nm, from the lowest x up, about the rod's centre. The blobs are on a line, so the fluid does
-        not drive rotation about this line.
+        not resist rotation about this line.
     """
     n = _at_least(2, n, 'rod', 'n')
     spacing = _positive_length(spacing, 'rod', 'spacing')
@@ -224,9 +224,9 @@ def _icosahedron():
 def multiblobSphere(n: int, radius: Number) -> tuple[unit.Quantity, unit.Quantity]:
     """Get a sphere as a rigid multiblob: a shell of blobs.
 
-    The hydrodynamic radius of the shell for translation is that of the sphere. The radius of the
-    blobs is half their smallest distance. The hydrodynamic radius for rotation is smaller, by 2.5,
-    1.8, 0.55, 0.13 and 0.02 % for 12, 42, 162, 642 and 2562 blobs.
+    The hydrodynamic radius of the shell for translation equals the radius of the sphere. The radius
+    of the blobs is half their smallest distance. The hydrodynamic radius for rotation is smaller,
+    by 2.5, 1.8, 0.55, 0.13 and 0.02 % for 12, 42, 162, 642 and 2562 blobs.
 
     Parameters
     ----------

@@ -32,11 +32,11 @@ _MOST_MOVES, _LARGEST_STEP = 20, 0.5
 def randomSuspension(n: int, radius: Numbers, box: Numbers, gap: Number = 0,
                      wallAxis: Optional[int] = None, sweeps: Optional[int] = None,
                      seed: Union[int, np.random.Generator] = 0) -> unit.Quantity:
-    """Get random places of spheres in a box, without overlaps.
+    """Get random positions of spheres in a box, without overlaps.
 
-    Random points are pushed apart until no spheres overlap. Monte Carlo moves of hard spheres then
-    give them the distribution of the equilibrium fluid. A thousand spheres take a second at a
-    volume fraction of 0.1, and some seconds at 0.5.
+    The function pushes random points apart until no spheres overlap. Monte Carlo moves of hard
+    spheres then give them the distribution of the equilibrium fluid. A thousand spheres take a
+    second at a volume fraction of 0.1, and some seconds at 0.5.
 
     Parameters
     ----------
@@ -50,14 +50,15 @@ def randomSuspension(n: int, radius: Numbers, box: Numbers, gap: Number = 0,
     gap : float or Quantity
         smallest distance between surfaces, and between a surface and a wall, nm
     wallAxis : int, optional
-        0, 1 or 2: the box has walls across x, y or z at 0 and at its edge there, as a channel has,
+        0, 1 or 2: the box has walls across x, y or z at 0 and at its edge there, like a channel,
         and is periodic along the other two axes. An edge of one diameter gives a monolayer. None:
         the box is periodic along all axes.
     sweeps : int, optional
         number of Monte Carlo moves of each sphere. None: 300 in dilute suspensions, 600 at a volume
-        fraction of 0.3 and 2600 at 0.5. 0: spheres are only pushed apart, which is no equilibrium.
+        fraction of 0.3 and 2600 at 0.5. 0: the function only pushes spheres apart; this is no
+        equilibrium.
     seed : int or numpy.random.Generator
-        seed of the random numbers; the same seed gives the same places
+        seed of the random numbers; the same seed gives the same positions
 
     Returns
     -------
@@ -70,13 +71,13 @@ def randomSuspension(n: int, radius: Numbers, box: Numbers, gap: Number = 0,
         for arguments of another kind or dimension
     ValueError
         for numbers that are not positive, a sphere that does not fit into the box, or more spheres
-        than can be brought into it at random, which is at volume fractions above about 0.58
+        than fit in at random (volume fractions above about 0.58)
 
     Notes
     -----
     All spheres try to move at the same time. A pair of spheres stays where it is if any of its old
-    and new places overlap. The reverse moves are then accepted as often, so that detailed balance
-    holds exactly.
+    and new positions overlap. Reverse moves are then accepted as often, so detailed balance holds
+    exactly.
 
     Examples
     --------
@@ -130,7 +131,7 @@ def _edges(box, where):
 class _Spheres:
     """Spheres in a box.
 
-    Half of the gap is part of each radius; beside walls there is room for the other half.
+    Half of the gap is part of each radius; the walls leave room for the other half.
     """
     def __init__(self, radii, edges, periodic, gap, where):
         self.radii = radii + gap/2
@@ -182,7 +183,7 @@ class _Spheres:
         return d - np.where(self.periodic, self.edges*np.round(d/self.edges), 0)
 
     def _moveApart(self, x):
-        """Push spheres that overlap apart, until none do."""
+        """Push overlapping spheres apart, until no spheres overlap."""
         radii = (1 + _ROOM)*self.radii
         for _ in range(_MOST_PUSHES):
             i, j = self._pairs(x, 2*radii.max())

@@ -1,4 +1,4 @@
-"""Slips of bodies that swim."""
+"""Slips of swimming bodies."""
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -46,15 +46,15 @@ def squirmerSlip(sites: npt.ArrayLike, radius: Number, B1: Number, B2: Number) -
 
     Notes
     -----
-    The blobs of a shell answer to velocities more strongly than the smooth surface does: with the
+    The blobs of a shell respond to velocities more strongly than the smooth surface does: with the
     velocities of the formula, shells of 12, 42, 162 and 642 blobs of multiblobSphere() swim 1.730,
     1.446, 1.228 and 1.115 times as fast, and have 1.762, 1.785, 1.387 and 1.188 times the
-    stresslet. Each mode is therefore divided by its factor, which is computed from the mobility
-    matrix (Rotne-Prager-Yamakawa, unbounded fluid) of the shell at hand. The swimming velocity and
-    the stresslet of the body alone are then exact. The flow of B1 alone, which decays as 1/r^3, is
-    not: it is too weak at all distances, by 38, 25, 14 and 8 % with those shells. What is nearer
-    than a few radii to the body feels the other moments of the shell too, so that 42 blobs and more
-    are needed there.
+    stresslet. The function therefore divides each mode by its factor, computed from the mobility
+    matrix (Rotne-Prager-Yamakawa, unbounded fluid) of the given shell. The swimming velocity and
+    the stresslet of a single body are then exact. The flow of B1 alone, which decays as 1/r^3, is
+    not: it is too weak at all distances, by 38, 25, 14 and 8 % with these shells. Objects nearer
+    than a few radii to the body also feel the other moments of the shell, so use 42 blobs or more
+    there.
     """
     where = 'squirmerSlip'
     points = _units.rows(sites, _units.LENGTH, 3, where, 'sites')

@@ -1,4 +1,4 @@
-"""What files of body trajectories share: the reporters' frame, scenes, and results of readers."""
+"""Shared parts of body trajectory files: the reporters' frame, scenes, and readers' results."""
 from __future__ import annotations
 
 import contextlib
@@ -35,7 +35,7 @@ _ROUNDING = 1e-14
 
 
 class BodyReporter:
-    """What reporters of body states have in common.
+    """The common part of reporters of body states.
 
     Use one of RigidBodyReporter, GsdReporter, H5mdReporter.
 
@@ -85,14 +85,14 @@ class BodyReporter:
         self._write(simulation, state, integrator)
 
     def _continues(self):
-        """Whether there is a file to continue."""
+        """Whether a file to continue exists."""
         return self._append and os.path.exists(self._file)
 
 
 class Hdf5Reporter(BodyReporter):
-    """What reporters into HDF5 files have in common.
+    """The common part of reporters into HDF5 files.
 
-    A subclass says what it records by _describe, _create, _check_same, _series and _frame.
+    A subclass defines its record by _describe, _create, _check_same, _series and _frame.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def numFrames(series: Sequence[h5py.Dataset]) -> int:
 
 @dataclasses.dataclass
 class Trajectory:
-    """What a trajectory file holds: T frames of n bodies.
+    """The content of a trajectory file: T frames of n bodies.
 
     Attributes
     ----------
@@ -186,10 +186,10 @@ class Trajectory:
     blobRadii : Quantity of shape (m,), or None
         their radii, nm
     blobBodies : array of shape (m,), or None
-        the body that each blob belongs to; -1: a free particle
+        the body of each blob; -1: a free particle
     sites : list of Quantity of shape (s, 3), or None
-        for each body its particles, or those of its particles that have a radius, body frame, nm;
-        None if the file does not have them
+        for each body its particles, or its particles with a radius, body frame, nm; None if the
+        file does not have them
     siteRadii : list of Quantity of shape (s,), or None
         radii of the sites, nm; 0: none
     """
@@ -218,7 +218,7 @@ class Trajectory:
         Raises
         ------
         ValueError
-            if there are fewer than two frames, or they are not at equal intervals
+            if the file has fewer than two frames, or their intervals differ
         """
         times = self.time.value_in_unit(unit.picosecond)
         if len(times) < 2:
@@ -243,15 +243,15 @@ class BodyScene(BodyDefinitions):
     Parameters
     ----------
     integrator : CustomRigidHIIntegrator
-        bound to a Context whose positions are set
+        bound to a Context with positions
     system : openmm.System
         gives radii, by its MobilityForce, and periodic boundaries
     types : sequence of str or None
         a name for each body; None: bodies of equal sites and radii get one name
     radii : sequence or Quantity or None
-        radius of each particle of the System, nm; None: those of the MobilityForce
+        radius of each particle of the System, nm; None: the radii of the MobilityForce
     blobs : bool
-        whether particles with a radius are wanted
+        whether to include particles with a radius
     where : str
         name of the caller, for error messages
     """
@@ -325,9 +325,9 @@ def openHdf5(file: Path, mode: str) -> h5py.File:
     Raises
     ------
     ValueError
-        if the file is there and is no HDF5 file
+        if the file exists and is no HDF5 file
     OSError
-        if there is no such file
+        if the file does not exist
     """
     import h5py
     name = os.fspath(file)
@@ -355,8 +355,8 @@ def openHdf5(file: Path, mode: str) -> h5py.File:
 def readingFrom(file: Path, what: str) -> Iterator[None]:
     """Turn what a library raises while it reads a damaged file into a ValueError.
 
-    The ValueError names the file. Messages of this package name the file already and pass. So do
-    the operating system's errors about files that are missing or may not be read.
+    The ValueError names the file. Messages of this package already name the file and pass. So do
+    the operating system's errors about missing or unreadable files.
     """
     name = os.fspath(file)
     with open(name, 'rb'):
@@ -375,7 +375,7 @@ def readingFrom(file: Path, what: str) -> Iterator[None]:
 
 
 def checkedFrames(frames: Optional[slice], where: str) -> slice:
-    """The frames that a reader was asked for, as a slice.
+    """The requested frames of a reader, as a slice.
 
     Parameters
     ----------
@@ -411,14 +411,14 @@ def requireFinite(values: Optional[Array], name: str, where: str, frames: Option
     ----------
     values : array of shape (T, ...) or None
     name : str
-        what the numbers are
+        name of the numbers
     where : str
         reader and file, for error messages
     frames : sequence of int or None
         number of each frame in the file; None: the numbers are the same in all frames, and values
         has no axis of frames
     item : str or None
-        what the next axis of values numbers; None: nothing
+        name of the entries along the next axis of values; None: no such axis
 
     Raises
     ------
@@ -436,7 +436,7 @@ def requireFinite(values: Optional[Array], name: str, where: str, frames: Option
 
 
 def unitQuaternions(orientations: Array, where: str, frames: Sequence[int]) -> Array:
-    """Get unit quaternions from those of a file, which may have few digits.
+    """Get unit quaternions from the quaternions of a file, which may have few digits.
 
     Parameters
     ----------
@@ -486,8 +486,8 @@ def _other_frames(frame):
 
 
 def rowsBefore(steps: npt.ArrayLike, step: int) -> int:
-    """Get how many frames of a file, with these steps, come before the first new frame.
+    """Get the number of a file's frames, with these steps, before the first new frame.
 
-    The first new frame is at the given step. A resumed run replaces the frames from there on.
+    The first new frame is at the given step. A resumed run replaces the frames from this step on.
     """
     return int(np.searchsorted(steps, step))

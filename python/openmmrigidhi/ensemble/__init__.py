@@ -10,7 +10,7 @@ From the shell, ``python3 -m openmmrigidhi.ensemble --help``; from Python::
     result = study.run('my_study', jobs=4)
     print(result.table())
 
-The directory keeps everything: run() goes on where it was interrupted, and
+The directory keeps everything: run() continues after an interruption, and
 ``Study.load('my_study').extended(length=200)`` makes the study longer.
 """
 from . import tasks

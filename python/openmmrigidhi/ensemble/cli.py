@@ -116,8 +116,8 @@ def main(arguments: Optional[list[str]] = None) -> int:
     Returns
     -------
     int
-        exit status: 0; 1 if tasks failed or are not finished; 2 for wrong arguments, or a cluster
-        that cannot be used
+        exit status: 0; 1 if tasks failed or are not finished; 2 for wrong arguments, or an unusable
+        cluster
     """
     options = parser().parse_args(arguments)
     try:

@@ -1,4 +1,4 @@
-"""What a study found: means over replicas with their errors, and the outcome of each task."""
+"""The results of a study: means over replicas with their errors, and each task's outcome."""
 from __future__ import annotations
 
 import csv
@@ -34,10 +34,10 @@ class TaskRecord:
     status : str
         'complete', 'unfinished', 'waiting', 'failed' or 'damaged'
     message, traceback : str
-        why the task failed or its file is damaged
+        reason why the task failed or its file is damaged
     samples : int
     length : float
-        time that was sampled, ps
+        sampled time, ps
     seconds : float
         wall time of its steps
     """
@@ -74,8 +74,8 @@ class EnsembleResult:
         one row for each setting and observable: setting, settings, observable, unit, mean,
         standard_error (over replicas; for a single replica from block averages), degrees (degrees
         of freedom of standard_error, for Student's t), low, high (95 % interval), replicas,
-        samples, tau (ps), effective_samples, r_hat, exact (where the scene knows it), note.
-        Replicas that failed are left out. Unfinished replicas are used as far as they are.
+        samples, tau (ps), effective_samples, r_hat, exact (where the scene knows it), note. Failed
+        replicas are left out. Of unfinished replicas the existing samples count.
     about : dict
         the study's JSON: machine, versions, sessions, failures
     """
@@ -99,7 +99,7 @@ class EnsembleResult:
 
         Returns
         -------
-        ndarray of shape (n,), or (n, k) for a scene with k independent replicas in it
+        ndarray of shape (n,), or (n, k) for a scene that contains k independent replicas
         """
         content = self._contents.get((setting, replica))
         if content is None or observable not in content.series:
@@ -130,7 +130,7 @@ class EnsembleResult:
         Parameters
         ----------
         of : str
-            what :func:`openmmrigidhi.accuracy.observables.bins` were made of: "height" or
+            the argument of :func:`openmmrigidhi.accuracy.observables.bins`: "height" or
             "module:function"
         setting : int
 
@@ -165,7 +165,7 @@ class EnsembleResult:
         return all(task.status == 'complete' for task in self.tasks)
 
     def problems(self) -> list:
-        """Tasks that failed or whose file is damaged, as list of TaskRecord."""
+        """Failed tasks and tasks with damaged files, a list of TaskRecord."""
         return [task for task in self.tasks if task.status in ('failed', 'damaged')]
 
     def _row(self, setting, name):
@@ -229,7 +229,7 @@ class EnsembleResult:
     # ---- Text and files --------------------------------------------------------------------------
 
     def table(self) -> str:
-        """The rows as text, and what went wrong."""
+        """The rows and the problems as text."""
         lines = [
             f'{"setting":40} {"observable":26} {"mean":>14} {"error":>10} {"t":>3} {"R-hat":>6} '
             f'{"eff. samples":>12}  note'
@@ -246,7 +246,7 @@ class EnsembleResult:
         return '\n'.join([*lines, *(str(task) for task in self.problems())])
 
     def asDict(self) -> dict:
-        """Everything but the samples, as values that JSON can hold."""
+        """Everything except the samples, as values that JSON can hold."""
         tasks = [{
             'setting': task.setting,
             'replica': task.replica,

@@ -1,6 +1,6 @@
 """One task: a scene with its settings, a seed and a length.
 
-A task saves its state, and goes on from there, whoever computes it.
+A task saves its state and continues from it, whoever computes it.
 """
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class SceneSource:
         return scene, integrator
 
     def save(self, directory: str) -> None:
-        """Write a Scene into a directory, so that the study can be continued without it.
+        """Write a Scene into a directory, so that the study can continue without it.
 
         Parameters
         ----------
@@ -312,12 +312,12 @@ def simulate(task: Task, job: Job) -> dict:
 
 
 class CheckpointTimes:
-    """When an attempt saves: early, then at twice the time each, up to the interval.
+    """When an attempt saves: early, then after waits that double up to the interval.
 
-    Workers may live for less than the interval. A worker that works for more than the first wait
-    saves at least about half of what it does; otherwise its successors would repeat the same steps
-    for ever. An attempt cannot know whether it is the first, since a scheduler may repeat it by
-    itself, so all attempts do this; it costs six checkpoints more.
+    Workers may live for less than the interval. A worker that works longer than the first wait
+    saves at least about half of its work; otherwise its successors would repeat the same steps for
+    ever. An attempt cannot know whether it is the first, since a scheduler may repeat it by itself,
+    so all attempts do this; it costs six additional checkpoints.
 
     Parameters
     ----------
@@ -338,7 +338,7 @@ class CheckpointTimes:
         return now - self.last >= self.wait
 
     def saved(self, began: float, now: float) -> None:
-        """Take note of a checkpoint.
+        """Register a checkpoint.
 
         Parameters
         ----------
@@ -482,7 +482,7 @@ class _Run:
 
 
 def intervals(length: float, interval: float) -> int:
-    """The least number of sample intervals that make at least a length.
+    """The smallest number of sample intervals whose total is at least a length.
 
     Parameters
     ----------

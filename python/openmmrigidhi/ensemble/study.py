@@ -1,4 +1,4 @@
-"""Studies: settings times replicas, in one directory that can be continued and extended."""
+"""Studies: settings times replicas, in one directory; you can continue and extend them."""
 from __future__ import annotations
 
 import contextlib
@@ -61,7 +61,7 @@ def taskSeed(seed: int, setting: int, replica: int) -> int:
     """The seed of a task.
 
     It depends only on the study's seed and the task's place in the study. Replicas of one setting
-    never have the same seed: a number that an earlier replica has is skipped.
+    never have the same seed: the numbers of earlier replicas are skipped.
 
     Parameters
     ----------
@@ -95,9 +95,9 @@ def _seeds(seed, setting, replicas):
 class Study:
     """Independent replicas of a scene, for each of several settings.
 
-    A task is one replica of one setting. Its own seed follows from the study's seed and the task's
-    place. It saves its samples and its state at intervals. If it is interrupted, it goes on from
-    there; on the Reference platform the result is the same bit for bit.
+    A task is one replica of one setting. The study's seed and the task's place determine its own
+    seed. A task saves its samples and its state at intervals. After an interruption it continues
+    from there; on the Reference platform the result is the same bit for bit.
 
     Parameters
     ----------
@@ -105,38 +105,38 @@ class Study:
         a built-in name (water, trap, suspension, periodic, boomerang), "module:function", or a
         function. A function gets the settings, and the task's seed if it has a parameter `seed`. It
         returns a Scene, (system, state or positions, integrator) or (system, topology, positions,
-        integrator). Scheme and step size are those of its integrator.
+        integrator). Its integrator determines scheme and step size.
     settings : sequence of dict
-        parameters of the function. `scheme` (a name) and `stepSize` (ps, or a Quantity) are set on
-        the integrator where the function has no such parameter. :func:`sweep` makes combinations.
+        parameters of the function. If the function has no parameter `scheme` (a name) or `stepSize`
+        (ps, or a Quantity), these are set on the integrator. :func:`sweep` makes combinations.
     replicas : int
         number of replicas of each setting
     length : float or Quantity
-        time that is sampled in each task, ps
+        sampled time in each task, ps
     observables : sequence of str, Observable or callable
         see :func:`openmmrigidhi.accuracy.observables.byName`. An observable that remembers more
-        than the sample before goes on after an interruption if its `setup` object has `memory` and
+        than the last sample continues after an interruption if its `setup` object has `memory` and
         `recall` (see :class:`openmmrigidhi.accuracy.Observable`), as diffusion_coefficient has;
-        else it begins anew, and samples that are NaN then are left out.
+        otherwise it begins anew, and its samples that are then NaN are left out.
     seed : int
         seed of all random numbers; 0 or more
     platform : str
     threads : int
         threads of the CPU platform, in each task
     equilibration : float or Quantity, optional
-        time left out at the start, ps; default: the scene's, or a tenth of the length that the
-        study was begun with
+        time left out at the start, ps; default: the scene's, or a tenth of the length at the
+        study's beginning
     sampleInterval : float or Quantity, optional
         ps; default: the scene's
     checkpointInterval : float or Quantity
-        seconds of wall time between two checkpoints of a task; at most so much is computed again
-        after an interruption. After each start the first checkpoint comes at a 64th of it, and each
-        wait is twice the one before, so that workers that live shortly get on, too.
+        seconds of wall time between two checkpoints of a task; after an interruption at most so
+        much is computed again. After each start the first checkpoint comes at a 64th of it, and
+        each wait is twice the previous one, so that short-lived workers also make progress.
 
     Raises
     ------
     ValueError, TypeError
-        for arguments that are not valid
+        for invalid arguments
 
     Examples
     --------
@@ -254,7 +254,7 @@ class Study:
 
     @classmethod
     def load(cls, directory: str, checkpointInterval: float = 60.0) -> Study:
-        """The study in a directory, to continue it with run(), or to extend it.
+        """The study in a directory; continue it with run(), or extend it.
 
         Parameters
         ----------
@@ -265,7 +265,7 @@ class Study:
         Raises
         ------
         FileNotFoundError, ValueError
-            if there is no study, or its study.json is damaged
+            if the directory has no study, or its study.json is damaged
         """
         about = _read_about(directory)['definition']
         study = cls(SceneSource.load(about['scene'], directory), about['settings'],
@@ -280,14 +280,14 @@ class Study:
         """A larger study.
 
         ``run(directory, extend=True)`` of the larger study extends the directory of this study, and
-        does not change what is there.
+        does not change existing results.
 
         Parameters
         ----------
         length : float or Quantity, optional
-            time of each task, ps, in all
+            total time of each task, ps
         replicas : int, optional
-            number of replicas of each setting, in all
+            total number of replicas of each setting
         settings : sequence of dict
             further settings
 
@@ -314,20 +314,20 @@ class Study:
             cluster: Optional[Union[str, distributed.Client]] = None, *, extend: bool = False,
             retries: int = _tasks.RETRIES, timeout: float = 60.0, quiet: bool = False,
             finished: Optional[Callable] = None) -> EnsembleResult:
-        """Do what is not done yet, and return the result.
+        """Do the remaining tasks, and return the result.
 
-        In an empty directory the study begins; in its own directory it goes on. Ctrl-C ends the
-        run: what was saved stays, and is evaluated.
+        In an empty directory the study begins; in its own directory it continues. Ctrl-C ends the
+        run: saved samples remain, and are evaluated.
 
         Parameters
         ----------
         directory : str
-            directory of the study; it is made if it does not exist. Workers on other machines must
-            see it under this path.
+            directory of the study, created if it does not exist. Workers on other machines must see
+            it under this path.
         jobs, cluster, retries, timeout
             who computes: see :func:`openmmrigidhi.ensemble.tasks.run`
         extend : bool
-            whether a study that is there may become longer, or get more replicas or settings
+            whether an existing study may become longer, or get more replicas or settings
         quiet : bool
             show no progress bar
         finished : callable, optional
@@ -346,7 +346,7 @@ class Study:
         taskfiles.UnreadableFile
             if a task's file cannot be read
         RuntimeError
-            if another process runs the study at the moment
+            if another process is running the study
         OSError
             if the directory's file system has no locks
         ConnectionError, ImportError
@@ -413,7 +413,7 @@ class Study:
         return result
 
     def _begin(self, directory, extend):
-        """The study's JSON, for a new study or for one that goes on."""
+        """The study's JSON, for a new study or for one that continues."""
         wanted = self.definition()
         if not os.path.exists(os.path.join(directory, STUDY)):
             self.source.save(directory)
@@ -468,9 +468,9 @@ class Study:
         return about
 
     def _left(self, directory, about):
-        """Tasks that are not complete, and files that were damaged and put aside.
+        """Incomplete tasks, and damaged files that were put aside.
 
-        Tasks that need most come first.
+        Tasks with the most remaining work come first.
         """
         todo, aside = [], []
         for setting, seeds in enumerate(self.seeds()):
@@ -499,14 +499,14 @@ class Study:
 
 
 def _time(value, name, scale=1.0):
-    """A time as a number of ps, or of ps over the scale; what is no quantity is left as it is."""
+    """A time as a number of ps, or of ps over the scale; any other value stays unchanged."""
     if not unit.is_quantity(value):
         return value
     return _units.number(value, _units.TIME, 'ensemble.Study', name)*scale
 
 
 def _plain_step(settings):
-    """Settings with a step size that is a number; other quantities are the function's matter."""
+    """Settings with a step size that is a number; other quantities are left to the function."""
     settings = dict(settings)
     if 'stepSize' in settings:
         settings['stepSize'] = _time(settings['stepSize'], 'stepSize')
@@ -574,7 +574,7 @@ def _locked(directory):
 
 
 def _check_that_it_is_empty(directory):
-    """Nothing but a study, or what is left of one that could not begin, may be in a directory."""
+    """A directory may contain only a study, or the remains of one that could not begin."""
     if os.path.exists(os.path.join(directory, STUDY)) or not os.path.isdir(directory):
         return
     tasks = os.path.join(directory, TASKS)
@@ -624,9 +624,9 @@ def _read_about(directory):
 
 
 def read(directory: str) -> EnsembleResult:
-    """Read what there is of a study, finished or not.
+    """Read a study, finished or not.
 
-    Damaged files are named in the result; all other files are used. Nothing is imported for it.
+    The result names damaged files and uses all other files. It imports nothing for this.
 
     Parameters
     ----------
@@ -639,7 +639,7 @@ def read(directory: str) -> EnsembleResult:
     Raises
     ------
     FileNotFoundError, ValueError
-        if there is no study, or its study.json is damaged
+        if the directory has no study, or its study.json is damaged
     """
     about = _read_about(directory)
     definition, records, contents = about['definition'], [], {}
@@ -654,7 +654,7 @@ def read(directory: str) -> EnsembleResult:
 
 
 def _record(directory, setting, replica, seed, settings, about, length):
-    """What is known of a task, and the content of its file or None."""
+    """The knowledge about a task, and the content of its file or None."""
     key, path = taskName(setting, replica), taskPath(directory, setting, replica)
     record = TaskRecord(setting, replica, settings, seed, path)
     content = None

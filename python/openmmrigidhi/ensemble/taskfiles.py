@@ -7,7 +7,7 @@
     series/   one dataset for each observable: (samples,), or (samples, replicas) for a scene that
               has independent replicas in it
 
-A file is always written as a whole. All datasets and headers have checksums, so damage is noticed.
+A file is always written as a whole. All datasets and headers have checksums, which reveal damage.
 """
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ REQUIRED = ('setting', 'replica', 'settings', 'seed', 'digest', 'sample_interval
 
 
 class DamagedFile(ValueError):
-    """A file that is no whole file of a task; the message names the file."""
+    """A file that is not a whole file of a task; the message names the file."""
 
 
 class UnreadableFile(DamagedFile):
-    """A file that the system does not give; its content may be whole."""
+    """A file that the system does not deliver; its content may be whole."""
 
 
 def makeDirectory(path: str) -> None:
-    """Make a directory if there is none.
+    """Make a directory if it does not exist.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def makeDirectory(path: str) -> None:
 
 @dataclass
 class TaskFile:
-    """What a task's file holds.
+    """The content of a task's file.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class TaskFile:
     series : dict
         observable -> ndarray of samples
     memory : dict
-        observable -> ndarray, what it remembers of earlier samples
+        observable -> ndarray, its memory of earlier samples
     """
 
     about: dict
@@ -83,7 +83,7 @@ class TaskFile:
 def save(path: str, content: TaskFile) -> None:
     """Write a file as a whole.
 
-    A reader finds the old file or the new file, also after a power cut.
+    A reader finds the old file or the new file, even after a power cut.
 
     Parameters
     ----------
@@ -120,12 +120,12 @@ def write(path: str, data: Union[bytes, memoryview], part: Optional[str] = None)
     path : str
     data : bytes or memoryview
     part : str, optional
-        where the file is until it is whole; default: the path with PART
+        the path of the file until it is whole; default: the path with PART
 
     Raises
     ------
     OSError
-        if this is not possible; a file that was there is there as it was
+        if this is not possible; an existing file then stays unchanged
     """
     part = path + PART if part is None else part
     try:
@@ -156,18 +156,18 @@ def load(path: str, expected: Optional[dict] = None) -> Optional[TaskFile]:
     ----------
     path : str
     expected : dict, optional
-        what the file must say about its task, where it says it
+        the required entries about its task, where the file has them
 
     Returns
     -------
     TaskFile or None
-        None if there is no such file
+        None if the file does not exist
 
     Raises
     ------
     DamagedFile
     UnreadableFile
-        if the system does not give the file
+        if the system does not deliver the file
     """
     if not os.path.exists(path):
         return None

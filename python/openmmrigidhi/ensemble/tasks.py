@@ -1,6 +1,6 @@
 """A function of many arguments, several at a time, in processes or on a cluster.
 
-The cluster is one of dask.distributed. The module is for tools that have their own tasks;
+The cluster is a dask.distributed cluster. The module is for tools that have their own tasks;
 :class:`openmmrigidhi.ensemble.Study` uses it.
 """
 # It lies outside of this package because openmmrigidhi.accuracy, which this package imports, needs

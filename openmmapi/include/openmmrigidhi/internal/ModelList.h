@@ -51,37 +51,38 @@
  */
 #define RIGIDHI_MODELS(ROW)                                                                        \
     ROW(FreeDraining, Unbounded | Periodic, 0, true, true, false, "none between bodies",           \
-        "linear in bodies",                                                                        \
+        "linear in the number of bodies",                                                          \
         "Bodies do not interact through the fluid. A sphere has its Stokes drag, and a "           \
         "multiblob has its own constant tensor.")                                                  \
     ROW(RotnePragerYamakawa, Unbounded | NoSlipWall | Periodic | PeriodicWall | NoSlipChannel,     \
         Periodic | PeriodicWall | NoSlipChannel, true, true, true,                                 \
-        "pairs, lubrication on request",                                                           \
-        "products quadratic in particles, by multipoles (thousands of particles and more) "        \
-        "nearly linear, on a grid (periodic boundaries) as the volume of the fluid; dense cubic",  \
+        "pairs, with lubrication on request",                                                      \
+        "a product is quadratic in the number of particles, nearly linear by multipoles "          \
+        "(thousands of particles and more), or proportional to the volume of the fluid on a grid " \
+        "(periodic boundaries); dense matrices are cubic",                                         \
         "Pairs of particles interact. A particle is a sphere or a blob. The mobility of a pair "   \
         "follows from surface averages of a point force, with rotation. Radii may be unequal. "    \
-        "The mobility is always positive definite. The relative error is O((a/r)^4), without "     \
-        "lubrication, which setLubrication() adds for spheres (Wajnryb et al., J. Fluid Mech. "    \
-        "731, R3, 2013). setFastSummation() says which products are done by multipoles. With a "   \
-        "periodic boundary and MatrixFree, "                                                       \
-        "products are done by pairs, and by waves on a grid (Fiore et al., J. Chem. Phys. 146, "   \
-        "124116, 2017).")                                                                          \
+        "The mobility is always positive definite. Without lubrication, which setLubrication() "   \
+        "adds for spheres, the relative error is O((a/r)^4) (Wajnryb et al., J. Fluid Mech. 731, " \
+        "R3, 2013). setFastSummation() says which products use multipoles. With a periodic "       \
+        "boundary and MatrixFree, a product is a sum over pairs and over waves on a grid (Fiore "  \
+        "et al., J. Chem. Phys. 146, 124116, 2017).")                                              \
     ROW(StokesianDynamics, Unbounded | Periodic, Periodic, false, false, true,                     \
         "many-body far field, exact lubrication of pairs",                                         \
-        "cubic in spheres, a large factor; on a grid (Periodic) as the volume of the fluid",       \
+        "cubic in the number of spheres, with a large factor; proportional to the volume of the "  \
+        "fluid on a grid (Periodic)",                                                              \
         "Spheres interact, with lubrication of pairs. Forces, torques and stresslets of all "      \
         "spheres interact together. The lubrication of each pair is exact. The model is exact "    \
         "for two spheres at every gap (Jeffrey and Onishi, J. Fluid Mech. 139, 261, 1984). "       \
-        "Ratios of radii are from 0.1 to 10. With the boundary Periodic and MatrixFree, products " \
-        "are done by pairs, and by waves on a grid.")                                              \
+        "Ratios of radii are from 0.1 to 10. With the boundary Periodic and MatrixFree, a "        \
+        "product is a sum over pairs and over waves on a grid.")                                   \
     ROW(ForceCoupling, Periodic | SlipChannel | PeriodicWall | NoSlipChannel | Film,               \
         Periodic | SlipChannel | PeriodicWall | NoSlipChannel | Film, true, true, true,            \
-        "as RotnePragerYamakawa, by Gaussians",                                                    \
-        "as the volume of the box on a grid; dense for few particles",                             \
+        "as in RotnePragerYamakawa, by Gaussians",                                                 \
+        "proportional to the volume of the box on a grid; few particles take dense matrices",      \
         "Particles interact by Gaussian force densities. The model is like RotnePragerYamakawa, "  \
-        "with Gaussians in place of surfaces. Many particles are coupled on a grid; few "          \
-        "particles, and dilute suspensions, are dense. Radii may be unequal. The mobility is "     \
+        "with Gaussians in place of surfaces. A grid couples many particles; few particles, and "  \
+        "dilute suspensions, take dense matrices. Radii may be unequal. The mobility is "          \
         "always positive semidefinite (Maxey and Patel, Int. J. Multiphase Flow 27, 1603, 2001; "  \
         "Lomholt and Maxey, J. Comput. Phys. 184, 381, 2003; grids: Yeo and Maxey, J. Comput. "    \
         "Phys. 229, 2401, 2010).")

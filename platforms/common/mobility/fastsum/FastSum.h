@@ -35,8 +35,8 @@ namespace RigidHIPlugin {
  *            are taken from the centre of each cube. Pairs of particles in near cubes are summed
  *            directly.
  * Error:     At most the error that choose() was asked for, relative to the norm of M, scaled as
- *            for grids (docs/THEORY.md). The errors were measured over many kinds of scenes; see
- *            the table in FastSum.cpp. M is symmetric to that error only.
+ *            for grids (docs/theory/mobility_of_particles.md). The errors were measured over many
+ *            kinds of scenes; see the table in FastSum.cpp. M is symmetric to that error only.
  * Cost:      See benchmarks/README.md. Memory: about (P + 1)^2 (8 bytes x 30) a cube, and matrices
  *            of up to (P + 1)^4 numbers for each class.
  * Units:     Lengths are in units of a power of two near the radii, so that results do not depend

@@ -4,7 +4,7 @@
 //            mid-point and the factor after it at the start of the step, which makes the stochastic
 //            drift kT div N (Delong 2015, eq. 38).
 // Method:    Delong 2015, eqs. 41 and 44, with (N^(-1/2))^n = N^-1 N^(1/2) (not its transpose:
-//            docs/THEORY.md, corrections):
+//            docs/theory/corrections.md):
 //            predictor  U = N F + sqrt(4 kT/h) N^(1/2) W_1,  Q^{n+1/2} = Rotate(Q^n, h U/2);
 //            corrector  U = N F + sqrt(kT/h) N (N^(-1/2))^n (W_1 + W_2) at Q^{n+1/2},  Q^{n+1} =
 //                       Rotate(Q^n, h U).

@@ -12,7 +12,7 @@
 //              U = N (F + F_D + K^T M^-1 s_D) + sqrt(2 kT/h) N^(1/2) W,   Q^{n+1} = Rotate(Q^n, h
 //              U):
 //            Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017);
-//            docs/THEORY.md.
+//            docs/theory/without_momenta.md.
 // Order:     weak 1; 1 at T = 0.   Bias of the drift: O(delta^2).
 // Cost:      one force evaluation, two solves at one configuration, two products with M, one square
 //            root a step.

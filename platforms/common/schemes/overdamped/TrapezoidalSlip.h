@@ -9,7 +9,7 @@
 //            corrector  U* = N* (F* + 2 F_D + K*^T M*^-1 (s + 2 s_D)),  Q^{n+1} = Rotate(Q^n, h
 //                       (U^n + U*)/2):
 //            Sprinkle, Balboa Usabiaga, Patankar, Donev, J. Chem. Phys. 147, 244103 (2017);
-//            docs/THEORY.md.
+//            docs/theory/without_momenta.md.
 // Order:     weak 1; 2 at T = 0.   Bias of the drift: O(delta^2).
 // Cost:      two force evaluations (the second at t + h), three solves at two configurations, two
 //            products with M, one square root a step. Iterations of the corrector's solve begin at

@@ -34,7 +34,7 @@ class PlaneConditions;
  *            product with a matrix of 6 or 9 rows.
  * Limits:    Boxes with edges along the axes. The error of rounding grows as the square of an edge
  *            over the height of the fluid, to 1e-10 for the longest edge that a grid can have.
- * Reference: docs/THEORY.md
+ * Reference: docs/theory/walls.md
  */
 class ConfinedForceCoupling : public MobilityModel, BoxOfModel, GridOfModel, FieldOfModel {
 public:

@@ -31,8 +31,8 @@ namespace RigidHIPlugin {
  * Cost:      That of the lattice sum, and six columns of a symmetric product for each of about
  *            A k^2/8 pi wave vectors, k = 20/(least height above a wall). Particles high above the
  *            walls take part in few of them.
- * Reference: docs/THEORY.md; Blake, Proc. Camb. Phil. Soc. 70, 303 (1971); Liron and Mochon, J.
- *            Eng. Math. 10, 287 (1976).
+ * Reference: docs/theory/walls.md; Blake, Proc. Camb. Phil. Soc. 70, 303 (1971); Liron and Mochon,
+ *            J. Eng. Math. 10, 287 (1976).
  */
 class ConfinedRotnePragerYamakawa : public MobilityModel, BoxOfModel {
 public:

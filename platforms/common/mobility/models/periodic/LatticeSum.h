@@ -68,7 +68,7 @@ public:
  * Cost:      10 us a pair of spheres with torque, 4 us without, 21 us with stresslets (one thread
  *            of a machine of 2023), whatever the box.
  * Reference: Hasimoto, J. Fluid Mech. 5:317 (1959); Beenakker, J. Chem. Phys. 85:1581 (1986);
- *            docs/THEORY.md.
+ *            docs/theory/periodic_fluid.md.
  */
 class LatticeSum {
 public:

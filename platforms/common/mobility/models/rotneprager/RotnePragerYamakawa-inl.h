@@ -8,7 +8,8 @@
 // Method:    Surface averages of the Stokeslet over both spheres, which may be far apart,
 //            overlapping, or one inside the other. The whole matrix is positive definite for all
 //            positions, continuous, and symmetric (tr of a pair is rt of the swapped pair). Its
-//            divergence with respect to positions is 0, as that of the Stokeslet: docs/THEORY.md.
+//            divergence with respect to positions is 0, as that of the Stokeslet:
+//            docs/theory/details_of_steps.md.
 // Reference: Rotne, Prager, J. Chem. Phys. 50, 4831 (1969); Yamakawa, ibid. 53, 436 (1970);
 //            overlapping and unequal: Zuk et al., J. Fluid Mech. 741, R5 (2014).
 // Limits:    The mobility is pairwise, and spheres nearly in contact have no lubrication. Spheres
