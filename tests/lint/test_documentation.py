@@ -30,8 +30,8 @@ def test_snippets_run(page, tmp_path, run_python):
     assert finished.returncode == 0, finished.stderr
 
 
-@pytest.mark.parametrize('page', ['README.md', 'site/index.md', *git_files('docs/guide/*.md')])
-def test_first_snippets_and_those_of_the_guide_fit_on_a_screen(page):
+@pytest.mark.parametrize('page', [page for page in PAGES if snippets(page)])
+def test_snippets_fit_on_a_screen(page):
     """On a screen 1400 pixels wide the site has room for 112 columns of code."""
     wide = [line for snippet in snippets(page) for line in snippet.splitlines() if len(line) > 112]
     assert not wide, f'{page}: {wide}'
