@@ -15,6 +15,7 @@ import apipages
 import check
 import collect
 import gallery
+import notebooks
 import references
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -80,6 +81,13 @@ def mend_theme(html):
                                        script.removeprefix(found[0]))
 
 
+def check_notebooks(source):
+    """Raise an error if a notebook is not what Jupyter reads."""
+    import nbformat
+    for file in sorted(source.rglob('*.ipynb')):
+        nbformat.validate(nbformat.read(file, as_version=4))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
@@ -87,7 +95,7 @@ def main():
         help='directory for everything that is made; pages come into its folder html')
     output = parser.parse_args().output.resolve()
     if missing := [
-            name for name in ('sphinx', 'myst_parser', 'breathe', 'furo')
+            name for name in ('sphinx', 'myst_parser', 'breathe', 'furo', 'nbformat')
             if importlib.util.find_spec(name) is None
     ]:
         sys.exit(f'{sys.executable} lacks {", ".join(missing)}: install the packages of '
@@ -97,9 +105,13 @@ def main():
         shutil.rmtree(old, ignore_errors=True)
     xml = describe_cpp(output/'cpp')
     known = references.names()
-    pages = collect.copy_pages(
-        source, lambda text, page: references.with_references(text, known) + references.
-        to_the_reference(page))
+
+    def change(text, page):
+        text = references.with_references(text, known) + references.to_the_reference(page)
+        return notebooks.offer(text, page, source)
+
+    pages = collect.copy_pages(source, change)
+    check_notebooks(source)
     gallery.write(source)
     pages += apipages.write(source, xml)
     collect.write_contents(source, pages)

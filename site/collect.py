@@ -8,6 +8,8 @@ import re
 import shutil
 import subprocess
 
+from scripts import page_text, shows_script
+
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PICTURES = ('.png', '.gif', '.jpg', '.jpeg', '.svg')
 
@@ -75,7 +77,7 @@ def copy_pages(source, change=lambda text, page: text):
     """
     pages, known = [], markdown_files()
     for name in known:
-        text = (ROOT/name).read_text(encoding='utf-8')
+        text = page_text(name)
         page = page_of(name)
         text = links_of_the_site(text, name, known, source)
         text = re.sub(r'^```math\n(.*?)^```', r'$$\n\1$$', text,
@@ -93,10 +95,10 @@ def links_of_the_site(text, name, known, source):
 
     Targets that are no pages are copied. A folder without a page is no link.
     """
-    return _outside_code(text, lambda part: _with_links_of_the_site(part, name, known, source))
+    return outside_code(text, lambda part: _with_links_of_the_site(part, name, known, source))
 
 
-def _outside_code(text, change):
+def outside_code(text, change):
     """Apply a change to text that is neither in a block of code nor in code within a line."""
     parts = re.split(r'(^```.*?^```|``[^\n]+?``|`[^`\n]+`)', text, flags=re.S | re.M)
     # A link's text may have code in it: code comes back in before links are looked for.
@@ -138,10 +140,10 @@ def _with_links_of_the_site(text, name, known, source):
 
 
 def _script_of(name, source):
-    """An example's page shows its script, too."""
+    """An example's page shows its script, too, if it does not show the parts of it."""
     script = os.path.join(os.path.dirname(name), 'run.py')
-    if not name.startswith('examples/') or not name.endswith('/README.md') or not (ROOT/
-                                                                                   script).exists():
+    if not name.startswith('examples/') or not name.endswith('/README.md') or not (
+            ROOT/script).exists() or shows_script(name):
         return ''
     (source/script).parent.mkdir(parents=True, exist_ok=True)
     shutil.copy(ROOT/script, source/script)

@@ -21,11 +21,12 @@ def hedgehog(arm, spacing):
 
 
 #: Blobs of each shape, the radius of its blobs, and where the body starts; all in nm.
-SHAPES = [(app.multiblobSphere(42, 90)[0]._value, 32, (-40, 100, 320)),
-          (app.boomerang(42, 5)._value, 33, (-420, -150, 200)),
-          (app.rod(8, 42)._value, 33, (230, -200, 240)), (hedgehog(3, 42), 26, (-330, 200, 330)),
-          (app.cylinder(60, 180, 42)._value, 26, (400, 100, 220)),
-          (app.tetramer(100)._value, 55, (0, -330, 180)),]
+SHAPES = [(app.multiblobSphere(42, 90)[0]/unit.nanometer, 32, (-40, 100, 320)),
+          (app.boomerang(42, 5)/unit.nanometer, 33, (-420, -150, 200)),
+          (app.rod(8, 42)/unit.nanometer, 33, (230, -200, 240)),
+          (hedgehog(3, 42), 26, (-330, 200, 330)),
+          (app.cylinder(60, 180, 42)/unit.nanometer, 26, (400, 100, 220)),
+          (app.tetramer(100)/unit.nanometer, 55, (0, -330, 180)),]
 
 
 def scene(seed):
@@ -55,6 +56,25 @@ def scene(seed):
     return integrator, context
 
 
+def move(integrator, steps):
+    """Take steps, and print the heights of the bodies before and after them."""
+    integrator.step(steps)
+    heights = integrator.getBodyPositions()[:, 2]/unit.nanometer
+    for (_, _, start), height in zip(SHAPES, heights):
+        print(f'height {start[2]} nm, and {height:.0f} nm after {steps} steps')
+    print(
+        f'{integrator.getNumRejectedSteps()} steps were done again, because they led into the wall')
+
+
+def draw(context):
+    """The bodies, seen from the side."""
+    picture = app.show(context, view=(17, -72), title='')
+    low, high = picture.get_ylim()
+    picture.set_ylim(low + 80, high - 90)  # without the margin that bodies would need to turn
+    picture.figure.set_size_inches(9, 5.5)
+    return picture.figure
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--steps', type=int, default=250, help='time steps (default 250)')
@@ -64,16 +84,8 @@ def main():
                         help='file to draw (default picture.png)')
     arguments = parser.parse_args()
     integrator, context = scene(arguments.seed)
-    integrator.step(arguments.steps)
-    for (_, _, start), place in zip(SHAPES, integrator.getBodyPositions()._value):
-        print(f'height {start[2]} nm, and {place[2]:.0f} nm after {arguments.steps} steps')
-    print(
-        f'{integrator.getNumRejectedSteps()} steps were done again, because they led into the wall')
-    picture = app.show(context, view=(17, -72), title='')
-    low, high = picture.get_ylim()
-    picture.set_ylim(low + 80, high - 90)  # without the margin that bodies would need to turn
-    picture.figure.set_size_inches(9, 5.5)
-    picture.figure.savefig(arguments.picture, dpi=130, bbox_inches='tight', pad_inches=0)
+    move(integrator, arguments.steps)
+    draw(context).savefig(arguments.picture, dpi=130, bbox_inches='tight', pad_inches=0)
 
 
 if __name__ == '__main__':

@@ -15,6 +15,8 @@ from openmmrigidhi import CustomBodyForce, CustomRigidHIIntegrator, MobilityForc
 #: Viscosity, radius, and dipole moment times field, so that the critical frequency is 1 per ps.
 ETA, RADIUS = 1.0, 1.0
 STRENGTH = 8*np.pi*ETA*RADIUS**3
+#: Frequencies of the fields, in units of the critical frequency.
+FREQUENCIES = np.linspace(0.1, 3, 30)
 #: The dipole is the body's x axis: in the lab frame (nx, ny), the first column of the rotation
 #: matrix of q. The field turns about z.
 TORQUE = ('strength*(nx*sin(frequency*t) - ny*cos(frequency*t)); nx = q0^2 + q1^2 - q2^2 - q3^2; '
@@ -61,6 +63,21 @@ def theory(frequencies):
     return frequencies - np.sqrt(np.maximum(frequencies**2 - 1, 0))
 
 
+def draw(frequencies, measured):
+    """The mean rate over the frequency, and theory."""
+    import matplotlib.pyplot as plt
+    difference = np.abs(measured - theory(frequencies)).max()
+    print(f'largest difference from theory: {difference:.4f} rad/ps')
+    fine = np.linspace(0, 3, 400)
+    figure, ax = plt.subplots(figsize=(6, 4), layout='constrained')
+    ax.plot(fine, theory(fine), color='0.6', linewidth=2, label='theory')
+    ax.plot(frequencies, measured, 'o', markersize=5, label='measured')
+    ax.set(xlabel='frequency of the field / critical frequency',
+           ylabel='mean rate of the sphere / critical frequency')
+    ax.legend()
+    return figure
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--duration', type=float, default=400, help='ps (default 400)')
@@ -69,20 +86,8 @@ def main():
     arguments = parser.parse_args()
     import matplotlib
     matplotlib.use('Agg')
-    import matplotlib.pyplot as plt
-    frequencies = np.linspace(0.1, 3, 30)
-    measured = rates(frequencies, arguments.duration)
-    print(
-        f'largest difference from theory: {np.abs(measured - theory(frequencies)).max():.4f} rad/ps'
-    )
-    fine = np.linspace(0, 3, 400)
-    figure, ax = plt.subplots(figsize=(6, 4), layout='constrained')
-    ax.plot(fine, theory(fine), color='0.6', linewidth=2, label='theory')
-    ax.plot(frequencies, measured, 'o', markersize=5, label='measured')
-    ax.set(xlabel='frequency of the field / critical frequency',
-           ylabel='mean rate of the sphere / critical frequency')
-    ax.legend()
-    figure.savefig(arguments.picture, dpi=130)
+    measured = rates(FREQUENCIES, arguments.duration)
+    draw(FREQUENCIES, measured).savefig(arguments.picture, dpi=130)
 
 
 if __name__ == '__main__':

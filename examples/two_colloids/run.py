@@ -30,8 +30,8 @@ def approach(model, lubrication, gap=1.0, duration=2.0, steps=2000):
     fluid.setModel(model)
     fluid.setLubrication(lubrication)
     fluid.setViscosity(VISCOSITY)
-    alone = 6*np.pi*fluid.getViscosity(
-    )._value*RADIUS**2/FORCE  # the time in which one colloid alone moves by its radius, ps
+    eta = fluid.getViscosity()/(unit.dalton/(unit.nanometer*unit.picosecond))
+    alone = 6*np.pi*eta*RADIUS**2/FORCE  # the time in which one colloid alone moves by its radius, ps
     integrator = CustomRigidHIIntegrator(0, duration*alone/steps)
     integrator.setScheme(integrator.FixmanMidpoint)
     push = CustomBodyForce('push', '0', '0', '0', '0', '0')
@@ -47,12 +47,34 @@ def approach(model, lubrication, gap=1.0, duration=2.0, steps=2000):
     times, gaps = [0.0], [gap]
     for k in range(steps):
         integrator.step(1)
-        first, second = integrator.getBodyPositions()._value[:, 0]
+        first, second = integrator.getBodyPositions()[:, 0]/unit.nanometer
         times.append((k + 1)*duration/steps)
         gaps.append((second - first)/RADIUS - 2)
         if gaps[-1] < 0:
             break
     return np.array(times), np.array(gaps)
+
+
+def compare(steps=2000):
+    """Times and gaps for each model."""
+    curves = {}
+    for name, (model, lubrication) in MODELS.items():
+        times, gaps = curves[name] = approach(model, lubrication, steps=steps)
+        print(f'{name}: ' + (f'the surfaces touch at {times[-1]:.2f}' if gaps[-1] < 0 else
+                             f'the gap at {times[-1]:.2f} is {gaps[-1]:.2e} radii'))
+    return curves
+
+
+def draw(curves):
+    """The gap over time, a curve for each model."""
+    import matplotlib.pyplot as plt
+    figure, ax = plt.subplots(figsize=(6, 4), layout='constrained')
+    for name, (times, gaps) in curves.items():
+        ax.semilogy(times[gaps > 0], gaps[gaps > 0], label=name, linewidth=2)
+    ax.set(xlabel='time, in that one colloid alone takes for its radius',
+           ylabel='gap between the surfaces / radius', ylim=(8e-3, 1.2))
+    ax.legend()
+    return figure
 
 
 def main():
@@ -63,17 +85,7 @@ def main():
     arguments = parser.parse_args()
     import matplotlib
     matplotlib.use('Agg')
-    import matplotlib.pyplot as plt
-    figure, ax = plt.subplots(figsize=(6, 4), layout='constrained')
-    for name, (model, lubrication) in MODELS.items():
-        times, gaps = approach(model, lubrication, steps=arguments.steps)
-        ax.semilogy(times[gaps > 0], gaps[gaps > 0], label=name, linewidth=2)
-        print(f'{name}: ' + (f'the surfaces touch at {times[-1]:.2f}' if gaps[-1] < 0 else
-                             f'the gap at {times[-1]:.2f} is {gaps[-1]:.2e} radii'))
-    ax.set(xlabel='time, in that one colloid alone takes for its radius',
-           ylabel='gap between the surfaces / radius', ylim=(8e-3, 1.2))
-    ax.legend()
-    figure.savefig(arguments.picture, dpi=130)
+    draw(compare(arguments.steps)).savefig(arguments.picture, dpi=130)
 
 
 if __name__ == '__main__':

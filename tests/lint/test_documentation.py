@@ -5,9 +5,14 @@ import pathlib
 import re
 import shutil
 import subprocess
+import sys
 
 import pytest
 from conftest import ROOT, git_files, read
+
+sys.path.insert(0, str(ROOT/'site'))
+import notebooks  # noqa: E402
+from scripts import page_text  # noqa: E402
 
 PAGES = git_files('*.md')
 #: Pages whose snippets are complete scripts, each by itself.
@@ -17,14 +22,16 @@ COOKBOOK = [page for page in PAGES if page.startswith('docs/cookbook/')]
 def snippets(page):
     """The ```python blocks of a page. Each block may need the earlier ones.
 
-    Blocks that a recipe puts into files are no scripts.
+    Blocks that a recipe puts into files are no scripts. Parts of a script that the page shows are
+    blocks, too.
     """
-    text = re.sub(r'^<!-- recipe: [^\n]*-->\n```python\n.*?^```', '', read(page), flags=re.S | re.M)
+    text = re.sub(r'^<!-- recipe: [^\n]*-->\n```python\n.*?^```', '', page_text(page),
+                  flags=re.S | re.M)
     return re.findall(r'^```python\n(.*?)^```', text, flags=re.S | re.M)
 
 
-@pytest.mark.parametrize('page',
-                         [page for page in PAGES if snippets(page) and page not in COOKBOOK])
+@pytest.mark.parametrize(
+    'page', [page for page in PAGES if snippets(page) and page not in COOKBOOK + notebooks.PAGES])
 def test_snippets_run(page, tmp_path, run_python):
     finished = run_python('\n'.join(snippets(page)), tmp_path, timeout=300)
     assert finished.returncode == 0, finished.stderr

@@ -13,12 +13,15 @@ import types
 from html import unescape
 
 import openmmrigidhi
+import PIL.Image
 import pytest
 from conftest import ROOT, git_files, read
 
 sys.path.insert(0, str(ROOT/'site'))
 import check  # noqa: E402
 import collect  # noqa: E402
+import gallery  # noqa: E402
+import notebooks  # noqa: E402
 import references  # noqa: E402
 
 GOOD = ('<html><body id="top"><a href="other.html#here">there</a>'
@@ -118,6 +121,28 @@ def test_names_lead_to_the_reference_where_they_mean_one_thing(text, expected):
     assert references.with_references(text, references.names()) == expected
 
 
+@pytest.mark.parametrize('box, corner', [((0, 0, 0.5, 1), (20, 30)), ((0.5, 0, 1, 0.5), (120, 10)),
+                                         ((0.4, 0.5, 1, 1), (110, 60))])
+def test_thumbnails_show_one_panel(box, corner):
+    """Three panels, of which one goes over both rows: black, 60 pixels wide, and a bar on top of
+    none."""
+    image = PIL.Image.new('RGB', (200, 100), 'white')
+    for place in ((20, 30, 80, 70), (120, 10, 180, 40), (110, 60, 190, 90)):
+        image.paste('black', place)
+    panel = gallery.panel(image, box)
+    assert panel.size == {20: (60, 40), 120: (60, 30), 110: (80, 30)}[corner[0]]
+    assert panel.getcolors() == [(panel.width*panel.height, (0, 0, 0))]
+
+
+def test_thumbnails_want_a_gap_between_panels():
+    image = PIL.Image.new('RGB', (200, 100), 'black')
+    assert gallery.panel(image, (0, 0, 0.5, 1)) is None
+
+
+def test_panels_belong_to_examples():
+    assert all((ROOT/'examples'/name/'README.md').exists() for name in gallery.PANELS)
+
+
 def test_first_page_leads_three_kinds_of_readers_to_five_pages_each():
     text = read('site/index.md')
     paths = text.split('\n### ')[1:]
@@ -137,7 +162,7 @@ def test_first_page_leads_three_kinds_of_readers_to_five_pages_each():
 def html(tmp_path_factory):
     """The site, as `make site` builds it, which takes half a minute."""
     lacking = [
-        name for name in ('sphinx', 'myst_parser', 'breathe', 'furo')
+        name for name in ('sphinx', 'myst_parser', 'breathe', 'furo', 'nbformat')
         if importlib.util.find_spec(name) is None
     ]
     lacking += [] if shutil.which('doxygen') else ['doxygen']
@@ -152,6 +177,16 @@ def html(tmp_path_factory):
          str(output)], env=environment, capture_output=True, text=True, timeout=1200)
     assert finished.returncode == 0, finished.stdout + finished.stderr
     return output/'html'
+
+
+def test_tutorials_are_offered_as_notebooks(html):
+    for page in notebooks.PAGES:
+        file = html/page.replace('.md', '.html')
+        link = re.search(r'href="([^"]+)"><span[^>]*>Download as a notebook<',
+                         file.read_text(encoding='utf-8'))
+        offered = json.loads((file.parent/link[1]).read_text(encoding='utf-8'))
+        assert offered == notebooks.notebook(page), page
+    assert len(list(html.rglob('*.ipynb'))) == len(notebooks.PAGES)
 
 
 def anchors(html, page):
