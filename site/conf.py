@@ -41,7 +41,7 @@ cpp_id_attributes = ['OPENMM_EXPORT_RIGIDHI']
 html_theme = 'furo'
 html_title = 'openmm-rigidhi'
 html_css_files = ['katex/katex.css', 'site.css']
-html_js_files = ['copy.js']
+html_js_files = ['copy.js', 'versions.js']
 html_search_scorer = str(pathlib.Path(__file__).with_name('search.js'))
 # Sphinx marks formulas as for MathJax; KaTeX draws what is between the same marks, and is fifty
 # times smaller.

@@ -97,6 +97,8 @@ def _thumbnail(picture, name, target):
 
 def _card(title, name, page, sentence, source):
     text, picture = picture_of(page)
+    if name in PANELS:
+        text = f'A panel of the picture on the page "{title}"'
     thumbnail = f'thumbnails/{name}.png'
     _thumbnail(picture, name, source/thumbnail)
     return f'- [![{text}]({thumbnail})]({page})\n\n  [{title}]({page})\n\n  {sentence}\n'

@@ -155,6 +155,79 @@ def test_first_page_leads_three_kinds_of_readers_to_five_pages_each():
         assert len(set(targets)) == 5, f'{path.splitlines()[0]}: {targets}'
 
 
+#: Runs the script of versions on a page with a server that has some files, chooses a version if a
+#: list is shown, and prints what is shown, where the page goes then, and what it fetched.
+STAGE = """
+const [script, root, page, files, chosen] = JSON.parse(require('fs').readFileSync(0, 'utf8'));
+const element = () => ({
+    children: [], append(...each) { this.children.push(...each); },
+    addEventListener(_, heard) { this.heard = heard; }, after(each) { shown.push(each); }});
+const shown = [], fetched = [];
+let ready, gone = null;
+const context = {
+    URL, Option: function(text, value, _, selected) { return {value, selected}; },
+    document: {
+        currentScript: {src: root + '_static/versions.js?v=1'}, createElement: element,
+        addEventListener(_, heard) { ready = heard; }, querySelector: element},
+    location: {href: page, assign(target) { gone = target.href; }},
+    fetch: async (target) => {
+        fetched.push(target.href);
+        const text = files[target.href];
+        return {ok: text !== undefined, json: async () => JSON.parse(text)};
+    }};
+require('vm').runInNewContext(script, context);
+(async () => {
+    await ready();
+    const select = shown[0]?.children[1];
+    if (select && chosen) {
+        select.value = chosen;
+        await select.heard();
+    }
+    console.log(JSON.stringify([select ? select.children : null, gone, fetched]));
+})();
+"""
+SITE = 'https://a.org/rigid/0.1.0/'
+LIST = 'https://a.org/rigid/versions.json'
+
+
+def versions(files, root=SITE, page='docs/INSTALL.html#on-debian', chosen=None):
+    """What STAGE prints."""
+    if shutil.which('node') is None:
+        pytest.skip('node is not installed')
+    things = (read('site/static/versions.js'), root, root + page, files, chosen)
+    finished = subprocess.run(['node', '-e', STAGE], input=json.dumps(things), capture_output=True,
+                              text=True, check=True)
+    return json.loads(finished.stdout)
+
+
+@pytest.mark.parametrize(
+    'listed, expected',
+    [('["latest", "0.1.0"]', ['latest', '0.1.0']), ('["latest"]', ['0.1.0', 'latest']),
+     ('["../secret", "https://b.org", "", "0.0.9", "0.1.0"]', ['0.0.9', '0.1.0']),
+     ('["0.1.0"]', None), ('{"a": 1}', None), ('not a list', None),])
+def test_versions_are_those_of_the_list(listed, expected):
+    options, _, fetched = versions({LIST: listed})
+    assert (options and [each['value'] for each in options]) == expected and fetched == [LIST]
+    assert not options or [each['value'] for each in options if each['selected']] == ['0.1.0']
+
+
+def test_no_versions_are_shown_without_a_list_or_a_server():
+    assert versions({}) == [None, None, [LIST]]
+    assert versions({}, root='file:///rigid/0.1.0/') == [None, None, []]
+    assert versions({}, root='https://a.org/') == [None, None, []]
+
+
+def test_another_version_opens_at_the_same_page_if_it_has_that():
+    files = {LIST: '["latest", "0.1.0"]'}
+    first, same = 'https://a.org/rigid/latest/', 'https://a.org/rigid/latest/docs/INSTALL.html'
+    assert versions(files, chosen='latest')[1] == first
+    assert versions({same: '', **files}, page='docs/INSTALL.html', chosen='latest')[1] == same
+
+
+def test_pages_load_the_script_of_versions():
+    assert "'versions.js'" in read('site/conf.py')
+
+
 # ---- The built site ------------------------------------------------------------------------------
 
 
