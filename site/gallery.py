@@ -8,8 +8,8 @@ from collect import ROOT, git_files
 
 #: Width of a thumbnail in pixels: twice that of cards, for screens with small pixels.
 WIDTH = 560
-#: The panel that a thumbnail shows of a picture with several: left, top, right, bottom, as fractions
-#: of the picture. The edges move to the nearest gap between panels.
+#: The panel that a thumbnail shows of a picture with several: left, top, right and bottom, as
+#: fractions of the picture. The edges move to the nearest gap between panels.
 PANELS = {
     'boomerang_at_a_wall': (0, 0, 0.5, 1),
     'flow_pictures': (0.385, 0, 1, 1),

@@ -116,7 +116,7 @@ def offer(text, page, source):
     if page + '.md' not in PAGES:
         return text
     notebook = write(page + '.md', (source/page).parent)
-    link = f'{{download}}`Download as a notebook <{notebook.name}>`'
+    link = f'[Download as a notebook]({notebook.name})'
     return text.replace('\n', f'\n\n{link}\n\n', 1)  # below the title
 
 

@@ -31,7 +31,8 @@ def approach(model, lubrication, gap=1.0, duration=2.0, steps=2000):
     fluid.setLubrication(lubrication)
     fluid.setViscosity(VISCOSITY)
     eta = fluid.getViscosity()/(unit.dalton/(unit.nanometer*unit.picosecond))
-    alone = 6*np.pi*eta*RADIUS**2/FORCE  # the time in which one colloid alone moves by its radius, ps
+    # The time in which one colloid alone moves by its radius, ps
+    alone = 6*np.pi*eta*RADIUS**2/FORCE
     integrator = CustomRigidHIIntegrator(0, duration*alone/steps)
     integrator.setScheme(integrator.FixmanMidpoint)
     push = CustomBodyForce('push', '0', '0', '0', '0', '0')

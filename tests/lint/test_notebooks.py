@@ -1,4 +1,4 @@
-"""Tutorials make notebooks whose cells run in order, and pages show parts of scripts as they are."""
+"""Tutorials make notebooks whose cells run in order, and pages show their scripts as they are."""
 import json
 import pathlib
 import sys
@@ -38,9 +38,9 @@ def code(notebook):
 def test_a_page_shows_parts_of_its_script(tmp_path):
     (tmp_path/'run.py').write_text(SCRIPT)
     text = scripts.with_script('Text\n\n<!-- script: imports, B, area -->\n', tmp_path/'run.py')
-    assert text == (
-        'Text\n\n```python\nfrom functools import cache\nfrom math import pi\n\n# The unit of length.\nA, B = 1.0, 2.0\n\n\n'
-        '@cache\ndef area(r):\n    """Of a circle."""\n    return pi*r**2\n```\n')
+    assert text == ('Text\n\n```python\nfrom functools import cache\nfrom math import pi\n\n'
+                    '# The unit of length.\nA, B = 1.0, 2.0\n\n\n'
+                    '@cache\ndef area(r):\n    """Of a circle."""\n    return pi*r**2\n```\n')
     with pytest.raises(ValueError, match='has no volume, which its page shows'):
         scripts.with_script('<!-- script: A, volume -->\n', tmp_path/'run.py')
 
