@@ -228,6 +228,7 @@ def test_a_ring_that_has_settled_need_not_do_so_again(tmp_path, scripts):
         arguments)['orbital_speed'] and len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.mark.full
 def test_two_runs_at_a_time(tmp_path):
     """Runs in parallel have the results of runs one after the other. A second call takes all
     results from the kept files, but not with --fresh."""
