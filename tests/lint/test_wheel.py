@@ -89,7 +89,7 @@ def test_a_wheel_that_pip_builds_has_no_fault(tool, tmp_path):
     pytest.importorskip('scikit_build_core')
     subprocess.run([
         sys.executable, '-m', 'pip', 'wheel', '--no-deps', '--no-build-isolation', '--no-index',
-        '-C', f'build-dir={tmp_path}/build', '--wheel-dir', tmp_path, ROOT
+        f'--config-settings=build-dir={tmp_path}/build', '--wheel-dir', tmp_path, ROOT
     ], check=True)
     (wheel,) = tmp_path.glob('*.whl')
     assert tool.main([str(wheel)]) == 0
