@@ -35,6 +35,41 @@ else()
     set(API_DIR ${PACKAGE_DIR}/lib)
 endif()
 
+# A wheel goes to other machines, so its libraries name no directory of this one. Where OpenMM is in the environment of the Python that builds
+# the wheel, they look there, relative to themselves. Elsewhere they take the OpenMM that Python has loaded when it imports them.
+if(SKBUILD)
+    # packaging/openmm_series.py has told the wheel's metadata which OpenMM it needs, and does not see CMake's variables.
+    if(NOT OPENMM_DIR STREQUAL "$ENV{OPENMM_DIR}")
+        message(FATAL_ERROR "OPENMM_DIR: got '${OPENMM_DIR}' as a variable of CMake and '$ENV{OPENMM_DIR}' in the environment; for a wheel it must be "
+                            "an environment variable: OPENMM_DIR=prefix pip wheel .")
+    endif()
+    execute_process(COMMAND ${Python3_EXECUTABLE} -c "import sysconfig; print(sysconfig.get_path('data')); print(sysconfig.get_path('platlib'))"
+                    OUTPUT_VARIABLE PYTHON_PATHS OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
+    string(REPLACE "\n" ";" PYTHON_PATHS "${PYTHON_PATHS}")
+    list(GET PYTHON_PATHS 0 PYTHON_PREFIX)
+    list(GET PYTHON_PATHS 1 PYTHON_PACKAGES)
+endif()
+
+# Libraries of installed targets look in a directory, too.
+function(rigidhi_also_look_in directory)
+    if(NOT SKBUILD)
+        set_property(TARGET ${ARGN} APPEND PROPERTY INSTALL_RPATH ${directory})
+        return()
+    endif()
+    string(FIND ${directory}/ ${PYTHON_PREFIX}/ position)
+    if(NOT position EQUAL 0)
+        return()
+    endif()
+    foreach(target ${ARGN})
+        set(place ${PYTHON_PACKAGES}/openmmrigidhi/lib)
+        if(NOT target STREQUAL OpenMMRigidHI)
+            string(APPEND place /plugins)
+        endif()
+        file(RELATIVE_PATH path ${place} ${directory})
+        set_property(TARGET ${target} APPEND PROPERTY INSTALL_RPATH $ORIGIN/${path})
+    endforeach()
+endfunction()
+
 set(PLATFORM_LIBRARIES OpenMMRigidHIReference OpenMMRigidHICPU OpenMMRigidHIAny)
 foreach(platform ${RIGIDHI_DEVICE_PLATFORMS})
     list(APPEND PLATFORM_LIBRARIES OpenMMRigidHI${platform})
@@ -44,8 +79,12 @@ install(TARGETS ${PLATFORM_LIBRARIES} LIBRARY DESTINATION ${API_DIR}/plugins COM
 # Below a prefix of its own OpenMM is not where the system's loader looks.
 get_filename_component(OPENMM_LIBRARY_DIRECTORY ${OPENMM_LIBRARY} DIRECTORY)
 if(NOT OPENMM_LIBRARY_DIRECTORY IN_LIST CMAKE_CXX_IMPLICIT_LINK_DIRECTORIES)
-    set_property(TARGET OpenMMRigidHI ${PLATFORM_LIBRARIES} APPEND PROPERTY INSTALL_RPATH ${OPENMM_LIBRARY_DIRECTORY})
+    rigidhi_also_look_in(${OPENMM_LIBRARY_DIRECTORY} OpenMMRigidHI ${PLATFORM_LIBRARIES})
 endif()
+foreach(platform ${RIGIDHI_DEVICE_PLATFORMS})
+    get_filename_component(DIRECTORY ${OPENMM_${platform}_LIBRARY} DIRECTORY)
+    rigidhi_also_look_in(${DIRECTORY} OpenMMRigidHI${platform})
+endforeach()
 
 if(RIGIDHI_BUILD_PYTHON)
     install(DIRECTORY python/openmmrigidhi/ DESTINATION ${PACKAGE_DIR} COMPONENT python

@@ -60,6 +60,14 @@ def _check_versions(bindings):
     conflict = bindings.versionConflictOfBindings()
     if conflict:
         raise ImportError(conflict)
+    # If the library of the other OpenMM is installed, too, the bindings load it, and find no
+    # conflict with it.
+    series = '.'.join(openmm.Platform.getOpenMMVersion().split('.')[:2])
+    if series != bindings.openmmVersionOfBuild:
+        raise ImportError(
+            f'openmmrigidhi: its libraries were compiled for OpenMM {bindings.openmmVersionOfBuild}'
+            f', but the Python module openmm is OpenMM {series}, from {openmm.__file__}; build '
+            'openmm-rigidhi against this OpenMM, or have Python find the other one')
     # The loader takes a library of the same name that is loaded already, whichever directory the
     # bindings name.
     loaded, own = os.path.realpath(bindings.libraryPath()), os.path.join(_DIRECTORY, 'lib')

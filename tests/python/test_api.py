@@ -865,6 +865,14 @@ def test_another_copy_of_the_library_is_not_mixed_in(tmp_path):
     assert 'two copies of openmm-rigidhi would be mixed' in result.stderr
 
 
+def test_a_python_module_of_another_openmm_is_refused():
+    """As on a machine with two of them, where the loader finds a library for the bindings."""
+    result = run("import openmm; openmm.Platform.getOpenMMVersion = lambda: '99.1.2'; "
+                 'import openmmrigidhi')
+    assert result.returncode != 0
+    assert 'but the Python module openmm is OpenMM 99.1, from ' in result.stderr
+
+
 def test_describe_says_what_a_bug_report_needs():
     text = openmmrigidhi.describe()
     version = openmm.Platform.getOpenMMVersion()

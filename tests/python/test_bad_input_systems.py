@@ -164,6 +164,26 @@ def test_a_flexible_barostat(platform):
         openmm.Context(system, integrator, platform)
 
 
+@pytest.mark.parametrize('make', [
+    lambda: openmm.MonteCarloBarostat(1, 300),
+    lambda: openmm.MonteCarloAnisotropicBarostat((1, 1, 1), 300), lambda: openmm.
+    MonteCarloMembraneBarostat(1, 0, 300, openmm.MonteCarloMembraneBarostat.XYIsotropic, openmm.
+                               MonteCarloMembraneBarostat.ZFree)
+], ids=['isotropic', 'anisotropic', 'membrane'])
+def test_a_barostat_that_scales_particles_independently(platform, make):
+    barostat = make()
+    if not hasattr(barostat, 'setScaleMoleculesAsRigid'):
+        pytest.skip('barostats of this OpenMM keep molecules rigid')
+    system = periodic_system()
+    openmmrigidhi.app.bindBodies(system, integrator_of([0, 1, 2]))
+    force = system.getForce(system.addForce(barostat))
+    openmm.Context(system, integrator_of([0, 1, 2]), platform)
+    force.setScaleMoleculesAsRigid(False)
+    with refused(f'a {type(barostat).__name__}, scales the particles of a molecule independently',
+                 'setScaleMoleculesAsRigid(true)'):
+        openmm.Context(system, integrator_of([0, 1, 2]), platform)
+
+
 def test_drude_particles():
     system = system_of(1, 0.1)
     force = openmm.DrudeForce()

@@ -29,6 +29,20 @@ namespace {
 string particleText(int p) { return "particle " + to_string(p); }
 string bodyText(int b) { return "body " + to_string(b); }
 
+/**
+ * Whether a barostat moves particles of one molecule relative to each other. Barostats before
+ * OpenMM 8.6 do not, and lack this method.
+ */
+template <class Barostat>
+auto deformsMolecules(const Barostat& barostat, int)
+    -> decltype(!barostat.getScaleMoleculesAsRigid()) {
+    return !barostat.getScaleMoleculesAsRigid();
+}
+template <class Barostat>
+bool deformsMolecules(const Barostat&, long) {
+    return false;
+}
+
 void checkTies(const System& system, const vector<int>& bodyOf) {
     for (int i = 0; i < system.getNumConstraints(); i++) {
         int a, b;
@@ -179,16 +193,19 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
             stock.hasCMMotionRemover = true;
             stock.removalFrequencies.push_back(remover->getFrequency());
         }
-        const auto barostat = [&](const char* name, const string& temperature) {
+        const auto look = [&](auto* barostat, const char* name) {
+            if (barostat == nullptr) return;
             stock.barostat = name;
-            stock.barostatTemperature = temperature;
+            stock.barostatTemperature = barostat->Temperature();
+            if (deformsMolecules(*barostat, 0))
+                fail("force " + to_string(i) + ", a " + name +
+                     ", scales the particles of a molecule independently, and so deforms rigid "
+                     "bodies; call its setScaleMoleculesAsRigid(true)");
         };
-        if (dynamic_cast<const MonteCarloBarostat*>(&force))
-            barostat("MonteCarloBarostat", MonteCarloBarostat::Temperature());
-        if (dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force))
-            barostat("MonteCarloAnisotropicBarostat", MonteCarloAnisotropicBarostat::Temperature());
-        if (dynamic_cast<const MonteCarloMembraneBarostat*>(&force))
-            barostat("MonteCarloMembraneBarostat", MonteCarloMembraneBarostat::Temperature());
+        look(dynamic_cast<const MonteCarloBarostat*>(&force), "MonteCarloBarostat");
+        look(dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force),
+             "MonteCarloAnisotropicBarostat");
+        look(dynamic_cast<const MonteCarloMembraneBarostat*>(&force), "MonteCarloMembraneBarostat");
         if (string(typeid(force).name()).find("MonteCarloFlexibleBarostat") != string::npos)
             fail("force " + to_string(i) +
                  ", a MonteCarloFlexibleBarostat, may deform rigid bodies; use a "

@@ -21,7 +21,8 @@ public:
     StrictNode(const OpenMM::SerializationNode& node, std::string className)
         : node(node), className(std::move(className)) {}
 
-    const std::string& text(const std::string& property) const {
+    /** A copy, because OpenMM returns a reference before version 8.6 and a copy from then on. */
+    std::string text(const std::string& property) const {
         if (!node.hasProperty(property))
             fail("property '" + property + "' is missing", "every property must be there");
         return node.getStringProperty(property);
@@ -72,7 +73,7 @@ public:
 private:
     template <class T>
     T parse(const std::string& property, const std::string& expected) const {
-        const std::string& value = text(property);
+        const std::string value = text(property);
         T result{};
         // from_chars is independent of the locale, unlike streams and strtod.
         const auto parsed = std::from_chars(value.data(), value.data() + value.size(), result);
