@@ -418,7 +418,7 @@ def main():
         if setName.split()[0] not in args.sets or args.bias_only:
             continue
         duration = parameters['time']*(args.long if not args.quick else
-                                       0.01 if parameters['m'] == 1 else 0.0035)
+                                       0.02 if parameters['m'] == 1 else 0.007)
         for share in args.shares if not args.quick else (0.1,):
             for R in args.distances if not args.quick else DISTANCES[:1]:
                 todo.append((setName, R, share*parameters['kT'], args.model, duration,
