@@ -21,6 +21,8 @@ MODULES = {
     'openmm': 'python3-openmm|python3-simtk',
     'pytest': 'python3-pytest'
 }
+#: The same for what only the site imports.
+OF_SITE = {'nbformat': 'python3-nbformat'}
 #: The same for the extensions and the theme that site/conf.py names.
 EXTENSIONS = {
     'sphinx': 'python3-sphinx',
@@ -47,7 +49,8 @@ def test_every_imported_module_has_its_package():
            } | {part
                 for name in git_files('*.py') for part in re.split(r'[/.]', name)}
     for name in git_files('*.py'):
-        for module in set(imported(name)) - set(sys.stdlib_module_names) - own:
+        known = set(OF_SITE) if name.startswith('site/') else set()
+        for module in set(imported(name)) - set(sys.stdlib_module_names) - own - known:
             assert module in MODULES, f'{name} imports {module}: which Debian package has it?'
             assert MODULES[module] in packages(
             ), f'{name} imports {module}: add {MODULES[module]} to packages-debian.txt'
@@ -93,5 +96,7 @@ def test_what_the_site_uses_has_its_package():
     settings = runpy.run_path(str(ROOT/'site'/'conf.py'))
     used = {name.split('.')[0] for name in settings['extensions']} | {settings['html_theme']}
     assert used == set(EXTENSIONS)
-    assert packages('site/packages-debian.txt') == set(EXTENSIONS.values()) | {'libjs-katex'}
+    assert packages('site/packages-debian.txt') == {
+        *EXTENSIONS.values(), *OF_SITE.values(), 'libjs-katex'
+    }
     assert not packages('site/packages-debian.txt') & packages()

@@ -165,10 +165,10 @@ def test_a_flexible_barostat(platform):
 
 
 @pytest.mark.parametrize('make', [
-    lambda: openmm.MonteCarloBarostat(1, 300),
-    lambda: openmm.MonteCarloAnisotropicBarostat((1, 1, 1), 300), lambda: openmm.
-    MonteCarloMembraneBarostat(1, 0, 300, openmm.MonteCarloMembraneBarostat.XYIsotropic, openmm.
-                               MonteCarloMembraneBarostat.ZFree)
+    lambda: openmm.MonteCarloBarostat(1, 300), lambda: openmm.MonteCarloAnisotropicBarostat(
+        (1, 1, 1), 300),
+    lambda: openmm.MonteCarloMembraneBarostat(1, 0, 300, openmm.MonteCarloMembraneBarostat.
+                                              XYIsotropic, openmm.MonteCarloMembraneBarostat.ZFree)
 ], ids=['isotropic', 'anisotropic', 'membrane'])
 def test_a_barostat_that_scales_particles_independently(platform, make):
     barostat = make()
