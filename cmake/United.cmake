@@ -1,5 +1,5 @@
-# Files that are compiled together. A small file's compilation is for 70 % that of its headers, which six files then read once. So a build
-# takes half the time. Switch this off to compile each file by itself, as tools do that read compile_commands.json: the preset `debug` does.
+# Files that are compiled together. A small file's compilation is for 70 % that of its headers, which six files then read once.
+# Switch this off to compile each file by itself, as tools do that read compile_commands.json: the preset `debug` does.
 option(RIGIDHI_UNITED "Compile files six at a time" ON)
 
 # rigidhi_unite(result name directory [NAMESPACES] files...) gives what to compile instead of these files, which are below the directory.
@@ -11,7 +11,6 @@ function(rigidhi_unite result name directory)
     cmake_parse_arguments(PARSE_ARGV 3 arg "NAMESPACES" "" "")
     set(alone)
     set(batch)
-    set(numbers 0)
     foreach(file IN LISTS arg_UNPARSED_ARGUMENTS)
         get_filename_component(file ${file} ABSOLUTE)
         get_source_file_property(definitions ${file} COMPILE_DEFINITIONS)

@@ -59,8 +59,7 @@ def test_page_has_equations_symbols_and_one_example(page):
     assert found['Symbols'].count(
         '\n|') > 3 and '| symbol | what it is | unit |' in found['Symbols']
     examples = re.findall(r'^```python\n(.*?)^```', read(page), flags=re.S | re.M)
-    # They fit on a screen, in lines that fit on a screen of 1400 pixels.
-    assert len(examples) == 1 and examples[0].count('\n') <= 30
+    assert len(examples) == 1 and examples[0].count('\n') <= 25
     assert re.match('assert |print', examples[0].strip().splitlines()
                     [-1]), f'the example of {page} ends without a check or a number'
     assert max(map(len, examples[0].splitlines())) <= 130

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <random>
 #include <set>
-#include <thread>
 
 #include "EigenInstances.h"
+#include "GridFluidSupport.h"
 #include "ReferenceScenes.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
@@ -211,15 +211,10 @@ TEST(ConfinedGrid, ProductsHaveTheToleranceNearPlanes) {
 
 TEST(ConfinedGrid, BothFluidsAndAnyNumberOfThreadsAgree) {
     const HydrodynamicParticles particles = mixture(7);
-    const GridThreads twoThreads = [](int count, const function<void(int, int)>& task) {
-        thread other([&] { task(0, count / 2); });
-        task(count / 2, count);
-        other.join();
-    };
     for (const Geometry& geometry : geometries) {
         const Placement places = at(placesOf(particles, height, 5));
         const auto plain = make_shared<PlainGridFluid>();
-        const auto one = make_shared<CpuGridFluid>(), two = make_shared<CpuGridFluid>(twoThreads);
+        const auto one = make_shared<CpuGridFluid>(), two = make_shared<CpuGridFluid>(onThreads(2));
         MatrixXd M[3], single[3], slips[3];
         int i = 0;
         for (const shared_ptr<GridFluid>& fluid :

@@ -4,9 +4,9 @@
 #include <Eigen/Dense>
 #include <map>
 #include <random>
-#include <thread>
 
 #include "EigenInstances.h"
+#include "GridFluidSupport.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
 #include "mobility/models/confined/ConfinedRandomField.h"
@@ -59,16 +59,6 @@ Scene mixture(int number, double height, unsigned seed, const vector<double>& ra
             Vec3(15 * uniform(random) - 4, 15 * uniform(random) - 4, low + z));
     }
     return scene;
-}
-
-shared_ptr<GridFluid> fluidOf(bool simd, int numThreads = 1) {
-    if (!simd) return make_shared<PlainGridFluid>();
-    if (numThreads == 1) return make_shared<CpuGridFluid>();
-    return make_shared<CpuGridFluid>([](int count, const function<void(int, int)>& task) {
-        thread other([&] { task(0, count / 3); });
-        task(count / 3, count);
-        other.join();
-    });
 }
 
 /** Matrices scaled by roots of the own mobilities of spheres in unbounded fluid. */

@@ -2,9 +2,9 @@
 
 #include <Eigen/Dense>
 #include <random>
-#include <thread>
 
 #include "EigenInstances.h"
+#include "GridFluidSupport.h"
 #include "Instrumented.h"
 #include "TestSupport.h"
 #include "mobility/models/confined/ConfinedRotnePragerYamakawa.h"
@@ -52,16 +52,6 @@ struct Scene {
         }
     }
 };
-
-shared_ptr<GridFluid> fluidOf(bool simd, int numThreads = 1) {
-    if (!simd) return make_shared<PlainGridFluid>();
-    if (numThreads == 1) return make_shared<CpuGridFluid>();
-    return make_shared<CpuGridFluid>([](int count, const function<void(int, int)>& task) {
-        thread other([&] { task(0, count / 3); });
-        task(count / 3, count);
-        other.join();
-    });
-}
 
 MatrixXd exactOf(const Scene& scene, const ConfiningPlanes& planes) {
     MatrixXd M;

@@ -4,9 +4,9 @@
 #include <Eigen/Dense>
 #include <cmath>
 #include <random>
-#include <thread>
 
 #include "EigenInstances.h"
+#include "GridFluidSupport.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
@@ -18,6 +18,7 @@ using namespace OpenMM;
 using namespace RigidHIPlugin;
 using namespace std;
 using RigidHITest::covarianceOfFields;
+using RigidHITest::onThreads;
 using RigidHITest::UnitNoise;
 
 namespace {
@@ -370,16 +371,6 @@ TEST(GridFluid, StencilsLongerThanTheBox) {
         const MatrixXd M = dense(fluid, stencils), exact = latticeSum(particles, box, places(box));
         EXPECT_LE(normOf(scaled(M - exact, particles)), 2 * tolerance);
     }
-}
-
-/** Computes ranges on this number of threads at once. */
-GridThreads onThreads(int number) {
-    return [number](int count, const function<void(int, int)>& task) {
-        vector<thread> threads;
-        for (int t = 0; t < number; t++)
-            threads.emplace_back([&, t] { task(count * t / number, count * (t + 1) / number); });
-        for (thread& one : threads) one.join();
-    };
 }
 
 TEST(CpuGridFluid, IsThePlainOneToRounding) {

@@ -422,16 +422,23 @@ double errorOfDrift(Integrator::Scheme scheme, const Scene& scene) {
     return scene.matrixFree ? 1e-3 : 3e-4;
 }
 
+/** @param expected  the mean of `Exact`, without sampling */
+template <typename Exact>
+void checkMean(const Scene& scene, double kT, const VectorXd& expected) {
+    const double size = expected.norm();
+    ASSERT_GT(size, 0);
+    for (Integrator::Scheme scheme : consistent)
+        EXPECT_LT((Exact(scheme, scene, kT).mean() - expected).norm(),
+                  errorOfDrift(scheme, scene) * size)
+            << scene.name << ", " << traitsOf(scheme).name;
+}
+
 /** The mean displacement is kT h div N. */
 void checkDrift(const Scene& scene) {
     const double kT = 1.3;
     const VectorXd expected = kT * divergence(scene);
     const double size = expected.norm();
-    ASSERT_GT(size, 0);
-    for (Integrator::Scheme scheme : consistent)
-        EXPECT_LT((ExactSteps(scheme, scene, kT).mean() - expected).norm(),
-                  errorOfDrift(scheme, scene) * size)
-            << scene.name << ", " << traitsOf(scheme).name;
+    checkMean<ExactSteps>(scene, kT, expected);
     // A scheme that omits the drift fails, by far.
     const VectorXd without = ExactSteps(Integrator::EulerMaruyama, scene, kT).mean();
     EXPECT_GT((without - expected).norm(), 0.99 * size);
@@ -442,7 +449,8 @@ void checkDrift(const Scene& scene) {
  * own. The rest after the leading noise is of order h, and odd powers of sqrt(h) have zero mean. So
  * at this h the bias is h kT N/a^2 = 1e-4 of the drift. Samples are taken until the component along
  * the expected drift is known to a tenth, so that a scheme without drift is 10 errors off, and 5
- * are allowed. Instrumented programs, which look for other faults, take the first samples only.
+ * are allowed, and until all rows together are known to 0.4 of it. Instrumented programs, which
+ * look for other faults, take the first samples only.
  *
  * @param takeStep  gives sample k of a step of length h, as displacement or flow times h
  */
@@ -460,7 +468,8 @@ void checkSampledMean(const VectorXd& expected, double h, TakeStep takeStep) {
         }
         found = sampling.averages();
     } while (sampling.samples < most && (sampling.samples < 4 * block ||
-                                         (!isInstrumented() && found.alongError > 0.1 * size)));
+                                         (!isInstrumented() && (found.alongError > 0.1 * size ||
+                                                                found.error.norm() > 0.4 * size))));
     ASSERT_LT(sampling.samples, most);
     EXPECT_LT(abs(found.along - size), 5 * found.alongError + 1e-3 * size);
     for (int i = 0; i < expected.size(); i++)
@@ -468,10 +477,10 @@ void checkSampledMean(const VectorXd& expected, double h, TakeStep takeStep) {
             << "row " << i;
 }
 
-void checkSampledDrift(const Scene& scene, const vector<Integrator::Scheme>& schemes) {
+void checkSampledDrift(const Scene& scene) {
     const double h = 1e-4, kT = 1.3;
     const VectorXd expected = kT * h * divergence(scene);
-    for (Integrator::Scheme scheme : schemes) {
+    for (Integrator::Scheme scheme : consistent) {
         SCOPED_TRACE(scene.name + ", " + traitsOf(scheme).name);
         Steps steps(scheme, scene, kT);
         checkSampledMean(expected, h, [&](int k, double h) { return steps.increment(k, h); });
@@ -496,13 +505,8 @@ TEST(OverdampedSchemes, DriftWithLubricationOfPairs) {
     checkDrift(lubricatedBodiesAtWall());
     checkDrift(lubricatedSpheresAtWall());
 }
-/** A scheme whose noise comes from forces, and one whose noise is a slip. */
 TEST(OverdampedSchemes, DriftWithLubricationOfPairsMatrixFree) {
-    checkSampledDrift(matrixFree(lubricatedSpheresAtWall()),
-                      {Integrator::FixmanMidpoint, Integrator::TractionEulerMaruyama});
-}
-TEST(OverdampedSchemes, FullDriftWithLubricationOfPairsMatrixFree) {
-    checkSampledDrift(matrixFree(lubricatedSpheresAtWall()), consistent);
+    checkSampledDrift(matrixFree(lubricatedSpheresAtWall()));
 }
 TEST(OverdampedSchemes, DriftWithOwnTensors) { checkDrift(ownTensors()); }
 TEST(OverdampedSchemes, DriftWithOwnTensorsMatrixFree) { checkDrift(matrixFree(ownTensors())); }
@@ -583,8 +587,11 @@ TEST(OverdampedSchemes, SpheresUnboundedHaveNoDrift) {
         }
         const double size = kT * halfDrift.norm();
         ASSERT_GT(size, 1e-2 * kT);
+        // The steps of all schemes but FixmanMidpoint are their leading noise and nothing else.
+        // What is left is of the order of h, or of rounding over h.
         for (const Integrator::Scheme scheme : overdampedSchemes)
-            EXPECT_LT(ExactSteps(scheme, scene, kT).mean().norm(), 1e-3 * size)
+            EXPECT_LT(ExactSteps(scheme, scene, kT).mean().norm(),
+                      scheme == Integrator::FixmanMidpoint ? 1e-4 * size : 1e-8)
                 << scene.name << ", " << traitsOf(scheme).name;
     }
 }
@@ -831,13 +838,7 @@ struct ExactFlows : ExactSteps {
  */
 void checkMeanFlow(const Scene& scene) {
     const double kT = 1.3;
-    const VectorXd expected = kT * divergenceOfFlow(scene);
-    const double size = expected.norm();
-    ASSERT_GT(size, 0);
-    for (Integrator::Scheme scheme : consistent)
-        EXPECT_LT((ExactFlows(scheme, scene, kT).mean() - expected).norm(),
-                  errorOfDrift(scheme, scene) * size)
-            << scene.name << ", " << traitsOf(scheme).name;
+    checkMean<ExactFlows>(scene, kT, kT * divergenceOfFlow(scene));
 }
 
 /** The same by sampling, where pairs have random numbers of their own. */
@@ -861,6 +862,7 @@ TEST(OverdampedSchemes, MeanFlowWithARandomField) { checkMeanFlow(blobsInAField(
 TEST(OverdampedSchemes, MeanFlowWithLubricationOfPairs) {
     checkMeanFlow(lubricatedSpheresAtWall());
 }
+/** Here samples of other schemes take minutes. */
 TEST(OverdampedSchemes, MeanFlowWithLubricationOfPairsMatrixFree) {
     checkSampledMeanFlow(matrixFree(lubricatedSpheresAtWall()),
                          {Integrator::TractionEulerMaruyama});

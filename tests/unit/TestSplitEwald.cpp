@@ -4,9 +4,9 @@
 #include <Eigen/Dense>
 #include <cmath>
 #include <random>
-#include <thread>
 
 #include "EigenInstances.h"
+#include "GridFluidSupport.h"
 #include "Instrumented.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
@@ -22,6 +22,7 @@ using namespace RigidHIPlugin;
 using namespace std;
 using RigidHITest::covarianceOfFields;
 using RigidHITest::isInstrumented;
+using RigidHITest::onThreads;
 using RigidHITest::UnitNoise;
 
 namespace {
@@ -136,15 +137,6 @@ MatrixXd latticeSum(const Scene& scene) {
 }
 
 shared_ptr<GridFluid> plainFluid() { return make_shared<PlainGridFluid>(); }
-GridThreads onThreads(int number) {
-    return [number](int count, const function<void(int, int)>& task) {
-        vector<thread> threads;
-        for (int t = 0; t < number; t++)
-            threads.emplace_back([&, t] { task(count * t / number, count * (t + 1) / number); });
-        for (thread& one : threads) one.join();
-    };
-}
-
 }  // namespace
 
 TEST(SplitEwald, TablesAreThePairsToRounding) {

@@ -4,9 +4,10 @@
 #include <Eigen/Dense>
 #include <cmath>
 #include <random>
-#include <thread>
 
 #include "EigenInstances.h"
+#include "GridFluidSupport.h"
+#include "ShearedScenes.h"
 #include "StepMoments.h"
 #include "TestSupport.h"
 #include "UnitNoise.h"
@@ -25,8 +26,10 @@ using RigidHITest::covarianceOfFields;
 using RigidHITest::expectError;
 using RigidHITest::fluidElement;
 using RigidHITest::JsonValue;
+using RigidHITest::onThreads;
 using RigidHITest::PosedBodies;
 using RigidHITest::readTestData;
+using RigidHITest::ShearedScene;
 using RigidHITest::TestedBodies;
 using RigidHITest::TestedStep;
 using RigidHITest::UnitNoise;
@@ -117,15 +120,6 @@ double normOf(const MatrixXd& symmetric) {
         .eigenvalues()
         .cwiseAbs()
         .maxCoeff();
-}
-
-GridThreads onThreads(int number) {
-    return [number](int count, const function<void(int, int)>& task) {
-        vector<thread> threads;
-        for (int t = 0; t < number; t++)
-            threads.emplace_back([&, t] { task(count * t / number, count * (t + 1) / number); });
-        for (thread& one : threads) one.join();
-    };
 }
 
 vector<pair<const char*, Spheres>> scenes() {
@@ -271,53 +265,20 @@ TEST(StokesianDynamicsGrid, TwoSpheresAreExact) {
     }
 }
 
-namespace {
-
-void checkReference(const JsonValue& scene) {
-    const auto asVec3 = [](const Vector3d& v) { return Vec3(v[0], v[1], v[2]); };
-    Spheres spheres(0, Vec3(1, 1, 1), {1}, 0, 1);
-    for (int k = 0; k < 3; k++) spheres.placement.box[k] = asVec3(scene["box"][k].vector3());
-    const vector<double> radii = scene["radii"].numbers();
-    for (size_t i = 0; i < radii.size(); i++) {
-        spheres.particles.add(radii[i], true, i, i);
-        spheres.placement.positions.push_back(asVec3(scene["positions"][i].vector3()));
-    }
-    const StokesianDynamicsGrid model(spheres.particles, scene["eta"].number, true, 1e-9, 0,
-                                      PeriodicStokesianDynamics::reachByDefault,
-                                      make_shared<CpuGridFluid>());
-    const auto at = model.at(spheres.placement);
-    const auto expectNear = [&](const VectorXd& value, const char* name) {
-        const VectorXd expected = scene[name].column();
-        EXPECT_LT((value - expected).norm(), 1e-8 * expected.norm()) << name;
-    };
-    const VectorXd wrench = scene["wrench"].column();
-    MatrixXd twists, slips;
-    at->multiply(wrench, twists);
-    expectNear(twists.col(0), "twistOfWrench");
-    at->multiply(scene["frictionTimesWrenchNumbers"].column(), twists);
-    EXPECT_LT((twists - wrench).norm(), 1e-8 * wrench.norm());
-    expectNear(at->sources(wrench, nullptr).stresslets, "stressletOfWrench");
-    DrivenFlow flow;
-    for (int row = 0; row < 3; row++)
-        flow.gradient.row(row) = scene["gradient"][row].vector3().transpose();
-    slips.setZero(6 * radii.size(), 1);
-    at->addStressletsOf(flow, slips);
-    expectNear(slips.col(0), "twistInShearMinusBackground");
-    const VectorXd stresslets = at->sources(MatrixXd::Zero(slips.rows(), 1), &flow).stresslets;
-    expectNear(stresslets, "stressletInShear");
-    double xy = 0;
-    for (size_t i = 0; i < radii.size(); i++) xy += stresslets[5 * i + 2] / sqrt(2);
-    EXPECT_NEAR(1 - xy / Lattice(spheres.placement.box).getVolume(),
-                scene["relativeViscosity"].number, 1e-8);
-}
-
-}  // namespace
-
 TEST(StokesianDynamicsGrid, ReferenceScenesHaveTheirTwistsStressletsAndStress) {
     const JsonValue scenes = readTestData("sheared/periodic_sheared");
     for (int k = 0; k < 3; k++) {  // a cube, and two tilts of it
         SCOPED_TRACE(k);
-        checkReference(scenes[k]);
+        const ShearedScene scene(scenes[k]);
+        const StokesianDynamicsGrid model(scene.particles, scene.viscosity, true, 1e-9, 0,
+                                          PeriodicStokesianDynamics::reachByDefault,
+                                          make_shared<CpuGridFluid>());
+        const auto at = model.at(scene.placement);
+        scene.check(*at, 1e-8);
+        const VectorXd wrench = scene.data["wrench"].column();
+        MatrixXd product;
+        at->multiply(scene.data["frictionTimesWrenchNumbers"].column(), product);
+        EXPECT_LT((product - wrench).norm(), 1e-8 * wrench.norm());
     }
 }
 
