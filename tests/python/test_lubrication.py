@@ -117,10 +117,16 @@ def test_two_spheres_are_those_of_stokesian_dynamics():
 @pytest.mark.parametrize('boundary, model', [('PeriodicWall', 'RotnePragerYamakawa'),
                                              ('NoSlipChannel', 'RotnePragerYamakawa'),
                                              ('Periodic', 'ForceCoupling'),
+                                             ('PeriodicWall', 'ForceCoupling'),
+                                             ('NoSlipChannel', 'ForceCoupling'),
+                                             ('Film', 'ForceCoupling'),
+                                             ('SlipChannel', 'ForceCoupling'),
                                              ('Periodic', 'RotnePragerYamakawa')])
 def test_products_are_those_of_matrices(boundary, model):
     """On a grid, which has errors of its own, in every boundary."""
     positions = [(0, 0, 1.1), (2.1, 0.3, 1.2), (0.6, 2.1, 1.6), (3.9, 4, 3.1)]
+    if boundary == 'SlipChannel':  # across y
+        positions = [(x, z, y) for x, y, z in positions]
     radii = [1, 1, 1, 1]
     answers = []
     for solver in ('Dense', 'MatrixFree'):
@@ -133,7 +139,7 @@ def test_products_are_those_of_matrices(boundary, model):
         text = integrator.getEffects()['hydrodynamics']
         assert 'lubrication' in text
     np.testing.assert_allclose(answers[1], answers[0], atol=1e-5*np.abs(answers[0]).max())
-    if boundary in ('PeriodicWall', 'NoSlipChannel'):
+    if boundary in ('PeriodicWall', 'NoSlipChannel') and model == 'RotnePragerYamakawa':
         # A wide box has no images that matter: the wall's blocks are those of one sphere.
         single = {}
         for where, edge in (('NoSlipWall', 7), (boundary, 60)):
@@ -141,6 +147,86 @@ def test_products_are_those_of_matrices(boundary, model):
                                       solver='Dense', setChannelWalls=(0.0, 60.0))
             single[where] = fluid.getMobilityInContext(context)
         np.testing.assert_allclose(single[boundary][2, 2], single['NoSlipWall'][2, 2], rtol=1e-3)
+
+
+@pytest.mark.parametrize('solver', ['Dense', 'MatrixFree'])
+@pytest.mark.parametrize('platform', ['Reference', 'CPU'])
+def test_a_gaussian_at_a_wall_is_a_rigid_sphere(solver, platform):
+    """Images along the wall change the friction of the sphere by less than 1e-3 of that of the gap.
+    """
+    fluid, _, context = scene([(1, 1, 1.01)], [1], 'NoSlipWall')
+    exact = fluid.getMobilityInContext(context)
+    fluid, _, context = scene([(1, 1, 1.01)], [1], 'PeriodicWall', 'ForceCoupling', box=24,
+                              solver=solver, tolerance=1e-4, platform=platform)
+    found = fluid.applyMobilityInContext(context, [0, 0, 1, 0, 0, 0])[0]
+    assert found[2] == pytest.approx(exact[2, 2], rel=1e-3)
+    assert np.abs(np.delete(found, 2)).max() < 1e-6
+    found = fluid.applyMobilityInContext(context, [1, 0, 0, 0, 0, 0])[0]
+    np.testing.assert_allclose(found, exact[:, 0], atol=0.01*exact[0, 0])
+
+
+@pytest.mark.parametrize('solver', ['Dense', 'MatrixFree'])
+def test_spheres_between_slip_walls_are_those_with_images(solver):
+    """As in a periodic box of twice the width, where images have mirrored forces."""
+    gaps = [(0, 1.03, 0), (2.1, 1.2, 0.3), (0.5, 3.4, 0.2)]
+    wrenches = np.sin(1 + np.arange(18)).reshape(3, 6)
+    fluid, integrator, context = scene(gaps, [1, 1, 0.6], 'SlipChannel', 'ForceCoupling',
+                                       box=(7, 9, 8), solver=solver, tolerance=1e-8,
+                                       setChannelWalls=(0.0, 4.05))
+    found = fluid.applyMobilityInContext(context, wrenches)
+    images = [(x, -y, z) for x, y, z in gaps]
+    mirror = np.array([1, -1, 1, -1, 1, -1])
+    fluid, _, context = scene(gaps + images, [1, 1, 0.6]*2, 'Periodic', 'ForceCoupling',
+                              box=(7, 8.1, 8), solver='Dense', tolerance=1e-8)
+    expected = fluid.applyMobilityInContext(context, np.concatenate([wrenches, wrenches*mirror]))
+    np.testing.assert_allclose(found, expected[:3], atol=1e-6*np.abs(expected).max())
+    assert 'mirror images in the slip walls' in integrator.getEffects()['hydrodynamics']
+
+
+def test_a_film_has_lubrication_at_its_surface():
+    """Towards the free surface a sphere moves as one of two that approach each other: the force in
+    a small gap is 3/2 pi eta a^2 V over half the gap's part of the sphere.
+    """
+    found = []
+    for gap in (0.02, 0.01):
+        fluid, integrator, context = scene([(1, 1, 5 - gap)], [1], 'Film', 'ForceCoupling', box=12,
+                                           tolerance=1e-4, setChannelWalls=(0.0, 6.0))
+        found.append(1/fluid.applyMobilityInContext(context, [0, 0, 1, 0, 0, 0])[0, 2])
+    assert 'free surface' in integrator.getEffects()['hydrodynamics']
+    # The leading term of squeezing is 3/2 pi eta a^2 2V/(2 gap) and the next -27/20 pi eta a 2V
+    # ln(gap), of two equal spheres (Jeffrey and Onishi 1984), with gap the distance to the surface.
+    leading = 1.5*np.pi*(1/0.01 - 1/0.02)
+    logarithm = 6*np.pi*2*(9/40)*np.log(2)
+    assert found[1] - found[0] == pytest.approx(leading + logarithm, rel=0.02)
+    # Along the surface nothing is sheared.
+    fluid, _, context = scene([(1, 1, 4.99)], [1], 'Film', 'ForceCoupling', box=12, tolerance=1e-4,
+                              setChannelWalls=(0.0, 6.0))
+    along = fluid.applyMobilityInContext(context, [1, 0, 0, 0, 0, 0])[0, 0]
+    fluid.setLubrication(False)
+    fluid.updateParametersInContext(context)
+    without = fluid.applyMobilityInContext(context, [1, 0, 0, 0, 0, 0])[0, 0]
+    assert along == pytest.approx(without, rel=0.1)
+
+
+@pytest.mark.parametrize('boundary', ['PeriodicWall', 'NoSlipChannel', 'Film'])
+@pytest.mark.parametrize('platform', ['Reference', 'CPU'])
+def test_gaussians_at_walls_step(boundary, platform):
+    """Steps with matrices and with products; overlaps with walls are redone."""
+    positions = [(0, 0, 1.05), (2.1, 0.3, 1.2), (0.6, 2.1, 1.6), (3.9, 4, 2.92)]
+    for solver in ('Dense', 'MatrixFree'):
+        _, integrator, context = scene(positions, [1]*4, boundary, 'ForceCoupling', box=7,
+                                       solver=solver, tolerance=1e-3, temperature=300, step=2e-3,
+                                       platform=platform, setChannelWalls=(0.0, 4.0))
+        integrator.step(5)
+        x = integrator.getBodyPositions()._value
+        assert np.isfinite(x).all() and x[:, 2].min() > 1
+        assert boundary == 'PeriodicWall' or x[:, 2].max() < 3
+        saved = context.createCheckpoint()
+        integrator.step(3)
+        end = integrator.getBodyPositions()._value
+        context.loadCheckpoint(saved)
+        integrator.step(3)
+        np.testing.assert_array_equal(integrator.getBodyPositions()._value, end)
 
 
 @pytest.mark.parametrize('scheme', [
@@ -229,9 +315,6 @@ def test_auto_is_on_for_stokesian_dynamics_only():
 
 def test_what_cannot_go_together():
     positions, radii = [(0, 0, 2), (2.5, 0, 2)], [1, 1]
-    with refused('lubrication cannot be used with model ForceCoupling and boundary PeriodicWall',
-                 'setModel(RotnePragerYamakawa)', 'setLubrication(Off)'):
-        scene(positions, radii, 'PeriodicWall', 'ForceCoupling', box=8)
     with refused('lubrication is known only for spheres that do not overlap the wall',
                  'wall rejection Crossing', 'use setWallRejection(Overlap) or setLubrication(Off)'):
         scene(positions, radii, 'NoSlipWall', setWallRejection='Crossing')
@@ -259,6 +342,12 @@ def test_what_cannot_go_together():
     _, integrator, context = scene([(0, 0, 1), (5, 0, 2)], [1, 1], 'NoSlipWall')
     with refused('touches the wall', 'setLubrication(Off)'):
         integrator.step(1)
+    for boundary, center, what in (('Film', (0, 0, 3), 'touches the free surface'),
+                                   ('SlipChannel', (0, 1, 0), 'touches a slip wall')):
+        _, integrator, context = scene([center], [1], boundary, 'ForceCoupling', box=6,
+                                       setChannelWalls=(0.0, 4.0), tolerance=1e-3)
+        with refused(what, 'setLubrication(Off)'):
+            integrator.step(1)
 
 
 def test_descriptions_name_the_spheres():

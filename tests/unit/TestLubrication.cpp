@@ -5,11 +5,14 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <random>
+#include <set>
 
 #include "TestSupport.h"
 #include "linearalgebra/BlockIncompleteCholesky.h"
 #include "linearalgebra/Gmres.h"
 #include "mobility/NearAndFar.h"
+#include "mobility/models/confined/ConfinedForceCoupling.h"
+#include "mobility/models/confined/ForceCouplingAtWall.h"
 #include "mobility/models/lubricated/LubricatedMobility.h"
 #include "mobility/models/periodic/PeriodicMobility.h"
 #include "mobility/models/rotneprager/RotnePragerYamakawa.h"
@@ -216,6 +219,185 @@ TEST(Lubrication, OneSphereAtAWallIsExact) {
             make_unique<RotnePragerYamakawaWall>(s.particles, eta, wall));
         EXPECT_LT(errorOf(denseOf(s.aboveWall(), s.placement), denseOf(exact, s.placement)), 1e-10);
     }
+}
+
+/** Far from the wall an envelope acts as a sphere whose square of the radius is 3/pi as large. */
+TEST(Lubrication, GaussiansFarFromAWallAreSpheres) {
+    const double part = 3 / M_PI;
+    for (double u : {0.25, 0.2, 0.1, 0.01, 0.0}) {
+        const SphereWallMobility m = ForceCouplingAtWall(1.5).at(u);
+        const double u3 = u * u * u, u5 = u3 * u * u;
+        EXPECT_NEAR(m.along, 1 - 9 * u / 16 + part * u3 / 8 - part * part * u5 / 16, 1e-9);
+        EXPECT_NEAR(m.across, 1 - 9 * u / 8 + part * u3 / 2 - part * part * u5 / 8, 1e-9);
+        EXPECT_NEAR(m.turnAlong, 0.75 * (1 - 5 * u3 / 16), 1e-9);
+        EXPECT_NEAR(m.turnNormal, 0.75 * (1 - u3 / 8), 1e-9);
+        EXPECT_NEAR(m.rolling, 3 * part * u3 * u / 32, 1e-9);
+    }
+}
+
+/** One of ConfinedForceCoupling in a wide box. What images add along the wall falls as L^-3. */
+TEST(Lubrication, GaussiansAtAWallAreThoseOfTheModel) {
+    HydrodynamicParticles particles;
+    particles.add(1, true, 0, 0);
+    MobilityForce force;
+    force.setBoundary(MobilityForce::PeriodicWall);
+    const ConfiningPlanes planes(force, false);
+    const ConfinedForceCoupling model(particles, eta, planes, 1e-7, 0,
+                                      make_shared<PlainGridFluid>());
+    const double unit = 6 * M_PI * eta;
+    for (double height : {1.0, 1.5, 2.5}) {
+        MatrixXd inBox[2];
+        for (int wide : {0, 1}) {
+            Placement placement;
+            const double edge = wide ? 24 : 12;
+            placement.box = {Vec3(edge, 0, 0), Vec3(0, edge, 0), Vec3(0, 0, 9)};
+            placement.positions = {Vec3(0.3, 0.1, height)};
+            inBox[wide] = unit * denseOf(model, placement);
+        }
+        const MatrixXd wall = (8 * inBox[1] - inBox[0]) / 7;
+        const SphereWallMobility m = ForceCouplingAtWall(1.5).at(1 / height);
+        const double error = 2e-4;  // what is left of images
+        EXPECT_NEAR(wall(0, 0), m.along, error);
+        EXPECT_NEAR(wall(2, 2), m.across, error);
+        EXPECT_NEAR(wall(3, 3), m.turnAlong, error);
+        EXPECT_NEAR(wall(5, 5), m.turnNormal, error);
+        EXPECT_NEAR(wall(0, 4), m.rolling, error);
+        EXPECT_NEAR(wall(4, 0), m.rolling, error);
+    }
+}
+
+TEST(Lubrication, GaussiansAtAWallAreATable) {
+    for (double behind : {1.5, 2.0, 15.0}) {
+        const ForceCouplingAtWall table(behind);
+        for (double u : {1.0, 0.97, 0.71, 0.333, 0.26, 0.1}) {
+            const SphereWallMobility found = table.at(u),
+                                     exact = ForceCouplingAtWall::integral(u, behind);
+            EXPECT_NEAR(found.along, exact.along, 1e-12);
+            EXPECT_NEAR(found.across, exact.across, 1e-12);
+            EXPECT_NEAR(found.turnAlong, exact.turnAlong, 1e-12);
+            EXPECT_NEAR(found.turnNormal, exact.turnNormal, 1e-12);
+            EXPECT_NEAR(found.rolling, exact.rolling, 1e-12);
+        }
+    }
+}
+
+/** The friction of the model by itself and what it lacks are that of a rigid sphere. */
+TEST(Lubrication, OneGaussianAtAWallIsExact) {
+    for (double gap : {1e-3, 0.05, 0.3, 1.0, 3.0}) {
+        Spheres s;
+        s.add(1.3, {0.3, -0.1, 1.3 * (1 + gap)});
+        LubricationScene scene;
+        scene.reach = near;
+        scene.low = 0;
+        scene.behind = 1.5 * 1.3;
+        const Lubrication lubrication(s.particles, eta, overGaussians(), scene, "model");
+        Lubrication::Single delta, root, own;
+        lubrication.ofSphere(0, s.placement.positions[0][2], delta, root, own);
+        own += delta;
+        const NoSlipPlane wall(0, false);
+        const SphereWallCongruence exact(
+            s.particles, eta, wall, "NoSlipWall",
+            make_unique<RotnePragerYamakawaWall>(s.particles, eta, wall));
+        // A negative part is left out.
+        EXPECT_LT(errorOf(own.whole(Vector3d::UnitZ()), frictionOf(exact, s.placement)), BOUND)
+            << gap;
+    }
+}
+
+/**
+ * A mirror stands for spheres with their images, which move as the mirrored ones do. Half of the
+ * friction of all is that of the spheres.
+ */
+TEST(Lubrication, MirrorsAreImages) {
+    for (bool channel : {false, true}) {
+        const int axis = channel ? 1 : 2;
+        const double plane = channel ? -0.5 : 4, other = channel ? 3.1 : 0;
+        Spheres s;
+        const auto at = [&](double x, double along, double fromPlane) {
+            Vector3d place(x, along, along);
+            place[axis] = channel ? plane + fromPlane : plane - fromPlane;
+            return place;
+        };
+        s.add(1, at(0, 0.2, 1.02));
+        s.add(0.7, at(1.75, 0.3, 0.71));
+        s.add(0.3, at(-1.2, 1.1, 0.6), false);
+        s.add(0.8, at(0.72, 1.9, 2.2));
+        s.placement.box = {Vec3(4.4, 0, 0), Vec3(0, 5, 0), Vec3(0, 0, 20)};
+        LubricationScene scene, whole;
+        scene.reach = whole.reach = near;
+        scene.numPeriods = whole.numPeriods = channel ? 3 : 2;
+        scene.mirrorAxis = axis;
+        scene.mirror = plane;
+        if (channel) scene.mirrorPeriod = 2 * (other - plane);
+        Spheres all = s;
+        MatrixXd P = MatrixXd::Zero(2 * s.particles.numRows, s.particles.numRows);
+        P.topRows(s.particles.numRows).setIdentity();
+        for (int i = 0; i < s.particles.size(); i++) {
+            Vec3 x = s.placement.positions[i];
+            x[axis] = 2 * plane - x[axis];
+            const bool torque = s.particles.hasTorque[i];
+            all.add(s.particles.radii[i], {x[0], x[1], x[2]}, torque);
+            for (int k = 0; k < (torque ? 6 : 3); k++)
+                P(s.particles.numRows + s.particles.firstRow[i] + k,
+                  s.particles.firstRow[i] + k) = (k % 3 == axis) == (k < 3) ? -1 : 1;
+        }
+        if (channel) all.placement.box[1] = Vec3(0, scene.mirrorPeriod, 0);
+        const auto deltaOf = [&](const Spheres& of, const LubricationScene& in) -> MatrixXd {
+            const Lubrication lubrication(of.particles, eta, overGaussians(), in, "model");
+            Lubrication::Terms terms;
+            lubrication.findTerms(of.placement, terms);
+            const int rows = of.particles.numRows;
+            MatrixXd delta = MatrixXd::Zero(rows, rows), product = delta;
+            lubrication.addTo(terms, delta);
+            lubrication.addProduct(terms, MatrixXd::Identity(rows, rows), product);
+            EXPECT_LT((delta - product).norm(), 1e-13 * delta.norm());
+            return delta;
+        };
+        const MatrixXd mirrored = deltaOf(s, scene),
+                       expected = 0.5 * P.transpose() * deltaOf(all, whole) * P;
+        EXPECT_LT((mirrored - expected).norm(), 1e-12 * expected.norm()) << channel;
+        EXPECT_GT((mirrored - deltaOf(s, whole)).norm(), 0.1 * expected.norm());
+    }
+}
+
+/** Random forces at a mirror have the covariance of the friction that it adds. */
+TEST(Lubrication, NoiseAtAMirror) {
+    Spheres s;
+    s.add(1, {0, 0, -1.05});
+    s.add(1.2, {2.3, 0, -1.3});
+    LubricationScene scene;
+    scene.reach = near;
+    scene.mirrorAxis = 2;
+    const Lubrication lubrication(s.particles, eta, overGaussians(), scene, "model");
+    Lubrication::Terms terms;
+    lubrication.findTerms(s.placement, terms);
+    EXPECT_EQ(terms.pairs.size(), 4u);
+    MatrixXd delta = MatrixXd::Zero(12, 12), covariance = delta;
+    lubrication.addTo(terms, delta);
+    // Keys differ, so that terms have independent numbers.
+    set<pair<uint32_t, uint32_t>> keys;
+    for (size_t k = 0; k < terms.pairs.size(); k++) {
+        pair<uint32_t, uint32_t> key;
+        lubrication.keyOfPair(terms.pairs[k], key.first, key.second);
+        keys.insert(key);
+    }
+    EXPECT_EQ(keys.size(), 4u);
+    NoiseStream noise;
+    const int samples = 4000;
+    for (int k = 0; k < samples; k++) {
+        noise.step = k;
+        MatrixXd forces = MatrixXd::Zero(12, 1);
+        EXPECT_EQ(lubrication.addNoise(terms, noise, NoiseStream::ParticleFirstDraw, forces), 48);
+        covariance += forces * forces.transpose() / samples;
+    }
+    const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(delta);
+    const MatrixXd scale = (solver.eigenvalues().array() + 1e-2 * solver.eigenvalues().maxCoeff())
+                               .rsqrt()
+                               .matrix()
+                               .asDiagonal() *
+                           solver.eigenvectors().transpose();
+    EXPECT_LT((scale * (covariance - delta) * scale.transpose()).cwiseAbs().maxCoeff(),
+              5 * sqrt(2.0 / samples));
 }
 
 /** Pairs do not change the force on the fluid, and a wall takes its part of it. */

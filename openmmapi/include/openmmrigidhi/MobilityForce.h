@@ -185,7 +185,7 @@ public:
     /** Get whether spheres have lubrication, as setLubrication() has set it. */
     Lubrication getLubrication() const { return lubrication; }
     /**
-     * Set whether spheres that are close to each other, or to a no-slip wall, have lubrication
+     * Set whether spheres that are close to each other, or to a wall, have lubrication
      * (default Auto: with StokesianDynamics they have, with other models they have not).
      *
      * With RotnePragerYamakawa and ForceCoupling the friction is that of the model plus what it
@@ -196,8 +196,7 @@ public:
      *
      * Spheres must not overlap each other (see setMinimumGap()) and not touch walls, and ratios of
      * their radii are up to 10. A Context is refused with SphereWallMobility BestKnown, which the
-     * lubrication at walls replaces, with the wall rejection Crossing, and with ForceCoupling
-     * between or above walls.
+     * lubrication at walls replaces, and with the wall rejection Crossing.
      *
      * @throws OpenMMException for a value that is none of the enumerators
      */

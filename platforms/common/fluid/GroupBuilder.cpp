@@ -239,11 +239,6 @@ void GroupBuilder::checkIterations() const {
 void GroupBuilder::checkLubrication() const {
     if (!isLubricatedByPairs(force)) return;
     const BoundaryTraits& boundary = traitsOf(force.getBoundary());
-    if (force.getModel() == MobilityForce::ForceCoupling && boundary.hasWalls())
-        failFluid(string("lubrication cannot be used with model ForceCoupling and boundary ") +
-                  boundary.name +
-                  ", where the mobility of one of its spheres beside a wall is not known in closed "
-                  "form; use setModel(RotnePragerYamakawa), or setLubrication(Off)");
     if (boundary.hasWalls() && settings.wallRejection == CustomRigidHIIntegrator::Crossing)
         failFluid(
             "lubrication is known only for spheres that do not overlap the wall, so it cannot be "

@@ -67,6 +67,23 @@ LubricationReach reachOf(const MobilityForce& force, const LubricationReach& ofM
     return reach.nothing > 0 ? reach : ofModel;
 }
 
+/** Take planes along which the fluid slips from the no-slip walls, and make them mirrors. */
+void slipAlongMirrors(const MobilityForce& force, LubricationScene& scene) {
+    const double none = numeric_limits<double>::infinity();
+    if (force.getBoundary() == MobilityForce::Film) {
+        scene.mirrorAxis = 2;
+        scene.mirror = scene.high;
+        scene.high = none;
+    }
+    if (force.getBoundary() != MobilityForce::SlipChannel) return;
+    scene.numPeriods = 3;
+    scene.mirrorAxis = traitsOf(MobilityForce::SlipChannel).wallAxis;
+    scene.mirror = scene.low;
+    scene.mirrorPeriod = 2 * (scene.high - scene.low);
+    scene.low = -none;
+    scene.high = none;
+}
+
 /** A model with the lubrication of its spheres, where the user wants it and there is any. */
 unique_ptr<MobilityModel> withLubrication(const MobilityForce& force,
                                           const HydrodynamicParticles& particles,
@@ -78,11 +95,14 @@ unique_ptr<MobilityModel> withLubrication(const MobilityForce& force,
     scene.minimumGap = force.getMinimumGap();
     scene.numPeriods = !boundary.isPeriodic ? 0 : boundary.hasWalls() ? 2 : 3;
     findWalls(force, scene.low, scene.high);
+    const bool gaussian = force.getModel() == MobilityForce::ForceCoupling;
+    if (gaussian && boundary.isAcross(2))
+        scene.behind = ConfinedForceCoupling::behindWalls(particles, force.getBoundary());
+    slipAlongMirrors(force, scene);
     if (!Lubrication::isAny(particles, scene)) return model;
-    return make_unique<LubricatedMobility>(
-        particles, force.getViscosity(),
-        force.getModel() == MobilityForce::ForceCoupling ? overGaussians() : overSurfaces(), scene,
-        move(model));
+    return make_unique<LubricatedMobility>(particles, force.getViscosity(),
+                                           gaussian ? overGaussians() : overSurfaces(), scene,
+                                           move(model));
 }
 
 shared_ptr<GridFluid> gridFluid(const PlatformModels& own) {

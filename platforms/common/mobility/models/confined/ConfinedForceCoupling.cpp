@@ -146,6 +146,9 @@ MobilityTraits betweenPlanes(MobilityTraits traits, bool byProducts) {
     return traits;
 }
 
+/** In largest radii: the gap of the period, and how far another plane is below a PeriodicWall. */
+const double gapInRadii = 2, belowInRadii = 1.5;
+
 double largestOf(const std::vector<double>& numbers) {
     return numbers.empty() ? 0 : *std::max_element(numbers.begin(), numbers.end());
 }
@@ -167,8 +170,8 @@ ConfinedForceCoupling::ConfinedForceCoupling(const HydrodynamicParticles& partic
           betweenPlanes(
               ForceCouplingGrid(particles, viscosity, tolerance, spacing, fluid).getTraits(),
               byProducts)),
-      planes(planes), gap(2 * largestOf(particles.radii)),
-      below(planes.isWall() ? 1.5 * largestOf(particles.radii) : 0),
+      planes(planes), gap(gapInRadii * largestOf(particles.radii)),
+      below(planes.isWall() ? behindWalls(particles, planes.getBoundary()) : 0),
       origin(planes.isWall() ? -below / 2 : planes.getHeight() / 2),
       onGrid(particles, viscosity, tolerance, spacing, fluid, false,
              [this](const GridShape& shape) { return planesOf(shape); }) {
@@ -176,6 +179,13 @@ ConfinedForceCoupling::ConfinedForceCoupling(const HydrodynamicParticles& partic
 }
 
 ConfinedForceCoupling::~ConfinedForceCoupling() {}
+
+double ConfinedForceCoupling::behindWalls(const HydrodynamicParticles& particles,
+                                          MobilityForce::Boundary boundary) {
+    // In a channel or film this is the other plane's image.
+    return (boundary == MobilityForce::PeriodicWall ? belowInRadii : gapInRadii) *
+           largestOf(particles.radii);
+}
 
 PlaneConditions ConfinedForceCoupling::conditionsOf(double period) const {
     if (planes.isChannel())

@@ -47,6 +47,9 @@ public:
                           const ConfiningPlanes& planes, double tolerance, double spacing,
                           const std::shared_ptr<GridFluid>& fluid, bool byProducts = true);
     ~ConfinedForceCoupling() override;
+    /** How far the next plane is behind a wall, nm. */
+    static double behindWalls(const HydrodynamicParticles& particles,
+                              MobilityForce::Boundary boundary);
 
     std::string objection(const Placement& placement) const override {
         return planes.objection(particles, placement);

@@ -158,11 +158,7 @@ long long LubricatedMobilityAt::addNearNoise(const NoiseStream& noise, uint32_t 
 void LubricatedMobilityAt::friction(MatrixXd& friction) {
     findBlocks();
     inner->friction(friction);
-    for (size_t k = 0; k < terms.pairs.size(); k++) {
-        const Lubrication::NearPair& pair = terms.pairs[k];
-        const int rows[2] = {particles.firstRow[pair.i], particles.firstRow[pair.j]};
-        terms.deltas[k].addTo(pair.axis, rows, friction);
-    }
+    lubrication.addTo(terms, friction);
     if (!lubrication.getScene().hasWalls()) return;
     for (size_t k = 0; k < spheres.size(); k++) {
         const int rows[1] = {particles.firstRow[spheres[k]]};

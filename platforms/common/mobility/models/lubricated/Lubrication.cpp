@@ -142,11 +142,17 @@ Lubrication::Single frictionAtWall(const SphereWallMobility& m, double a, double
     return friction;
 }
 
+/** Where spheres have mirror images, in descriptions. */
+string nameOfMirror(const LubricationScene& scene) {
+    return scene.mirrorPeriod > 0 ? "slip walls" : "free surface";
+}
+
 }  // namespace
 
 bool Lubrication::isAny(const HydrodynamicParticles& particles, const LubricationScene& scene) {
     const int spheres = count(particles.hasTorque.begin(), particles.hasTorque.end(), char(true));
-    return spheres > 1 || (spheres == 1 && (scene.numPeriods > 0 || scene.hasWalls()));
+    return spheres > 1 ||
+           (spheres == 1 && (scene.numPeriods > 0 || scene.hasWalls() || scene.hasMirror()));
 }
 
 Lubrication::Lubrication(const HydrodynamicParticles& particles, double viscosity,
@@ -185,31 +191,46 @@ Lubrication::Lubrication(const HydrodynamicParticles& particles, double viscosit
     for (size_t larger = 0; larger < radii.size(); larger++) {
         tables[larger].resize(larger + 1);
         for (size_t smaller = 0; smaller <= larger; smaller++)
-            if (smaller < larger || scene.numPeriods > 0 || copies[larger] > 1)
+            if (smaller < larger || scene.numPeriods > 0 || scene.hasMirror() || copies[larger] > 1)
                 tables[larger][smaller] = TwoSphereResistance::get(radii[smaller] / radii[larger]);
     }
+    if (scene.hasWalls() && spreading == &overGaussians())
+        for (double radius : radii) atWall.emplace_back(scene.behind / radius);
 }
 
 /**
- * Call use(i, j, image, vector) for all pairs of spheres with distances up to so many mean radii, i
- * <= j, in a fixed order.
+ * Call use(i, j, image, vector, mirrored) for all pairs of spheres with distances up to so many
+ * mean radii, i <= j, in a fixed order.
  */
 template <class Use>
 void Lubrication::forPairsWithin(const Placement& placement, double meanRadii,
                                  const Use& use) const {
-    const Cell cell(placement.box, scene.numPeriods);
+    const Cell cell(scene.periods(placement.box), scene.numPeriods);
     vector<Vector3d> x;
     for (int i : spheres) x.push_back(toEigen(placement.positions[i]));
+    const size_t numSpheres = x.size();
+    if (scene.hasMirror())
+        for (size_t b = 0; b < numSpheres; b++) {
+            Vector3d image = x[b];
+            image[scene.mirrorAxis] = 2 * scene.mirror - image[scene.mirrorAxis];
+            x.push_back(image);
+        }
     const Neighbours neighbours(cell, x, meanRadii * largestRadius);
     vector<int> others;
-    for (size_t b = 0; b < spheres.size(); b++) {
+    for (size_t b = 0; b < x.size(); b++) {
+        const bool mirrored = b >= numSpheres;
+        const int last = b % numSpheres, j = spheres[last];
         neighbours.upTo(b, others);
         for (int a : others) {
-            const int i = spheres[a], j = spheres[b];
-            if (i == j && scene.numPeriods == 0) continue;
+            // A pair of images is that of the spheres, and so is a later sphere with the image of
+            // an earlier one.
+            if (a > last) continue;
+            const int i = spheres[a];
+            if (i == j && scene.numPeriods == 0 && !mirrored) continue;
             cell.imagesWithin(x[b] - x[a], meanRadii * meanRadius(i, j),
                               [&](const array<int, 3>& image, const Vector3d& d) {
-                                  if (i != j || isFirstOfTwo(image)) use(i, j, image, d);
+                                  if (i != j || mirrored || isFirstOfTwo(image))
+                                      use(i, j, image, d, mirrored);
                               });
         }
     }
@@ -223,7 +244,10 @@ string Lubrication::describe() const {
     if (scene.hasWalls())
         text += string(pairs ? " and" : "") + " with the wall" +
                 (isfinite(scene.low) && isfinite(scene.high) ? "s" : "");
-    if (pairs)
+    if (scene.hasMirror())
+        text += string(pairs || scene.hasWalls() ? " and" : "") + " with mirror images in the " +
+                nameOfMirror(scene);
+    if (pairs || scene.hasMirror())
         text += " (that of pairs whole up to " + number(scene.reach.whole) +
                 " mean radii and nothing from " + number(scene.reach.nothing) + " on)";
     if ((int)spheres.size() < particles.size()) text += "; multiblobs and free particles have none";
@@ -234,12 +258,21 @@ bool Lubrication::findOverlap(const Placement& placement, NearPair& found) const
     const double closest = 2;  // mean radii
     bool isFound = false;
     forPairsWithin(placement, closest,
-                   [&](int i, int j, const array<int, 3>& image, const Vector3d& d) {
+                   [&](int i, int j, const array<int, 3>& image, const Vector3d& d, bool mirrored) {
                        if (isFound || (scene.minimumGap > 0 && d.norm() > 0)) return;
-                       found = {i, j, image, d, d.norm()};
+                       found = {i, j, image, d, d.norm(), mirrored};
                        isFound = true;
                    });
     return isFound;
+}
+
+string Lubrication::touching(const Placement& placement, int i, const string& what) const {
+    const int axis = scene.hasMirror() ? scene.mirrorAxis : 2;
+    return particleAndBody(particles, i) + " of radius " + text(particles.radii[i]) +
+           " nm touches " + what + " with its centre at " + "xyz"[axis] + " = " +
+           text(placement.positions[i][axis]) +
+           " nm, where lubrication lets no sphere move; move it away, use smaller time steps, or "
+           "use setLubrication(Off)";
 }
 
 string Lubrication::objection(const Placement& placement) const {
@@ -247,8 +280,13 @@ string Lubrication::objection(const Placement& placement) const {
     const string start = string(name) + " with lubrication: ";
     NearPair pair;
     if (findOverlap(placement, pair)) {
+        if (pair.mirrored && pair.i == pair.j && scene.minimumGap == 0)
+            return start + touching(placement, pair.i,
+                                    scene.mirrorPeriod > 0 ? "a slip wall" : "the free surface");
         const string both = particleAndBody(particles, pair.i) + " and " +
-                            (pair.image == array<int, 3>{0, 0, 0} ? "" : "an image of ") +
+                            (pair.mirrored                          ? "the mirror image of "
+                             : pair.image == array<int, 3>{0, 0, 0} ? ""
+                                                                    : "an image of ") +
                             particleAndBody(particles, pair.j);
         if (scene.minimumGap > 0)
             found = start + both +
@@ -265,11 +303,7 @@ string Lubrication::objection(const Placement& placement) const {
         const double z = placement.positions[i][2], a = particles.radii[i];
         if (z - scene.low > a && scene.high - z > a) continue;
         const double wall = z - scene.low > a ? scene.high : scene.low;
-        return start + particleAndBody(particles, i) + " of radius " + text(a) +
-               " nm touches the wall at z = " + text(wall) +
-               " nm with its centre at z = " + text(z) +
-               " nm, where lubrication lets no sphere move; move it away, use smaller time steps, "
-               "or use setLubrication(Off)";
+        return start + touching(placement, i, "the wall at z = " + text(wall) + " nm");
     }
     return {};
 }
@@ -277,9 +311,9 @@ string Lubrication::objection(const Placement& placement) const {
 void Lubrication::findPairs(const Placement& placement, vector<NearPair>& pairs) const {
     pairs.clear();
     forPairsWithin(placement, scene.reach.nothing,
-                   [&](int i, int j, const array<int, 3>& image, const Vector3d& d) {
+                   [&](int i, int j, const array<int, 3>& image, const Vector3d& d, bool mirrored) {
                        const double distance = d.norm();
-                       pairs.push_back({i, j, image, d / distance, distance});
+                       pairs.push_back({i, j, image, d / distance, distance, mirrored});
                    });
 }
 
@@ -339,8 +373,9 @@ Lubrication::Pair Lubrication::pairOfModel(int i, int j, double distance) const 
 }
 
 void Lubrication::ofPair(const NearPair& pair, Pair& delta, Pair& root) const {
+    const bool isHalf = pair.mirrored && pair.i == pair.j;
     const double mean = meanRadius(pair.i, pair.j),
-                 weight = scene.reach.weight(pair.distance / mean);
+                 weight = scene.reach.weight(pair.distance / mean) * (isHalf ? 0.5 : 1);
     const double distance = max(pair.distance, mean * (2 + scene.minimumGap));
     const TwoSphereResistance& table = tableOf(pair.i, pair.j);
     const double gap = gapOf(pair.i, pair.j, distance);
@@ -360,7 +395,8 @@ void Lubrication::keyOfPair(const NearPair& pair, uint32_t& field, uint32_t& ind
     for (int k = 0; k < 3; k++)
         image = image << 4 | (static_cast<uint32_t>(sign * pair.image[k]) & 15u);
     index = static_cast<uint32_t>(number);
-    field = 0x10000000u + (static_cast<uint32_t>(number >> 32) << 12) + image;
+    field = (pair.mirrored ? 0x20000000u : 0x10000000u) +
+            (static_cast<uint32_t>(number >> 32) << 12) + image;
 }
 
 void Lubrication::findTerms(const Placement& placement, Terms& terms) const {
@@ -371,12 +407,53 @@ void Lubrication::findTerms(const Placement& placement, Terms& terms) const {
         ofPair(terms.pairs[k], terms.deltas[k], terms.roots[k]);
 }
 
+Eigen::Matrix<double, 6, 1> Lubrication::signsOfMirror() const {
+    Eigen::Matrix<double, 6, 1> signs;
+    signs << 1, 1, 1, -1, -1, -1;
+    signs[scene.mirrorAxis] = -1;
+    signs[3 + scene.mirrorAxis] = 1;
+    return signs;
+}
+
+Lubrication::Pair::Whole Lubrication::wholeOf(const NearPair& pair, const Pair& block) const {
+    Pair::Whole whole = block.whole(pair.axis);
+    if (!pair.mirrored) return whole;
+    const auto signs = signsOfMirror();
+    whole.bottomRows<6>() = signs.asDiagonal() * whole.bottomRows<6>();
+    whole.rightCols<6>() = whole.rightCols<6>() * signs.asDiagonal();
+    return whole;
+}
+
 void Lubrication::addProduct(const Terms& terms, const Eigen::MatrixXd& velocities,
                              Eigen::MatrixXd& forces) const {
+    Eigen::MatrixXd ofPair, result;
     for (size_t k = 0; k < terms.pairs.size(); k++) {
         const NearPair& pair = terms.pairs[k];
         const int rows[2] = {particles.firstRow[pair.i], particles.firstRow[pair.j]};
-        terms.deltas[k].addProduct(pair.axis, rows, velocities, forces);
+        if (!pair.mirrored) {
+            terms.deltas[k].addProduct(pair.axis, rows, velocities, forces);
+            continue;
+        }
+        const auto signs = signsOfMirror();
+        const int first[2] = {0, 6};
+        ofPair.resize(12, velocities.cols());
+        ofPair.topRows<6>() = velocities.middleRows<6>(rows[0]);
+        ofPair.bottomRows<6>() = signs.asDiagonal() * velocities.middleRows<6>(rows[1]);
+        result.setZero(12, velocities.cols());
+        terms.deltas[k].addProduct(pair.axis, first, ofPair, result);
+        forces.middleRows<6>(rows[0]) += result.topRows<6>();
+        forces.middleRows<6>(rows[1]) += signs.asDiagonal() * result.bottomRows<6>();
+    }
+}
+
+void Lubrication::addTo(const Terms& terms, Eigen::MatrixXd& friction) const {
+    for (size_t k = 0; k < terms.pairs.size(); k++) {
+        const NearPair& pair = terms.pairs[k];
+        const Pair::Whole whole = wholeOf(pair, terms.deltas[k]);
+        const int rows[2] = {particles.firstRow[pair.i], particles.firstRow[pair.j]};
+        for (int p = 0; p < 2; p++)
+            for (int q = 0; q < 2; q++)
+                friction.block<6, 6>(rows[p], rows[q]) += whole.block<6, 6>(6 * p, 6 * q);
     }
 }
 
@@ -393,6 +470,8 @@ long long Lubrication::addNoise(const Terms& terms, const NoiseStream& noise, ui
             stream.pair(purpose, index, b, numbers(2 * b, 0), numbers(2 * b + 1, 0));
         ofPair.setZero();
         terms.roots[k].addProduct(pair.axis, first, numbers, ofPair);
+        if (pair.mirrored)
+            ofPair.bottomRows<6>() = signsOfMirror().asDiagonal() * ofPair.bottomRows<6>();
         forces.col(0).segment<6>(particles.firstRow[pair.i]) += ofPair.col(0).head<6>();
         forces.col(0).segment<6>(particles.firstRow[pair.j]) += ofPair.col(0).tail<6>();
     }
@@ -405,7 +484,7 @@ void Lubrication::addNearer(double meanRadii, const Terms& terms, const vector<i
         const NearPair& pair = terms.pairs[p];
         const int i = pair.i, j = pair.j;
         if (pair.distance > meanRadii * 0.5 * (particles.radii[i] + particles.radii[j])) continue;
-        const Pair::Whole block = terms.deltas[p].whole(pair.axis);
+        const Pair::Whole block = wholeOf(pair, terms.deltas[p]);
         const int a = blockOf[i], b = blockOf[j];
         matrix.add(a, a, block.topLeftCorner<6, 6>());
         matrix.add(b, b, block.bottomRightCorner<6, 6>());
@@ -427,8 +506,10 @@ void Lubrication::ofSphere(int i, double z, Single& delta, Single& root, Single&
     Single lacking;
     for (double height : {z - scene.low, scene.high - z}) {
         if (!isfinite(height)) continue;
-        Single inModel =
-                   frictionAtWall(SphereWallMobility::rotnePragerYamakawa(a / height), a, stokes),
+        Single inModel = frictionAtWall(atWall.empty()
+                                            ? SphereWallMobility::rotnePragerYamakawa(a / height)
+                                            : atWall[kind[i]].at(a / height),
+                                        a, stokes),
                exact = frictionAtWall(SphereWallMobility::bestKnown((height - a) / a), a, stokes);
         // With the axis up, a sphere below a wall has V the other way round.
         if (height != z - scene.low)

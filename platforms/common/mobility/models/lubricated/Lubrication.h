@@ -10,6 +10,7 @@
 
 #include "linearalgebra/BlockIncompleteCholesky.h"
 #include "mobility/MobilityModel.h"
+#include "mobility/models/confined/ForceCouplingAtWall.h"
 #include "mobility/models/lubricated/AxisymmetricBlock.h"
 #include "mobility/models/lubricated/LubricationReach.h"
 #include "mobility/models/periodic/LatticeSum.h"
@@ -28,8 +29,25 @@ struct LubricationScene {
     /** The no-slip walls across z, nm; infinite where there is none. */
     double low = -std::numeric_limits<double>::infinity(),
            high = std::numeric_limits<double>::infinity();
+    /** How far behind them ForceCoupling has another plane at rest, nm. */
+    double behind = 0;
+    /** A plane along which the fluid slips is across this axis, at `mirror`; -1: there is none. */
+    int mirrorAxis = -1;
+    double mirror = 0;
+    /** With another such plane: the period of images, which is twice their distance. */
+    double mirrorPeriod = 0;
 
     bool hasWalls() const { return std::isfinite(low) || std::isfinite(high); }
+    bool hasMirror() const { return mirrorAxis >= 0; }
+    /** The periods of images; that of mirrors takes the place of the box's own. */
+    BoxVectors periods(const BoxVectors& box) const {
+        BoxVectors result = box;
+        if (mirrorPeriod > 0) {
+            result[mirrorAxis] = OpenMM::Vec3();
+            result[mirrorAxis][mirrorAxis] = mirrorPeriod;
+        }
+        return result;
+    }
 };
 
 /**
@@ -42,6 +60,11 @@ struct LubricationScene {
  *            spheres in the model, so that the sum with the model's friction is exact for two
  *            spheres, and for one above a wall. Forces and torques take part, strains do not. A
  *            reach of 0 is for overlaps alone.
+ * Mirrors:   A plane along which the fluid slips, a wall of SlipChannel or the surface of a Film,
+ *            makes a mirror image of each sphere. Spheres have the terms of pairs with their own
+ *            images and with those of others, w times P^T (R_exact - M_pair^-1) P, where P gives an
+ *            image the mirrored velocity. The terms of a sphere and its own image count half, since
+ *            the other half is the friction of the image.
  * Accuracy:  Pairs 1e-10 of the friction, walls 3e-8. Each term is positive semidefinite except
  *            for these errors; negative eigenvalues are set to 0, so that square roots exist.
  * Limits:    Spheres with torque; other particles have none. Ratios of radii up to 10. Surfaces
@@ -80,6 +103,7 @@ public:
         std::array<int, 3> image;  // in vectors of the box
         Eigen::Vector3d axis;
         double distance;
+        bool mirrored = false;  // whether the second is a mirror image
     };
     /** The first pair that touches or overlaps; with a minimum gap, that is at the same place. */
     bool findOverlap(const Placement& placement, NearPair& found) const;
@@ -113,6 +137,8 @@ public:
      */
     void addNearer(double meanRadii, const Terms& terms, const std::vector<int>& blockOf,
                    BlockIncompleteCholesky& matrix) const;
+    /** Add all terms to a friction matrix. */
+    void addTo(const Terms& terms, Eigen::MatrixXd& friction) const;
     /**
      * A sphere's term of Delta at the walls, its root, and its friction in the model by itself, all
      * with the axis z.
@@ -133,6 +159,11 @@ private:
     Pair pairOfModel(int i, int j, double distance) const;
     template <class Use>
     void forPairsWithin(const Placement& placement, double meanRadii, const Use& use) const;
+    /** The signs that a mirror gives the velocities of a sphere, or the force and torque. */
+    Eigen::Matrix<double, 6, 1> signsOfMirror() const;
+    /** A pair's matrix for the velocities of both spheres, not of a mirror image. */
+    Pair::Whole wholeOf(const NearPair& pair, const Pair& block) const;
+    std::string touching(const Placement& placement, int i, const std::string& what) const;
 
     const HydrodynamicParticles& particles;
     const double viscosity;
@@ -143,7 +174,8 @@ private:
     std::vector<int> kind;     // of each particle: index of its radius among those of spheres
     double largestRadius = 0;
     std::vector<std::vector<std::shared_ptr<const TwoSphereResistance>>>
-        tables;  // [kind of the larger][kind of the smaller]
+        tables;                               // [kind of the larger][kind of the smaller]
+    std::vector<ForceCouplingAtWall> atWall;  // of each kind, where the model is ForceCoupling
 };
 
 }  // namespace RigidHIPlugin

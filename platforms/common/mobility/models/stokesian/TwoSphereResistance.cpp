@@ -513,18 +513,12 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
         terms.colPivHouseholderQr().solve(values);
 
     // Interpolation at Chebyshev nodes in 2 u^(1/4) - 1.
-    chebyshev.setZero();
-    for (int node = 0; node < numCoefficients; node++) {
-        const double angle = M_PI * (node + 0.5) / numCoefficients, y = (1 + std::cos(angle)) / 2,
-                     u = y * y * y * y;
-        const Values value =
-            u < fromGap(nearContact)
-                ? Values(fit.transpose() * nearContactTerms(u, fromGap(fitTo)).matrix())
-                : remainder(u);
-        for (int k = 0; k < numCoefficients; k++)
-            chebyshev.col(k) +=
-                (k == 0 ? 1.0 : 2.0) / numCoefficients * std::cos(k * angle) * value;
-    }
+    rest = Rest([&](double x) {
+        const double y = (1 + x) / 2, u = y * y * y * y;
+        return u < fromGap(nearContact)
+                   ? Values(fit.transpose() * nearContactTerms(u, fromGap(fitTo)).matrix())
+                   : remainder(u);
+    });
 }
 
 std::shared_ptr<const TwoSphereResistance> TwoSphereResistance::get(double ratio) {
@@ -546,15 +540,8 @@ Eigen::Array<double, n, 1> TwoSphereResistance::singularTerms(double u) const {
 
 template <int n>
 Eigen::Array<double, n, 1> TwoSphereResistance::evaluate(double gap) const {
-    using Some = Eigen::Array<double, n, 1>;
-    const double u = gap / (2 + gap), x = 2 * std::sqrt(std::sqrt(u)) - 1;
-    Some last = Some::Zero(), sum = Some::Zero();  // Clenshaw's recurrence
-    for (int k = numCoefficients - 1; k > 0; k--) {
-        const Some next = chebyshev.col(k).head<n>() + 2 * x * sum - last;
-        last = sum;
-        sum = next;
-    }
-    return singularTerms<n>(u) + chebyshev.col(0).head<n>() + x * sum - last;
+    const double u = gap / (2 + gap);
+    return singularTerms<n>(u) + rest.at<n>(2 * std::sqrt(std::sqrt(u)) - 1);
 }
 template Eigen::Array<double, NumFunctionsOfMotion, 1>
 TwoSphereResistance::evaluate<NumFunctionsOfMotion>(double gap) const;

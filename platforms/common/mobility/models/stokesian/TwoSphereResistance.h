@@ -4,6 +4,8 @@
 #include <Eigen/Core>
 #include <memory>
 
+#include "linearalgebra/ChebyshevSeries.h"
+
 namespace RigidHIPlugin {
 
 /**
@@ -136,7 +138,7 @@ public:
 
 private:
     using Values = TwoSphereValues<double>;
-    static constexpr int numCoefficients = 56;
+    using Rest = ChebyshevSeries<NumTwoSphereFunctions, 56>;
 
     Values singularTerms(double u) const { return singularTerms<NumTwoSphereFunctions>(u); }
     template <int n>
@@ -146,8 +148,8 @@ private:
     Eigen::Array<double, n, 1> evaluate(double gap) const;
 
     double ratio;
-    Values inverseGap, logarithm, gapLogarithm;                              // G1, G2, G3
-    Eigen::Array<double, NumTwoSphereFunctions, numCoefficients> chebyshev;  // of the rest
+    Values inverseGap, logarithm, gapLogarithm;  // G1, G2, G3
+    Rest rest;
 };
 
 }  // namespace RigidHIPlugin
