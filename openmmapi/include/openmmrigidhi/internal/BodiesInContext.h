@@ -24,7 +24,7 @@ class BodiesInContext {
 public:
     virtual ~BodiesInContext() {}
 
-    /** The number of bodies of the Context. The integrator may have been given more since. */
+    /** The number of bodies of the Context. The integrator may have more by now. */
     virtual int getNumBodies() const = 0;
     /** Make sure that all geometries are known. @throws OpenMMException without positions */
     virtual void requireGeometry() = 0;
@@ -54,7 +54,7 @@ public:
     virtual std::map<std::string, double> computeMidStepTemperatures() = 0;
 
     virtual std::map<std::string, std::string> getEffects() = 0;
-    /** What the user should mind, one text each; getEffects() has them all in "warnings". */
+    /** Warnings for the user, one text each; getEffects() has all of them in "warnings". */
     virtual std::vector<std::string> getWarnings() = 0;
     virtual std::map<std::string, double> getStepStatistics() = 0;
     virtual int getNumRejectedSteps() = 0;

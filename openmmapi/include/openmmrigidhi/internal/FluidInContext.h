@@ -20,7 +20,7 @@ public:
 
     /** Take over the parameters of the MobilityForce. */
     virtual void updateParameters(const MobilityForce& force) = 0;
-    /** Matrices are row after row. */
+    /** The numbers of a matrix, row after row. */
     virtual std::vector<double> getMobility() = 0;
     virtual std::vector<double> getFriction() = 0;
     virtual std::vector<double> applyMobility(const std::vector<double>& wrenches) = 0;
