@@ -78,7 +78,7 @@ void Scene::adoptInertia() {
 }
 
 /**
- * The bodies whose momenta are not state: those that are held and, under LangevinHI, those that
+ * The bodies whose momenta are no part of the state: held bodies and, under LangevinHI, bodies that
  * CustomBodyMotions move.
  */
 vector<bool> Scene::withoutMomenta() const {
