@@ -38,6 +38,7 @@ namespace RigidHIPlugin {
  * friction).
  *
  * Every error is an OpenMMException that names the object, the value, the bound and the remedy.
+ * Methods throw for an index of a parameter or an entry that is out of range.
  */
 class OPENMM_EXPORT_RIGIDHI CustomBodyForce : public OpenMM::Force {
 public:

@@ -35,6 +35,7 @@ namespace RigidHIPlugin {
  * A CustomBodyMotion has no energy and ignores OpenMM's force groups.
  *
  * Every error is an OpenMMException that names the object, the value, the bound and the remedy.
+ * Methods throw for an index of a parameter or an entry that is out of range.
  */
 class OPENMM_EXPORT_RIGIDHI CustomBodyMotion : public OpenMM::Force {
 public:
@@ -71,8 +72,11 @@ public:
 
     /** Get the frame in which components are prescribed. */
     Frame getFrame() const;
-    /** Set the frame in which components are prescribed (default Lab). Takes effect at the next
-     * Context creation or reinitialize(). */
+    /**
+     * Set the frame in which components are prescribed (default Lab). Takes effect at the next
+     * Context creation or reinitialize().
+     * @throws OpenMMException for a value that is none of the enumerators
+     */
     void setFrame(Frame frame);
 
     /** Get the number of per-body parameters. */

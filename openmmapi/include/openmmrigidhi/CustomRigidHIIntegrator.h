@@ -65,7 +65,9 @@ using QuaternionArray = std::array<double, 4>;
  * thermostat also acts on the tumbling of an elongated body (docs/theory/thermostats.md).
  *
  * Units are OpenMM's: nm, ps, amu, K, kJ/mol. Every error is an OpenMMException that names the
- * object, the value, the bound and the remedy.
+ * object, the value, the bound and the remedy. Methods throw for an index of a body, joint or motor
+ * that is out of range, setters of enumerations for a value that is none of the enumerators, and
+ * methods that need a Context without one.
  */
 class OPENMM_EXPORT_RIGIDHI CustomRigidHIIntegrator : public OpenMM::Integrator {
 public:
@@ -728,9 +730,9 @@ public:
      * Advance the simulation.
      *
      * @param steps  number of steps
-     * @throws OpenMMException if the positions do not fit the bodies, or if forces or positions
-     *     become non-finite. In the second case the message names the step and the body, and the
-     *     Context keeps the last good state.
+     * @throws OpenMMException if the number is negative, if the positions do not fit the bodies, or
+     *     if forces or positions become non-finite. In the last case the message names the step and
+     *     the body, and the Context keeps the last good state.
      */
     void step(int steps) override;
 

@@ -27,7 +27,10 @@ class IntegrateRigidBodiesKernel;
  * takes a force only.
  *
  * Units are OpenMM's. Every error is an OpenMMException that names the object, the value, the bound
- * and the remedy.
+ * and the remedy. Methods throw for an index of a particle, or of a force on the fluid, that is out
+ * of range, and setters of enumerations for a value that is none of the enumerators. Context
+ * creation checks the indices of bodies. Methods ...InContext() throw if this force is not in the
+ * Context, and those that need positions if none are set.
  */
 class OPENMM_EXPORT_RIGIDHI MobilityForce : public OpenMM::Force {
 public:
@@ -117,7 +120,8 @@ public:
      *
      * @param radius  hydrodynamic radius, nm; 0: the fluid does not see the particle
      * @return index of the particle
-     * @throws OpenMMException if the radius is negative or not finite
+     * @throws OpenMMException if the radius is negative or not finite. At Context creation: if the
+     *     System has another number of particles
      */
     int addParticle(double radius);
     /** Get the hydrodynamic radius of a particle, nm. */
@@ -432,7 +436,7 @@ public:
      * @param mobility  36 numbers, rows Vx Vy Vz Wx Wy Wz, columns Fx Fy Fz Tx Ty Tz, body frame;
      *     nm/ps per kJ/(mol nm), ...
      * @throws OpenMMException if not 36 finite numbers, not symmetric to 1e-9, or not positive
-     *     definite
+     *     definite. At Context creation: with StokesianDynamics, whose bodies are spheres
      */
     void setBodyMobility(int body, const std::vector<double>& mobility);
     /**
@@ -537,7 +541,8 @@ public:
      * rejected. LangevinHI redoes a step for all groups.
      *
      * @param groups  a number from 0 up for each body
-     * @throws OpenMMException if a number is negative
+     * @throws OpenMMException if a number is negative. At Context creation: if there is not one
+     *     number for each body
      */
     void setGroups(const std::vector<int>& groups);
 
@@ -564,7 +569,9 @@ public:
     std::vector<double> getMobilityInContext(OpenMM::Context& context) const;
     /**
      * Get the friction matrix, the inverse of the mobility matrix (pseudo-inverse for bodies whose
-     * blobs are on a line). It always comes from dense matrices.
+     * blobs are on a line): 6n x 6n numbers, row after row. Rows per body are Fx Fy Fz Tx Ty Tz
+     * about the body's origin, columns Vx Vy Vz Wx Wy Wz, in the lab frame and OpenMM units. It
+     * always comes from dense matrices.
      */
     std::vector<double> getFrictionInContext(OpenMM::Context& context) const;
     /**
@@ -573,8 +580,11 @@ public:
      * is always a product without a matrix, to rounding, or to the solver tolerance where
      * setFastSummation() allows multipoles.
      *
-     * @param wrenches  6 numbers per body, Fx Fy Fz Tx Ty Tz about the body's origin, lab frame
-     * @return 6 numbers per body, Vx Vy Vz Wx Wy Wz
+     * @param wrenches  6 numbers per body, Fx Fy Fz (kJ/(mol nm)) and Tx Ty Tz about the body's
+     *     origin (kJ/mol), lab frame
+     * @return 6 numbers per body, Vx Vy Vz (nm/ps) and Wx Wy Wz (rad/ps), lab frame
+     * @throws OpenMMException if there are not 6 numbers per body, if a number is not finite, or
+     *     for a torque about the line of a body whose blobs are on a line
      */
     std::vector<double> applyMobilityInContext(OpenMM::Context& context,
                                                const std::vector<double>& wrenches) const;
@@ -589,10 +599,11 @@ public:
      * no effect. The method solves no system of equations: each group needs one product with the
      * model's matrix, whatever the solver (StokesianDynamics forms its matrix).
      *
-     * @param forces  3 numbers for each particle of the System, Fx Fy Fz, lab frame; forces on
-     *     particles that the fluid does not see are ignored
-     * @return 3 numbers for each particle of the System, Vx Vy Vz; 0 for particles that the fluid
-     *     does not see
+     * @param forces  3 numbers for each particle of the System, Fx Fy Fz, kJ/(mol nm), lab frame;
+     *     forces on particles that the fluid does not see are ignored
+     * @return 3 numbers for each particle of the System, Vx Vy Vz, nm/ps, lab frame; 0 for
+     *     particles that the fluid does not see
+     * @throws OpenMMException if there are not 3 numbers per particle, or if a number is not finite
      */
     std::vector<double> applyBlobMobilityInContext(OpenMM::Context& context,
                                                    const std::vector<double>& forces) const;
@@ -617,7 +628,8 @@ public:
      *
      * @param points  nm
      * @throws OpenMMException if a point is not finite or is behind a wall, for several groups of
-     *     setGroups(), and for FreeDraining
+     *     setGroups(), for FreeDraining, and at temperatures above 0 for StokesianDynamics with
+     *     MatrixFree, which does not keep the flow of the noise
      */
     std::vector<OpenMM::Vec3> getFlowInContext(OpenMM::Context& context,
                                                const std::vector<OpenMM::Vec3>& points) const;
