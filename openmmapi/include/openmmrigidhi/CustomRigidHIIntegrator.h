@@ -143,13 +143,13 @@ public:
      * The shape comes from the constraints among the massive members if these constraints fix it.
      * Two members need one constraint, and three members a triangle. More members need all pairs,
      * and the first positions give the handedness. Virtual sites then come from their definitions.
-     * Otherwise the shape comes from the first positions given to the Context, and is kept until
+     * Otherwise the shape comes from the first positions given to the Context, and stays until
      * resetBodyGeometry(). Mass and inertia come from the System's masses.
      *
      * The System takes precedence: changed constraints and masses take effect at reinitialize().
      * They also replace the constraints and masses of a saved state, whose positions and velocities
-     * go on. The body frame has its origin at the centre of mass and its axes along the principal
-     * axes, the smallest moment first.
+     * stay the same. The body frame has its origin at the centre of mass and its axes along the
+     * principal axes, the smallest moment first.
      *
      * @param particles  indices of the particles, virtual sites included
      * @return index of the body
@@ -273,10 +273,10 @@ public:
      * does not change masses and free particles. Schemes without momenta ignore the factor.
      *
      * The factor may be changed between steps, and the change takes effect at once. Positions and
-     * all velocities then go on, so that the rotational kinetic energy changes by the ratio of the
-     * factors. Friction restores thermal equilibrium, or the Context's setVelocitiesToTemperature()
-     * does so at once. Loading a checkpoint or State that was saved under another factor likewise
-     * keeps its positions and velocities.
+     * all velocities then stay the same, so that the rotational kinetic energy changes by the ratio
+     * of the factors. Friction restores thermal equilibrium, or the Context's
+     * setVelocitiesToTemperature() does so at once. Loading a checkpoint or State that was saved
+     * under another factor likewise keeps its positions and velocities.
      *
      * @param factor  dimensionless
      * @throws OpenMMException if not positive and finite
@@ -676,7 +676,7 @@ public:
     /**
      * Get the mid-step temperature of bodies and free particles, K: that of the momenta with which
      * the first drift of the next step moves them, averaged over the noise that this step draws
-     * before the drift. It tells right runs from wrong ones at long steps, where
+     * before the drift. This temperature tells right runs from wrong runs at long steps, where
      * computeSystemTemperature() reads low. Its expected mean is
      *   - LangevinC, LangevinHI: the temperature of the bath,
      *   - LangevinB: that of the bath, times the factor by which the step makes mean squares of

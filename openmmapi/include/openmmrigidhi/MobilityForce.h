@@ -67,8 +67,9 @@ public:
          * 11, 67 (1964), along the wall, of Brenner, Chem. Eng. Sci. 16, 242 (1961), towards the
          * wall, and of Jeffery, Proc. Lond. Math. Soc. 14, 327 (1915), about the normal. Delong et
          * al., J. Chem. Phys. 143, 144107 (2015), eqs. 94 to 97, approximate these solutions to 4.4
-         * %. Interactions with other spheres are combined with it by congruence. It applies to
-         * bodies of one sphere and to free particles; multiblobs keep the mobility of the model.
+         * %. A congruence combines this mobility with the interactions with other spheres.
+         * BestKnown applies to bodies of one sphere and to free particles; multiblobs keep the
+         * mobility of the model.
          */
         BestKnown = 1
     };
@@ -223,9 +224,9 @@ public:
         nothing = noLubrication;
     }
     /**
-     * Set how far lubrication of pairs reaches, in mean radii of a pair: it is whole up to the
-     * first distance of the centres, 0 from the second one on, and smooth between them. 0, 0
-     * (default) stands for the distances of the model. These are 3 and 4, except for
+     * Set how far lubrication of pairs reaches, in mean radii of a pair. Lubrication is whole up to
+     * the first distance of the centres, 0 from the second distance on, and smooth between the two.
+     * 0, 0 (default) stands for the distances of the model. These are 3 and 4, except for
      * StokesianDynamics with dense matrices: 8 and 10 with Periodic, and all distances with
      * Unbounded. Lubrication at walls is whole at every height.
      *
@@ -535,8 +536,8 @@ public:
      * list, all bodies are in one group. Hydrodynamic particles in no body belong to group 0.
      *
      * Groups are meant to be independent. Without momenta, a step that one group must redo (at a
-     * wall, for overlap) is redone for that group alone, and the motion of the other groups stays
-     * the same bit for bit. OpenMM forces between groups break this independence: in schemes that
+     * wall, for overlap) concerns that group alone, and the motion of the other groups stays the
+     * same bit for bit. OpenMM forces between groups break this independence: in schemes that
      * evaluate forces at intermediate positions, these forces may have felt poses that were
      * rejected. LangevinHI redoes a step for all groups.
      *
@@ -693,8 +694,8 @@ public:
     std::vector<double> getStressInContext(OpenMM::Context& context) const;
 
     /**
-     * Get whether the fluid is periodic. If it is, OpenMM has a box, and bodies that OpenMM does
-     * not know to be molecules are refused at Context creation.
+     * Get whether the fluid is periodic. If it is, OpenMM has a box, and Context creation refuses
+     * bodies that OpenMM does not know to be molecules.
      */
     bool usesPeriodicBoundaryConditions() const override;
 

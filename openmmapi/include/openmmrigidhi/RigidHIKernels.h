@@ -32,9 +32,9 @@ public:
      */
     virtual void initialize(OpenMM::ContextImpl& context,
                             const CustomRigidHIIntegrator& integrator) = 0;
-    /** What the integrator's getters and setters of the bodies' state reach. */
+    /** The object behind the integrator's getters and setters of the bodies' state. */
     virtual BodiesInContext& getBodies() = 0;
-    /** What the MobilityForce's methods ...InContext() reach. */
+    /** The object behind the MobilityForce's methods ...InContext(). */
     virtual FluidInContext& getFluid() = 0;
 
     /** Take this many steps. */

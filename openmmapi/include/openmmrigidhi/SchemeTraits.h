@@ -6,7 +6,7 @@
 
 namespace RigidHIPlugin {
 
-/** What a scheme is made of, and which code runs it. */
+/** The parts of a scheme, which decide what code runs it. */
 enum class SchemeKind {
     Thermostat,       // moves and forces in turn, without a fluid
     FluidThermostat,  // moves and forces in turn, with the fluid in the middle of the step

@@ -40,7 +40,7 @@ Warnings AdoptedSettings::adopt(Scene& scene) {
     needsMiddle = hydrodynamic && scene.fluid->getMomenta().needsMiddle();
     adopted = {integrator.getSettingsVersion(), integrator.getStepSize()};
     version++;
-    // The watch forgets what it found when it adopts the settings.
+    // Find warnings first: the watch forgets its findings when it adopts the settings.
     Warnings warnings = findWarnings(scene);
     if (!traits().isOverdamped()) setThermostats(scene);
     scene.bodies.keepTorquesInLab(traits().isOverdamped());

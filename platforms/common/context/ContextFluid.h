@@ -12,15 +12,15 @@ namespace RigidHIPlugin {
 class Scene;
 
 /**
- * The Fluid of a Context. This class makes it from the MobilityForce as the user last handed it
- * over, and makes it anew when the MobilityForce or the wall rejection changes. A Context without a
+ * The Fluid of a Context. This class makes the Fluid from the user's latest MobilityForce, and
+ * makes it anew when the MobilityForce or the wall rejection changes. A Context without a
  * MobilityForce has no Fluid. Other Contexts have one as soon as the geometries of all bodies are
  * known.
  */
 class ContextFluid {
 public:
     ContextFluid(Scene& scene, const MobilityForce* inSystem);
-    /** The MobilityForce as last handed over, or null. */
+    /** The user's latest MobilityForce (at Context creation or by update()), or null. */
     const MobilityForce* getParameters() const { return parameters.get(); }
     Fluid* get() const { return fluid.get(); }
     Fluid* operator->() const { return fluid.get(); }

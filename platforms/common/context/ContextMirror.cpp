@@ -67,7 +67,7 @@ void ContextMirror::velocitiesWereSet() {
 
 void ContextMirror::stateWasLoaded(const SavedState& saved, const vector<int>& toBeFitted) {
     scene.watch.restart();
-    // Arrays that are not the saved ones count as changed by the user.
+    // Arrays that differ from the saved ones count as changed by the user.
     lastPositions.forgetAll();
     lastVelocities.forgetAll();
     boxIsOfStep = false;
@@ -168,8 +168,8 @@ void ContextMirror::takeInVelocitiesIfChanged() {
 }
 
 /**
- * Take in a loaded state. If the Context's arrays are those that it was saved with, it is used
- * unchanged.
+ * Take in a loaded state. If the Context's arrays are those that the state was saved with, the
+ * state is used unchanged.
  */
 void ContextMirror::takeInLoaded() {
     const vector<Vec3>&positions = scene.arrays->positions(),
@@ -194,7 +194,7 @@ void ContextMirror::takeInLoaded() {
 
 /**
  * Take in arrays that a platform has rounded since they were saved. Bodies and free particles whose
- * numbers agree with the saved ones go on from the saved doubles.
+ * numbers agree with the saved numbers continue from the saved doubles.
  *
  * @param positions  whether the arrays are positions, or else velocities
  */

@@ -77,7 +77,7 @@ private:
         return acting.others || (acting.removers && !removersAreIgnored());
     }
     bool positionsAreActedOn() const { return acting.others || acting.barostats; }
-    /** What the platform knows of an array. */
+    /** The platform's state of an array. */
     struct Device {
         std::vector<OpenMM::Vec3> shown;  // the array that the platform last got or returned
         bool isShown = false;             // it holds `shown`, except for rounding; else push anew

@@ -32,7 +32,7 @@ struct Rounding {
 };
 
 /**
- * Whether a vector may be what a platform returns for `given`.
+ * Whether `read` may be the rounded form in which a platform returns `given`.
  *
  * @param relative  Rounding::positions or velocities
  * @param beside    the largest length that was added and subtracted meanwhile: of the periodic box,

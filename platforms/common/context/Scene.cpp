@@ -91,7 +91,10 @@ vector<bool> Scene::withoutMomenta() const {
     return result;
 }
 
-/** Hold what the integrator holds. Users may change this, and the scheme, between steps. */
+/**
+ * Hold the bodies and particles that the integrator holds. Users may change these, and the scheme,
+ * between steps.
+ */
 void Scene::adoptHeld() {
     if (adoptedHeld == integrator.getSettingsVersion()) return;
     bool isNew = freeParticles->setHeld(integrator.getHeldParticles()), areOthers = false;

@@ -464,7 +464,7 @@ static void checkOverdamped(const CustomRigidHIIntegrator& integrator, const Sys
                  "make it part of a body, or hold it where it is by setParticleHeld()");
 }
 
-/** Refuse what a scheme without velocities cannot do. */
+/** Refuse Forces and settings that a scheme without velocities does not support. */
 static void checkNoMomenta(const SystemInventory& stock, const string& name,
                            const string& instead) {
     if (!stock.velocityDependentForce.empty())

@@ -11,7 +11,7 @@ namespace RigidHIPlugin {
 /** Prints the warnings of a Context, each cause once. */
 class WarningPrinter {
 public:
-    /** Print the new ones of these warnings, except about a barostat (printOfBarostat()). */
+    /** Print these warnings if they are new, except about a barostat (printOfBarostat()). */
     void print(const Warnings& warnings);
     /** Print the warnings for which the steps so far give a reason. Call this now and then. */
     void printOfSteps(const Scene& scene);

@@ -43,7 +43,7 @@ public:
     /** The number of completed stages of the present step, and of its earlier attempts. */
     int getStage() const { return stage; }
     uint32_t getAttempt() const { return attempt; }
-    /** What all groups have in common. */
+    /** The surroundings that all groups share. */
     struct Surroundings {
         const DrivenFlow* flow;  // null: none
         const BoxVectors& box;
@@ -82,7 +82,7 @@ public:
     /** Move the members to the poses where the forces of a stage were evaluated. */
     void showStage(int stage, BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;
 
-    // ---- What the scheme keeps between steps (OverdampedScheme::memory())
+    // ---- The scheme's memory between steps (OverdampedScheme::memory())
     std::vector<Eigen::MatrixXd*> getMemory() const;
     void restoreMemory();
     void forgetMemory();

@@ -10,8 +10,8 @@
 namespace RigidHIPlugin {
 
 /**
- * Poses of bodies and free particles, and what acts on them, when a user asks for the flow of the
- * fluid.
+ * The poses of bodies and free particles, and the forces and motions on them, for a user's question
+ * about the flow of the fluid.
  */
 struct FlowQuestion {
     const BodySet& bodies;

@@ -51,7 +51,7 @@ bool isLubricatedByPairs(const MobilityForce& force) {
     return hasLubrication(force) && force.getModel() != MobilityForce::StokesianDynamics;
 }
 
-/** Whether MatrixFree asks for StokesianDynamics on a grid. */
+/** Whether the settings (MatrixFree) put StokesianDynamics on a grid. */
 bool isStokesianGrid(const MobilityForce& force) {
     return force.getModel() == MobilityForce::StokesianDynamics &&
            force.getSolver() == MobilityForce::MatrixFree &&

@@ -13,7 +13,7 @@
 
 namespace RigidHIPlugin {
 
-/** The fluid's part of a step of LangevinHI, and what it acts upon. */
+/** The fluid's part of a step of LangevinHI, and the objects that it changes. */
 struct RelaxationStep {
     double h, kT;
     const NoiseStream& noise;

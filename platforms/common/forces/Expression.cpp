@@ -312,7 +312,7 @@ private:
         }
     }
 
-    /** The operand that must be written before the node goes on, or -1. */
+    /** The operand to write before the rest of the node, or -1. */
     int nextOperand(const Writing& now) const {
         const Node& node = *now.node;
         if (node.kind == Node::Definition)

@@ -14,11 +14,11 @@ namespace RigidHIPlugin {
 /**
  * What users ask a CustomRigidHIIntegrator about the bodies of its Context and about the steps so
  * far. Each method answers the integrator's method of the same name, which documents it; the
- * integrator has checked what users gave.
+ * integrator has checked the arguments.
  *
  * Users, barostats and minimisers may change the Context's positions and velocities. Every method
- * that looks at the bodies first brings them up to date with such changes, by comparing with what
- * the kernel wrote last.
+ * that looks at the bodies first brings them up to date with such changes, by a comparison with the
+ * numbers that the kernel wrote last.
  */
 class BodiesInContext {
 public:

@@ -12,7 +12,7 @@ namespace RigidHIPlugin {
 /**
  * What users ask a MobilityForce about the fluid of a Context. Each method answers the
  * MobilityForce's method of the same name with "InContext", which documents it; the MobilityForce
- * has checked what users gave.
+ * has checked the arguments.
  */
 class FluidInContext {
 public:
