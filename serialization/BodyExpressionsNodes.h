@@ -12,7 +12,7 @@
 
 namespace RigidHIPlugin {
 
-/** Write all that a Force of expressions consists of, except what belongs to its class alone. */
+/** Write the contents of a Force of expressions, except what belongs to its class alone. */
 void writeBodyExpressions(OpenMM::SerializationNode& node, const OpenMM::Force& force,
                           const BodyExpressions& expressions);
 

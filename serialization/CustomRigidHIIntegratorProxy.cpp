@@ -18,8 +18,10 @@ namespace RigidHIPlugin {
 namespace {
 
 using Integrator = CustomRigidHIIntegrator;
-/** The latest version, which is written only for what earlier versions of the library would ignore:
- * bodies and particles that are held, joints, and their motors. */
+/**
+ * The latest version, written only with contents that earlier versions of the library would ignore:
+ * held bodies and particles, joints, and motors.
+ */
 constexpr int formatVersion = 2;
 
 EnumNames<Integrator::Scheme> namesOfSchemes() {
@@ -48,7 +50,7 @@ const struct {
     const char* name;
     double (Integrator::*get)() const;
     void (Integrator::*set)(double);
-    bool isInOldFiles;  // if not, a file without the setting leaves it as it is by default
+    bool isInOldFiles;  // if not, a file without the setting leaves its default
 } numbers[] = {
     {"constraintTolerance", &Integrator::getConstraintTolerance,
      &Integrator::setConstraintTolerance, true},

@@ -14,7 +14,7 @@ template <class Enum>
 using EnumNames = std::map<std::string, Enum>;
 
 /**
- * Every enumerator is in its table: the setters take no other values, and a test writes each
+ * Every enumerator is in its table, because the setters take no other values and a test writes each
  * enumerator.
  */
 template <class Enum>

@@ -16,9 +16,9 @@ namespace {
 
 const char* const className = "MobilityForce";
 /**
- * The later versions, which are written only for what earlier versions of the library would ignore:
- * slips of bodies, forces that bodies exert on the fluid, lubrication of models other than
- * StokesianDynamics and its reach; and shear.
+ * The later versions, written only with contents that earlier versions of the library would ignore.
+ * For version 2 these are slips of bodies, forces that bodies exert on the fluid, lubrication of
+ * models other than StokesianDynamics, and its reach. For version 3 it is shear.
  */
 constexpr int versionOfActive = 2, versionOfShear = 3, formatVersion = 3;
 
@@ -49,7 +49,7 @@ const struct {
     const char* name;
     double (MobilityForce::*get)() const;
     void (MobilityForce::*set)(double);
-    bool isInOldFiles;  // if not, a file without the setting leaves it as it is by default
+    bool isInOldFiles;  // if not, a file without the setting leaves its default
 } numbers[] = {
     {"viscosity", &MobilityForce::getViscosity, &MobilityForce::setViscosity, true},
     {"wallHeight", &MobilityForce::getWallHeight, &MobilityForce::setWallHeight, false},
@@ -217,7 +217,7 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
         force->setSphereWallMobility(valueOf(sphereWallMobilities, node, "sphereWallMobility"));
     if (node.has("channelCondition"))
         force->setChannelCondition(valueOf(channelConditions, node, "channelCondition"));
-    // Older files say whether StokesianDynamics has lubrication, as it has by default.
+    // Older files only say whether StokesianDynamics has lubrication, which is its default.
     if (node.has("lubricationSetting")) {
         force->setLubrication(valueOf(lubrications, node, "lubricationSetting"));
         force->setLubricationReach(node.number("wholeLubrication"), node.number("noLubrication"));
@@ -225,9 +225,7 @@ void* MobilityForceProxy::deserialize(const SerializationNode& root) const {
         force->setLubrication(MobilityForce::Off);
     }
     force->setSolver(valueOf(solvers, node, "solver"));
-    // Fast sums.
     if (node.has("fastSummation")) force->setFastSummation(node.boolean("fastSummation"));
-    // Driven flows.
     if (node.has("flows")) {
         const StrictNode wave = node.child("SinusoidalForceDensity");
         force->setSinusoidalForceDensity(wave.number("f0"), wave.integer("forceAxis"),

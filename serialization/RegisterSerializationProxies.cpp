@@ -15,8 +15,8 @@
 using namespace RigidHIPlugin;
 
 /**
- * Runs when the library is loaded. Running it again is harmless. The proxies live as long as the
- * process, and OpenMM keeps the proxy that was registered last, which does the same.
+ * Runs when the library is loaded. A second run is harmless: the proxies live as long as the
+ * process, and OpenMM keeps the one registered last, which does the same work.
  */
 extern "C" OPENMM_EXPORT_RIGIDHI void __attribute__((constructor))
 registerRigidHISerializationProxies() {

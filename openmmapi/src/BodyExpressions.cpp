@@ -59,7 +59,7 @@ void BodyExpressions::setExpression(const string& component, const string& expre
 
 // ---- Parameters ----
 
-/** @param present  the name that is to be replaced, if any */
+/** @param present  the name to be replaced, if any */
 void BodyExpressions::checkName(const string& name, const char* method,
                                 const string* present) const {
     const bool cannotStandInExpression =

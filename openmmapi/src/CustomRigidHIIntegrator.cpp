@@ -76,7 +76,7 @@ void checkMoments(const Vec3& moments, const string& object) {
 
 /**
  * @param bodies  of the Context
- * @param known   to the integrator, which may have been given more since
+ * @param known   to the integrator, which may have more by now
  */
 void checkRows(size_t rows, int bodies, int known, const char* method) {
     if (rows == static_cast<size_t>(bodies)) return;
@@ -122,8 +122,8 @@ void CustomRigidHIIntegrator::checkBodyIndex(int index, const char* method) cons
 }
 
 /**
- * Check the particles of a body that is to have this index. The present particles of the body, if
- * any, are given up.
+ * Check the particles of a body that will have this index. They replace the present particles of
+ * the body, if any.
  */
 void CustomRigidHIIntegrator::checkParticles(const vector<int>& particles, int index) const {
     if (particles.empty())
@@ -208,7 +208,7 @@ void CustomRigidHIIntegrator::getRigidBodyParameters(int index, vector<int>& par
     checkBodyIndex(index, "getRigidBodyParameters()");
     if (!bodies[index].geometryIsKnown) {
         if (hasKernel) boundKernel("getRigidBodyParameters()").getBodies().requireGeometry();
-        // A body that was added after the Context was created is not known to the kernel.
+        // The kernel does not know bodies that were added after Context creation.
         if (!bodies[index].geometryIsKnown)
             fail(bodyName(index), "its mass, moments and sites are not known",
                  "they come from the System and the first positions",
@@ -421,7 +421,7 @@ Vec3 direction(Vec3 axis) {
 
 }  // namespace
 
-/** Check what joints of all kinds have, and append this one. @param method  the method that adds */
+/** Check what joints of all kinds have, and append this joint. @param method  the calling method */
 int CustomRigidHIIntegrator::appendJoint(const JointDefinition& joint, const char* method) {
     const bool isToPoint = joint.kind == JointDefinition::BallToPoint;
     checkBodyIndex(joint.i, method);
@@ -708,8 +708,8 @@ void CustomRigidHIIntegrator::requireContext(const char* method) const {
 
 IntegrateRigidBodiesKernel& CustomRigidHIIntegrator::boundKernel(const char* method) const {
     requireContext(method);
-    // Methods that look at the bodies first bring them up to date. That changes the kernel, but
-    // nothing that the user can see.
+    // Methods that look at the bodies first bring them up to date. This update changes the kernel,
+    // but nothing that the user can see.
     return const_cast<Kernel&>(kernel).getAs<IntegrateRigidBodiesKernel>();
 }
 
@@ -749,7 +749,7 @@ void CustomRigidHIIntegrator::setBodyOrientations(const vector<QuaternionArray>&
     for (size_t i = 0; i < unit.size(); i++) {
         QuaternionArray& q = unit[i];
         const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-        // The comparison is written so that NaN fails too.
+        // This form of the comparison also fails for NaN.
         if (!(abs(length - 1) <= lengthTolerance))
             fail(bodyName(i), "its quaternion has length " + text(length),
                  "the length must be 1 within " + text(lengthTolerance),
@@ -901,7 +901,7 @@ const char* const orderOfEffects[] = {"scheme",
                                       "barostat",
                                       "centre-of-mass motion removal"};
 
-/** A text as a sentence. */
+/** Make a sentence of a text: begin with a capital letter and end with a full stop. */
 string sentence(string text) {
     if (!text.empty()) text[0] = toupper(static_cast<unsigned char>(text[0]));
     return text.empty() || text.back() == '.' ? text : text + ".";
@@ -951,9 +951,9 @@ void CustomRigidHIIntegrator::initialize(ContextImpl& contextImpl) {
     if (&contextImpl.getIntegrator() != this)
         fail("initialize()", "this integrator is part of another integrator",
              "it must be the Context's own integrator", "do not put it into a CompoundIntegrator");
-    // From here on ~Integrator must tell this ContextImpl of its end, whether initialisation
-    // succeeds or not. After a failed reinitialize() the ContextImpl lives on, and after a failed
-    // creation OpenMM does not delete it.
+    // From here on ~Integrator must notify this ContextImpl, whether initialisation succeeds or
+    // not. After a failed reinitialize() the ContextImpl lives on, and after a failed creation
+    // OpenMM does not delete it.
     context = &contextImpl;
     owner = &contextImpl.getOwner();
     kernel =

@@ -21,8 +21,8 @@ namespace RigidHIPlugin {
  * may use
  *   - x, y, z: the position of the body's origin, nm, lab frame, unwrapped;
  *   - q0, q1, q2, q3: the orientation of the body, the unit quaternion (w, x, y, z) that turns
- *     body-frame vectors into lab-frame vectors; q and -q are the same orientation and either may
- *     occur, so that only expressions that are even in q make sense;
+ *     body-frame vectors into lab-frame vectors. As q and -q are the same orientation and either
+ *     may occur, only expressions that are even in q make sense;
  *   - vx, vy, vz: the velocity of the origin, nm/ps, lab frame (Langevin schemes only);
  *   - t: the time, ps;
  *   - per-body parameters, with a value for each body that was added;
@@ -33,16 +33,17 @@ namespace RigidHIPlugin {
  * forces have no energy: minimisers and barostats do not feel them.
  *
  * If expressions use velocities, the first half kick of a step takes the velocities at the
- * beginning of the step. The second half kick takes the velocities that it leads to (predicted
- * once). The weak order is 2 with LangevinC and LangevinHI, and 1 with LangevinA and LangevinB (2
- * without friction).
+ * beginning of the step. The second half kick takes the velocities at its own end, predicted once.
+ * The weak order is 2 with LangevinC and LangevinHI, and 1 with LangevinA and LangevinB (2 without
+ * friction).
  *
  * Every error is an OpenMMException that names the object, the value, the bound and the remedy.
+ * Methods throw for an index of a parameter or an entry that is out of range.
  */
 class OPENMM_EXPORT_RIGIDHI CustomBodyForce : public OpenMM::Force {
 public:
     /**
-     * Create a force from its six expressions, which are checked when a Context is created.
+     * Create a force from its six expressions. Context creation checks them.
      *
      * @param fx, fy, fz  components of the force, kJ/(mol nm), lab frame
      * @param tx, ty, tz  components of the torque about the body's origin, kJ/mol, lab frame
@@ -68,8 +69,8 @@ public:
     /**
      * Add a per-body parameter.
      * @return its index
-     * @throws OpenMMException for a name that no expression could contain, or that has another
-     *     meaning already
+     * @throws OpenMMException for a name that no expression could contain, or that already has
+     *     another meaning
      */
     int addPerBodyParameter(const std::string& name);
     /** Get the name of a per-body parameter. */
@@ -119,9 +120,9 @@ public:
 
     /**
      * Copy the per-body parameters of all entries to a Context. Expressions, names and the bodies
-     * of the entries stay as they were when the Context was created.
+     * of the entries stay as they were at Context creation.
      * @throws OpenMMException if this force is not in the Context, or if anything but parameters
-     *     was changed in the entries
+     *     has changed in the entries
      */
     void updateParametersInContext(OpenMM::Context& context);
     /**

@@ -18,22 +18,24 @@ namespace RigidHIPlugin {
  * Six expressions give the components of the velocity of the body's origin ("vx", "vy", "vz";
  * nm/ps) and of the angular velocity ("wx", "wy", "wz"; rad/ps). An empty expression leaves the
  * component free: forces, the fluid and noise then move the body along it. A component that is
- * prescribed has the value of its expression whatever forces act on the body. The wrench that this
- * takes is that of CustomRigidHIIntegrator::computeHoldingWrenches(). So a roller has a prescribed
- * spin and is free otherwise, and "0" for vz keeps a body in a plane.
+ * prescribed has the value of its expression whatever forces act on the body.
+ * CustomRigidHIIntegrator::computeHoldingWrenches() gives the wrench that this takes. For example,
+ * a roller has a prescribed spin and is free otherwise, and "0" for vz keeps a body in a plane.
  *
  * Expressions are written in the language of OpenMM's Custom forces (definitions after semicolons
  * included). They may use
- *   - t: the time, ps, at each stage of a step that of the stage;
+ *   - t: the time, ps; at each stage of a step, the time of that stage;
  *   - per-body parameters, with a value for each body that was added;
  *   - global parameters, which are parameters of the Context.
  *
- * Schemes without momenta in a fluid take any prescribed components, and LangevinHI those of whole
- * bodies. Other schemes can hold bodies (CustomRigidHIIntegrator::setBodyHeld()).
+ * Schemes without momenta in a fluid take any prescribed components. LangevinHI takes bodies with
+ * all six components prescribed. Other schemes can hold bodies
+ * (CustomRigidHIIntegrator::setBodyHeld()).
  *
- * The force groups of OpenMM have no meaning for a CustomBodyMotion, and it has no energy.
+ * A CustomBodyMotion has no energy and ignores OpenMM's force groups.
  *
  * Every error is an OpenMMException that names the object, the value, the bound and the remedy.
+ * Methods throw for an index of a parameter or an entry that is out of range.
  */
 class OPENMM_EXPORT_RIGIDHI CustomBodyMotion : public OpenMM::Force {
 public:
@@ -46,8 +48,8 @@ public:
     };
 
     /**
-     * Create a force from its six expressions, which are checked when a Context is created. An
-     * empty expression leaves its component free.
+     * Create a force from its six expressions. Context creation checks them. An empty expression
+     * leaves its component free.
      *
      * @param vx, vy, vz  components of the velocity of the body's origin, nm/ps
      * @param wx, wy, wz  components of the angular velocity, rad/ps
@@ -70,8 +72,11 @@ public:
 
     /** Get the frame in which components are prescribed. */
     Frame getFrame() const;
-    /** Set the frame in which components are prescribed (default Lab). Takes effect at the next
-     * Context creation or reinitialize(). */
+    /**
+     * Set the frame in which components are prescribed (default Lab). Takes effect at the next
+     * Context creation or reinitialize().
+     * @throws OpenMMException for a value that is none of the enumerators
+     */
     void setFrame(Frame frame);
 
     /** Get the number of per-body parameters. */
@@ -79,8 +84,8 @@ public:
     /**
      * Add a per-body parameter.
      * @return its index
-     * @throws OpenMMException for a name that no expression could contain, or that has another
-     *     meaning already
+     * @throws OpenMMException for a name that no expression could contain, or that already has
+     *     another meaning
      */
     int addPerBodyParameter(const std::string& name);
     /** Get the name of a per-body parameter. */
@@ -131,9 +136,9 @@ public:
 
     /**
      * Copy the per-body parameters of all entries to a Context. Expressions, names and the bodies
-     * of the entries stay as they were when the Context was created.
+     * of the entries stay as they were at Context creation.
      * @throws OpenMMException if this force is not in the Context, or if anything but parameters
-     *     was changed in the entries
+     *     has changed in the entries
      */
     void updateParametersInContext(OpenMM::Context& context);
     /** Get whether this force uses periodic boundary conditions. It does not. */

@@ -37,7 +37,7 @@ using QuaternionArray = std::array<double, 4>;
  * 142, 144114 (2015), have one force evaluation a step each:
  *   - LangevinA (eq. 20), LangevinB (eq. 27) and LangevinC (eq. 28) have weak order 2. Each body
  *     feels friction gamma on its momentum and Gamma on its angular momentum, and noise of
- *     temperature T. LangevinC is the recommended one.
+ *     temperature T. Prefer LangevinC.
  *   - GradientThermostat (eq. 30) has weak order 1 and no momenta.
  *
  * The scheme of Davidchack, Ouldridge, Tretyakov, J. Chem. Phys. 147, 224103 (2017), also has one
@@ -56,15 +56,18 @@ using QuaternionArray = std::array<double, 4>;
  * The Brownian schemes differ in how they make the stochastic drift kT div N (EulerMaruyama omits
  * it), in their cost and in their error at finite steps. Bodies need no mass, and their origin may
  * be any point. Spheres about their centres and free particles have div N = 0 where the fluid is
- * unbounded or periodic, but not under StokesianDynamics; no drift is computed there.
+ * unbounded or periodic, but not under StokesianDynamics. Where div N = 0, the schemes compute no
+ * drift.
  *
  * The rotational friction of the Langevin schemes relaxes body axis l at the rate Gamma / (I_l
  * sum_k 1/I_k), where the sum is over axes with a non-zero moment. Where a moment is below a tenth
- * of the middle one, the rates go on continuously to those of a linear body, so that the tumbling
- * of an elongated body is thermostatted too (docs/theory/thermostats.md).
+ * of the middle one, the rates change continuously into those of a linear body, so that the
+ * thermostat also acts on the tumbling of an elongated body (docs/theory/thermostats.md).
  *
  * Units are OpenMM's: nm, ps, amu, K, kJ/mol. Every error is an OpenMMException that names the
- * object, the value, the bound and the remedy.
+ * object, the value, the bound and the remedy. Methods throw for an index of a body, joint or motor
+ * that is out of range, setters of enumerations for a value that is none of the enumerators, and
+ * methods that need a Context without one.
  */
 class OPENMM_EXPORT_RIGIDHI CustomRigidHIIntegrator : public OpenMM::Integrator {
 public:
@@ -104,9 +107,9 @@ public:
          */
         Overlap = 0,
         /**
-         * Steps after which the centre of a hydrodynamic particle is on the wall or behind it.
-         * Particles of radius a with their centre at 0 < z < a above the wall have the mobility of
-         * contact, times z/a for their velocities and once more for the forces on them.
+         * Steps after which the centre of a hydrodynamic particle is on the wall or behind it. A
+         * particle of radius a whose centre is at 0 < z < a above the wall has the mobility of
+         * contact, multiplied by z/a on the side of velocities and again on the side of forces.
          */
         Crossing = 1
     };
@@ -140,13 +143,13 @@ public:
      * The shape comes from the constraints among the massive members if these constraints fix it.
      * Two members need one constraint, and three members a triangle. More members need all pairs,
      * and the first positions give the handedness. Virtual sites then come from their definitions.
-     * Otherwise the shape comes from the first positions given to the Context, and is kept until
+     * Otherwise the shape comes from the first positions given to the Context, and stays until
      * resetBodyGeometry(). Mass and inertia come from the System's masses.
      *
      * The System takes precedence: changed constraints and masses take effect at reinitialize().
      * They also replace the constraints and masses of a saved state, whose positions and velocities
-     * go on. The body frame has its origin at the centre of mass and its axes along the principal
-     * axes, the smallest moment first.
+     * stay the same. The body frame has its origin at the centre of mass and its axes along the
+     * principal axes, the smallest moment first.
      *
      * @param particles  indices of the particles, virtual sites included
      * @return index of the body
@@ -156,14 +159,14 @@ public:
     int addRigidBody(const std::vector<int>& particles);
     /**
      * Add a rigid body with explicit mass, moments and shape. They override the System's masses,
-     * which then serve OpenMM only.
+     * which only OpenMM then uses.
      *
      * @param particles         indices of the particles, virtual sites included
      * @param mass              mass, amu; positive for every scheme with momenta, and for
      *     GradientThermostat
      * @param principalMoments  principal moments of inertia about the body axes x, y, z, amu nm^2,
-     *     in any order. A moment below 1e-13 of the largest counts as zero: there is no rotation,
-     *     noise or energy about its axis.
+     *     in any order. A moment below 1e-13 of the largest counts as zero: the body has no
+     *     rotation, noise or energy about its axis.
      * @param sitePositions     position of each particle in the body frame, nm. The origin of the
      *     body frame is the centre of mass, and its axes are the principal axes. Schemes without
      *     momenta in a fluid take any origin (the tracking point) and any axes, and 0 for mass and
@@ -179,14 +182,14 @@ public:
     /** Get the number of rigid bodies. */
     int getNumRigidBodies() const;
     /**
-     * Get the number of rigid bodies of the bound Context, as it was when the Context was created.
-     * Bodies that are added later wait for the next Context or reinitialize(). Needs a Context.
+     * Get the number of rigid bodies of the bound Context, as it was at Context creation. Bodies
+     * added later wait for the next Context or reinitialize(). Needs a Context.
      */
     int getNumRigidBodiesOfContext() const;
     /**
      * Get the definition of a body. For a body without explicit geometry this method needs a
-     * Context whose positions are set, or a geometry that was read from XML. It throws an
-     * OpenMMException before.
+     * Context whose positions are set, or a geometry that was read from XML. Otherwise it throws an
+     * OpenMMException.
      *
      * @param index             index of the body
      * @param particles         indices of the particles
@@ -205,16 +208,16 @@ public:
     bool getRigidBodyGeometryIsKnown(int index) const;
     /**
      * Replace the definition of a body by an explicit one. The change takes effect at the next
-     * Context creation or reinitialize(). A state that was saved with another mass, other moments
-     * or other sites is refused, also by reinitialize(preserveState = true). Parameters and errors
-     * are as in addRigidBody().
+     * Context creation or reinitialize(). The integrator refuses a state that was saved with
+     * another mass, other moments or other sites, also in reinitialize(preserveState = true).
+     * Parameters and errors are as in addRigidBody().
      */
     void setRigidBodyParameters(int index, const std::vector<int>& particles, double mass,
                                 const OpenMM::Vec3& principalMoments,
                                 const std::vector<OpenMM::Vec3>& sitePositions);
     /**
-     * Forget the geometry of all bodies that were added without an explicit one. The Context's
-     * present (or next) positions define it anew.
+     * Forget the geometry of all bodies that have no explicit one. The Context's present (or next)
+     * positions define it anew.
      */
     void resetBodyGeometry();
 
@@ -256,24 +259,24 @@ public:
      * Set the factor by which schemes with momenta (LangevinA, LangevinB, LangevinC, LangevinHI)
      * multiply the principal moments of all bodies in their dynamics (default 1). Averages over
      * configurations do not depend on the factor, because momenta are Gaussian and independent of
-     * the configuration. The motion does depend on it and is not the real one; describeEffects()
-     * says so. With a factor of 4 to 16, the rotation of light bodies (water) becomes slower than
-     * the motion that limits the step otherwise, and longer steps are possible
+     * the configuration. The motion does depend on the factor and is not the real motion;
+     * describeEffects() says so. With a factor of 4 to 16, light bodies (water) rotate more slowly
+     * than the motion that otherwise limits the step, so that longer steps become possible
      * (docs/guide/thermostats.md has measurements).
      *
      * Angular momenta, kinetic energies and temperatures belong to the scaled moments, so that
      * equipartition holds about every axis. Angular velocities, as in setBodyAngularVelocities()
      * and in the velocities of particles, are those of the visible rotation. The rates of
      * setRotationalFriction() do not change. The friction of a fluid does not change either, so
-     * that in a fluid momenta relax more slowly by the factor, and the diffusion over long times is
-     * the real one. getRigidBodyParameters() and files have the real moments. Masses and free
-     * particles are not changed. Schemes without momenta ignore the factor.
+     * that in a fluid angular momenta relax more slowly by the factor, and diffusion over long
+     * times is the real one. getRigidBodyParameters() and files have the real moments. The factor
+     * does not change masses and free particles. Schemes without momenta ignore the factor.
      *
      * The factor may be changed between steps, and the change takes effect at once. Positions and
-     * all velocities then go on, so that the rotational kinetic energy changes by the ratio of the
-     * factors. Friction restores thermal equilibrium, or the Context's setVelocitiesToTemperature()
-     * does so at once. A checkpoint or State that was saved under another factor likewise goes on
-     * with its positions and velocities.
+     * all velocities then stay the same, so that the rotational kinetic energy changes by the ratio
+     * of the factors. Friction restores thermal equilibrium, or the Context's
+     * setVelocitiesToTemperature() does so at once. Loading a checkpoint or State that was saved
+     * under another factor likewise keeps its positions and velocities.
      *
      * @param factor  dimensionless
      * @throws OpenMMException if not positive and finite
@@ -305,8 +308,8 @@ public:
     /** Get whether a body is held. */
     bool getBodyHeld(int index) const;
     /**
-     * Hold a free particle where it is, or let it go. It is an obstacle as a held body is
-     * (setBodyHeld()).
+     * Hold a free particle where it is, or let it go. Like a held body, a held particle is an
+     * obstacle (setBodyHeld()).
      *
      * @param particle  index of a particle that is in no body and is no virtual site
      * @param held      whether the particle is held
@@ -315,19 +318,19 @@ public:
      *     site, or if a constraint ties it to another particle
      */
     void setParticleHeld(int particle, bool held);
-    /** Get whether a particle was held by setParticleHeld(). */
+    /** Get whether setParticleHeld() holds a particle. */
     bool getParticleHeld(int particle) const;
-    /** Get the indices of all particles that were held by setParticleHeld(), in ascending order. */
+    /** Get the indices of all particles that setParticleHeld() holds, in ascending order. */
     std::vector<int> getHeldParticles() const;
 
     /**
      * Join two bodies by a ball: the two anchors are at one place.
      *
-     * Joints are rigid. What is sampled is the equilibrium of infinitely stiff springs, whose
+     * Joints are rigid. Schemes sample the equilibrium of infinitely stiff springs, whose spring
      * constant does not depend on the poses. Jointed bodies must belong to one group of
-     * MobilityForce::setGroups(), and poses at the start must have the anchors together within the
-     * pose tolerance. FixmanMidpoint, RandomFiniteDifference and TrapezoidalSlip have joints, other
-     * schemes do not. Joints become part of a Context when it is created.
+     * MobilityForce::setGroups(), and in the poses at the start the anchors must meet within the
+     * pose tolerance. Only FixmanMidpoint, RandomFiniteDifference and TrapezoidalSlip take joints.
+     * Joints become part of a Context at its creation.
      *
      * @param i         index of the first body
      * @param anchor_i  the anchor in the body frame of the first body, nm
@@ -383,7 +386,7 @@ public:
     /** Get the number of joints. */
     int getNumJoints() const;
     /**
-     * Get the definition of a joint. The reference is good until the next joint is added.
+     * Get the definition of a joint. The reference stays valid until the next joint is added.
      *
      * @param index  index of the joint
      * @throws OpenMMException if the index is out of range
@@ -396,18 +399,18 @@ public:
     const std::vector<JointDefinition>& getJoints() const;
     /**
      * Add a motor to a hinge: it turns the second body relative to the first about the axis of the
-     * hinge, by the right hand, at a prescribed rate and with whatever torque this needs. A rate
-     * of 0 locks the hinge. The motor becomes part of a Context when it is created.
+     * hinge, by the right-hand rule, at a prescribed rate and with whatever torque this needs. A
+     * rate of 0 locks the hinge. The motor becomes part of a Context at its creation.
      *
-     * In each step the angle of the hinge grows by rate times step size, as exactly as anchors have
-     * their places (setJointTolerance()), with noise too. The other motions have the noise and the
-     * drift that belong to bodies with this motor.
+     * In each step, with noise or without, the angle of the hinge grows by rate times step size to
+     * within the joint tolerance (setJointTolerance()). The other motions have the noise and the
+     * drift of bodies with this motor.
      *
      * @param hinge  index of the joint, as addHinge() returned it
      * @param rate   rad/ps, of either sign
      * @return index of the motor
-     * @throws OpenMMException if the index is out of range, if the joint is no hinge or has a motor
-     *     already, or if the rate is not finite
+     * @throws OpenMMException if the index is out of range, if the joint is no hinge or already
+     *     has a motor, or if the rate is not finite
      */
     int addHingeMotor(int hinge, double rate);
     /** Get the number of motors. */
@@ -438,10 +441,9 @@ public:
     /** Get the tolerance of joints, nm. */
     double getJointTolerance() const;
     /**
-     * Set the tolerance of joints: the distance from its place, in nm, that every anchor has at
-     * most after each step. The default is 1e-10. Axes of hinges have the same number of radians,
-     * as have the turns of motors during a step.
-     * The setting may be changed between steps.
+     * Set the tolerance of joints: the largest distance, in nm, of an anchor from its place after a
+     * step (default 1e-10). The same number, in radians, bounds the errors of hinge axes and of the
+     * angles by which motors turn in a step. The setting may be changed between steps.
      * @throws OpenMMException if not positive and finite
      */
     void setJointTolerance(double tolerance);
@@ -457,24 +459,24 @@ public:
      */
     void setGradientRotationalRelaxationTime(double Upsilon);
     /**
-     * Get the seed in use: that of the bound Context, which was set, drawn afresh, or loaded with a
-     * checkpoint or State. Without a Context it is the seed as it was set (0: fresh for each
-     * Context).
+     * Get the seed in use: that of the bound Context, which was set, drawn, or loaded with a
+     * checkpoint or State. Without a Context it is the seed as set (0: each Context draws a fresh
+     * one).
      */
     int getRandomNumberSeed() const;
     /**
      * Set the seed. With 0 (default), each Context draws a fresh one. A bound Context uses the new
      * seed from its next step on; with 0 it draws a fresh seed at once.
      *
-     * The seed in use is saved with checkpoints and States. It goes on where one of them is loaded,
-     * and so after reinitialize(preserveState = true). Runs that begin with one checkpoint and
-     * shall differ therefore need this call after the checkpoint was loaded. Random numbers are
-     * functions of seed and step, so that setting the seed that is in use changes nothing.
+     * Checkpoints and States contain the seed in use, and loading one restores the seed.
+     * reinitialize(preserveState = true) keeps it. To start different runs from one checkpoint,
+     * call this method after loading the checkpoint. Random numbers are functions of seed and step,
+     * so that setting the seed already in use changes nothing.
      */
     void setRandomNumberSeed(int seed);
     /**
-     * Get the seed that the next Context begins with: as it was set, 0 for a fresh one. XML has
-     * this seed.
+     * Get the seed that the next Context begins with: the seed as set, or 0 for a fresh one. XML
+     * has this seed.
      */
     int getRandomNumberSeedAsSet() const;
     /** Get the pose tolerance, nm. */
@@ -489,39 +491,40 @@ public:
     /** Get the number of threads of the host as it was set (0: OpenMM's default). */
     int getNumHostThreads() const;
     /**
-     * Set how many threads compute bodies, fluid and noise on platforms other than Reference and
-     * CPU. On such platforms forces are on a device, and everything else is on the host. With 0
-     * (default) the number is that of OpenMM's CPU platform by default: OPENMM_CPU_THREADS, or as
-     * many as there are processors. A change takes effect at the next Context creation or
-     * reinitialize(). Reference has one thread, and the CPU platform obeys its own property
-     * "Threads", whatever is set here.
+     * Set how many threads of the host compute bodies, fluid and noise on platforms other than
+     * Reference and CPU. On such platforms a device computes the forces, and the host computes
+     * everything that getEffects() does not report as "on the device". With 0 (default) the number
+     * is the default of OpenMM's CPU platform: OPENMM_CPU_THREADS, or the number of processors. A
+     * change takes effect at the next Context creation or reinitialize(). Reference has one thread,
+     * and the CPU platform obeys its own property "Threads", whatever is set here.
      * @throws OpenMMException if not from 0 to 1024
      */
     void setNumHostThreads(int number);
-    /** Get which steps through a wall are redone. */
+    /** Get which steps through a wall the integrator redoes. */
     WallRejection getWallRejection() const;
     /**
-     * Set which steps are redone where a MobilityForce has a boundary with walls. Repulsions that
-     * diverge at contact need the default, Overlap. A start that would be redone is an error. The
-     * setting may be changed between steps, and the change takes effect at once.
+     * Set which steps the integrator redoes where a MobilityForce has a boundary with walls.
+     * Repulsions that diverge at contact need the default, Overlap. A start in a configuration that
+     * would be rejected is an error. The setting may be changed between steps, and the change takes
+     * effect at once.
      */
     void setWallRejection(WallRejection rejection);
     /** Get what the drift factor of DriftCorrectorFD and DriftCorrectorRFD multiplies. */
     DriftCorrectorScaling getDriftCorrectorScaling() const;
     /**
      * Set what the drift factor nu of DriftCorrectorFD and DriftCorrectorRFD multiplies (default
-     * SlipOnly). The factor fluctuates about 1 by the step times the divergence of the random
-     * velocities. It fluctuates more the more bodies a group has, and a warning says so where the
-     * fluctuations exceed 0.3. The setting may be changed between steps.
+     * SlipOnly). The factor fluctuates about 1 by half the step times the divergence of the random
+     * velocities. The fluctuations grow with the number of bodies in a group, and a warning appears
+     * where they exceed 0.3. The setting may be changed between steps.
      */
     void setDriftCorrectorScaling(DriftCorrectorScaling scaling);
     /** Get how often in a row a step may be redone. */
     int getMaximumRejections() const;
     /**
-     * Set how often in a row a step may be redone with new noise (default 100). Steps are redone
-     * where spheres overlap under MobilityForce::StokesianDynamics, and as setWallRejection() says.
-     * More rejections in a row are an error. Without momenta, each group of
-     * MobilityForce::setGroups() has this number of its own.
+     * Set how often in a row a step may be redone with new noise (default 100). The integrator
+     * redoes steps after which spheres with lubrication overlap, and steps through walls as
+     * setWallRejection() says. More rejections in a row are an error. Without momenta, each group
+     * of MobilityForce::setGroups() has this number of its own.
      * @throws OpenMMException if negative or above 65535, which is the number of attempts that have
      *     random numbers of their own
      */
@@ -535,21 +538,23 @@ public:
      *
      * With 0 (default) the step is 1e-5, except where matrix-free solves are differenced: in
      * RandomFiniteDifference with multiblobs, and in all such schemes with multiblobs that have
-     * tensors of their own. There it is tolerance^(1/3), between 1e-5 and 1e-2, and iterations go
-     * to a tenth of the tolerance. So it is in the drift-correctors at tolerances from 5e-5 up,
-     * where products are of single precision. On a grid (MobilityForce::ForceCoupling) the setting
-     * has no effect on the drift-correctors, which take the derivative of the random field.
+     * tensors of their own. There the step is tolerance^(1/3), between 1e-5 and 1e-2, and
+     * iterations converge to a tenth of the tolerance. The same holds in the drift-correctors at
+     * tolerances of 5e-5 and above, where products have single precision. On a grid
+     * (MobilityForce::ForceCoupling) the setting has no effect on the drift-correctors, which take
+     * the derivative of the random field.
      * @throws OpenMMException if negative, above 0.1 or not finite
      */
     void setFiniteDifferenceStep(double relative);
     /**
-     * Get how many steps were redone since the Context was created, at most 2^31 - 1. Without
-     * momenta, every group of MobilityForce::setGroups() counts its own. Needs a Context.
+     * Get how many steps the integrator has redone since Context creation, at most 2^31 - 1.
+     * Without momenta, every group of MobilityForce::setGroups() counts its own. Needs a Context.
      */
     int getNumRejectedSteps() const;
-    /** @throws OpenMMException if the size is not positive and finite */
+    /** Set the step size, ps. @throws OpenMMException if not positive and finite */
     void setStepSize(double size) override;
-    /** @throws OpenMMException if the tolerance is not positive and finite */
+    /** Set the relative tolerance of constraints. @throws OpenMMException if not positive and
+     * finite */
     void setConstraintTolerance(double tolerance) override;
 
     /** Get the positions of the bodies' origins, nm, lab frame, unwrapped. Needs a Context with
@@ -582,8 +587,9 @@ public:
      */
     void setBodyVelocities(const std::vector<OpenMM::Vec3>& velocities);
     /**
-     * Set the angular velocities, rad/ps, lab frame. Components about axes without inertia are
-     * dropped.
+     * Set the angular velocities, rad/ps, lab frame. The method drops components about axes without
+     * inertia.
+     * @throws OpenMMException unless there is one finite row per body
      */
     void setBodyAngularVelocities(const std::vector<OpenMM::Vec3>& angularVelocities);
     /** Get the total forces on the bodies at the last force evaluation of the last step, kJ/(mol
@@ -622,8 +628,8 @@ public:
      * Get the forces that the joints exerted during the last step, kJ/(mol nm), lab frame: for each
      * joint of the Context the force on its first body, which acts at the anchor. The force on the
      * second body is the opposite. The share of the noise is as in getHoldingWrenches(). A hinge
-     * also exerts a torque across its axis, which is not part of the answer, and its motor one
-     * about the axis, which getHingeMotorTorques() has.
+     * also exerts a torque across its axis, which is not part of the answer. Its motor exerts a
+     * torque about the axis, which getHingeMotorTorques() returns.
      */
     std::vector<OpenMM::Vec3> getJointForces() const;
     /**
@@ -670,48 +676,51 @@ public:
     /**
      * Get the mid-step temperature of bodies and free particles, K: that of the momenta with which
      * the first drift of the next step moves them, averaged over the noise that this step draws
-     * before. It tells right runs from wrong ones at long steps, where computeSystemTemperature()
-     * reads low. Its mean is expected to be
+     * before the drift. This temperature tells right runs from wrong runs at long steps, where
+     * computeSystemTemperature() reads low. Its expected mean is
      *   - LangevinC, LangevinHI: the temperature of the bath,
      *   - LangevinB: that of the bath, times the factor by which the step makes mean squares of
      *     positions in a harmonic well wrong, 1/(1 - h^2 omega^2/4),
      *   - LangevinA: that of the bath, times about 1 - gamma h/2 (for rotation the rate of the
      *     axis; docs/theory/thermostats.md).
      *
-     * The degrees of freedom are those of getDegreesOfFreedom(). Forces are evaluated if they are
-     * out of date; the steps that follow are the same as without this call.
+     * The degrees of freedom are those of getDegreesOfFreedom(). The method evaluates forces if
+     * they are out of date. The steps that follow are the same as without this call.
      * @throws OpenMMException if the scheme has no momenta, if nothing moves, or if positions were
      *     not set
      */
     double computeMidStepTemperature() const;
     /**
      * Get mid-step temperatures, K, by name: "translational" and "rotational" of bodies, "free" of
-     * free particles, "total". Names without degrees of freedom are left out. What a
-     * CMMotionRemover removes is divided between bodies and free particles by their masses. Errors
-     * as in computeMidStepTemperature().
+     * free particles, "total". Names without degrees of freedom are absent. The degrees of freedom
+     * that a CMMotionRemover removes are divided between bodies and free particles by their masses.
+     * Errors are as in computeMidStepTemperature().
      */
     std::map<std::string, double> computeMidStepTemperatures() const;
 
-    /** Get what is on and why, what is off, and warnings, as text. Needs a Context. */
+    /**
+     * Get a text that says which effects are on and why, and which are off, with warnings.
+     * Needs a Context.
+     */
     std::string describeEffects() const;
     /** Get which effects are on, and why: name to "on: reason" or "off: reason". Needs a Context.
      */
     std::map<std::string, std::string> getEffects() const;
     /**
-     * Get counters and times since the Context was created: steps, forceEvaluations,
-     * mobilityProducts, solverIterations, randomNumbers, squareRoots, seconds_forces,
-     * seconds_mobility, seconds_scheme. For a fluid on a grid there are also times of all threads
-     * together, which are 0 without a grid:
+     * Get counters and times since Context creation: steps, forceEvaluations, mobilityProducts,
+     * solverIterations, randomNumbers, squareRoots, seconds_forces, seconds_mobility,
+     * seconds_scheme. The following times are sums over all threads for a fluid on a grid, and 0
+     * without a grid:
      *   - seconds_spreading: forces to nodes,
      *   - seconds_fft: Fourier transforms, with the fluid's response,
      *   - seconds_averaging: velocities over nodes,
      *   - seconds_solver: iterations without the products.
      *
-     * For bodies on a device (getEffects(), "bodies on the device") there are counters of what the
-     * device was asked for, which are 0 otherwise:
+     * The following counters describe the work of a device that has the bodies (getEffects(),
+     * "bodies on the device"), and are 0 otherwise:
      *   - deviceLaunches: kernels, without those of OpenMM,
      *   - deviceTransfers: states or lists in either direction,
-     *   - deviceLooks: at a flag or a few sums, for which the host waits.
+     *   - deviceLooks: reads of a flag or of a few sums, for which the host waits.
      *
      * Needs a Context.
      */
@@ -721,9 +730,9 @@ public:
      * Advance the simulation.
      *
      * @param steps  number of steps
-     * @throws OpenMMException if the positions do not fit the bodies, or if forces or positions
-     *     become non-finite. In the second case the message names the step and the body, and the
-     *     Context keeps the last good state.
+     * @throws OpenMMException if the number is negative, if the positions do not fit the bodies, or
+     *     if forces or positions become non-finite. In the last case the message names the step and
+     *     the body, and the Context keeps the last good state.
      */
     void step(int steps) override;
 
@@ -733,11 +742,11 @@ public:
      */
     void recordBodyGeometry(int index, double mass, const OpenMM::Vec3& principalMoments,
                             const std::vector<OpenMM::Vec3>& sitePositions) const;
-    /** @private A number that changes whenever a setting that the kernels cache is changed. */
+    /** @private A number that changes with every setting that the kernels cache. */
     int getSettingsVersion() const;
     /**
      * @private The kernel of the bound Context, for the Forces of this plugin. @param method  the
-     *     method that asks, for the message
+     *     calling method, for the message
      */
     class IntegrateRigidBodiesKernel& getKernelForForces(const char* method) const;
 

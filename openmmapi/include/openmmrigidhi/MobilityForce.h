@@ -20,13 +20,17 @@ class IntegrateRigidBodiesKernel;
  *
  * addParticle() gives every particle of the System, in order, a hydrodynamic radius. With radius 0
  * the fluid does not see the particle. A body with one hydrodynamic particle is a sphere, which
- * takes force and torque. A body with several is a rigid multiblob. Its blobs carry forces only,
- * and together they make the body's mobility N = (K^T M^-1 K)^-1. Where all blobs of a body lie on
- * a line, the fluid does not drive its rotation about that line, and a torque about the line beyond
- * rounding is an error. A particle with a radius that is in no body takes a force only.
+ * takes force and torque. A body with several hydrodynamic particles (blobs) is a rigid multiblob.
+ * Its blobs carry forces only, and together they make the body's mobility N = (K^T M^-1 K)^-1.
+ * Where all blobs of a body lie on a line, the fluid does not drive its rotation about that line,
+ * and a torque about the line beyond rounding is an error. A particle in no body that has a radius
+ * takes a force only.
  *
  * Units are OpenMM's. Every error is an OpenMMException that names the object, the value, the bound
- * and the remedy.
+ * and the remedy. Methods throw for an index of a particle, or of a force on the fluid, that is out
+ * of range, and setters of enumerations for a value that is none of the enumerators. Context
+ * creation checks the indices of bodies. Methods ...InContext() throw if this force is not in the
+ * Context, and those that need positions if none are set.
  */
 class OPENMM_EXPORT_RIGIDHI MobilityForce : public OpenMM::Force {
 public:
@@ -63,12 +67,13 @@ public:
          * 11, 67 (1964), along the wall, of Brenner, Chem. Eng. Sci. 16, 242 (1961), towards the
          * wall, and of Jeffery, Proc. Lond. Math. Soc. 14, 327 (1915), about the normal. Delong et
          * al., J. Chem. Phys. 143, 144107 (2015), eqs. 94 to 97, approximate these solutions to 4.4
-         * %. Interactions with other spheres are combined with it by congruence. It applies to
-         * bodies of one sphere and to free particles; multiblobs keep the mobility of the model.
+         * %. A congruence combines this mobility with the interactions with other spheres.
+         * BestKnown applies to bodies of one sphere and to free particles; multiblobs keep the
+         * mobility of the model.
          */
         BestKnown = 1
     };
-    /** Whether spheres have lubrication; Auto is that of Solver. */
+    /** Whether spheres have lubrication. Auto belongs to Solver; see setLubrication(Solver). */
     enum Lubrication : int {
         /** StokesianDynamics has lubrication, and other models have none. */
         AutoLubrication = 0,
@@ -90,17 +95,19 @@ public:
          */
         ZeroFlux = 1
     };
-    /** How the linear algebra is done. */
+    /** The method of the linear algebra. */
     enum Solver : int {
         /**
-         * Dense or matrix-free (default), by the numbers of rows of the matrices. Periodic fluids
-         * of more than 150 rows are done in the way whose step is estimated to take less time.
+         * Dense or MatrixFree (default), by the numbers of rows of the matrices. For periodic
+         * fluids of more than 150 rows, the method whose step has the shorter estimated time.
          */
         Auto = 0,
-        /** Matrices are formed and decomposed. Memory quadratic, time cubic in bodies. */
+        /** Forms and decomposes matrices. Memory is quadratic and time cubic in bodies. */
         Dense = 1,
-        /** Krylov methods (Lanczos) to the solver tolerance. Memory linear in particles, time
-           quadratic, or less by multipoles or on a grid. */
+        /**
+         * Krylov methods (Lanczos) to the solver tolerance. Memory is linear in particles. Time is
+         * quadratic, or less by multipoles or on a grid.
+         */
         MatrixFree = 2
     };
 
@@ -114,7 +121,8 @@ public:
      *
      * @param radius  hydrodynamic radius, nm; 0: the fluid does not see the particle
      * @return index of the particle
-     * @throws OpenMMException if the radius is negative or not finite
+     * @throws OpenMMException if the radius is negative or not finite. At Context creation: if the
+     *     System has another number of particles
      */
     int addParticle(double radius);
     /** Get the hydrodynamic radius of a particle, nm. */
@@ -160,7 +168,7 @@ public:
     /**
      * Set the y of both walls of the SlipChannel, or the z of both walls of the NoSlipChannel, or
      * the z of the wall and of the free surface of the Film, nm. The default is 0 and 0, which is
-     * no channel: a Context with such a boundary is refused. Other boundaries ignore the walls.
+     * no channel: Context creation with such a boundary throws. Other boundaries ignore the walls.
      * Takes effect at Context creation or reinitialize().
      *
      * @throws OpenMMException unless both are finite and low < high
@@ -179,34 +187,34 @@ public:
     /**
      * Set which mobility a single sphere above a NoSlipWall has (default FromModel). Takes effect
      * at Context creation or reinitialize(). BestKnown needs a NoSlipWall and the wall rejection
-     * Overlap; without them no Context is created.
+     * Overlap; without them Context creation throws.
      */
     void setSphereWallMobility(SphereWallMobility mobility);
     /** Get whether spheres have lubrication, as setLubrication() has set it. */
     Lubrication getLubrication() const { return lubrication; }
     /**
-     * Set whether spheres that are close to each other, or to a wall, have lubrication
-     * (default Auto: with StokesianDynamics they have, with other models they have not).
+     * Set whether spheres that are close to each other, or to a wall, have lubrication (default
+     * Auto: only with StokesianDynamics).
      *
-     * With RotnePragerYamakawa and ForceCoupling the friction is that of the model plus what it
-     * lacks for each pair of spheres, and for each sphere and wall, by themselves: (M^-1 +
-     * Delta)^-1 is exact for two spheres, and for one above a wall. Spheres are bodies of one
-     * hydrodynamic particle; multiblobs and free particles have no lubrication. The models' pages
-     * say how accurate it is.
+     * With RotnePragerYamakawa and ForceCoupling the friction is that of the model, M^-1, plus
+     * Delta, the sum of what the model lacks for each pair of spheres alone and for each sphere
+     * alone at a wall. So (M^-1 + Delta)^-1 is exact for two spheres, and for one sphere above a
+     * wall. Spheres are bodies of one hydrodynamic particle; multiblobs and free particles have no
+     * lubrication. The pages of the models state the accuracy.
      *
-     * Spheres must not overlap each other (see setMinimumGap()) and not touch walls, and ratios of
-     * their radii are up to 10. A Context is refused with SphereWallMobility BestKnown, which the
-     * lubrication at walls replaces, and with the wall rejection Crossing.
+     * Spheres must not overlap each other (see setMinimumGap()) or touch walls, and the ratio of
+     * two radii must be at most 10. Context creation refuses SphereWallMobility BestKnown, which
+     * the lubrication at walls replaces, and the wall rejection Crossing.
      *
      * @throws OpenMMException for a value that is none of the enumerators
      */
     void setLubrication(Lubrication lubrication);
-    /** Likewise: On or Off. */
+    /** Set whether spheres have lubrication, by a bool: On or Off. */
     void setLubrication(bool lubrication) { setLubrication(lubrication ? On : Off); }
     /**
-     * Likewise, so that Auto may be given by its name.
+     * Set AutoLubrication by the name Auto, which belongs to Solver.
      *
-     * @throws OpenMMException for another value than Auto
+     * @throws OpenMMException for any value other than Auto
      */
     void setLubrication(Solver lubrication);
     /** Get how far lubrication of pairs reaches, as setLubricationReach() has set it. */
@@ -215,37 +223,37 @@ public:
         nothing = noLubrication;
     }
     /**
-     * Set how far lubrication of pairs reaches, in mean radii of a pair: it is whole up to the
-     * first distance of the centres, 0 from the second one on, and smooth between them. 0, 0
-     * (default) stands for the distances of the model: 3 and 4, but with matrices of
-     * StokesianDynamics 8 and 10 with Periodic, and all distances with Unbounded. Lubrication at
-     * walls is whole at every height.
+     * Set how far lubrication of pairs reaches, in mean radii of a pair. Lubrication is whole up to
+     * the first distance of the centres, 0 from the second distance on, and smooth between the two.
+     * 0, 0 (default) stands for the distances of the model. These are 3 and 4, except for
+     * StokesianDynamics with dense matrices: 8 and 10 with Periodic, and all distances with
+     * Unbounded. Lubrication at walls is whole at every height.
      *
-     * @throws OpenMMException if the first distance is below 2, contact, or the second not above
-     *     it, or if one is not finite; both may be 0
+     * @throws OpenMMException if the first distance is below 2 (contact), if the second is not
+     *     above the first, or if either is not finite; both may be 0
      */
     void setLubricationReach(double whole, double nothing);
-    /** Get the smallest gap between spheres with lubrication. */
+    /** Get the smallest gap between spheres with lubrication, relative to their mean radius. */
     double getMinimumGap() const { return minimumGap; }
     /**
      * Set the smallest gap between spheres with lubrication, and of StokesianDynamics, relative to
-     * the mean of the two radii (default 0). Smaller gaps, and overlaps, are treated as this gap.
-     * With 0, a start with overlapping spheres is refused, and a step after which spheres overlap
-     * is redone with new noise.
+     * the mean of the two radii (default 0). Smaller gaps, and overlaps, count as this gap. With 0,
+     * a start with overlapping spheres is an error, and the integrator redoes, with new noise, a
+     * step after which spheres overlap.
      *
      * @throws OpenMMException if negative or not finite
      */
     void setMinimumGap(double gap);
-    /** Get how the linear algebra is done. */
+    /** Get the method of the linear algebra. */
     Solver getSolver() const { return solver; }
     /**
-     * Set how the linear algebra is done (default Auto). With LangevinHI, Dense and MatrixFree take
-     * the same step for the same seed, to the tolerance. In schemes without momenta, Dense and
+     * Set the method of the linear algebra (default Auto). With LangevinHI, Dense and MatrixFree
+     * take the same step for the same seed, to the tolerance. In schemes without momenta, Dense and
      * MatrixFree take different square roots of the mobility and use different random numbers.
-     * Their noise has the same law, but the same seed gives different trajectories. Auto may
-     * choose another one for another scene, scheme or tolerance, and then the noise is different.
-     * applyMobilityInContext() uses the same solver, whatever masses there are.
-     * CustomRigidHIIntegrator::getEffects() says which solver is used.
+     * Their noise has the same law, but the same seed gives different trajectories. Auto may choose
+     * differently for another scene, scheme or tolerance, and then the noise is different.
+     * applyMobilityInContext() uses the same solver, whatever the masses are.
+     * CustomRigidHIIntegrator::getEffects() names the solver in use.
      */
     void setSolver(Solver solver);
     /** Get the relative tolerance of MatrixFree. */
@@ -261,7 +269,7 @@ public:
      *     tolerance. The norm is that of the velocities divided by the roots of the particles' own
      *     mobilities (for multiblobs: of the bodies' own mobilities).
      *
-     * Where the tolerance is not reached, an exception says what was reached.
+     * Where iterations do not reach the tolerance, an exception states what they reached.
      *
      * @throws OpenMMException if not between 1e-14 and 0.1
      */
@@ -269,32 +277,33 @@ public:
     /** Get the largest spacing of the nodes of a grid, nm; 0: the solver tolerance decides. */
     double getGridSpacing() const { return gridSpacing; }
     /**
-     * Set the largest spacing of the nodes where a fluid is on a grid (Periodic or SlipChannel,
-     * MatrixFree), nm. The grid has the next number of nodes without prime factors above 7. With 0
-     * (default) products have the solver tolerance. For ForceCoupling, another spacing means
-     * another tolerance of products, which CustomRigidHIIntegrator::describeEffects() says. For
-     * RotnePragerYamakawa, another spacing means more pairs or fewer at the same tolerance.
+     * Set the largest spacing of the nodes where a fluid is on a grid, nm. A periodic fluid is on a
+     * grid with MatrixFree, except under FreeDraining. The grid has the next larger number of nodes
+     * without prime factors above 7. With 0 (default) products have the solver tolerance. For
+     * ForceCoupling, another spacing means another tolerance of products, which
+     * CustomRigidHIIntegrator::describeEffects() states. For RotnePragerYamakawa, another spacing
+     * means more pairs or fewer at the same tolerance.
      *
      * @throws OpenMMException if negative or not finite
      */
     void setGridSpacing(double spacing);
-    /** Get whether products with the mobility of many particles may be done by multipoles. */
+    /** Get whether products with the mobility of many particles may use multipoles. */
     bool getFastSummation() const { return fastSummation; }
     /**
-     * Set whether products with the mobility of many particles may be done by multipoles (default
-     * true). Multipoles serve RotnePragerYamakawa, Unbounded or NoSlipWall, with MatrixFree, on all
+     * Set whether products with the mobility of many particles may use multipoles (default true).
+     * Multipoles serve RotnePragerYamakawa, Unbounded or NoSlipWall, with MatrixFree, on all
      * platforms but Reference. The time of such a product grows little faster than the number of
-     * particles. Three kinds of products are done so, because a tolerance is good enough for them:
+     * particles. Three kinds of products use multipoles, because a tolerance suffices for them:
      *   - answers of applyMobilityInContext() for spheres, to the solver tolerance, if that is 1e-6
      *     or more,
      *   - products of iterations, to a part of their tolerance, if that is 1e-6 or more. The result
-     *     keeps the tolerance. Iterations whose results a scheme differences have no such products,
-     *   - products that a scheme differences, so that the difference has a tenth of the tolerance
-     * as its relative error, at most 1e-4.
+     *     keeps the tolerance. Iterations whose results a scheme differences do not use multipoles,
+     *   - products that a scheme differences. The relative error of the difference is then a tenth
+     *     of the tolerance, at most 1e-4.
      *
-     * The numbers of particles from which multipoles are used follow from the tolerance alone, and
-     * CustomRigidHIIntegrator::getEffects() says them. Other products are sums over all pairs, to
-     * rounding. All products are sums over all pairs if the setting is false.
+     * The numbers of particles from which products use multipoles follow from the tolerance alone,
+     * and CustomRigidHIIntegrator::getEffects() gives them. Other products are sums over all pairs,
+     * to rounding. If the setting is false, all products are sums over all pairs.
      */
     void setFastSummation(bool enabled) { fastSummation = enabled; }
 
@@ -307,17 +316,17 @@ public:
         gradient = flowGradient;
     }
     /**
-     * Set a flow that is there without bodies, v(x) = velocity + gradient x, with x from the origin
-     * of coordinates (default: none). The flow carries and turns bodies: blobs have the slip
+     * Set the flow that the fluid has without bodies, v(x) = velocity + gradient x, with x from the
+     * origin of coordinates (default: none). The flow carries and turns bodies: blobs have the slip
      * (surface velocity) v(x), and spheres have v(x) and half the curl of v (Westwood 2022, eq.
      * 33). Spheres of StokesianDynamics resist the strain by their stresslets, with lubrication of
      * the strain. Multiblobs resist it by their blobs. Spheres of other models, and bodies' own
      * tensors, do not resist it.
      *
      * The boundary must be Unbounded, or NoSlipWall or PeriodicWall if the flow is 0 at the wall.
-     * Other boundaries with a flow are refused at Context creation. The flow acts in schemes
-     * without momenta, and in LangevinHI. The friction of LangevinHI acts on velocities relative to
-     * those of force-free bodies in the flow.
+     * Context creation refuses a flow with other boundaries. The flow acts in schemes without
+     * momenta, and in LangevinHI. The friction of LangevinHI acts on velocities relative to those
+     * of force-free bodies in the flow.
      *
      * @param velocity  at the origin, nm/ps
      * @param gradient  9 numbers dv_a/dx_b, row after row, 1/ps
@@ -334,16 +343,15 @@ public:
     /**
      * Drive the fluid by a force density f0 sin(k x_waveAxis) along forceAxis. Here k = 2 pi
      * waveVectorIndex/L, and L is the edge of the Context's box along waveAxis (default: f0 = 0,
-     * none). Without bodies the force density makes the flow f0/(eta k^2) sin(k x_waveAxis). Blobs
-     * have as slip (surface velocity) the average of this flow over their surface or Gaussian.
-     * Spheres with torque also have its average curl (Westwood 2022, section 6.4). Stresslets are
-     * as in setBackgroundFlow().
+     * none). Without bodies the force density makes the flow f0/(eta k^2) sin(k x_waveAxis). The
+     * slip (surface velocity) of a blob is the average of this flow over the blob's surface or
+     * Gaussian. Spheres with torque also have the average curl of the flow (Westwood 2022, section
+     * 6.4). Stresslets are as in setBackgroundFlow().
      *
-     * The boundary must be periodic, and both axes must be along its walls. Other boundaries with
-     * f0 not 0 are refused at Context creation. Waves that are not periodic in a triclinic box, or
-     * too short for a grid, are refused too. Above a no-slip wall, or between walls, the flow is
-     * f0/(eta k^2) (1 - p(z)) sin(k x_waveAxis), where p is 1 on a wall
-     * (docs/theory/driven_flows.md).
+     * The boundary must be periodic, and both axes must be along its walls. Context creation
+     * refuses other boundaries with f0 not 0, and waves that are not periodic in a triclinic box or
+     * too short for a grid. Above a no-slip wall, or between walls, the flow is f0/(eta k^2) (1 -
+     * p(z)) sin(k x_waveAxis), where p is 1 on a wall (docs/theory/driven_flows.md).
      *
      * @param f0               kJ/(mol nm^4)
      * @param forceAxis        0, 1, 2: x, y, z
@@ -357,12 +365,12 @@ public:
     OpenMM::Vec3 getWallVelocity() const { return wallVelocity; }
     /**
      * Let the upper wall of a NoSlipChannel move along itself (default: 0, at rest). The lower wall
-     * is at rest. Without bodies the fluid has Couette's flow, U (z - low)/H with the height H of
+     * is at rest. Without bodies the fluid has the Couette flow U (z - low)/H with the height H of
      * the channel. With the condition ZeroFlux, where the channel is closed at its ends, the
      * pressure makes the flux 0: U (3 s^2 - 2 s) with s = (z - low)/H. Bodies follow the flow as in
      * setBackgroundFlow().
      *
-     * Other boundaries with a velocity that is not 0 are refused at Context creation.
+     * Context creation refuses other boundaries with a velocity that is not 0.
      *
      * @param velocity  nm/ps; its z must be 0
      * @throws OpenMMException if not finite, or if z is not 0
@@ -372,14 +380,13 @@ public:
     OpenMM::Vec3 getBodyForceDensity() const { return bodyForceDensity; }
     /**
      * Drive the fluid along its walls by a uniform force density f, as gravity or a pressure
-     * gradient -f does (default: 0, none). Without bodies the fluid has Poiseuille's flow. This is
-     * f (z - low)(high - z)/(2 eta) in a NoSlipChannel, and f (z - low)(2 high - low - z)/(2 eta)
-     * in a Film. Bodies follow the flow as in setBackgroundFlow(). The force density acts on the
-     * fluid that would be without bodies: it acts in their volume too, and no other force on bodies
-     * comes from it.
+     * gradient -f does (default: 0, none). Without bodies the fluid has the Poiseuille flow. This
+     * is f (z - low)(high - z)/(2 eta) in a NoSlipChannel, and f (z - low)(2 high - low - z)/(2
+     * eta) in a Film. Bodies follow the flow as in setBackgroundFlow(). The force density acts as
+     * if the volume of the bodies were fluid too, and exerts no other force on bodies.
      *
-     * The boundary must be NoSlipChannel with the condition ZeroPressureGradient, or Film. All else
-     * with a force density that is not 0 is refused at Context creation: with ZeroFlux the pressure
+     * The boundary must be NoSlipChannel with the condition ZeroPressureGradient, or Film. Context
+     * creation refuses a force density that is not 0 with anything else: with ZeroFlux the pressure
      * would balance the force density, and above a PeriodicWall no flow is steady.
      *
      * @param forceDensity  kJ/(mol nm^4), which is dalton/(nm^2 ps^2); its z must be 0
@@ -391,21 +398,21 @@ public:
     /**
      * Shear a periodic fluid steadily (default: rate 0, none), with the boundary conditions of Lees
      * and Edwards. Without bodies the fluid flows with v = rate x_gradientAxis along flowAxis. The
-     * box tilts with the flow: steps set the Context's box, and forces are computed in the box of
-     * their time. Its tilt starts from that of the Context's box. Where a tilt exceeds half an
-     * edge, the box goes on with the other tilt that has the same lattice, so that positions,
-     * which are not wrapped, and forces stay as they are. States and checkpoints hold the box, and
-     * with it the strain.
+     * box tilts with the flow: steps set the Context's box, and the Context computes forces in the
+     * box of their time. The tilt starts at that of the Context's box. Where a tilt exceeds half an
+     * edge, the box flips to the other tilt with the same lattice, so that positions, which are not
+     * wrapped, and forces stay as they are. States and checkpoints hold the box, and with it the
+     * strain.
      *
      * Bodies follow the flow as in setBackgroundFlow(). The velocity gradient is the mean one of
      * the fluid with its bodies, so that the relative viscosity is 1 + stress/(eta rate), with the
      * stress of getStressInContext().
      *
-     * Refused at Context creation: boundaries other than Periodic, the model FreeDraining, schemes
-     * with momenta, barostats, a sinusoidal force density beside the shear, and platforms other
-     * than Reference and CPU. Steps are refused whose strain rate times step size is above 0.1, and
-     * after the box was set without positions. OpenMM's PME is not the same to its tolerance in the
-     * two boxes of one lattice, so that forces jump there by its error.
+     * Context creation refuses boundaries other than Periodic, the model FreeDraining, schemes with
+     * momenta, barostats, a sinusoidal force density beside the shear, and platforms other than
+     * Reference and CPU. A step throws if strain rate times step size is above 0.1, or if the box
+     * was set without positions. In the two boxes of one lattice OpenMM's PME agrees only to its
+     * tolerance, so that its forces jump by its error at a flip.
      *
      * @param rate          1/ps
      * @param flowAxis      0 or 1: x or y
@@ -429,18 +436,24 @@ public:
      * @param mobility  36 numbers, rows Vx Vy Vz Wx Wy Wz, columns Fx Fy Fz Tx Ty Tz, body frame;
      *     nm/ps per kJ/(mol nm), ...
      * @throws OpenMMException if not 36 finite numbers, not symmetric to 1e-9, or not positive
-     *     definite
+     *     definite. At Context creation: with StokesianDynamics, whose bodies are spheres
      */
     void setBodyMobility(int body, const std::vector<double>& mobility);
     /**
-     * Give a body a tensor of its own by the inverse of its mobility, the friction tensor: force
-     * and torque that the moving body exerts on the fluid. All else is as in setBodyMobility().
+     * Give a body a tensor of its own by its friction tensor, the inverse of the mobility tensor.
+     * The friction tensor gives the force and torque that the moving body exerts on the fluid. All
+     * else is as in setBodyMobility().
+     *
+     * @param body      index of the body
+     * @param friction  36 numbers, rows Fx Fy Fz Tx Ty Tz, columns Vx Vy Vz Wx Wy Wz, body frame;
+     *     kJ/(mol nm) per nm/ps, ...
      */
     void setBodyFriction(int body, const std::vector<double>& friction);
     /** Get whether a body has a tensor of its own. */
     bool getBodyHasOwnTensor(int body) const { return ownTensors.count(body) > 0; }
-    /** Get whether a body's own tensor was given as friction. @throws OpenMMException if it has
-     * none */
+    /**
+     * Get whether setBodyFriction() gave a body its tensor. @throws OpenMMException if it has none
+     */
     bool getBodyTensorIsFriction(int body) const;
     /** Get a body's own mobility tensor, 36 numbers. @throws OpenMMException if it has none */
     std::vector<double> getBodyMobility(int body) const;
@@ -454,18 +467,18 @@ public:
     /**
      * Give the surface of a multiblob a slip: the fluid at each blob moves with the body and with
      * the blob's slip velocity besides, as at the surface of a swimmer that is driven by cilia or
-     * by a reaction. The body is free of forces and torques all the same, and moves itself and the
-     * fluid. Velocities turn with the body. They are added to a step as a driven flow is: there is
-     * no drift and no noise due to them.
+     * by a reaction. The slip adds no force and no torque on the body; the body moves itself and
+     * the fluid. Velocities turn with the body. They enter a step as a driven flow does, and cause
+     * no drift and no noise.
      *
      * Velocities at single blobs are not those of a smooth surface: a shell of 12 to 642 blobs with
      * the velocities of a squirmer swims 73 to 11 % too fast. In Python,
      * openmmrigidhi.app.squirmerSlip() scales the modes of a squirmer by the response of the shell
      * at hand.
      *
-     * Slips act in schemes without momenta; others are refused at Context creation. Refused there
-     * as well are a wrong number of velocities, and a slip of a body of one particle, because the
-     * models have no stresslet sources for a single sphere.
+     * Slips act in schemes without momenta. Context creation refuses other schemes, a wrong number
+     * of velocities, and a slip of a body of one particle, because the models have no stresslet
+     * sources for a single sphere.
      *
      * @param body        index of the body
      * @param velocities  of the surface relative to the body at each hydrodynamic particle of the
@@ -485,11 +498,11 @@ public:
      * Let a body exert a force on the fluid at a site that moves with the body, as the flagella of
      * a swimmer do. The body takes the opposite force there, so that body and site together are
      * free of forces and torques. Force and site turn with the body. (Forces between the blobs of a
-     * body would do nothing: the body is rigid.) There is no drift and no noise due to such forces.
+     * body would do nothing: the body is rigid.) Such forces cause no drift and no noise.
      *
      * For the fluid the site is a particle of its own, with a radius, that nothing holds and that
      * resists nothing. It may be anywhere in the fluid. These forces act in schemes without
-     * momenta; others are refused at Context creation, and so is StokesianDynamics, in which such a
+     * momenta. Context creation refuses other schemes, and StokesianDynamics, in which such a
      * particle would have lubrication.
      *
      * @param body    index of the body
@@ -519,17 +532,17 @@ public:
     /**
      * Set which bodies feel each other through the fluid. Only bodies of one group do, so that one
      * Context can hold replicas of a scene at a cost linear in groups. By default, or with an empty
-     * list, all bodies are in one group. Hydrodynamic particles that are in no body belong to group
-     * 0.
+     * list, all bodies are in one group. Hydrodynamic particles in no body belong to group 0.
      *
      * Groups are meant to be independent. Without momenta, a step that one group must redo (at a
-     * wall, for overlap) is redone for that group alone, and the motion of the other groups stays
-     * the same bit for bit. OpenMM forces between groups break this independence: in schemes that
+     * wall, for overlap) concerns that group alone, and the motion of the other groups stays the
+     * same bit for bit. OpenMM forces between groups break this independence: in schemes that
      * evaluate forces at intermediate positions, these forces may have felt poses that were
      * rejected. LangevinHI redoes a step for all groups.
      *
      * @param groups  a number from 0 up for each body
-     * @throws OpenMMException if a number is negative
+     * @throws OpenMMException if a number is negative. At Context creation: if there is not one
+     *     number for each body
      */
     void setGroups(const std::vector<int>& groups);
 
@@ -537,7 +550,10 @@ public:
      * Copy changed viscosity, radii, own tensors, slips, forces on the fluid, lubrication and its
      * reach, minimum gap, solver, tolerance, grid spacing, fast summation and flows to a Context. A
      * radius may not change between 0 and not 0. Changes of model, boundary, wall height, channel
-     * walls, sphere-wall mobility and groups need reinitialize().
+     * walls and condition, sphere-wall mobility, groups and the number of particles need
+     * reinitialize().
+     * @throws OpenMMException if this force is not in the Context, or for a change that needs
+     *     reinitialize()
      */
     void updateParametersInContext(OpenMM::Context& context);
     /**
@@ -547,13 +563,15 @@ public:
      *
      * The matrix comes from dense matrices. MatrixFree iterates column by column, to its tolerance,
      * where iterations take less time: for bodies of 850 blobs and more on the CPU platform, 3500
-     * on Reference. CustomRigidHIIntegrator::getEffects() says which method is used ("mobilities
+     * on Reference. CustomRigidHIIntegrator::getEffects() names the method in use ("mobilities
      * asked for").
      */
     std::vector<double> getMobilityInContext(OpenMM::Context& context) const;
     /**
      * Get the friction matrix, the inverse of the mobility matrix (pseudo-inverse for bodies whose
-     * blobs are on a line). It always comes from dense matrices.
+     * blobs are on a line): 6n x 6n numbers, row after row. Rows per body are Fx Fy Fz Tx Ty Tz
+     * about the body's origin, columns Vx Vy Vz Wx Wy Wz, in the lab frame and OpenMM units. It
+     * always comes from dense matrices.
      */
     std::vector<double> getFrictionInContext(OpenMM::Context& context) const;
     /**
@@ -562,8 +580,11 @@ public:
      * is always a product without a matrix, to rounding, or to the solver tolerance where
      * setFastSummation() allows multipoles.
      *
-     * @param wrenches  6 numbers per body, Fx Fy Fz Tx Ty Tz about the body's origin, lab frame
-     * @return 6 numbers per body, Vx Vy Vz Wx Wy Wz
+     * @param wrenches  6 numbers per body, Fx Fy Fz (kJ/(mol nm)) and Tx Ty Tz about the body's
+     *     origin (kJ/mol), lab frame
+     * @return 6 numbers per body, Vx Vy Vz (nm/ps) and Wx Wy Wz (rad/ps), lab frame
+     * @throws OpenMMException if there are not 6 numbers per body, if a number is not finite, or
+     *     for a torque about the line of a body whose blobs are on a line
      */
     std::vector<double> applyMobilityInContext(OpenMM::Context& context,
                                                const std::vector<double>& wrenches) const;
@@ -575,13 +596,14 @@ public:
      *
      * Particles feel each other as bodies do: within a group of setGroups(), or under FreeDraining
      * within a body. Tensors of setBodyMobility() and setBodyFriction() belong to bodies and have
-     * no effect. No system of equations is solved: each group needs one product with the model's
-     * matrix, whatever the solver (StokesianDynamics makes its matrix).
+     * no effect. The method solves no system of equations: each group needs one product with the
+     * model's matrix, whatever the solver (StokesianDynamics forms its matrix).
      *
-     * @param forces  3 numbers for each particle of the System, Fx Fy Fz, lab frame; forces on
-     *     particles that the fluid does not see are ignored
-     * @return 3 numbers for each particle of the System, Vx Vy Vz; 0 for particles that the fluid
-     *     does not see
+     * @param forces  3 numbers for each particle of the System, Fx Fy Fz, kJ/(mol nm), lab frame;
+     *     forces on particles that the fluid does not see are ignored
+     * @return 3 numbers for each particle of the System, Vx Vy Vz, nm/ps, lab frame; 0 for
+     *     particles that the fluid does not see
+     * @throws OpenMMException if there are not 3 numbers per particle, or if a number is not finite
      */
     std::vector<double> applyBlobMobilityInContext(OpenMM::Context& context,
                                                    const std::vector<double>& forces) const;
@@ -597,16 +619,17 @@ public:
      * kept bodies rigid. Its mean includes the Brownian stress, which a mean over forces alone does
      * not. A model's own random field (on a grid) is included with all its modes. For models
      * without such a field, the random flow is the mean of all flows that fit the particles' random
-     * velocities. Before a step, or after poses or parameters were changed, the flow is without
+     * velocities. Before a step, or after a change of poses or parameters, the flow is without
      * noise, at the present poses under the present forces. LangevinHI gives the flow of the
      * friction forces at present poses and velocities.
      *
-     * The last step is saved in checkpoints and States. Cost: that of a step, and the work of each
+     * Checkpoints and States contain the last step. Cost: that of a step, and the work of each
      * particle at each point; on a grid, of each node at each point.
      *
      * @param points  nm
      * @throws OpenMMException if a point is not finite or is behind a wall, for several groups of
-     *     setGroups(), and for FreeDraining
+     *     setGroups(), for FreeDraining, and at temperatures above 0 for StokesianDynamics with
+     *     MatrixFree, which does not keep the flow of the noise
      */
     std::vector<OpenMM::Vec3> getFlowInContext(OpenMM::Context& context,
                                                const std::vector<OpenMM::Vec3>& points) const;
@@ -626,16 +649,16 @@ public:
     /**
      * Get the amplitudes, as getFlowModeInContext() does, of the random field of the last step
      * alone, without nu. This field is the part of the noise that the model draws itself, on a
-     * grid; the amplitudes are 0 where there is none. Their mean is 0, so that a multiple of them
-     * may be subtracted from the result of getFlowModeInContext() to reduce the error of its mean.
+     * grid; without such a field the amplitudes are 0. Their mean is 0, so that you may subtract a
+     * multiple of them from the result of getFlowModeInContext() to reduce the error of its mean.
      */
     std::vector<double> getRandomFlowModeInContext(OpenMM::Context& context, int forceAxis,
                                                    int waveAxis, int waveVectorIndex) const;
     /**
      * Get the mean of the flow of getFlowInContext() over the volume of the fluid, nm/ps. Times the
      * height of a channel, this is the flux through the channel per length across the flow. The
-     * mean is exact and needs no grid: it is the power of the forces on Poiseuille's flow of a unit
-     * force density (docs/theory/flow_of_the_fluid.md). It is 0 in a periodic box, in a
+     * mean is exact and needs no grid: it is the power of the forces on the Poiseuille flow of a
+     * unit force density (docs/theory/flow_of_the_fluid.md). It is 0 in a periodic box, in a
      * SlipChannel, and with the condition ZeroFlux.
      *
      * @throws OpenMMException as getFlowInContext(), and for fluids without a finite volume
@@ -657,7 +680,7 @@ public:
      *   ideal          -n kT, with the number density n of bodies and free particles
      *
      * Means over a run of the sum are the stress of the suspension beside that of the fluid. The
-     * hydrodynamic and Brownian parts have no trace, because the models know no pressure in bodies.
+     * hydrodynamic and Brownian parts have no trace, because the models have no pressure in bodies.
      * Spheres of StokesianDynamics have stresslets, and multiblobs have them by their blobs; single
      * spheres of the other models have none. OpenMM's forces must not depend on absolute positions
      * or orientations. Their virial is a difference of energies: to 1e-9 on Reference, and to about
@@ -670,8 +693,8 @@ public:
     std::vector<double> getStressInContext(OpenMM::Context& context) const;
 
     /**
-     * Get whether the fluid is periodic. If it is, OpenMM has a box, and bodies that OpenMM does
-     * not know to be molecules are refused at Context creation.
+     * Get whether the fluid is periodic. If it is, OpenMM has a box, and Context creation refuses
+     * bodies that OpenMM does not know to be molecules.
      */
     bool usesPeriodicBoundaryConditions() const override;
 

@@ -9,7 +9,7 @@
 
 namespace RigidHIPlugin {
 
-/** What is known of a boundary of the fluid. ModelList.h explains each member. */
+/** The properties of a boundary of the fluid. ModelList.h explains each member. */
 struct BoundaryTraits {
     MobilityForce::Boundary boundary;
     const char* name;
@@ -18,7 +18,7 @@ struct BoundaryTraits {
     const char *walls, *description;
 
     constexpr bool hasWalls() const { return numWalls > 0; }
-    /** Whether there are walls across this axis. */
+    /** Whether this axis crosses walls. */
     constexpr bool isAcross(int axis) const { return hasWalls() && axis == wallAxis; }
     /** The numbers and the names of both axes along the walls, for messages. */
     constexpr const char* axesAlongWalls() const {
@@ -27,7 +27,7 @@ struct BoundaryTraits {
     constexpr const char* namesAlongWalls() const {
         return wallAxis == 0 ? "y and z" : wallAxis == 1 ? "x and z" : "x and y";
     }
-    /** Whether the fluid is everywhere alike, without walls and images. */
+    /** Whether the fluid is the same everywhere, without walls and images. */
     constexpr bool isUniform() const { return !isPeriodic && !hasWalls(); }
 };
 
@@ -39,7 +39,7 @@ constexpr BoundaryTraits boundaryTable[] = {
 #undef RIGIDHI_ROW
 };
 
-/** What is known of a model without making it. ModelList.h explains each member. */
+/** The properties of a model. ModelList.h explains each member. */
 struct ModelTraits {
     MobilityForce::Model model;
     const char* name;
@@ -54,7 +54,7 @@ struct ModelTraits {
     constexpr bool hasGrid(MobilityForce::Boundary boundary) const { return grids >> boundary & 1; }
 };
 
-/** The names of boundaries as sets of one, so that the list can write sets of several. */
+/** The name of each boundary as a set of one, so that the list can write sets of several. */
 namespace boundarySets {
 
 #define RIGIDHI_ROW(name, ...) constexpr unsigned name = 1u << MobilityForce::name;
@@ -80,7 +80,7 @@ constexpr const BoundaryTraits& traitsOf(MobilityForce::Boundary boundary) {
 }
 constexpr const ModelTraits& traitsOf(MobilityForce::Model model) { return modelTable[model]; }
 
-/** Whether spheres of a model can have lubrication: those that feel each other. */
+/** Whether spheres of a model can have lubrication. They can if they feel each other. */
 constexpr bool mayHaveLubrication(MobilityForce::Model model) {
     return traitsOf(model).couplesBodies;
 }

@@ -19,7 +19,7 @@ namespace RigidHIPlugin {
 
 /**
  * The work of a platform for a CustomRigidHIIntegrator in one Context: the kernel owns the state of
- * the bodies and advances it. Questions of users are answered by getBodies() and getFluid().
+ * the bodies and advances it. getBodies() and getFluid() answer the questions of users.
  */
 class IntegrateRigidBodiesKernel : public OpenMM::KernelImpl {
 public:
@@ -27,19 +27,19 @@ public:
     IntegrateRigidBodiesKernel(const std::string& name, const OpenMM::Platform& platform)
         : OpenMM::KernelImpl(name, platform) {}
     /**
-     * Check the System against the integrator (throws where it is refused) and set up. All other
-     * methods are for the time after it.
+     * Check the System against the integrator and set up. Call this method before all others.
+     * @throws OpenMMException if a System is refused
      */
     virtual void initialize(OpenMM::ContextImpl& context,
                             const CustomRigidHIIntegrator& integrator) = 0;
-    /** What the integrator's getters and setters of the bodies' state reach. */
+    /** The object behind the integrator's getters and setters of the bodies' state. */
     virtual BodiesInContext& getBodies() = 0;
-    /** What the MobilityForce's methods ...InContext() reach. */
+    /** The object behind the MobilityForce's methods ...InContext(). */
     virtual FluidInContext& getFluid() = 0;
 
     /** Take this many steps. */
     virtual void step(int steps) = 0;
-    /** The user changed something through the Context. */
+    /** Tell the kernel that the user changed something through the Context. */
     virtual void stateChanged(OpenMM::State::DataType changed) = 0;
     /**
      * Derive implicit geometries, which were forgotten, from the present positions when they are
@@ -51,8 +51,8 @@ public:
     /** Use this seed from the next step on; 0: a fresh one. */
     virtual void setRandomNumberSeed(int seed) = 0;
     /**
-     * Draw thermal particle velocities. The twists of bodies are kept for the setVelocities() that
-     * follows.
+     * Draw thermal particle velocities. The kernel keeps the velocities and angular velocities of
+     * bodies for the setVelocities() that follows.
      */
     virtual std::vector<OpenMM::Vec3> drawVelocities(double temperature, int seed) = 0;
 

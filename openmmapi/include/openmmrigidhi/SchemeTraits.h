@@ -6,7 +6,7 @@
 
 namespace RigidHIPlugin {
 
-/** What a scheme is made of, and which code runs it. */
+/** The parts of a scheme, which decide what code runs it. */
 enum class SchemeKind {
     Thermostat,       // moves and forces in turn, without a fluid
     FluidThermostat,  // moves and forces in turn, with the fluid in the middle of the step
@@ -20,16 +20,16 @@ enum class SchemeKind {
 enum class Differenced { Nothing, Products, Solves, Roots };
 
 /**
- * What a step asks of the mobility of particles. Where matrices are formed, the time of a step is
- * that of `matrices`; on a grid it is that of the others.
+ * What a step asks of the mobility of particles. With dense matrices the time of a step is that of
+ * `matrices`; on a grid it is that of the other members.
  */
 struct SchemeWork {
     int solves = 0;    // of mobility problems
     int fields = 0;    // random fields on a grid
     int roots = 0;     // square roots of the whole mobility, which iterations find on a grid
     int matrices = 0;  // formed and factorised where there is no grid
-    // What bodies with a stochastic drift add. Where roots are differenced and a random field is
-    // not one flow, each of these matrices stands for a field too.
+    // What bodies with a stochastic drift add. Where a scheme differences roots and a random field
+    // is not one flow, each of these matrices also stands for a field.
     int driftSolves = 0, driftMatrices = 0;
     int driftMatricesOfBody = 0;  // for each body
 
@@ -41,7 +41,7 @@ struct SchemeWork {
           driftMatricesOfBody(driftMatricesOfBody) {}
 };
 
-/** What is known of a scheme without running it. SchemeList.h explains each member. */
+/** The properties of a scheme. SchemeList.h explains each member. */
 struct SchemeTraits {
     CustomRigidHIIntegrator::Scheme scheme;
     const char* name;
@@ -55,7 +55,7 @@ struct SchemeTraits {
     /** Whether the scheme needs a MobilityForce. */
     constexpr bool needsFluid() const { return kind != SchemeKind::Thermostat; }
     constexpr bool isOverdamped() const { return kind == SchemeKind::Overdamped; }
-    /** Whether the scheme has a stochastic drift to make and does not make it. */
+    /** Whether the scheme should make a stochastic drift but does not. */
     constexpr bool omitsDrift() const { return isOverdamped() && *drift == 0; }
     /** Why the scheme cannot have joints between bodies; empty: it can. */
     constexpr const char* whyNoJoints() const {

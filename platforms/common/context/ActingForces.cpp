@@ -17,7 +17,7 @@ bool isOneOf(const Force& force) {
     return (... || (dynamic_cast<const Kinds*>(&force) != nullptr));
 }
 
-/** OpenMM's updateContextState() does nothing for these Forces. */
+/** Whether OpenMM's updateContextState() does nothing for this Force. */
 bool onlyMakesForces(const Force& force) {
     return isOneOf<CMAPTorsionForce, CustomAngleForce, CustomBondForce, CustomCentroidBondForce,
                    CustomCompoundBondForce, CustomExternalForce, CustomGBForce, CustomHbondForce,

@@ -15,13 +15,13 @@ namespace RigidHIPlugin {
 struct ActingForces {
     explicit ActingForces(const OpenMM::System& system);
     bool removers = false;   // CMMotionRemovers, which change velocities
-    bool barostats = false;  // OpenMM's, which look at positions and change them, and the box
+    bool barostats = false;  // OpenMM's, which read and change positions and the box
     bool others = false;     // of unknown kinds, which may do anything
 };
 
 /**
- * Whether a Force makes no forces on particles by their positions in the Context. This is so for
- * Forces that only move or remove, and for this plugin's forces on bodies.
+ * Whether a Force makes no forces on particles by their positions in the Context. Such are Forces
+ * that only move particles or remove momentum, and this plugin's forces on bodies.
  */
 bool feelsNoParticles(const OpenMM::Force& force);
 

@@ -26,7 +26,7 @@ Warnings AdoptedSettings::adopt(Scene& scene) {
     checkScheme(scene.system, scene.definitions.underPresentScheme(), scene.stock);
     scene.adoptInertia();
     scene.fluid.adoptSettings();
-    // Data that a scheme keeps for its next step are of no use after another scheme has moved the
+    // Data that a scheme keeps for its next step are useless after another scheme has moved the
     // bodies.
     if (scheme != integrator.getScheme() && scene.fluid) scene.fluid->getMemory().forget();
     scheme = integrator.getScheme();
@@ -40,7 +40,7 @@ Warnings AdoptedSettings::adopt(Scene& scene) {
     needsMiddle = hydrodynamic && scene.fluid->getMomenta().needsMiddle();
     adopted = {integrator.getSettingsVersion(), integrator.getStepSize()};
     version++;
-    // The watch forgets what it found when it adopts the settings.
+    // Find warnings first: the watch forgets its findings when it adopts the settings.
     Warnings warnings = findWarnings(scene);
     if (!traits().isOverdamped()) setThermostats(scene);
     scene.bodies.keepTorquesInLab(traits().isOverdamped());

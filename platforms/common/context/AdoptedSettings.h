@@ -10,21 +10,21 @@
 namespace RigidHIPlugin {
 
 /**
- * Adopts the integrator's settings for steps: checks and copies them when users have changed any,
- * and makes the thermostats that depend on them.
+ * Adopts the integrator's settings for steps. It checks and copies them when users have changed
+ * any, and makes the thermostats that depend on them.
  */
 class AdoptedSettings : public StepSettings {
 public:
     /**
-     * Check and adopt the settings, if any was changed since the last time.
+     * Check and adopt the settings, if any has changed since the last time.
      *
-     * @return warnings about the settings; none if nothing was changed
+     * @return warnings about the settings; none if nothing has changed
      * @throws OpenMMException
      */
     Warnings adopt(Scene& scene);
     /**
-     * Bodies or fluid, which the settings depend on, have changed. The next adopt() adopts the
-     * settings in any case.
+     * Forget the adopted settings, because bodies or fluid, on which they depend, have changed. The
+     * next adopt() adopts the settings in any case.
      */
     void forget() { adopted.reset(); }
     /** Whether adopt() would find nothing new. */

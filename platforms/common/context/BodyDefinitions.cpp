@@ -14,7 +14,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Hold those bodies and particles that another integrator holds, which may have more bodies. */
+/** Hold the bodies and particles that another integrator holds. It may have more bodies. */
 void copyHeld(const CustomRigidHIIntegrator& from, CustomRigidHIIntegrator& to) {
     for (int b = 0; b < to.getNumRigidBodies(); b++) to.setBodyHeld(b, from.getBodyHeld(b));
     for (int p : to.getHeldParticles()) to.setParticleHeld(p, false);
@@ -88,7 +88,7 @@ void BodyDefinitions::takeFromSystem() {
         BodyGeometry& g = geometries_[b];
         if (known) definitions->getRigidBodyParameters(b, members, g.mass, g.moments, g.sites);
         if (isExplicit(b)) continue;
-        // The System takes precedence: a known shape is kept only as far as the System leaves it
+        // The System takes precedence: a known shape stays only as far as the System leaves it
         // open, and with the System's masses.
         const BodyGeometryBuilder bySystem = builder(b);
         if (known || !bySystem.needsPositions()) {
@@ -114,8 +114,8 @@ BodyGeometry BodyDefinitions::updateBySystem(int b, const BodyGeometry& known) c
 }
 
 /**
- * Record a shape that has become known, in the integrator too, unless the integrator has been given
- * another definition of the body meanwhile.
+ * Record a shape that has become known. Record it in the integrator too, unless a user has
+ * meanwhile given the integrator another definition of the body.
  */
 void BodyDefinitions::record(int b, const BodyGeometry& g) {
     definitions->recordBodyGeometry(b, g.mass, g.moments, g.sites);

@@ -14,18 +14,18 @@
 namespace RigidHIPlugin {
 
 /**
- * The bodies and joints as they were when the Context was created, and the bodies' geometries. This
- * class is the only owner of all.
+ * The bodies and joints as they were at Context creation, and the bodies' geometries. This class is
+ * their only owner.
  *
- * Bodies and joints that users add or redefine later take effect in the next Context. A geometry
- * that becomes known is recorded in the integrator too.
+ * Bodies and joints that users add or redefine later take effect in the next Context. This class
+ * also records in the integrator each geometry that becomes known.
  */
 class BodyDefinitions {
 public:
     BodyDefinitions(const CustomRigidHIIntegrator& integrator, const OpenMM::System& system);
     /**
-     * The bodies under the integrator's present scheme, with the bodies and particles that it holds
-     * at present, for checks: an integrator that is bound to no Context.
+     * An integrator, bound to no Context, with these bodies, the present scheme, and the bodies and
+     * particles that are held at present. Checks use it.
      */
     const CustomRigidHIIntegrator& underPresentScheme();
 
@@ -34,9 +34,9 @@ public:
         return definitions->getRigidBodyParticles(body);
     }
     std::vector<std::vector<int>> particlesOfBodies() const;
-    /** The joints as they were when the Context was created, in the users' body frames. */
+    /** The joints as they were at Context creation, in the users' body frames. */
     const std::vector<JointDefinition>& joints() const { return definitions->getJoints(); }
-    /** Their motors of that time, with the rates that the integrator has now. */
+    /** The motors as they were at Context creation, with the integrator's present rates. */
     std::vector<HingeMotorDefinition> motors() const;
     bool isExplicit(int body) const { return definitions->getRigidBodyIsExplicit(body); }
     bool isKnown(int body) const { return definitions->getRigidBodyGeometryIsKnown(body); }
@@ -45,16 +45,15 @@ public:
     const std::vector<BodyGeometry>& geometries() const { return geometries_; }
     const PoseFit& fit(int body) const { return fits[body]; }
     /**
-     * How far the sites of two definitions of a body may be apart, nm: half of the pose tolerance,
-     * which allows for a rounding of positions and for as large an error of the pose.
+     * How far the sites of two definitions of a body may be apart, nm: half of the pose tolerance.
+     * This allows for the rounding of positions and for an equal error of the pose.
      */
     double siteTolerance() const { return integrator.getPoseTolerance() / 2; }
-    /** As BodyGeometryBuilder says of a body. */
+    /** BodyGeometryBuilder::isFixedByConstraints() of a body. */
     bool isFixedByConstraints(int body) const { return builder(body).isFixedByConstraints(); }
     bool hasRedundantConstraints(int body) const { return builder(body).hasRedundantConstraints(); }
 
-    /** Find all geometries for which no positions are needed. Particle indices must have been
-     * checked. */
+    /** Find all geometries that need no positions. Particle indices must have been checked. */
     void takeFromSystem();
     /** All geometries. Those that are not known come from positions. */
     std::vector<BodyGeometry> fromPositions(const std::vector<OpenMM::Vec3>& positions) const;
@@ -68,9 +67,8 @@ public:
     void reset() { definitions->resetBodyGeometry(); }
 
     /**
-     * Objects that are made from geometries; states are at the origin. The bodies that the
-     * integrator holds at present are held. @throws OpenMMException for
-     * sites that are not where they must be
+     * Objects made from geometries. States are at the origin, and the bodies that the integrator
+     * holds at present are held. @throws OpenMMException for sites that are not where they must be
      */
     struct Bodies {
         std::vector<BodyGeometry> geometries;

@@ -20,9 +20,9 @@ namespace RigidHIPlugin {
  * reads or writes them.
  *
  * All code works on the arrays of this class, in double precision on the host. They are the
- * Context's own, or copies that are pulled from the Context and pushed to it. Numbers that nobody
- * else has changed since the last push, by more than the rounding of the platform, keep their bits
- * when they are pulled. A comparison of bits therefore shows what others did, and only that.
+ * Context's own, or copies that are pulled from the Context and pushed to it. A pull keeps the bits
+ * of all numbers that nobody else has changed since the last push by more than the rounding of the
+ * platform. A comparison of bits therefore shows exactly what others changed.
  */
 class ContextArrays {
 public:
@@ -39,16 +39,15 @@ public:
     virtual void pushPositions() = 0;
     virtual void pushVelocities() = 0;
     /**
-     * Give the Context positions at which OpenMM is to compute forces. They may be those of
-     * periodic images. pushPositions() later gives the real ones.
+     * Give the Context positions at which OpenMM is to compute forces. These may be periodic
+     * images. pushPositions() later gives the real positions.
      */
     virtual void pushPositionsForForces() { pushPositions(); }
 
     /**
      * A user's step(n) begins and ends. Between these two calls others touch the Context only where
-     * a step lets them. Arrays that are copies need not be pulled again there, and need not be
-     * pushed before somebody can read them. The end pushes what was not pushed yet, also after an
-     * error.
+     * a step lets them. Meanwhile arrays that are copies need no second pull, and no push before
+     * somebody can read them. endSteps() pushes what was not pushed yet, also after an error.
      */
     virtual void beginSteps() {}
     virtual void endSteps() {}
@@ -70,18 +69,18 @@ public:
 
     /**
      * The platform itself has moved particles, and the arrays have been brought up to date.
-     * @param agree  whether the Context has what the arrays have, except for rounding; otherwise it
-     *     is to be given the arrays
+     * @param agree  whether the Context has what the arrays have, except for rounding; if not, the
+     *     arrays must be pushed
      */
     virtual void wereWrittenThere(bool agree) {}
 
     /**
-     * Whether numbers that differ from the Context's by rounding only need not be given to it,
-     * since the platform itself will write them (NativeSteps).
+     * Set whether pushes may leave out numbers that differ from the Context's only by rounding,
+     * because the platform itself will write them (NativeSteps).
      */
     virtual void leaveRounding(bool leave) {}
 
-    /** How far a number that the platform returns may be from the one it was given. */
+    /** How far a number that the platform returns may be from the number it was given. */
     virtual Rounding rounding() const { return Rounding(); }
     /**
      * Whether a CMMotionRemover acts at the steps that its frequency names, and in double
@@ -93,13 +92,13 @@ public:
     /** Whether setBox() can follow a box that tilts. */
     virtual bool canSetBox() const { return false; }
     /**
-     * Give the Context another box, and see to it that OpenMM finds neighbours anew. To be called
-     * only where canSetBox().
+     * Give the Context another box, and make OpenMM find neighbours anew. Call this only where
+     * canSetBox().
      */
     virtual void setBox(const OpenMM::Vec3 (&box)[3]) {}
     /**
-     * The longest edge of the box. Positions may be rounded after this length has been added to
-     * them.
+     * The longest edge of the box. The platform may round positions after it has added this length
+     * to them.
      */
     double longestEdge() const {
         OpenMM::Vec3 box[3];
@@ -110,7 +109,7 @@ public:
     }
     /**
      * The largest speed among these velocities, if the platform's own steps round velocities as
-     * sums of such numbers (a body's velocity and that of its turning); else 0.
+     * sums of such numbers (a body's velocity and that due to its rotation); else 0.
      */
     virtual double largestSummand(const std::vector<OpenMM::Vec3>& velocities) const { return 0; }
     virtual double getTime() const = 0;

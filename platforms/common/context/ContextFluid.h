@@ -12,14 +12,15 @@ namespace RigidHIPlugin {
 class Scene;
 
 /**
- * The Fluid of a Context. It is made from the MobilityForce as the user handed it over last, and
- * made anew when the MobilityForce or the wall rejection changes. A Context without a MobilityForce
- * has no Fluid. Other Contexts have one as soon as the geometries of all bodies are known.
+ * The Fluid of a Context. This class makes the Fluid from the user's latest MobilityForce, and
+ * makes it anew when the MobilityForce or the wall rejection changes. A Context without a
+ * MobilityForce has no Fluid. Other Contexts have one as soon as the geometries of all bodies are
+ * known.
  */
 class ContextFluid {
 public:
     ContextFluid(Scene& scene, const MobilityForce* inSystem);
-    /** The MobilityForce as it was handed over last, or null. */
+    /** The user's latest MobilityForce (at Context creation or by update()), or null. */
     const MobilityForce* getParameters() const { return parameters.get(); }
     Fluid* get() const { return fluid.get(); }
     Fluid* operator->() const { return fluid.get(); }
@@ -30,8 +31,8 @@ public:
      */
     void check() const;
     /**
-     * Make a Fluid for these bodies, which goes on from where the present one stopped; null where
-     * there is no MobilityForce.
+     * Make a Fluid for these bodies, which continues from the state of the present Fluid; null
+     * without a MobilityForce.
      */
     std::unique_ptr<Fluid> make(const BodyDefinitions::Bodies& bodies);
     /** Exchange the present Fluid for another. */

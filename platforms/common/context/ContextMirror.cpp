@@ -61,13 +61,13 @@ void ContextMirror::velocitiesWereSet() {
     scene.watch.restart();
     setSinceStep = true;
     scene.arrays->pullVelocities();
-    // OpenMM then applies velocity constraints. Their changes are taken in as usual.
+    // OpenMM then applies velocity constraints. The mirror takes in their changes as usual.
     if (drawn.takeIn(scene)) lastVelocities.remember(scene.arrays->velocities());
 }
 
 void ContextMirror::stateWasLoaded(const SavedState& saved, const vector<int>& toBeFitted) {
     scene.watch.restart();
-    // Arrays that are not the saved ones count as changed by the user.
+    // Arrays that differ from the saved ones count as changed by the user.
     lastPositions.forgetAll();
     lastVelocities.forgetAll();
     boxIsOfStep = false;
@@ -111,7 +111,7 @@ void ContextMirror::takeInChanges(bool stepping) {
     takeInBox();
     arrays.pullPositions();
     arrays.pullVelocities();
-    // Nothing is taken in before everything was looked at.
+    // Look at everything before taking anything in.
     const bool newPositions = !lastPositions.is(arrays.positions()),
                newVelocities = !lastVelocities.is(arrays.velocities());
     if (newPositions) requireFinite(arrays.positions(), "position", "nm");
@@ -126,14 +126,14 @@ void ContextMirror::takeInChanges(bool stepping) {
     takeInHeld();
 }
 
-/** Where others are held than before, particle velocities are to become those of the bodies. */
+/** If other bodies or particles are held than before, give particles the velocities of bodies. */
 void ContextMirror::takeInHeld() {
     if (heldChanges == scene.numHeldChanges()) return;
     heldChanges = scene.numHeldChanges();
     owed = max(owed, Owed::Twists);
 }
 
-/** Velocities too: schemes without momenta keep them, and a later scheme may use them. */
+/** Velocities must be finite too: schemes without momenta keep them for a later scheme. */
 void ContextMirror::requireFinite(const vector<Vec3>& array, const char* quantity,
                                   const char* unit) const {
     double sum = 0;
@@ -168,7 +168,7 @@ void ContextMirror::takeInVelocitiesIfChanged() {
 }
 
 /**
- * Take in a state that was loaded. Where the Context's arrays are those it was saved with, the
+ * Take in a loaded state. If the Context's arrays are those that the state was saved with, the
  * state is used unchanged.
  */
 void ContextMirror::takeInLoaded() {
@@ -194,7 +194,7 @@ void ContextMirror::takeInLoaded() {
 
 /**
  * Take in arrays that a platform has rounded since they were saved. Bodies and free particles whose
- * numbers agree with the saved ones go on from the saved doubles.
+ * numbers agree with the saved numbers continue from the saved doubles.
  *
  * @param positions  whether the arrays are positions, or else velocities
  */
@@ -239,7 +239,9 @@ bool ContextMirror::bodyMembersDiffer(int body, const vector<Vec3>& now,
 
 namespace {
 
-/** What rounding of positions in a file explains this distance of a particle from its place. */
+/**
+ * The file format whose rounding of positions explains this distance of a particle from its place.
+ */
 string fromRounding(double distance) {
     // A particle is rounded by up to sqrt(3)/2 of the last decimal, and its body's pose by as much.
     const map<int, string> files = {{4, ", as in PDB files,"}, {3, ", as in .gro files,"}, {2, ""}};
@@ -260,8 +262,8 @@ vector<double> distancesFromCentre(const vector<Vec3>& points) {
 }
 
 /**
- * How many times as far apart positions are as the sites, if they seem to be in another unit of
- * length, or else 1: they then have the shape of the body in another size.
+ * The ratio of distances between positions to distances between sites, if positions seem to be in
+ * another unit of length: if they have the shape of the body in another size. Else 1.
  */
 double anotherUnit(const vector<Vec3>& positions, const vector<Vec3>& sites) {
     const double different = 5, deviation = 0.1, fewest = 3, roundingOfPowers = 0.02;
@@ -272,7 +274,8 @@ double anotherUnit(const vector<Vec3>& positions, const vector<Vec3>& sites) {
     if (!isfinite(power) || (ratio < different && ratio > 1 / different)) return 1;
     for (size_t i = 0; i < own.size(); i++)
         if (!(abs(apart[i] / ratio - own[i]) <= deviation * largest)) return 1;
-    // Two particles have this shape at any distance, also where a periodic box has torn them apart.
+    // Two particles have the right shape at any distance, also if a periodic box has torn them
+    // apart.
     if (own.size() < fewest && abs(power - round(power)) > roundingOfPowers) return 1;
     return ratio;
 }
@@ -284,8 +287,8 @@ BodyState ContextMirror::fitted(int b, double& residual) const {
     const vector<int>& particles = scene.definitions.particles(b);
     vector<Vec3> members;
     for (int p : particles) members.push_back(scene.arrays->positions()[p]);
-    // Virtual sites follow their parents, and users often do not move them. They are put in place
-    // and not compared.
+    // Virtual sites follow their parents, and users often do not move them. The fit puts them in
+    // place without a comparison.
     map<int, Vec3> positionOf;
     for (size_t i = 0; i < particles.size(); i++) positionOf[particles[i]] = members[i];
     for (size_t i = 0; i < particles.size(); i++)
@@ -356,8 +359,7 @@ void ContextMirror::takeInPositions() {
  */
 void ContextMirror::takeInVelocities(bool putBack) {
     const vector<Vec3>& velocities = scene.arrays->velocities();
-    // A CMMotionRemover changes all velocities at every step. Most bodies take the fast way, in one
-    // pass.
+    // A CMMotionRemover changes all velocities at every step. One fast pass treats most bodies.
     run(putBack ? BodyLoop::TakeInAndScatterVelocities : BodyLoop::TakeInVelocities);
     if (putBack) scene.arrays->pushVelocities();
     bool slowBodies = false;
@@ -378,7 +380,7 @@ void ContextMirror::takeInVelocities(bool putBack) {
 
 void ContextMirror::takeInTwist(int b) {
     BodySet& bodies = scene.bodies;
-    if (bodies.isHeld(b)) return;  // it has none
+    if (bodies.isHeld(b)) return;  // it has no twist
     vector<Vec3> members;
     for (int p : scene.definitions.particles(b)) members.push_back(scene.arrays->velocities()[p]);
     Vec3 velocity, omega_lab = bodies.getAngularVelocity_lab(b);
@@ -443,8 +445,8 @@ void ContextMirror::rememberFreeVelocities() {
 void ContextMirror::placeFreeVirtualSites() {
     if (!scene.stock.hasFreeVirtualSites) return;
     scene.arrays->computeVirtualSites();
-    // OpenMM has placed the virtual sites in bodies too, with differences of rounding. These
-    // differences are no change by others.
+    // OpenMM has also placed the virtual sites in bodies, with other rounding. These differences
+    // are no change by others.
     for (int p : scene.stock.virtualSites) lastPositions.remember(p, scene.arrays->positions()[p]);
 }
 

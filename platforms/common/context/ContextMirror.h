@@ -12,8 +12,9 @@
 namespace RigidHIPlugin {
 
 /**
- * Keeps bodies and the Context's particles in agreement: it writes poses and twists to particles,
- * detects changes that others made to the particles, and takes these changes in.
+ * Keeps bodies and the Context's particles in agreement. It writes poses and twists (velocities and
+ * angular velocities) to particles, detects changes that others made to the particles, and applies
+ * these changes to the bodies.
  *
  * OpenMM does not report every change of particles. The mirror therefore keeps what it wrote last,
  * and compares bits.
@@ -28,7 +29,7 @@ public:
     bool hasPositions() const { return positionsAreSet; }
     /** @throws OpenMMException if positions were never set */
     void requirePositions(const char* what) const;
-    /** Geometries were reset, so that all positions and velocities are to be taken in anew. */
+    /** Geometries were reset: take in all positions and velocities anew. */
     void forgetWritten();
 
     /**
@@ -37,7 +38,7 @@ public:
      * bodies. Bodies then stay as they were.
      */
     void takeInChanges(bool stepping = false);
-    /** Likewise for the box alone, which Forces that change the state (barostats) read. */
+    /** Take in changes of the box alone, which Forces that change the state (barostats) read. */
     void takeInBox();
     /** A step tilts the box. Bodies and fluid are as before in the new box. */
     void setBox(const BoxVectors& box);
@@ -47,12 +48,12 @@ public:
      */
     void checkBoxOfShear() const;
     /**
-     * Bring twists up to date if velocities were changed, but not because of positions: a barostat
-     * asks for the energy of trial positions.
+     * Bring twists up to date if velocities have changed. Changed positions are no reason, because
+     * a barostat asks for the energy of trial positions.
      */
     void takeInVelocitiesIfChanged();
     /**
-     * A step starts: members that others moved within the tolerance are put back to their places.
+     * A step starts: put members that others moved within the tolerance back to their places.
      */
     void putMembersBack();
     /**
@@ -76,8 +77,8 @@ public:
      */
     void takeOver(bool agree = true);
     /**
-     * Velocities of free particles that were changed together with the twists count as written by
-     * the mirror.
+     * The velocities of free particles have changed together with the twists. They count as written
+     * by the mirror.
      */
     void rememberFreeVelocities();
     /**
@@ -89,30 +90,30 @@ public:
     void rememberOtherParticles();
 
     /**
-     * setVelocitiesToTemperature(): velocities for all particles. The twists are kept for the
-     * velocitiesWereSet() that follows.
+     * setVelocitiesToTemperature(): draw velocities for all particles. The mirror keeps the twists
+     * for the velocitiesWereSet() that follows.
      */
     std::vector<OpenMM::Vec3> drawVelocities(double temperature, int seed) {
         return drawn.draw(scene, temperature, seed);
     }
 
     /**
-     * A saved state has become that of the bodies. It is used unchanged where the Context's arrays
-     * turn out to be those it was saved with, except for the bodies in the list. These bodies are
-     * fitted.
+     * A saved state has become that of the bodies. If the Context's arrays turn out to be those
+     * that it was saved with, the mirror uses the state unchanged, except for the bodies in the
+     * list. These bodies are fitted to the arrays.
      */
     void stateWasLoaded(const SavedState& saved, const std::vector<int>& toBeFitted);
 
 private:
     /**
-     * A loaded state that was not yet compared with the Context's arrays: OpenMM restores arrays
-     * and parameters in different orders.
+     * A loaded state before its comparison with the Context's arrays. The comparison must wait,
+     * because OpenMM restores arrays and parameters in different orders.
      */
     struct Loaded {
         SavedState saved;
         std::vector<int> toBeFitted;
     };
-    /** What is to be written to particles when the next step starts. */
+    /** What the mirror must write to particles when the next step starts. */
     enum class Owed { Nothing, Twists, Poses };
 
     void takeInLoaded();
@@ -131,15 +132,15 @@ private:
     Scene& scene;
     RememberedArray lastPositions, lastVelocities;  // as the mirror wrote or took them in
     BoxVectors lastBox = {};
-    BoxVectors boxOfStep = {};  // of a sheared fluid, where a step left it
-    bool boxIsOfStep = false;   // there is one, and nobody has set positions since
+    BoxVectors boxOfStep = {};  // of a sheared fluid, as a step left it
+    bool boxIsOfStep = false;   // a step left a box, and nobody has set positions since
     std::unique_ptr<Loaded> loaded;
     DrawnVelocities drawn;
     Owed owed = Owed::Nothing;
     bool positionsAreSet = false;  // at any time, by others
     bool setSinceStep = false;     // positions, velocities or geometries, by users
     double poseResidual = 0;
-    int heldChanges = 0;  // of the scene, as far as they were taken in
+    int heldChanges = 0;  // Scene::numHeldChanges(), as far as taken in
 };
 
 }  // namespace RigidHIPlugin

@@ -11,19 +11,19 @@ class Scene;
 
 /**
  * setVelocitiesToTemperature(): OpenMM asks for velocities of particles, and then sets them.
- * Velocities of particles do not determine the spin of one-site or linear bodies, so the twists
- * that were drawn are kept until then.
+ * Velocities of particles do not determine the spin of one-site or linear bodies, so this class
+ * keeps the drawn twists until then.
  */
 class DrawnVelocities {
 public:
     /**
-     * Draw twists of bodies and velocities of free particles; those of held ones are 0. @return
-     * velocities of all particles
+     * Draw twists of bodies and velocities of free particles. Held bodies and particles get 0.
+     * @return velocities of all particles
      */
     std::vector<OpenMM::Vec3> draw(Scene& scene, double temperature, int seed);
     /**
-     * Velocities have been set. @return whether they are those that were drawn; if so, the bodies
-     * have the drawn twists now
+     * Velocities have been set. If they are the drawn ones, give the bodies the drawn twists.
+     * @return whether they are
      */
     bool takeIn(Scene& scene);
 

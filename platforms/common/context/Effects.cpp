@@ -19,7 +19,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Has one member a subject. Each member says of its effects whether they are on, and why. */
+/** Has one member for each subject. Each member states whether its effects are on, and why. */
 class EffectFinder {
 public:
     EffectFinder(const Scene& scene, const string& platform)

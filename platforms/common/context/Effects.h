@@ -11,8 +11,10 @@ class Scene;
 /** getEffects(): the effects that are on or off in a scene on a platform, and why. */
 std::map<std::string, std::string> findEffects(const Scene& scene, const std::string& platform);
 
-/** Degrees of freedom of schemes with momenta, by kind; 0 for others. The geometries of all bodies
- * must be known. */
+/**
+ * Degrees of freedom of schemes with momenta, by kind; 0 for other schemes. The geometries of all
+ * bodies must be known.
+ */
 std::map<std::string, int> countDegreesOfFreedom(const Scene& scene);
 
 /** getStepStatistics(). */

@@ -22,17 +22,17 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * OpenMM's device platforms report their precision by a property. A platform without it is taken to
- * keep doubles.
+ * OpenMM's device platforms report their precision by a property. A platform without this property
+ * counts as one that keeps doubles.
  */
 Rounding roundingOf(ContextImpl& context) {
     const Platform& platform = context.getPlatform();
     const vector<string>& names = platform.getPropertyNames();
     if (find(names.begin(), names.end(), "Precision") == names.end()) return Rounding();
     const string precision = platform.getPropertyValue(context.getOwner(), "Precision");
-    // Positions are wrapped and unwrapped when the platform sorts particles: three roundings of
-    // half a unit, and as much again as margin.
-    // In double precision they are also computed in other orders on the device than on the host.
+    // The platform wraps and unwraps positions when it sorts particles: three roundings of half a
+    // unit, and as much again as margin. In double precision the device also computes them in
+    // another order than the host.
     const double few = 4, single = few * pow(2, -24), dual = 16 * few * pow(2, -53);
     Rounding rounding;
     rounding.positions =
@@ -41,7 +41,7 @@ Rounding roundingOf(ContextImpl& context) {
     return rounding;
 }
 
-/** Take over entries that differ from those that the platform was given. */
+/** Take over entries that differ from what the platform was given. */
 void takeChanged(const vector<Vec3>& now, double rounding, double beside, vector<Vec3>& shown,
                  vector<Vec3>& own) {
     if (sameBits(now, shown)) return;
@@ -91,7 +91,8 @@ void KernelArrays::pullVelocities() {
     if (inSteps && velocitiesThere.isKnown) return;
     kernel().getVelocities(context, read);
     transfers_.velocitiesPulled++;
-    // OpenMM's constraints may leave any velocity at a virtual site, and it means nothing.
+    // OpenMM's constraints may leave any velocity at a virtual site. Such a velocity has no
+    // meaning.
     for (int p : virtualSites) read[p] = velocitiesThere.shown[p];
     takeChanged(read, rounding_.velocities, largestSummand(ownVelocities), velocitiesThere.shown,
                 ownVelocities);
@@ -136,7 +137,7 @@ void KernelArrays::give(const vector<Vec3>& positions) {
     positionsThere.isShown = true;
 }
 
-/** Whether the Context has these numbers, or will get them where only rounding is missing. */
+/** Whether the Context has these numbers, or will get them where they differ only by rounding. */
 bool KernelArrays::agree(const vector<Vec3>& own, const Device& there, double relative,
                          double beside) const {
     if (sameBits(own, there.shown)) return true;
@@ -191,8 +192,8 @@ void KernelArrays::endSteps() {
 
 void KernelArrays::pushEndOfStep() {
     if (!inSteps || positionsAreActedOn())
-        pushPositions();  // otherwise the next force evaluation pushes them, or the end of the
-                          // steps
+        pushPositions();  // otherwise the next force evaluation, or the end of the steps,
+                          // pushes them
     pushVelocities();
 }
 
@@ -216,7 +217,7 @@ void KernelArrays::afterForcesActed(bool movedParticles) {
     if (movedParticles || memcmp(box, boxBefore, sizeof box) != 0)
         positionsThere.isKnown = false;
     else
-        // A barostat whose move is rejected may leave molecules shifted by the box. Such a shift is
+        // A barostat that rejects its move may leave molecules shifted by the box. Such a shift is
         // no motion.
         positionsThere.isShown = false;
 }

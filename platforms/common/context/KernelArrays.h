@@ -19,16 +19,16 @@ class UpdateStateDataKernel;
 namespace RigidHIPlugin {
 
 /**
- * Arrays of a platform that keeps particles in a way of its own. They are copies on the host, which
+ * Arrays of a platform that keeps particles in its own form. They are copies on the host, which
  * OpenMM's UpdateStateDataKernel pulls and pushes.
  *
  * This class has an UpdateStateDataKernel of its own, since ContextImpl's setters would tell every
- * listener of a change at every call. The doubles of the host count: a pull takes over only entries
- * that differ from the pushed ones by more than the platform's rounding.
+ * listener of a change at every call. The doubles of the host take precedence: a pull takes over
+ * only entries that differ from the pushed ones by more than the platform's rounding.
  *
- * A transfer costs as much as a small step, so that none is made twice. Within a user's step(n)
- * only arrays that Forces may have changed are pulled, and arrays that the device has already are
- * not pushed. Velocities are pushed when somebody may read them.
+ * A transfer costs as much as a small step, so this class repeats none. Within a user's step(n) it
+ * pulls only arrays that Forces may have changed, and pushes no array that the device already has.
+ * It pushes velocities only when somebody may read them.
  */
 class KernelArrays : public ContextArrays {
 public:
@@ -69,7 +69,7 @@ public:
 
 private:
     /**
-     * Whether velocity changes of a CMMotionRemover are ignored here, since this plugin removes
+     * Whether this class ignores velocity changes of a CMMotionRemover, because the plugin removes
      * momentum itself.
      */
     bool removersAreIgnored() const { return !removesMomentumExactly(); }
@@ -77,12 +77,12 @@ private:
         return acting.others || (acting.removers && !removersAreIgnored());
     }
     bool positionsAreActedOn() const { return acting.others || acting.barostats; }
-    /** What the platform knows of an array. */
+    /** The platform's state of an array. */
     struct Device {
-        std::vector<OpenMM::Vec3> shown;  // what it was given, or returned, last
-        bool isShown = false;  // it holds that, except for rounding; else it is to be given anew
-        bool isKnown = false;  // nobody else can have changed it since
-        bool isImage = false;  // except for periodic images
+        std::vector<OpenMM::Vec3> shown;  // the array that the platform last got or returned
+        bool isShown = false;             // it holds `shown`, except for rounding; else push anew
+        bool isKnown = false;             // nobody else can have changed it since
+        bool isImage = false;             // except for periodic images
     };
     OpenMM::UpdateStateDataKernel& kernel() const;
     void give(const std::vector<OpenMM::Vec3>& positions);

@@ -22,7 +22,7 @@ map<string, double> midStepTemperatures(const Scene& scene, const MidStepEnergie
                               degrees.at("rotational3");
     map<string, double> result;
     const auto add = [&](const string& name, double energy, double number) {
-        // Shares of what is removed are not exact.
+        // The shares of the removed degrees of freedom are rounded.
         const double rounding = 1e-9;
         if (number > rounding) result[name] = 2 * energy / (BOLTZ * number);
     };

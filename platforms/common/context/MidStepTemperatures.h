@@ -11,9 +11,10 @@ namespace RigidHIPlugin {
 class Scene;
 
 /**
- * Temperatures, K, from mid-step energies: "translational", "rotational", "free", "total", those of
- * them that have degrees of freedom. Degrees that a CMMotionRemover takes are divided between
- * bodies and free particles by their masses, as the kinetic energy of their common motion is.
+ * Temperatures, K, from mid-step energies: "translational", "rotational", "free", "total", as far
+ * as these have degrees of freedom. The degrees of freedom that a CMMotionRemover takes are divided
+ * between bodies and free particles by their masses, as is the kinetic energy of their common
+ * motion.
  */
 std::map<std::string, double> midStepTemperatures(const Scene& scene,
                                                   const MidStepEnergies& energies);

@@ -82,10 +82,10 @@ string barostatAtAnotherTemperature(const Scene& scene) {
 
 namespace {
 
-/** What forces see of images along z. */
+/** How forces feel images along z. */
 struct ForcesAcross {
     double cutoff = 0;      // the largest of forces with periodic images, nm
-    int force = -1;         // the one that has it
+    int force = -1;         // the force with this cutoff
     bool isSummed = false;  // charges are summed over all images
 };
 

@@ -8,15 +8,16 @@
 namespace RigidHIPlugin {
 
 /**
- * Settings of a Context that fit each other only by accident: of integrator, System, fluid and
- * barostat. Each finder returns a warning, or nothing where all fits.
+ * Settings of a Context that should fit each other, but that users set independently: those of
+ * integrator, System, fluid and barostat. Each function returns a warning, or nothing if the
+ * settings fit.
  */
 std::string bodiesWithoutContext(const Scene& scene);
 std::string unboundedFluidWithPeriodicForces(const Scene& scene);
 std::string watersWithoutBodies(const Scene& scene);
 /** Between walls the fluid is not periodic along z, but forces are. */
 std::string imagesAcrossTheFluid(const Scene& scene);
-/** The temperature of a barostat is a parameter of the Context, which is set apart. */
+/** The temperature of a barostat is a parameter of the Context, which users set independently. */
 std::string barostatAtAnotherTemperature(const Scene& scene);
 
 void addMismatches(const Scene& scene, Warnings& warnings);

@@ -32,8 +32,8 @@ void MomentumRemoval::begin() { before = scene.arrays->velocities(); }
 void MomentumRemoval::undo() {
     scene.arrays->pullVelocities();
     vector<Vec3>& velocities = scene.arrays->velocities();
-    // Rounding of a few operations, relative to velocities. Device platforms add momenta up in
-    // single precision.
+    // Rounding of a few operations, relative to velocities. Device platforms sum momenta in single
+    // precision.
     const double rounding = scene.arrays->rounding().isExact() ? 1e-12 : 3e-5;
     Vec3 shift;
     double mass = 0, largest = 0;
@@ -48,8 +48,8 @@ void MomentumRemoval::undo() {
     for (size_t p = 0; p < before.size(); p++) {
         const Vec3 change = velocities[p] - before[p],
                    unexplained = scene.system.getParticleMass(p) > 0 ? change + shift : change;
-        // Another Force has changed velocities too. Its part cannot be distinguished from the
-        // remover's, so both are kept.
+        // Another Force has changed velocities too. Nothing distinguishes its part from the
+        // remover's, so keep both.
         if (!(unexplained.dot(unexplained) <= rounding * rounding * largest * largest)) return;
     }
     velocities = before;

@@ -11,28 +11,30 @@ class ContextMirror;
 class Scene;
 
 /**
- * A CMMotionRemover in a System whose masses do not make the bodies, or on a platform that does not
- * remove momentum exactly.
+ * Corrects a CMMotionRemover in a System whose masses are not those of the bodies, or on a platform
+ * that does not remove momentum exactly.
  *
  * OpenMM's remover computes the momentum of the particles with the System's masses, and shifts the
- * velocities of particles with mass. That is right for bodies that these masses make. For other
- * bodies the momentum would be a different one, and a shift of only some members would turn the
- * body. Where there are such bodies, the remover's work is undone, and repeated with the masses of
- * the bodies. The same is done on device platforms, which remove at every step whatever the
- * frequency, and add momenta up in single precision.
+ * velocities of particles with mass. This is right for bodies that get their masses from the
+ * System. For other bodies the momentum would be a different one, and a shift of only some members
+ * would turn the body. For such bodies, this class undoes the remover's work and repeats it with
+ * the masses of the bodies. It does the same on device platforms, which remove momentum at every
+ * step whatever the frequency, and sum momenta in single precision.
  */
 class MomentumRemoval {
 public:
     MomentumRemoval(Scene& scene, ContextMirror& mirror) : scene(scene), mirror(mirror) {}
-    /** Whether a CMMotionRemover acts at the next step whose result would be wrong. */
+    /**
+     * Whether OpenMM's removal at the next step must be undone, because its result would be wrong.
+     */
     bool isToBeUndone() const;
-    /** Whether a removal is due, which this class does if OpenMM's is to be undone. */
+    /** Whether a removal is due at the next step, by the frequency of a CMMotionRemover. */
     bool isDue() const;
     /** Remember velocities, before OpenMM's remover acts. */
     void begin();
     /**
-     * Give particles the remembered velocities, after OpenMM's remover, if it alone has changed
-     * them since.
+     * Give particles the remembered velocities, after OpenMM's remover, if only the remover has
+     * changed velocities since begin().
      */
     void undo();
     /**
@@ -47,7 +49,7 @@ private:
     std::vector<OpenMM::Vec3> before;
 };
 
-/** Whether the System's masses make all bodies. */
+/** Whether all bodies get their masses from the System. */
 bool massesAreTheSystems(const Scene& scene);
 
 }  // namespace RigidHIPlugin

@@ -16,7 +16,8 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * Finds forces within molecules. OpenMM makes molecules of bonds, but not of angles and torsions.
+ * Finds forces within molecules. OpenMM derives molecules from bonds, but not from angles and
+ * torsions.
  */
 class WithinMolecules {
 public:
@@ -93,7 +94,7 @@ PeriodicImages::PeriodicImages(ContextImpl& context) {
 
 bool PeriodicImages::find(const vector<Vec3>& positions, const Vec3 (&box)[3],
                           vector<Vec3>& images) const {
-    const double far = 2;  // boxes: nearer molecules are rounded about as well as those in the box
+    const double far = 2;  // boxes: nearer molecules have about the rounding of those in the box
     bool any = false;
     for (const vector<int>& molecule : molecules) {
         Vec3 centre;

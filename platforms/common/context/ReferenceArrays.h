@@ -46,8 +46,8 @@ private:
           data(data) {}
     /**
      * The CPU platform keeps a list of neighbours until a particle has moved, and does not look at
-     * the box. A particle is therefore moved away by an edge while OpenMM looks at positions for no
-     * forces, so that the next force evaluation makes a new list.
+     * the box. This method therefore moves a particle away by an edge while OpenMM looks at
+     * positions without computing forces, so that the next force evaluation makes a new list.
      */
     void forgetNeighbours() {
         if (context.getPlatform().getName() == "Reference" || data.positions->empty()) return;

@@ -10,8 +10,8 @@
 namespace RigidHIPlugin {
 
 /**
- * The entries that an array had last, as far as they are known. Which entries are known is kept
- * apart from their values, because users may write any value, NaN too.
+ * The last known entries of an array. A separate flag says whether an entry is known, because users
+ * may write any value, NaN too.
  */
 class RememberedArray {
 public:
@@ -42,7 +42,7 @@ public:
         return numUnknown == 0 && array.size() == values.size() &&
                std::memcmp(values.data(), array.data(), values.size() * sizeof values[0]) == 0;
     }
-    /** For loops, which then say what they have written. */
+    /** For loops, which then report what they wrote by wereWritten(). */
     double* data() { return &values[0][0]; }
     void wereWritten(const std::vector<int>& entries) {
         for (int i : entries) wasWritten(i);

@@ -17,8 +17,8 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * Masses and moments that agree to this tolerance are the same number, computed or printed in
- * another way.
+ * Masses and moments that agree to this relative tolerance count as the same number, computed or
+ * printed in another way.
  */
 const double definitionTolerance = 1e-9;
 
@@ -27,7 +27,7 @@ bool agree(double a, double b, double scale) {
 }
 
 /**
- * Refuse a state that was saved with another definition of an explicit body than the integrator's.
+ * Refuse a state whose definition of an explicit body differs from the integrator's.
  */
 void checkAgainstDefinition(const Scene& scene, int b, const BodyGeometry& saved) {
     const BodyGeometry& own = scene.definitions.geometries()[b];

@@ -17,12 +17,14 @@ SavedState collectState(Scene& scene, ContextMirror& mirror);
 /**
  * Go on from a saved state, bit for bit where a body's definition is the saved one. For bodies that
  * were added by their particles the System takes precedence: its present masses and constraints
- * count, and pose and twist are fitted to the saved positions and velocities. If anything is
- * refused, everything stays as it was.
+ * count, and pose and twist are fitted to the saved positions and velocities. @throws
+ * OpenMMException for a state that does not fit; everything then stays as it was
  */
 void adoptState(const SavedState& saved, Scene& scene, ContextMirror& mirror);
 
-/** Go on from the integrator's parameters in a State. A State without parameters is ignored. */
+/**
+ * Go on from the integrator's parameters in a State. Does nothing for a State without parameters.
+ */
 void adoptState(const OpenMM::SerializationNode& node, Scene& scene, ContextMirror& mirror);
 
 /**

@@ -15,14 +15,14 @@ namespace RigidHIPlugin {
 const double largestFixedPointForce = 2e9;
 
 /**
- * How a platform rounds positions and velocities. An array that the platform returns is the one it
- * was given if the two differ by no more than this.
+ * How a platform rounds positions and velocities. An array that the platform returns counts as
+ * unchanged if it differs from the given one by no more than this.
  */
 struct Rounding {
     /** A few units in the last place, relative; 0 where the platform keeps every bit. */
     double positions = 0, velocities = 0;
     bool isExact() const { return positions == 0 && velocities == 0; }
-    /** For numbers that both have rounded, one after the other. */
+    /** The rounding of numbers that two platforms have rounded, one after the other. */
     Rounding operator+(const Rounding& other) const {
         Rounding sum;
         sum.positions = positions + other.positions;
@@ -32,7 +32,7 @@ struct Rounding {
 };
 
 /**
- * Whether a vector may be what a platform returns for `given`.
+ * Whether `read` may be the rounded form in which a platform returns `given`.
  *
  * @param relative  Rounding::positions or velocities
  * @param beside    the largest length that was added and subtracted meanwhile: of the periodic box,

@@ -20,7 +20,7 @@ namespace {
 
 const int version = 4, firstVersionWithUserFrame = 2, firstVersionWithInertiaScale = 3,
           firstVersionWithLastStep = 3, firstVersionWithHolds = 4;
-/** The version of states without anything that is held, which older libraries can read. */
+/** The version of states in which nothing is held, which older libraries can read. */
 const int versionWithoutHolds = 3;
 const char checkpointMark[7] = {'R', 'I', 'G', 'I', 'D', 'H', 'I'};  // and the version's digit
 const char* const quaternionNames[4] = {"qw", "qx", "qy", "qz"};
@@ -28,8 +28,8 @@ const char* const momentumNames[6] = {"px", "py", "pz", "lx", "ly", "lz"};
 const char* const axisNames[3] = {"x", "y", "z"};
 
 /**
- * How far a quaternion's length, and numbers that belong to the same motion, may be from their
- * right values: rounding.
+ * How far, relative, a quaternion's length, and numbers that describe the same motion, may be from
+ * their right values: rounding.
  */
 const double consistencyTolerance = 1e-9;
 
@@ -59,7 +59,7 @@ void deriveUserStates(vector<SavedBody>& bodies, double inertiaScale) {
     }
 }
 
-/** Refuse what no body can have. */
+/** Refuse values that no body can have. */
 void check(const SavedState& saved) {
     if (saved.stepNumber < 0)
         fail("the saved state is corrupt: its step number " + to_string(saved.stepNumber) +
@@ -372,7 +372,7 @@ SavedState SavedState::read(istream& checkpoint) {
     if (!checkpoint || length > implausible)
         fail("the checkpoint is corrupt: its header is damaged; use another checkpoint");
     string bytes;
-    // The text is read in pieces, so that a damaged length cannot ask for all the memory.
+    // Read the text in pieces, so that a damaged length cannot ask for all the memory.
     char piece[65536];
     while (bytes.size() < length) {
         checkpoint.read(piece, min<uint64_t>(sizeof piece, length - bytes.size()));

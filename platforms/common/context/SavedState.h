@@ -20,8 +20,8 @@ namespace RigidHIPlugin {
 struct SavedBody {
     BodyGeometry geometry;
     /**
-     * The user's values, in the body frame of the user. They stay true if the body's definition is
-     * another when the state is read.
+     * The user's values, in the body frame of the user. They remain true if the body has another
+     * definition when the state is read.
      */
     OpenMM::Vec3 R, velocity, omega_lab;       // nm, nm/ps, rad/ps
     std::array<double, 4> q = {{1, 0, 0, 0}};  // (w, x, y, z), body to lab
@@ -45,30 +45,33 @@ struct SavedState {
     bool hasBodies = false;  // positions were set, so that the following members are filled
     /**
      * BodySet::getInertiaScale(): the factor that the stored angular momenta have. If the
-     * integrator has another factor when they are read, angular velocities go on.
+     * integrator has another factor when the state is read, angular velocities stay the same.
      */
     double inertiaScale = 1;
     uint64_t positionsHash = 0, velocitiesHash = 0;
     std::vector<SavedBody> bodies;
     SchemeMemory memory;  // mostly empty
     /**
-     * Data from which the last step without momenta can be done again, for users who ask for its
-     * flow, in the form of a memory.
+     * The data that repeat the last step without momenta, for users who ask for its flow, in the
+     * form of a memory.
      */
     SchemeMemory lastStep;
-    /** What held bodies and particles in the last step, in the form of a memory. */
+    /**
+     * The wrenches and forces that held bodies and particles in the last step, in the form of a
+     * memory.
+     */
     SchemeMemory holds;
     /**
-     * The rounding of the platform that the state was saved on, whose arrays hold particles no
-     * better than this. Where the platform rounds, particles in no body are saved here too. Bodies
-     * and these particles go on from their doubles if the arrays agree.
+     * The rounding of the platform that saved the state, whose arrays hold particles no better than
+     * this. Where the platform rounds, the state also contains the particles in no body. Bodies and
+     * these particles go on from their doubles if the arrays agree.
      */
     Rounding rounding;
     std::vector<SavedParticle> particles;
 
     /**
-     * Write version 4 where something is held, else version 3. Readers accept a number only if all
-     * of its text is one, and throw an OpenMMException for values that cannot be the state of
+     * Write version 4 if something is held, else version 3. Readers accept a text as a number only
+     * if all of it is a number, and throw an OpenMMException for values that cannot be the state of
      * bodies.
      */
     void write(std::ostream& checkpoint) const;

@@ -78,7 +78,7 @@ void Scene::adoptInertia() {
 }
 
 /**
- * The bodies whose momenta are not state: those that are held and, under LangevinHI, those that
+ * The bodies whose momenta are no part of the state: held bodies and, under LangevinHI, bodies that
  * CustomBodyMotions move.
  */
 vector<bool> Scene::withoutMomenta() const {
@@ -91,7 +91,10 @@ vector<bool> Scene::withoutMomenta() const {
     return result;
 }
 
-/** Hold what the integrator holds. Users may change this, and the scheme, between steps. */
+/**
+ * Hold the bodies and particles that the integrator holds. Users may change these, and the scheme,
+ * between steps.
+ */
 void Scene::adoptHeld() {
     if (adoptedHeld == integrator.getSettingsVersion()) return;
     bool isNew = freeParticles->setHeld(integrator.getHeldParticles()), areOthers = false;

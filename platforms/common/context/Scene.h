@@ -39,8 +39,8 @@ uint32_t seedOrFresh(int seed);
 class Scene {
 public:
     /**
-     * Check the System against the integrator (throws where it is refused), and make the parts that
-     * need no positions.
+     * Check the System against the integrator, and make the parts that need no positions. @throws
+     * OpenMMException if a System is refused
      */
     Scene(OpenMM::ContextImpl& context, const CustomRigidHIIntegrator& integrator,
           std::unique_ptr<ContextArrays> arrays, std::unique_ptr<PlatformLoops> loops);
@@ -52,37 +52,37 @@ public:
      */
     void build(const std::vector<BodyGeometry>& geometries);
     /**
-     * Likewise where some geometries come from positions. The geometries count as known when all
-     * parts that depend on them are made.
+     * Build with the geometries that positions complete. The geometries count as known only after
+     * all parts that depend on them are made.
      */
     void buildFromPositions();
-    /** Forget implicit geometries, which are to be found anew. */
+    /** Forget implicit geometries, so that they are found anew. */
     void resetGeometry();
-    /** Whether build() was done, and resetGeometry() was not called since. */
+    /** Whether build() was called, and resetGeometry() was not called since. */
     bool isBuilt() const { return built; }
-    /** Recompute values that depend on settings, and print warnings, if any setting was changed. */
+    /** Recompute values that depend on settings, and print warnings, if any setting has changed. */
     void updateSettings() { warnings.print(settings.adopt(*this)); }
     /**
      * Take over the inertia that the integrator gives to bodies and free particles: its inertia
-     * scale, if the scheme has momenta, and what is held, which no force can move. To be called
+     * scale, if the scheme has momenta, and the held ones, which no force can move. Call this
      * before anything that reads momenta.
      */
     void adoptInertia();
-    /** How often it changed what is held. */
+    /** How often the held bodies or particles have changed. */
     int numHeldChanges() const { return heldChanges; }
 
     /** The Context's periodic box at present. @throws OpenMMException if it is not finite */
     BoxVectors getBox() const;
 
-    /** The prescribed velocities of bodies at the present time; null: none is prescribed. */
+    /** The prescribed velocities of bodies at the present time; null without such bodies. */
     const Eigen::MatrixXd* prescribedNow();
 
     /**
-     * Note that others changed positions, box or parameters, so that earlier forces are not valid
-     * any more.
+     * Note that others changed positions, box or parameters, so that earlier forces are no longer
+     * valid.
      */
     void noteChange() { changes++; }
-    /** How many such changes there were. */
+    /** The number of such changes. */
     long long numChanges() const { return changes; }
 
     const CustomRigidHIIntegrator& integrator;
@@ -97,7 +97,7 @@ public:
     BodySet bodies;
     std::unique_ptr<FreeParticles> freeParticles;
     ContextFluid fluid;
-    /** The noise has the seed, and the number of the step that is next or in progress. */
+    /** The noise, with the seed and the number of the next or present step. */
     AdoptedSettings settings;
     WarningPrinter warnings;
     TemperatureWatch watch;

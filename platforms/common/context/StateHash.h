@@ -18,7 +18,7 @@ inline uint64_t hashOf(const std::string& bytes) {
 }
 
 /**
- * A hash by which an array of positions or velocities is recognised after a checkpoint or State was
+ * A hash that identifies an array of positions or velocities after a checkpoint or State was
  * loaded.
  */
 inline uint64_t hashOf(const std::vector<OpenMM::Vec3>& v) {

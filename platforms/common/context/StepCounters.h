@@ -8,8 +8,8 @@
 namespace RigidHIPlugin {
 
 /**
- * Counters of steps so far. They are plain numbers, since a step must not allocate
- * (getStepStatistics() gives them names).
+ * Counters of steps so far. They are plain numbers, since a step must not allocate.
+ * getStepStatistics() gives them names.
  */
 struct StepCounters {
     long long steps = 0, forceEvaluations = 0, rejectedSteps = 0;
@@ -21,7 +21,7 @@ struct StepCounters {
         squareRoots += result.squareRoots;
         iterations += result.iterations;
     }
-    /** Seconds since an arbitrary point. */
+    /** Seconds since an arbitrary point in time. */
     static double now() {
         return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
             .count();

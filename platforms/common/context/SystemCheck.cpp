@@ -31,7 +31,7 @@ string bodyText(int b) { return "body " + to_string(b); }
 
 /**
  * Whether a barostat moves particles of one molecule relative to each other. Barostats before
- * OpenMM 8.6 do not, and lack this method.
+ * OpenMM 8.6 do not move them so, and lack this method.
  */
 template <class Barostat>
 auto deformsMolecules(const Barostat& barostat, int)
@@ -179,8 +179,8 @@ SystemInventory takeStock(const ContextImpl& context, const CustomRigidHIIntegra
     }
     for (int i = 0; i < system.getNumForces(); i++) {
         const Force& force = system.getForce(i);
-        // DrudeForce is in a plugin of OpenMM that this library does not need otherwise. It is
-        // therefore recognised by the name of its type.
+        // DrudeForce is in a plugin of OpenMM that this library does not otherwise need. The name
+        // of its type therefore identifies it.
         if (string(typeid(force).name()).find("DrudeForce") != string::npos)
             fail("force " + to_string(i) +
                  ", a DrudeForce, needs an integrator for Drude particles; remove it, or use "
@@ -311,7 +311,7 @@ static void checkHeldParticles(const System& system, const CustomRigidHIIntegrat
     }
 }
 
-/** Check what is held, by the scheme and by what else the System has. */
+/** Check that the scheme and the rest of the System allow what is held. */
 static void checkHeld(const System& system, const CustomRigidHIIntegrator& integrator,
                       const SystemInventory& stock) {
     checkHeldParticles(system, integrator, stock);
@@ -361,7 +361,7 @@ static void checkPrescribed(const CustomRigidHIIntegrator& integrator, const Sys
     }
 }
 
-/** What keeps a body where it is or moves it whatever the forces on it, or empty. */
+/** What holds a body or prescribes its motion, whatever the forces on it; empty if nothing. */
 static string motionIsGiven(const CustomRigidHIIntegrator& integrator, const SystemInventory& stock,
                             int b) {
     if (integrator.getBodyHeld(b)) return bodyText(b) + " is held";
@@ -388,7 +388,7 @@ static void checkGroupOf(const JointDefinition& joint, const string& name,
              "out");
 }
 
-/** Check the joints, by the scheme and by what else the System has. */
+/** Check that the scheme and the rest of the System allow the joints. */
 static void checkJoints(const CustomRigidHIIntegrator& integrator, const SystemInventory& stock,
                         const SchemeTraits& traits) {
     const vector<JointDefinition>& joints = integrator.getJoints();
@@ -464,7 +464,7 @@ static void checkOverdamped(const CustomRigidHIIntegrator& integrator, const Sys
                  "make it part of a body, or hold it where it is by setParticleHeld()");
 }
 
-/** Refuse what a scheme without velocities cannot do. */
+/** Refuse Forces and settings that a scheme without velocities does not support. */
 static void checkNoMomenta(const SystemInventory& stock, const string& name,
                            const string& instead) {
     if (!stock.velocityDependentForce.empty())
@@ -499,8 +499,8 @@ void checkScheme(const System& system, const CustomRigidHIIntegrator& integrator
         fail("the System has a MobilityForce, which scheme " + name +
              " would ignore; use LangevinHI or a scheme without momenta, or remove the "
              "MobilityForce");
-    // What prescribed motion and joints cannot have is said before what the scheme cannot do
-    // without them either, since the remedies differ.
+    // Check prescribed motion and joints first: their remedies differ from those of what the scheme
+    // cannot do even without them.
     checkPrescribed(integrator, stock, traits);
     checkJoints(integrator, stock, traits);
     if (traits.isOverdamped())

@@ -53,8 +53,8 @@ void checkScheme(const OpenMM::System& system, const CustomRigidHIIntegrator& in
  */
 void checkBoundary(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
 /**
- * Check that the scheme is one for a fluid that users shear. Schemes that are have no barostats.
- * @throws OpenMMException
+ * Check that the scheme allows a sheared fluid. Such schemes also exclude barostats. @throws
+ * OpenMMException
  */
 void checkShear(const class MobilityForce& force, const CustomRigidHIIntegrator& integrator);
 /** Check that the scheme moves bodies by their slips and forces on the fluid. @throws

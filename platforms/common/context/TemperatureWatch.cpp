@@ -17,14 +17,14 @@ namespace RigidHIPlugin {
 
 namespace {
 
-// A window: at least so many steps, and so many relaxation times.
+// The length of a window: at least this number of steps, and of relaxation times.
 const double shortestWindow = 4000, relaxationTimes = 20;
 // Relative errors of temperatures that right steps may have. In water at 7 fs, where energies are
 // right, translation is 2 % cold and rotation 4 % hot; at 9 fs, where the energy is 3 % off,
 // rotation is 13 to 19 % hot (docs/theory/thermostats.md). Rotors are not harmonic.
 const double translationalBand = 0.05, rotationalBand = 0.10;
-// Beyond the band. A right run goes beyond one of the four bounds of a window less often than once
-// in 10^6 windows.
+// Added to the band. A right run exceeds one of the four bounds of a window less often than once in
+// 10^6 windows.
 const double standardErrors = 5;
 // Bodies that move together in a fluid feel less friction than each of them alone.
 const double together = 0.5;
@@ -38,7 +38,7 @@ double boundOfSquares(double relativeVariance, double errors) {
     return pow(max(0.0, 1 - x + errors * sqrt(x)), 3);
 }
 
-/** Three digits, and more where the last would not be that of one kelvin. */
+/** A temperature with three digits, or with more if these would not reach one kelvin. */
 string temperatureText(double T) { return text(T, max(3, 1 + (int)log10(max(T, 1.0)))); }
 
 }  // namespace
@@ -96,13 +96,13 @@ void TemperatureWatch::adopt(const Scene& scene) {
     isOn = true;
     noise = midStepEnergiesOfNoise(bodies, settings);
     removed = scene.stock.hasCMMotionRemover ? 3 : 0;
-    // Whole looks, and a number that an integer takes.
+    // A window has a whole number of looks, which an integer can hold.
     const double largest = 1e18;
     const double looksOfWindow =
         ceil(min(largest, max(shortestWindow, relaxationTimes / slowest)) / interval);
     window = interval * (long long)looksOfWindow;
-    // A kinetic energy forgets in half a relaxation time. Its mean over n relaxation times has the
-    // relative variance 2/n, and that of n looks has it, too: the sum is enough for both.
+    // A kinetic energy decorrelates in half a relaxation time. Its mean over n relaxation times has
+    // the relative variance 2/n, and so has its mean over n looks. The sum bounds both.
     for (Expectation* motion : {&translation, &rotation})
         if (motion->degrees > 0)
             motion->relativeVariance =
@@ -124,7 +124,7 @@ void TemperatureWatch::look(const Scene& scene, const MidStepEnergies& now) {
     sum.momentum += now.momentum;
     looks++;
     if (steps % window != 0) return;
-    // What changes shows in the last window, and small errors in all of them together.
+    // Changes appear in the last window, and small errors in all windows together.
     windows++;
     sumOfWindows.translational += sum.translational;
     sumOfWindows.rotational += sum.rotational;
@@ -136,7 +136,7 @@ void TemperatureWatch::look(const Scene& scene, const MidStepEnergies& now) {
     sum = MidStepEnergies();
 }
 
-/** Judge the energies of so many windows. */
+/** Judge the energies of this number of windows. */
 void TemperatureWatch::judge(const Scene& scene, const MidStepEnergies& energies,
                              long long number) {
     const double mean = 1.0 / (looks * number), kT = scene.settings.kT, bath = kT / BOLTZ;
@@ -145,7 +145,7 @@ void TemperatureWatch::judge(const Scene& scene, const MidStepEnergies& energies
     // Bodies that a constant force drives have a mean velocity, which is no heat.
     const Vec3 momentum = energies.momentum * mean;
     const double heat = translational - 0.5 * momentum.dot(momentum) / totalMass;
-    // A CMMotionRemover takes some motion away, but between two removals there may be all.
+    // A CMMotionRemover takes some motion away, but between two removals all of it may be present.
     const double least = translation.degrees - removed;
     const auto report = [&](const char* motion, double degrees, double energy, double expected) {
         const double T = 2 * energy / (BOLTZ * degrees);

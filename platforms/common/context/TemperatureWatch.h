@@ -10,26 +10,26 @@ namespace RigidHIPlugin {
 class Scene;
 
 /**
- * Watches the mid-step temperatures of bodies while they take steps, and finds bodies that stay
- * hotter or colder than their scheme lets them be at the temperature of the bath. Then the step is
- * too long, or forces are not conservative.
+ * Watches the mid-step temperatures of bodies during steps, and reports temperatures that stay
+ * above or below what the scheme should give at the temperature of the bath. In that case the step
+ * is too long, or forces are not conservative.
  *
- * Translation and rotation are watched apart, over one window of steps after another. A window
- * lasts 20 relaxation times of the slowest thermostatted axis. The first one begins as long after
- * the start, or after the last change from outside, so that a scene may relax. A temperature counts
- * as wrong if it is off by more than a band and five standard errors.
+ * The watch treats translation and rotation apart, over one window of steps after another. A window
+ * lasts 20 relaxation times of the slowest thermostatted axis. The first window begins one such
+ * time span after the start, or after the last change from outside, so that a scene may relax. A
+ * temperature counts as wrong if it is off by more than a band and five standard errors.
  *
- * Only a fluid, friction and a temperature above 0 make a temperature that can be expected. There
- * is no watch without them, in a driven flow, and where a CustomBodyForce depends on time or
- * velocities. What the watch knows is not saved, and no step depends on it.
+ * Only a fluid or friction, at a temperature above 0, makes a temperature that can be expected. The
+ * watch is off without them, in a driven flow, and where a CustomBodyForce depends on time or
+ * velocities. Checkpoints and States do not contain the watch, and no step depends on it.
  */
 class TemperatureWatch {
 public:
-    /** Settings or bodies have changed. Find what is to be expected, and begin anew. */
+    /** Settings or bodies have changed. Find the expected temperatures, and begin anew. */
     void adopt(const Scene& scene);
     /** Positions, velocities or the state were set from outside. Begin anew. */
     void restart();
-    /** A step has ended. @return whether look() is to be called */
+    /** A step has ended. @return whether to call look() */
     bool countStep() { return isOn && ++steps % interval == 0; }
     /**
      * Add the energies at the end of this step.
@@ -37,11 +37,11 @@ public:
      */
     void look(const Scene& scene, const MidStepEnergies& now);
     /**
-     * What the last whole window, or all windows together, have found, as a sentence for users;
-     * empty: nothing wrong.
+     * The finding of the last whole window, or of all windows together, as a sentence for users;
+     * empty if nothing is wrong.
      */
     const std::string& getFinding() const { return finding; }
-    /** The length of a window in steps; 0: there is no watch. */
+    /** The length of a window in steps; 0 if the watch is off. */
     long long getWindow() const { return isOn ? window : 0; }
 
     /** The kinetic temperature of one kind of motion in a window. */
@@ -51,16 +51,16 @@ public:
         double perRate = 0;           // sum over degrees of freedom of 1/(their relaxation a step)
         double relativeVariance = 0;  // of the mean energy of a window
         void add(int degrees, double relaxation, double energy);
-        /** Whether the mean energy of so many windows is out of the band. */
+        /** Whether the mean energy over this number of windows is out of the band. */
         bool isTooHigh(double energy, double band, double windows = 1) const;
         bool isTooLow(double energy, double band, double windows = 1) const;
     };
 
 private:
     /**
-     * Every so many steps the kinetic energies are added up. A look takes 4 ns a body, and a step
-     * of a free body 59 ns. Momenta stay alike over 100 steps at usual frictions, so that more
-     * looks would tell little more.
+     * The number of steps between two looks at the kinetic energies. A look takes 4 ns a body, and
+     * a step of a free body 59 ns. At usual frictions, momenta change little over 100 steps, so
+     * that more looks would tell little more.
      */
     static const int interval = 100;
     void judge(const Scene& scene, const MidStepEnergies& energies, long long number);

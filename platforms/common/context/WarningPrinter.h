@@ -11,13 +11,13 @@ namespace RigidHIPlugin {
 /** Prints the warnings of a Context, each cause once. */
 class WarningPrinter {
 public:
-    /** Print the new ones among these. A barostat's temperature is left to printOfBarostat(). */
+    /** Print these warnings if they are new, except about a barostat (printOfBarostat()). */
     void print(const Warnings& warnings);
-    /** Print what the steps so far give reason for. To be called now and then. */
+    /** Print the warnings for which the steps so far give a reason. Call this now and then. */
     void printOfSteps(const Scene& scene);
     /**
-     * Print the warning about a barostat's temperature. To be called when a step begins: between
-     * steps users set one temperature after the other.
+     * Print the warning about a barostat's temperature. Call this when a step begins, because
+     * between steps users set one temperature after the other.
      */
     void printOfBarostat(const Scene& scene);
 

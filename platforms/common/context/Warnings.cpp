@@ -24,7 +24,10 @@ const double resolutionLimit = 0.1;
 // Davidchack 2015, section VI: Langevin A breaks down above about these rates, 1/ps.
 const double langevinAGammaLimit = 100, langevinARotationalLimit = 200;
 
-/** Beyond this part of the smallest radius, and this turn, steps leap over what they should see. */
+/**
+ * Steps longer than this part of the smallest radius, or than this turn, miss what they should
+ * resolve.
+ */
 const double largestDisplacement = 0.5, largestTurn = 0.5;
 /**
  * At h s = 0.5 free diffusion is 2 % too fast: D/D0 = (h s/2) coth(h s/2), s the rate of
@@ -36,7 +39,7 @@ const double largestPartRedone = 0.005;
 
 string percent(double part) { return text(100 * part, 2) + " %"; }
 
-/** A step to recommend: three digits, rounded down, so that the step itself is not warned of. */
+/** A step to recommend: three digits, rounded down, so that this step causes no warning itself. */
 string shorter(double step) {
     const double digit = pow(10, floor(log10(step)) - 2);
     return number(floor(step / digit * (1 - 1e-9)) * digit);
@@ -53,7 +56,7 @@ string lengthText(double nm) {
     return text(nm, 3) + " nm";
 }
 
-/** The step in which a random motion is the wanted one: it grows with the root of the step. */
+/** The step with the wanted random motion, which grows with the root of the step. */
 double stepFor(double h, double wanted, double found) {
     return h * wanted * wanted / (found * found);
 }
@@ -65,7 +68,7 @@ string longTurn(double h, const string& body, double turn) {
            shorter(stepFor(h, largestTurn, turn)) + " ps or less";
 }
 
-/** What a step without momenta does to each body, beside what it should see. */
+/** Compare the displacements and turns of a step without momenta with what it should resolve. */
 void warnOfLeaps(const Scene& scene, double h, double kT, Warnings& result) {
     const StepResolution step =
         resolveOverdamped(scene.fluid->getContents(), scene.integrator.getScheme(), h, kT);
@@ -90,7 +93,9 @@ void warnOfLeaps(const Scene& scene, double h, double kT, Warnings& result) {
             shorter(step.longestStepOfDriven) + " ps or less, which has the real one";
 }
 
-/** Turns of the gradient thermostat: q <- q exp(b eta), with b^2 = 2 h Upsilon kT/M, is by 2 b. */
+/**
+ * Turns of the gradient thermostat: q <- q exp(b eta), with b^2 = 2 h Upsilon kT/M, turns by 2 b.
+ */
 void warnOfTurns(const Scene& scene, double h, double kT, Warnings& result) {
     double smallest = INFINITY;
     int first = -1;
@@ -108,8 +113,8 @@ void warnOfTurns(const Scene& scene, double h, double kT, Warnings& result) {
 
 /**
  * LangevinA adds the same random numbers, in the body's frame, before and after the body turns. If
- * the body has spun by random angles of variance s^2 between, the noise on the other axes has (1 +
- * exp(-s^2/2))/2 of its variance, and they are too cold.
+ * in between the body has turned by random angles of variance s^2, the noise on the other axes has
+ * (1 + exp(-s^2/2))/2 of its variance, and they are too cold.
  */
 void warnOfSpinUnderLangevinA(const Scene& scene, double h, double kT, Warnings& result) {
     double largest = 0, noise = 0;
@@ -135,7 +140,9 @@ void warnOfSpinUnderLangevinA(const Scene& scene, double h, double kT, Warnings&
             shorter(h * limit / largest) + " ps or less";
 }
 
-/** Momenta that relax within a step of LangevinHI: temperatures are right, displacements are not.
+/**
+ * Momenta that relax within a step of LangevinHI: temperatures are right, but displacements are
+ * not.
  */
 void warnOfRelaxation(const Scene& scene, double h, Warnings& result) {
     const StepResolution step =
@@ -153,7 +160,7 @@ void warnOfRelaxation(const Scene& scene, double h, Warnings& result) {
         "limits of its own";
 }
 
-/** The part of steps so far that were redone, where it is surely too large; else 0. */
+/** The part of all steps so far that were redone, if it is surely too large; else 0. */
 double partRedoneSoFar(const Scene& scene) {
     if (scene.counters.rejectedSteps == 0 || !scene.fluid) return 0;
     return scene.settings.traits().isOverdamped()

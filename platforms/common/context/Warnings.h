@@ -10,8 +10,8 @@ namespace RigidHIPlugin {
 class Scene;
 
 /**
- * Warnings about the settings. A user gets each cause once, though its numbers may change from step
- * to step.
+ * The causes of warnings about the settings. A user is warned of each cause once, though its
+ * numbers may change from step to step.
  */
 enum class WarningCause {
     OmittedDrift,
@@ -33,12 +33,12 @@ enum class WarningCause {
     WrongTemperature
 };
 using Warnings = std::map<WarningCause, std::string>;
-/** The spread of drift factors above which they are not a small correction any more. */
+/** The spread of drift factors above which they are no longer a small correction. */
 constexpr double driftFactorLimit = 0.3;
 Warnings findWarnings(const Scene& scene);
 /**
  * Whether the steps so far give a reason for a warning that is not among the printed ones. This is
- * cheap, since steps ask for it.
+ * cheap, because steps call it.
  */
 bool stepsHaveWarnings(const Scene& scene, const std::set<WarningCause>& printed);
 

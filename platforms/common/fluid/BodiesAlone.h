@@ -14,8 +14,8 @@ namespace RigidHIPlugin {
 std::string nameOf(const FluidElement& element);
 
 /**
- * The mobility and the friction of each element of a group by itself, computed when first asked
- * for. Elements of one shape share them, in all groups that share `shapes`.
+ * The mobility and the friction of each element of a group by itself, computed on first use.
+ * Elements of one shape share the two matrices, in all groups that share `shapes`.
  */
 class BodiesAlone {
 public:

@@ -12,13 +12,13 @@ namespace {
 /** Drifts below this part of mobility/length are rounding errors of a symmetric body. */
 const double zeroDrift = 1e-12;
 
-/** The standard deviation of so many drift factors is known to a tenth. */
+/** This number of drift factors gives their standard deviation to a tenth. */
 const int enoughDriftFactors = 50;
 
 /**
- * A body that forces keep turning about an axis is told from one that noise turns as far by so many
- * standard deviations. A body that relaxes to its place turns by pi at most, and by less than
- * `leastTurn` where a stiff force makes it overshoot.
+ * Forces keep turning a body if it turns by more than `surelyDriven` standard deviations of the
+ * turn by noise, and by more than `leastTurn`. A body that relaxes to its place turns by pi at
+ * most, and by less than `leastTurn` if a stiff force makes it overshoot.
  */
 const double surelyDriven = 6, leastTurn = 4 * M_PI;
 
@@ -80,7 +80,7 @@ double BrownianGroup::getOperations() const {
                : rows * rows * rows + particleRows * particleRows * particleRows;
 }
 
-/** Read where the step starts, and set what holds for the whole step. */
+/** Read the poses at the start of the step, and set what is constant during the step. */
 void BrownianGroup::startStep(const StepSettings& settings, const Surroundings& around,
                               const BodySet& set, const vector<OpenMM::Vec3>& positions) {
     OverdampedStep own;
@@ -248,7 +248,7 @@ const vector<BodyRotation>& BrownianGroup::findRotations(double doubleEnergy, Sc
 
 BodyMobility& BrownianGroup::mobilityFor(double doubleEnergy, Scheme of) {
     const pair<double, Scheme> step(doubleEnergy, of);
-    // Questions about other steps may have found other rotations since.
+    // Calls for other steps may have found other rotations since.
     if (stepOfMobility == step && (doubleEnergy == 0 || stepOfRotations == step)) return *mobility;
     stepOfMobility = step;
     vector<SlowedSpin> spins;

@@ -19,18 +19,18 @@ namespace RigidHIPlugin {
 
 /**
  * A group of bodies in a scheme without momenta: the mobility of its steps, the scheme with its
- * memory, and the progress of the present step. A group whose step leads to where the model has no
- * mobility is redone by itself.
+ * memory, and the progress of the present step. If a step leads to poses at which the model has no
+ * mobility, only this group redoes the step.
  *
- * A step: begin(); runStage() until no stage is left, each followed by reject() where its poses are
- * not accepted; end().
+ * A step calls begin(), then runStage() until no stage is left, with reject() after a stage whose
+ * poses are not accepted, and then end().
  */
 class BrownianGroup {
 public:
     using Scheme = CustomRigidHIIntegrator::Scheme;
 
     /**
-     * @param mobility   that of answers with the real spins, of `members`
+     * @param mobility   of `members`, with the real spins, as for answers
      * @param tolerance  of iterations, as the user has set it
      */
     BrownianGroup(const GroupMembers& members, BodyMobility& mobility, BodiesAlone& alone,
@@ -38,12 +38,12 @@ public:
 
     // ---- Steps
     void begin(Scheme scheme);
-    /** The step is done. What was recorded of it becomes the last step, where it is remembered. */
+    /** End the step. Its record becomes the last step, if steps are remembered. */
     void end();
-    /** The stages of the present step that are done, and how often it was begun anew. */
+    /** The number of completed stages of the present step, and of its earlier attempts. */
     int getStage() const { return stage; }
     uint32_t getAttempt() const { return attempt; }
-    /** What all groups have in common. */
+    /** The surroundings that all groups share. */
     struct Surroundings {
         const DrivenFlow* flow;  // null: none
         const BoxVectors& box;
@@ -52,17 +52,17 @@ public:
         const Eigen::MatrixXd* prescribed;
     };
     /**
-     * Make what the steps of these settings need. To be called before runStage(), which may run in
-     * a thread.
+     * Make what the steps of these settings need. Call this before runStage(), which may run in a
+     * thread.
      */
     void prepare(const StepSettings& settings);
-    /** Arithmetic operations of a stage, roughly; and those of a step with a constant tensor. */
+    /** Arithmetic operations of a stage, roughly, and of a step with a constant tensor. */
     double getOperations() const;
     static constexpr double operationsOfConstantTensor = 1000;
     /**
-     * Run a stage, if it is this group's next one: from the present poses of the members to where
-     * the next stage wants forces, or to the end. If the group is further on, its members return to
-     * where they were.
+     * Run a stage, if it is this group's next one. The stage leads from the present poses of the
+     * members to the poses where the next stage needs forces, or to the end of the step. If the
+     * group is past this stage, its members return to the poses that the group has reached.
      * @return whether the stage was run
      */
     bool runStage(int stage, const StepSettings& settings, const Surroundings& around,
@@ -74,35 +74,38 @@ public:
         long long squareRoots = 0, iterations = 0, randomNumbers = 0;
     };
     const Outcome& getOutcome() const { return outcome; }
-    /** The step is to begin anew, with other random numbers. */
+    /** Begin the step anew, with other random numbers. */
     void reject();
-    /** The steps that were taken so far, and how often one was begun anew. */
+    /** The number of steps so far, and of rejected attempts. */
     long long getNumSteps() const { return numSteps; }
     long long getNumRejections() const { return numRejections; }
-    /** Move the members to where the forces of a stage were evaluated. */
+    /** Move the members to the poses where the forces of a stage were evaluated. */
     void showStage(int stage, BodySet& bodies, std::vector<OpenMM::Vec3>& positions) const;
 
-    // ---- What the scheme keeps between steps (OverdampedScheme::memory())
+    // ---- The scheme's memory between steps (OverdampedScheme::memory())
     std::vector<Eigen::MatrixXd*> getMemory() const;
     void restoreMemory();
     void forgetMemory();
     Scheme getScheme() const { return kind; }
 
-    // ---- The last step, and what to do it again
+    // ---- The last step, and the data to repeat it
     const LastStep& getLastStep() const { return last; }
     void setLastStep(const LastStep& step) { last = step; }
     void forgetLastStep() { last.isKnown = false; }
-    /** The mobility of steps of the energy 2 kT h in a scheme; 0: with the real spins. */
+    /**
+     * The mobility for a scheme's steps with the value 2 kT h; with 0, the mobility with the real
+     * spins.
+     */
     BodyMobility& mobilityFor(double doubleEnergy, Scheme scheme);
-    /** The mobility chosen last. */
+    /** The mobility that mobilityFor() chose last. */
     BodyMobility& getMobility() const { return *mobility; }
     /** The step's mobility with its tolerances. */
     void setTolerance(const SchemeTraits& traits, const OverdampedStep& step);
     /** The forces last gathered, at the present poses of the members. */
     const Eigen::MatrixXd& readForces(const BodySet& bodies, const FreeParticles& freeParticles);
 
-    // ---- What holds fixed components
-    /** The wrenches that held the elements in the last step; null: there was none. */
+    // ---- Wrenches that hold fixed components
+    /** The wrenches that held the elements in the last step; null before a step. */
     const Eigen::MatrixXd* getHolds() const { return holdsAreKnown ? &lastHolds : nullptr; }
     void setHolds(const Eigen::MatrixXd& holds) {
         lastHolds = holds;
@@ -130,7 +133,7 @@ public:
         for (size_t m = 0; m < motors.size(); m++) motorRates[m] = motors[m].rate;
     }
     const Eigen::VectorXd& getMotorRates() const { return motorRates; }
-    /** Of the last step, as Joints::forces(); empty: there was none. */
+    /** Of the last step, as Joints::forces(); empty before a step. */
     const Eigen::MatrixXd& getJointForces() const { return lastJointForces; }
 
     // ---- Drift and differences
@@ -138,15 +141,18 @@ public:
     Drift getDrift();
     /** Whether a scheme differences results of iterations, which have a tolerance. */
     bool differencesIterate(const SchemeTraits& traits);
-    /** The finite-difference step: as set, or chosen by the errors of the differenced results. */
+    /**
+     * The finite-difference step: the wanted one, or for 0 one that fits the errors of the
+     * differenced results.
+     */
     double differenceOf(const SchemeTraits& traits, double wanted);
-    /** The root mean square of nu - 1 over steps so far; 0 before there are enough to tell. */
+    /** The root mean square of nu - 1 over steps so far; 0 before enough steps. */
     double getDriftFactorSpread() const;
 
     // ---- Spins that a step does not resolve
-    /** Of each element, in steps of the energy 2 kT h of a scheme. */
+    /** The rotation of each element in a scheme's steps with the value 2 kT h. */
     const std::vector<BodyRotation>& findRotations(double doubleEnergy, Scheme scheme);
-    /** Whether forces have kept turning an element, or any, whose spin is slowed. */
+    /** Whether forces have kept turning an element whose spin is slowed, or any such element. */
     bool isDriven(int element) const;
     bool drivesSlowedSpins() const;
 
@@ -163,9 +169,9 @@ private:
         BodyMobilities mobilities;
     };
     /**
-     * How forces have turned a slowed body about its fastest axis, beside what noise does. Where
-     * forces have a potential, the two are of one size, since the body goes nowhere
-     * (docs/theory/details_of_steps.md).
+     * How far forces have turned a slowed body about its fastest axis, and the variance of the turn
+     * by noise. If forces have a potential, both turns have the same size, because the body does
+     * not keep turning (docs/theory/details_of_steps.md).
      */
     struct DrivenSpin {
         double turn = 0, variance = 0;  // rad, rad^2
@@ -184,13 +190,13 @@ private:
     BodiesAlone& alone;
     const double tolerance;
 
-    BodyMobility* mobility;  // of the step: the real one, or that of slowed spins
+    BodyMobility* mobility;  // of the step: with the real spins or with slowed ones
     std::pair<double, Scheme> stepOfMobility = {-1, {}};  // 2 kT h, and the scheme
     std::unique_ptr<OverdampedMove> move;                 // made at the first step
     std::unique_ptr<OverdampedScheme> scheme;
     Scheme kind = CustomRigidHIIntegrator::EulerMaruyama;  // of the scheme
     std::vector<Eigen::MatrixXd> memoryAtStart;
-    LastStep present, last;  // what is recorded of the present step; the last whole step
+    LastStep present, last;  // the record of the present step; the last whole step
     bool presentIsRemembered = false;
     Eigen::MatrixXd prescribed;               // of this stage, rows of the elements
     Eigen::MatrixXd presentHolds, lastHolds;  // where some component is fixed
@@ -204,7 +210,7 @@ private:
     uint32_t attempt = 0;
     long long numSteps = 0, numRejections = 0;  // so far
     Outcome outcome;
-    std::vector<std::vector<Pose>> placesOfForces;  // where those of each stage are evaluated
+    std::vector<std::vector<Pose>> placesOfForces;  // where the forces of each stage are evaluated
 
     std::vector<BodyRotation> rotations;  // of the elements
     std::pair<double, Scheme> stepOfRotations = {-1, {}};

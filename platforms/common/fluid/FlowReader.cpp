@@ -21,11 +21,13 @@ bool samePoses(const vector<Pose>& a, const vector<Pose>& b) {
     return same;
 }
 
-/** How far a step that is done again may end from where it ended, relative to its largest move: a
- * state may come from another platform, or from another fluid. */
+/**
+ * How far the end of a repeated step may be from its original end, relative to the largest move in
+ * the step. A state may come from another platform, or from another fluid.
+ */
 const double replayTolerance = 1e-2;
 
-/** In lengths of the body, and half radians. */
+/** The distance of two poses, in lengths of the body and half radians. */
 double distance(const Pose& a, const Pose& b, double length) {
     const Vector4d p(a.q.w, a.q.x, a.q.y, a.q.z), q(b.q.w, b.q.x, b.q.y, b.q.z);
     return (a.R - b.R).norm() / length + min((p - q).norm(), (p + q).norm());
@@ -60,7 +62,7 @@ FluidGroup& FlowReader::onlyGroup(const char* method) const {
     return *fluid.groups[0];
 }
 
-/** The last step once more, from what is known of it, on vectors of its own. */
+/** Repeat the last step, from its record, on vectors of its own. */
 void FlowReader::replay(FluidGroup& group, Answer& result) const {
     BrownianGroup& brownian = *group.brownian;
     const LastStep& last = brownian.getLastStep();
@@ -88,7 +90,7 @@ void FlowReader::replay(FluidGroup& group, Answer& result) const {
     if (step.kT > 0) result.randomFlow = sqrt(2 * step.kT / step.h);
 }
 
-/** Without noise, under the forces as last gathered. */
+/** The flow without noise, under the forces last gathered. */
 void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
                               Answer& result) const {
     BrownianGroup& brownian = *group.brownian;
@@ -110,8 +112,7 @@ void FlowReader::flowOfForces(FluidGroup& group, const FlowQuestion& question,
     move.record(nullptr);
 }
 
-/** LangevinHI: of the friction forces, with which bodies are held at the velocities that they have.
- */
+/** LangevinHI: the flow of the friction forces that keep bodies at their present velocities. */
 void FlowReader::flowOfVelocities(FluidGroup& group, const FlowQuestion& question,
                                   Answer& result) const {
     const BodySet& bodies = question.bodies;
@@ -164,7 +165,7 @@ FlowReader::Answer& FlowReader::find(FluidGroup& group, const FlowQuestion& ques
 template <class Add>
 void FlowReader::forSources(FluidGroup& group, Answer& of, const Add& add) const {
     BodyMobility& mobility = group.brownian->getMobility();
-    mobility.setTolerance(force.getSolverTolerance());  // others may have asked since
+    mobility.setTolerance(force.getSolverTolerance());  // others may have changed it since
     for (const FlowOfStep::Share& share : of.made.shares) {
         // Displaced poses may reach a little beyond what the model accepts.
         mobility.setPoses(share.poses, !mobility.objection(share.poses).empty());
@@ -284,7 +285,7 @@ OpenMM::Vec3 FlowReader::meanFlow(const FlowQuestion& question) {
     Vector3d mean = Vector3d::Zero();
     for (int axis = 0; axis < 2; axis++) {
         // By symmetry of M, the mean flow of sources is their power on the flow of a unit force
-        // density, over the volume.
+        // density, divided by the volume.
         const DrivenFlow unit = fluid.userFlow.ofUnitForceDensity(axis);
         if (unit.isZero()) continue;
         const double volume =

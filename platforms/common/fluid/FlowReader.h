@@ -10,8 +10,8 @@
 namespace RigidHIPlugin {
 
 /**
- * Poses of bodies and free particles, and what acts on them, when a user asks for the flow of the
- * fluid.
+ * The poses of bodies and free particles, and the forces and motions on them, for a user's question
+ * about the flow of the fluid.
  */
 struct FlowQuestion {
     const BodySet& bodies;
@@ -24,10 +24,11 @@ struct FlowQuestion {
 };
 
 /**
- * Reads the flow of the fluid: that of the last step, which is done again from what is known of it
- * on vectors of its own, or that of the present forces or (LangevinHI) velocities.
+ * Reads the flow of the fluid. This is the flow of the last step, which the reader repeats from
+ * recorded data on vectors of its own, or the flow of the present forces or (LangevinHI)
+ * velocities.
  *
- * There must be one fluid that bodies share. The last answer is kept until forget().
+ * All bodies must share one fluid. The reader keeps the last answer until forget().
  */
 class FlowReader {
 public:
@@ -40,8 +41,9 @@ public:
      */
     bool lastStepIsPresent(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     /**
-     * Whether lastStepIsPresent(), and the last step leads to the same poses when it is done again.
-     * If so, the flow of that step is given. If not, the flow is that of the forces last gathered.
+     * Whether lastStepIsPresent(), and a repetition of the last step leads to the same poses. If
+     * so, answers give the flow of that step. If not, they give the flow of the forces last
+     * gathered.
      */
     bool findLastStep(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions,
                       CustomRigidHIIntegrator::Scheme scheme);
@@ -57,7 +59,7 @@ public:
      */
     std::array<double, 2> flowMode(int forceAxis, int waveAxis, int waveVectorIndex,
                                    const FlowQuestion& question);
-    /** The amplitudes for the model's random field alone, for nu = 1; 0 where there is none. */
+    /** The amplitudes for the model's random field alone, for nu = 1; 0 without such a field. */
     std::array<double, 2> randomFlowMode(int forceAxis, int waveAxis, int waveVectorIndex,
                                          const FlowQuestion& question);
     /**
@@ -74,7 +76,7 @@ private:
         std::unique_ptr<OverdampedMove> move;
         bool isOfLastStep = false;
         double randomFlow =
-            0;  // what a random field of unit temperature and time is multiplied by in the step
+            0;  // the factor in this step of a random field of unit temperature and time
     };
     void replay(FluidGroup& group, Answer& result) const;
     void flowOfForces(FluidGroup& group, const FlowQuestion& question, Answer& result) const;

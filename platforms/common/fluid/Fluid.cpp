@@ -77,7 +77,7 @@ void Fluid::checkBox() {
                  << shortest
                  << " nm; make the box larger by setPeriodicBoxVectors() on the Context (or "
                     "setDefaultPeriodicBoxVectors() on the System before)";
-            // Beside walls another boundary would be another fluid.
+            // With walls another boundary would be another fluid.
             if (!boundary.hasWalls()) text << ", or use the boundary Unbounded";
             failFluid(text.str());
         }

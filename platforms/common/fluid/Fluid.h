@@ -17,8 +17,8 @@
 namespace RigidHIPlugin {
 
 /**
- * The fluid of one Context: a list of what it consists of, and of its parts, each with one duty. It
- * is made for one MobilityForce and for FluidSettings; only the box may change.
+ * The fluid of one Context: its contents, and its parts, each with one duty. A Fluid serves one
+ * MobilityForce and one set of FluidSettings; only the box may change.
  */
 class Fluid {
 public:
@@ -28,24 +28,26 @@ public:
           const std::vector<BodyGeometry>& geometries, const BodySet& bodies,
           const FreeParticles& freeParticles, PlatformLoops& loops);
     /**
-     * Check what the constructor refuses, as far as it does not depend on the shapes of bodies.
+     * Check what the constructor refuses, as far as this does not depend on the shapes of bodies.
      * @throws OpenMMException as the constructor
      */
     static void check(const MobilityForce& force, const FluidSettings& settings,
                       const OpenMM::System& system,
                       const std::vector<std::vector<int>>& particlesOfBodies,
                       const FreeParticles& freeParticles, PlatformLoops& loops);
-    /** Whether the fluid is made for these settings, or for others that make no difference. */
+    /** Whether the fluid serves these settings. */
     bool isMadeFor(const FluidSettings& wanted) const;
     /** The rates of motors from the next step on. */
     void setMotorRates(const std::vector<HingeMotorDefinition>& motors);
     /**
-     * Go on from where another fluid of this Context stopped, with its costs and the memory of the
+     * Go on from the state of another fluid of this Context, with its costs and the memory of the
      * scheme.
      */
     void continueFrom(const Fluid& before);
 
-    /** Set the vectors of the Context's periodic box; zeros, as at first: there is none. */
+    /**
+     * Set the vectors of the Context's periodic box; zeros, the initial value, stand for no box.
+     */
     void setBox(const BoxVectors& box);
     /** @throws OpenMMException if a body of a periodic fluid does not fit into the box, naming it,
      * its length, the box and the remedy */

@@ -85,7 +85,7 @@ MatrixXd FluidAnswers::friction(const BodySet& bodies, const vector<OpenMM::Vec3
             continue;
         }
         // Free particles are force-free. The friction is therefore the inverse of the bodies' part
-        // of the mobility: Schur's complement.
+        // of the mobility: a Schur complement.
         vector<int> bodyRows, freeRows;
         for (size_t e = 0; e < elements.size(); e++)
             for (int i = 0; i < elements[e].numRows(); i++)

@@ -9,11 +9,11 @@
 
 namespace RigidHIPlugin {
 
-/** Answers to users about mobility and friction at the present poses, to their tolerance. */
+/** Answers to users about mobility and friction at the present poses, to the solver tolerance. */
 class FluidAnswers {
 public:
     explicit FluidAnswers(const FluidContents& fluid) : fluid(fluid) {}
-    /** The matrices of bodies, 6n x 6n: free particles are force-free. */
+    /** The matrices of n bodies, 6n x 6n, with force-free free particles. */
     Eigen::MatrixXd mobility(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
     Eigen::MatrixXd friction(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions);
     /** Twists of bodies from wrenches on them. @throws OpenMMException for a torque about a line of
@@ -25,18 +25,18 @@ public:
     Eigen::VectorXd applyToBlobs(const Eigen::VectorXd& forces, const BodySet& bodies,
                                  const std::vector<OpenMM::Vec3>& positions);
 
-    // ---- What holds bodies and particles
+    // ---- Wrenches and forces that hold bodies and particles
     struct Holds {
         Eigen::VectorXd ofBodies;     // wrenches about the origin, six a body, lab frame
         Eigen::VectorXd ofParticles;  // forces, three a particle of the System
     };
     /** Whether the steps so far have left holds in every group that has fixed components. */
     bool knowsHoldsOfLastStep() const;
-    /** With the shares of all solves of the step. */
+    /** The holds of the last step, with the shares of all its solves. */
     Holds holdsOfLastStep(int numParticles) const;
     /**
-     * Without noise, under the forces last gathered, at the present poses and (LangevinHI) the
-     * present velocities.
+     * The holds without noise, under the forces last gathered, at the present poses and
+     * (LangevinHI) the present velocities.
      */
     Holds holdsNow(const FlowQuestion& question) const;
 

@@ -16,12 +16,12 @@ class FluidChecks {
 public:
     explicit FluidChecks(const FluidContents& fluid) : fluid(fluid) {}
     /**
-     * Why the model has no mobility at the present poses, naming particles; empty where it has one.
+     * Why the model has no mobility at the present poses, naming particles; empty if it has one.
      */
     std::string objection(const BodySet& bodies, const std::vector<OpenMM::Vec3>& positions) const;
     /**
-     * Likewise for what is held or wholly prescribed by itself, if something is prescribed: no
-     * noise can change this.
+     * objection() to the held and wholly prescribed elements alone, if any is prescribed: no noise
+     * can change their poses.
      */
     std::string objectionToWhollyFixed(const BodySet& bodies,
                                        const std::vector<OpenMM::Vec3>& positions) const;

@@ -44,7 +44,7 @@ FluidContents::FluidContents(const MobilityForce& forceToUse, const FluidSetting
 }
 
 void FluidContents::setBox(const BoxVectors& newBox) {
-    findHolds();  // of a step in the box that was
+    findHolds();  // of a step in the old box
     box = newBox;
     for (const auto& group : groups) {
         group->bodies.setBox(box);

@@ -22,7 +22,7 @@ namespace RigidHIPlugin {
 std::string textOf(const BoxVectors& box);
 
 /**
- * What the fluid of one Context consists of. The parts of Fluid and the reports share it.
+ * The contents of the fluid of one Context. The parts of Fluid and the reports share them.
  *
  * A group is a set of elements with a matrix of its own: the bodies of a replica, or one body under
  * FreeDraining. A body that is alone in a homogeneous fluid has a constant tensor in its own frame.
@@ -44,7 +44,7 @@ struct FluidContents {
     const std::vector<std::unique_ptr<FluidGroup>> groups;
     std::vector<int> elementOfBody;             // in its group
     std::vector<int> groupOfBody, groupOfFree;  // free: by place in FreeParticles, -1: not seen
-    BoxVectors box = {};                        // zeros: there is none
+    BoxVectors box = {};                        // zeros: no box
 
     void setBox(const BoxVectors& box);
     /** The flow that users drive, in the box; null: none. */
@@ -60,29 +60,32 @@ struct FluidContents {
      */
     bool isUniform() const { return isFreeDraining() || traitsOf(force.getBoundary()).isUniform(); }
     /**
-     * Whether there is one fluid that bodies share, so that its flow can be asked for. Otherwise no
-     * data of steps are kept.
+     * Whether all bodies share one fluid, so that users can ask for its flow. Otherwise no data of
+     * steps are kept.
      */
     bool hasOneFlow() const { return groups.size() == 1 && !isFreeDraining(); }
     /**
-     * Whether the flow of the last step can be asked for, so that data of steps are kept. The
-     * stages of a sheared step are in different boxes, and are not done again.
+     * Whether users can ask for the flow of the last step, so that data of steps are kept. The
+     * stages of a sheared step are in different boxes and cannot be repeated.
      */
     bool remembersSteps() const {
         return hasOneFlow() && !userFlow.isSheared() && !losesFlowOfNoise();
     }
     /**
-     * Whether the flow that noise makes cannot be asked for: slips of parts
-     * (MobilityTraits::slipsOfParts) make stresslets that no share of forces has.
+     * Whether the flow due to noise is not known: slips of parts (MobilityTraits::slipsOfParts)
+     * make stresslets that no share of forces has.
      */
     bool losesFlowOfNoise() const {
         return groups[0]->bodies.hasModel() &&
                groups[0]->bodies.getModel().getTraits().slipsOfParts;
     }
-    /** Find what held fixed components in the last step, where steps leave this to be found. */
+    /**
+     * Find the wrenches that held fixed components in the last step, where steps leave this for
+     * later.
+     */
     void findHolds() const;
     /**
-     * Call task(i) for i = 0 ... count - 1, each for a group, in threads where that is faster.
+     * Call task(i) for i = 0 ... count - 1, each for a group, in threads where threads are faster.
      * @param operations  arithmetic operations of all tasks, roughly
      */
     void forGroups(int count, double operations, const std::function<void(int)>& task) const;

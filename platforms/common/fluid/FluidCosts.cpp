@@ -31,7 +31,7 @@ double FluidCosts::getSecondsOfSolver() const {
 
 void FluidCosts::continueFrom(const FluidCosts& before) {
     productsBefore = before.getNumProducts();
-    // Both fluids may share a grid, whose times this fluid counts already.
+    // Both fluids may share a grid, whose times this fluid already counts.
     gridSecondsBefore = {};
     const GridSeconds own = getGridSeconds();
     gridSecondsBefore = before.getGridSeconds();

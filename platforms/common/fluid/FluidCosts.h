@@ -5,17 +5,17 @@
 
 namespace RigidHIPlugin {
 
-/** What the mobilities of a Context have cost so far, earlier fluids of the Context included. */
+/** The costs of the mobilities of a Context so far, earlier fluids of the Context included. */
 class FluidCosts {
 public:
     explicit FluidCosts(const FluidContents& fluid) : fluid(fluid) {}
-    /** Products with mobilities, and matrices that were made. */
+    /** The number of products with mobilities and of formed matrices. */
     long long getNumProducts() const;
     /** Times of the grid. */
     GridSeconds getGridSeconds() const;
     /** The time of Krylov methods without their products. */
     double getSecondsOfSolver() const;
-    /** Go on from the costs of another fluid of this Context. */
+    /** Add the costs of an earlier fluid of this Context. */
     void continueFrom(const FluidCosts& before);
 
 private:

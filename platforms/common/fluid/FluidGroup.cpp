@@ -12,7 +12,9 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Forces on sites of a line give a torque about it of about 1e-16 of force times size. */
+/**
+ * By rounding, forces on sites of a line give a torque about it of about 1e-16 of force times size.
+ */
 const double torqueTolerance = 1e-9;
 
 }  // namespace
@@ -35,8 +37,8 @@ string FluidGroup::objectionToWhollyFixed(const BodySet& set,
 }
 
 /**
- * Check the power of a wrench on the rotation about the line, relative to the rounding that forces
- * at the sites leave.
+ * Check the power of a wrench on the rotation about the line, relative to the rounding errors of
+ * forces at the sites.
  */
 void FluidGroup::checkTorque(int e, const Matrix<double, 6, 1>& wrench_body,
                              double siteForces) const {

@@ -31,7 +31,7 @@ struct FluidGroup {
     GroupMembers members{bodies};
     BodiesAlone alone;
     bool hasNullVectors = false;
-    bool isThermostat = false;  // its tensor is a Thermostat, so that LangevinHI has nothing to do
+    bool isThermostat = false;  // a Thermostat does its tensor, LangevinHI has nothing to do
     double drag_t = 0, drag_r[3] = {0, 0, 0};  // if it is a thermostat
     std::unique_ptr<Joints> joints;            // null: none
     std::unique_ptr<Relaxation> relaxation;    // for LangevinHI; null if it is a thermostat
@@ -42,10 +42,10 @@ struct FluidGroup {
     /** Elements that are held or wholly prescribed, by themselves; null: none is prescribed. */
     std::unique_ptr<CoupledBodies> wholly;
     std::vector<Pose> poses;
-    std::string gridChoice;        // how Auto chose between matrices and a grid; empty: it did not
-    bool dependsOnScheme = false;  // whether it would choose anew for another scheme
+    std::string gridChoice;  // how Auto chose between matrices and a grid; empty without a choice
+    bool dependsOnScheme = false;  // whether the choice depends on the scheme
 
-    /** What the group's model has; null where it lacks that, and where there is no model. */
+    /** The box or the grid of the group's model; null if the model lacks it, or without a model. */
     const BoxOfModel* box() const { return bodies.hasModel() ? bodies.getModel().box() : nullptr; }
     const GridOfModel* grid() const {
         return bodies.hasModel() ? bodies.getModel().grid() : nullptr;
@@ -57,15 +57,17 @@ struct FluidGroup {
         members.readPoses(set, positions, poses);
         return poses;
     }
-    /** Why the model has no mobility at the present poses; empty where it has one. */
+    /** Why the model has no mobility at the present poses; empty if it has one. */
     std::string objectionTo(const BodySet& set, const std::vector<OpenMM::Vec3>& positions);
-    /** Likewise for what is held or wholly prescribed by itself, where noise can change nothing. */
+    /**
+     * objectionTo() the held and wholly prescribed elements alone, whose poses no noise can change.
+     */
     std::string objectionToWhollyFixed(const BodySet& set,
                                        const std::vector<OpenMM::Vec3>& positions) const;
     /**
      * Check that a wrench does not turn a body about the line of its collinear blobs, where neither
      * fluid nor inertia resists.
-     * @param siteForces  the sum of the sizes of the forces that make the wrench
+     * @param siteForces  the sum of the magnitudes of the forces that make up the wrench
      * @throws OpenMMException naming the body, for a torque beyond rounding
      */
     void checkTorque(int element, const Eigen::Matrix<double, 6, 1>& wrench_body,

@@ -11,7 +11,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** The scheme without momenta that made a saved last step; null: there is none. */
+/** The scheme without momenta that made a saved last step; null without such a scheme. */
 const SchemeTraits* schemeOfLastStep(const SchemeMemory& saved) {
     if (saved.groups.empty()) return nullptr;
     for (const SchemeTraits& traits : schemeTable)
@@ -75,7 +75,7 @@ void FluidMemory::setOfScheme(const SchemeMemory& saved, CustomRigidHIIntegrator
 
 void FluidMemory::continueFrom(const FluidMemory& before) {
     if (fluid.groups.empty() || fluid.groups.size() != before.fluid.groups.size()) return;
-    // Elements have another order where other bodies are held.
+    // Elements have another order if other bodies are held.
     if (!fluid.settings.holdsAs(before.fluid.settings)) return;
     setOfScheme(before.getOfScheme(), before.fluid.groups[0]->brownian->getScheme());
 }
@@ -116,7 +116,7 @@ void FluidMemory::setLastStep(const SchemeMemory& saved) {
     for (size_t g = 0; g < fluid.groups.size(); g++) {
         BrownianGroup& group = *fluid.groups[g]->brownian;
         const LastStep last = stepOf(saved.groups[g], scheme->scheme);
-        // With other motors it cannot be done again.
+        // With other motors the step cannot be repeated.
         if (last.step.motorRates.size() == group.getMotorRates().size()) group.setLastStep(last);
     }
 }
@@ -137,7 +137,9 @@ static int numRowsOfAll(const FluidContents& fluid) {
     return 6 * fluid.groupOfBody.size() + 3 * fluid.groupOfFree.size();
 }
 
-/** In the order of bodies and free particles, which does not depend on what is held. */
+/**
+ * The holds are in the order of bodies and free particles, which does not depend on what is held.
+ */
 SchemeMemory FluidMemory::getHolds() const {
     fluid.findHolds();
     MatrixXd all = MatrixXd::Zero(numRowsOfAll(fluid), 1);

@@ -9,45 +9,45 @@ namespace RigidHIPlugin {
 class FlowReader;
 
 /**
- * What the groups remember from step to step without momenta: vectors that the scheme keeps
- * (OverdampedScheme::memory()), and data from which the last step can be done again. Both are saved
- * with checkpoints and States.
+ * The data that groups without momenta remember from step to step: vectors that the scheme keeps
+ * (OverdampedScheme::memory()), and the data to repeat the last step. Checkpoints and States
+ * contain both.
  */
 class FluidMemory {
 public:
     /** @param flowReader  forgets its answer when another last step is set */
     FluidMemory(const FluidContents& fluid, FlowReader& flowReader)
         : fluid(fluid), flowReader(flowReader) {}
-    /** Put the scheme's vectors back as they were when the step began. */
+    /** Restore the scheme's vectors of the beginning of the step. */
     void restore();
     /** Empty the scheme's vectors. */
     void forget();
     /** The scheme's vectors, for saving. */
     SchemeMemory getOfScheme() const;
     /**
-     * @throws OpenMMException if the vectors are not of these groups, or damaged. Those of another
-     *     scheme are ignored
+     * @throws OpenMMException if the vectors are not of these groups, or damaged. The check ignores
+     *     vectors of another scheme
      */
     void checkOfScheme(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme) const;
-    /** Set the vectors. Errors as in checkOfScheme(), after which nothing is changed. */
+    /** Set the vectors. Errors are as in checkOfScheme(), and change nothing. */
     void setOfScheme(const SchemeMemory& saved, CustomRigidHIIntegrator::Scheme scheme);
     /** Take over the scheme's vectors of another fluid of this Context. */
     void continueFrom(const FluidMemory& before);
 
-    /** The data of the last step, for saving; empty where no step is known. */
+    /** The data of the last step, for saving; empty if no step is known. */
     SchemeMemory getLastStep() const;
     /**
-     * @throws OpenMMException if the data are not of these groups, or damaged. The data of a scheme
-     *     that is not known are ignored
+     * @throws OpenMMException if the data are not of these groups, or damaged. The check ignores
+     *     data of an unknown scheme
      */
     void checkLastStep(const SchemeMemory& saved) const;
-    /** Set the data. Errors as in checkLastStep(), after which nothing is changed. */
+    /** Set the data. Errors are as in checkLastStep(), and change nothing. */
     void setLastStep(const SchemeMemory& saved);
-    /** What held bodies and particles in the last step; empty where nothing did. */
+    /** The holds of bodies and particles in the last step; empty without any. */
     SchemeMemory getHolds() const;
     /** @throws OpenMMException if the data are not of these bodies and particles, or damaged */
     void checkHolds(const SchemeMemory& saved) const;
-    /** Set the data. Errors as in checkHolds(), after which nothing is changed. */
+    /** Set the data. Errors are as in checkHolds(), and change nothing. */
     void setHolds(const SchemeMemory& saved);
 
 private:

@@ -15,8 +15,8 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * How iterations make their products, where they are not plain sums over all pairs. In schemes of
- * several stages the last one follows the differences (OverdampedMove::atPresent()).
+ * How iterations make their products, if these are not plain sums over all pairs. In schemes of
+ * several stages the last stage follows the differences (OverdampedMove::atPresent()).
  */
 string describeProducts(BodyMobility& mobility, bool differenced, const SchemeTraits& scheme) {
     const string products = mobility.describeProducts(differenced);

@@ -8,40 +8,39 @@
 
 namespace RigidHIPlugin {
 
-/** What the fluid of a Context is and does, in words for describeEffects(). */
+/** Describes the fluid of a Context and its work, for describeEffects(). */
 class FluidReport {
 public:
     explicit FluidReport(const FluidContents& fluid) : fluid(fluid) {}
-    /** What the fluid is, and how many groups are solved in which way. */
+    /** The fluid, and the number of groups that each strategy solves. */
     std::string describe(const SchemeTraits& scheme) const;
-    /** Which setting of lubrication does nothing, and why; empty: none. */
+    /** Which setting of lubrication has no effect, and why; empty: none. */
     std::string lubricationWithoutEffect() const;
-    /** The flow that users drive; empty: there is none. */
+    /** The flow that users drive; empty: none. */
     std::string describeFlow() const;
     /**
-     * The method by which mobility(), friction() and apply() are computed, whatever the scheme.
+     * The method of mobility(), friction() and apply() (FluidAnswers), whatever the scheme.
      */
     std::string describeAnswers() const;
     /** For a scheme without momenta: "stochastic drift" and "finite differences". */
     std::map<std::string, std::string> describeDrift(const SchemeTraits& scheme, double kT,
                                                      double difference) const;
-    /** Whether div N is not 0 somewhere, so that a scheme without momenta that omits it is wrong.
-     */
+    /** Whether any div N is not 0, so that a scheme without momenta that omits it is wrong. */
     bool hasStochasticDrift() const;
     /** The number of bodies and free particles that are not alone in their group. */
     int numInteracting() const;
     /**
-     * The number of bodies whose hydrodynamic particles are on a line, about which the fluid does
-     * not turn them.
+     * The number of bodies whose hydrodynamic particles are on a line. The fluid does not turn such
+     * bodies about the line.
      */
     int numCollinear() const;
 
 private:
     std::string describeWalls() const;
     std::string describeImages() const;
-    /** Groups by what their stochastic drift is. */
+    /** Groups by the kind of their stochastic drift. */
     struct Drifts {
-        std::vector<BrownianGroup*> differenced;  // by finite differences, where the scheme has any
+        std::vector<BrownianGroup*> differenced;  // by finite differences, if the scheme has any
         int known = 0, zero = 0, ofSpheres = 0;   // known for a body alone in a uniform fluid; the
                                                   // same, and 0; 0 for spheres that feel each other
         int numNotZero() const { return differenced.size() + known; }

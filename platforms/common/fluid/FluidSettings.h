@@ -10,15 +10,15 @@
 
 namespace RigidHIPlugin {
 
-/** What a fluid takes from the integrator. Where these settings matter, it is made for them. */
+/** The integrator's settings that a fluid takes. A change that matters needs another fluid. */
 struct FluidSettings {
     CustomRigidHIIntegrator::WallRejection wallRejection;
     CustomRigidHIIntegrator::Scheme scheme;
     std::set<int> heldBodies, heldParticles;  // setBodyHeld(), setParticleHeld()
-    /** What CustomBodyMotions prescribe, by body, the same as long as the Context. */
+    /** The components that CustomBodyMotions prescribe, by body; constant in a Context. */
     std::map<int, PrescribedComponents> prescribed;
     std::vector<JointDefinition> joints;
-    /** Which motors there are is the same as long as the Context; their rates may change. */
+    /** The motors are constant in a Context; their rates may change. */
     std::vector<HingeMotorDefinition> motors;
     double jointTolerance, poseTolerance;
 
@@ -38,7 +38,7 @@ struct FluidSettings {
     bool holdsAs(const FluidSettings& other) const {
         return heldBodies == other.heldBodies && heldParticles == other.heldParticles;
     }
-    /** Whether joints, which are the same as long as the Context, have the same tolerances. */
+    /** Whether joints, which are constant in a Context, have the same tolerances. */
     bool joinsAs(const FluidSettings& other) const {
         return joints.empty() ||
                (jointTolerance == other.jointTolerance && poseTolerance == other.poseTolerance);

@@ -18,16 +18,16 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * Up to this many rows Auto decomposes matrices, beyond it uses Lanczos. The number is that of 30
- * spheres, where Lanczos becomes faster at the default tolerance.
+ * Up to this number of rows Auto decomposes matrices, and above it uses Lanczos. 30 spheres have
+ * this number; there Lanczos becomes faster at the default tolerance.
  */
 const int largestDenseRows = 180;
 /** The same limit for the particles of multiblobs, whose matrix is factorised. */
 const int largestDenseParticleRows = 1500;
 
 /**
- * The same limit for schemes without momenta, which need few iterations: 8 boomerangs of 15 blobs,
- * where both methods take as long at the default tolerance.
+ * The same limit for schemes without momenta, which need few iterations. 8 boomerangs of 15 blobs
+ * have this number of particle rows; there both methods take equally long at the default tolerance.
  */
 const int largestDenseOverdampedRows = 360;
 
@@ -46,19 +46,19 @@ bool isThermostatTensor(const MatrixXd& friction) {
            abs(friction(0, 0) - friction(2, 2)) <= isotropyTolerance * friction(0, 0);
 }
 
-/** Whether a model that has no lubrication of its own has that of LubricatedMobility. */
+/** Whether LubricatedMobility adds lubrication to a model that has none of its own. */
 bool isLubricatedByPairs(const MobilityForce& force) {
     return hasLubrication(force) && force.getModel() != MobilityForce::StokesianDynamics;
 }
 
-/** Whether MatrixFree asks for StokesianDynamics on a grid. */
+/** Whether the settings (MatrixFree) put StokesianDynamics on a grid. */
 bool isStokesianGrid(const MobilityForce& force) {
     return force.getModel() == MobilityForce::StokesianDynamics &&
            force.getSolver() == MobilityForce::MatrixFree &&
            traitsOf(force.getModel()).hasGrid(force.getBoundary());
 }
 
-/** What products are iterations of, in messages. */
+/** The object whose products are iterations, for messages. */
 string whatIterates(const MobilityForce& force) {
     return (isLubricatedByPairs(force) ? "lubrication of model " : "model ") +
            string(modelName(force.getModel()));
@@ -73,8 +73,8 @@ string whatIterates(const MobilityForce& force) {
 
 /**
  * Form the groups, in the order of their labels. Without interaction every body is a group of its
- * own. The elements still lack what needs the shapes of bodies: sites, own tensors, slips
- * and forces on the fluid.
+ * own. The elements do not yet have what needs the shapes of bodies: sites, own tensors, slips and
+ * forces on the fluid.
  */
 GroupBuilder::GroupBuilder(const MobilityForce& force, const FluidSettings& settings,
                            const OpenMM::System& system,
@@ -213,7 +213,7 @@ void GroupBuilder::checkForcesOnFluid() const {
     }
 }
 
-/** Refuse what cannot go together with the iterations of spheres with lubrication or stresslets. */
+/** Refuse settings that the iterations of spheres with lubrication or stresslets do not support. */
 void GroupBuilder::checkIterations() const {
     if (force.getSolver() != MobilityForce::MatrixFree ||
         !(isLubricatedByPairs(force) || isStokesianGrid(force)))
@@ -235,7 +235,7 @@ void GroupBuilder::checkIterations() const {
                   "TractionEulerMaruyama, or setSolver(Dense)");
 }
 
-/** Refuse what cannot go together with lubrication of models other than StokesianDynamics. */
+/** Refuse settings that lubrication of models other than StokesianDynamics does not support. */
 void GroupBuilder::checkLubrication() const {
     if (!isLubricatedByPairs(force)) return;
     const BoundaryTraits& boundary = traitsOf(force.getBoundary());
@@ -315,8 +315,7 @@ void GroupBuilder::checkModels() const {
         const auto model = makeModel(particles, false, choice);
         if (flow.hasWave() && model->box())
             model->box()->checkWave(defaultBox, flow.waveAxis, flow.waveVectorIndex);
-        // The tensor of one element in a uniform fluid is constant, so that no solve is ever
-        // needed.
+        // The tensor of one element in a uniform fluid is constant, so that it never needs a solve.
         const bool isAlone = entry.second.size() == 1 && model->getTraits().isHomogeneous &&
                              model->getTraits().isIsotropic;
         if (force.getSolver() == MobilityForce::MatrixFree && !model->getTraits().hasProducts &&
@@ -454,14 +453,13 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
                 "among the others; use setSolver(Dense)");
         refuseMatrixFree(force);
     }
-    // The slips of bodies with tensors of their own are not known to the iterations that hold
-    // bodies.
+    // The iterations that hold bodies do not know the slips of bodies with tensors of their own.
     const bool mayIterate = !isFixed || !coupled.getOwnTensors().any();
     if (solved && wanted && !mayIterate)
         failFluid(
             "solver MatrixFree cannot be used where bodies are held or driven and others in their "
             "group have tensors of their own; use setSolver(Dense), or clearBodyMobility()");
-    // Where MatrixFree is refused with lubrication, matrices are what Auto takes.
+    // Where lubrication does not support MatrixFree, Auto takes matrices.
     const SchemeTraits& scheme = traitsOf(settings.scheme);
     const bool schemeMayIterate =
         !coupled.productsIterate() ||
@@ -479,14 +477,14 @@ void GroupBuilder::chooseStrategies(FluidGroup& group, const BodySet& bodies) co
     if (isFixed)
         group.holds =
             make_unique<MomentumHolds>(group.members, *group.brownian, force.getSolverTolerance());
-    // Answers to users do not depend on inertia. They are computed as with masses that fit the
-    // fluid, whatever masses the bodies have.
+    // Answers to users do not depend on inertia. Their strategy is that for masses that fit the
+    // fluid, whatever the masses of the bodies are.
     int rows = coupled.getNumRows();
     for (size_t e = 0; e < coupled.getElements().size(); e++) rows -= coupled.hasNullVector(e);
     group.answering =
         &strategy(coupled.multipliesWithoutIterations() ||
                   takesKrylov(rows > largestDenseRows || particleRows > largestDenseParticleRows));
-    // Nothing moves where no component is free.
+    // Nothing moves if no component is free.
     if (group.isThermostat || freeMotion.getNumFree() == 0) return;
     const MomentumScaling scaling(coupled, group.members.freeIndex, bodies);
     const bool large =

@@ -17,10 +17,10 @@ namespace RigidHIPlugin {
 struct GridChoice;
 
 /**
- * Makes groups from a MobilityForce, bodies and free particles, and refuses what is wrong. It also
+ * Makes groups from a MobilityForce, bodies and free particles, and refuses wrong input. It also
  * chooses each group's strategies: constant where the tensor is constant, else dense or
- * matrix-free. The choice depends on the number of rows only, and with a grid on what GridChoice
- * says, so that a resumed run chooses the same.
+ * matrix-free. The choice depends only on the number of rows, and with a grid on GridChoice, so
+ * that a resumed run chooses the same.
  */
 class GroupBuilder {
 public:
@@ -33,7 +33,7 @@ public:
                  const std::vector<std::vector<int>>& particlesOfBodies,
                  const FreeParticles& freeParticles, PlatformLoops& loops);
     /**
-     * Check what the model refuses, as far as that does not depend on the shapes of bodies. @throws
+     * Check what the model refuses, as far as this does not depend on the shapes of bodies. @throws
      * OpenMMException
      */
     void checkModels() const;

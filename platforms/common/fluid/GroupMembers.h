@@ -14,15 +14,15 @@
 namespace RigidHIPlugin {
 
 /**
- * The elements of a group where the rest of a Context keeps them: bodies in slots of BodySet, free
- * particles in FreeParticles and the Context's arrays. Poses and forces are read from there and
- * poses written back, in the order of the group's elements.
+ * Connects the elements of a group with the places where the rest of a Context keeps them: slots of
+ * BodySet for bodies, FreeParticles and the Context's arrays for free particles. This class reads
+ * poses and forces from there, and writes poses back, in the order of the group's elements.
  */
 class GroupMembers {
 public:
     explicit GroupMembers(const CoupledBodies& bodies) : bodies(bodies) {}
     const CoupledBodies& getBodies() const { return bodies; }
-    /** Of each element: its place in FreeParticles, -1: a body. */
+    /** The place of each element in FreeParticles; -1 for a body. */
     std::vector<int> freeIndex;
 
     void readPoses(const BodySet& set, const std::vector<OpenMM::Vec3>& positions,
@@ -31,8 +31,8 @@ public:
     void readForces(const BodySet& set, const FreeParticles& freeParticles,
                     Eigen::MatrixXd& forces) const;
     /**
-     * Velocities and angular velocities, lab frame. Those of fixed components are the prescribed
-     * ones, whatever the velocities are.
+     * Velocities and angular velocities, lab frame. Fixed components have the prescribed values,
+     * whatever the velocities are.
      *
      * @param prescribed  as in readPrescribed()
      */
@@ -46,8 +46,8 @@ public:
      */
     bool readPrescribed(const Eigen::MatrixXd* values, Eigen::MatrixXd& ofElements) const;
     /**
-     * Write poses to bodies and free particles. Forces and torques (lab) stay those of the poses
-     * where they were evaluated. @return whether the poses are finite
+     * Write poses to bodies and free particles. Forces and torques (lab frame) remain those of the
+     * poses where they were evaluated. @return whether the poses are finite
      */
     bool writePoses(const std::vector<Pose>& poses, BodySet& set,
                     std::vector<OpenMM::Vec3>& positions) const;

@@ -56,7 +56,7 @@ void MomentumHolds::find() {
              thermal, twists;
     move.atStart();
     if (last.kT > 0) {
-        // The first draw is that of the momenta.
+        // The relaxation of momenta has used the first draw.
         move.thermalWrench(OverdampedMove::Second, thermal);
         wrench += sqrt(2 * last.kT / last.h) * thermal;
     }

@@ -10,8 +10,9 @@
 namespace RigidHIPlugin {
 
 /**
- * What held the fixed components of a group in the last step of LangevinHI, on average over the
- * step. Steps only note what this follows from. It is found when someone asks.
+ * The wrenches that held the fixed components of a group in the last step of LangevinHI, on average
+ * over the step. Steps only note the data from which these wrenches follow. find() computes the
+ * wrenches when a user asks for them.
  *
  * Equation:  with P the momenta of the free bodies (f), o the fixed components and dB the noise,
  *            dP = -xi_ff (U_f - U_flow) dt + dB_f,
@@ -19,7 +20,8 @@ namespace RigidHIPlugin {
  *                    = (lambda of force-free bodies)_o dt - xi_of xi_ff^-1 dP - F_o dt - dB',
  *            where dB' is independent of the motion and has the covariance 2 kT N_oo^-1 dt.
  * Method:    the mobility problem of a scheme without momenta, with the wrenches -dP/dt and a
- *            thermal wrench of all components, whose part along xi_of xi_ff^-1 drops out.
+ *            thermal wrench on all components. The part of this wrench along xi_of xi_ff^-1 drops
+ *            out.
  */
 class MomentumHolds {
 public:
@@ -31,11 +33,11 @@ public:
     /**
      * Note the middle of the step.
      *
-     * @param relaxation  that has just run; null: no component of the group is free
+     * @param relaxation  the one that has just run; null: no component of the group is free
      */
     void noteMiddle(const std::vector<Pose>& poses, const Relaxation* relaxation,
                     const RelaxationStep& step);
-    /** The step is done. */
+    /** Note the forces at the end of the step. */
     void end(const BodySet& bodies, const FreeParticles& freeParticles);
     /** Forget the last step. */
     void forget() { isPending = false; }
@@ -45,7 +47,7 @@ public:
 private:
     struct Noted {
         std::vector<Pose> poses;
-        Eigen::MatrixXd forces, impulses, prescribed;  // prescribed has no rows: nothing is
+        Eigen::MatrixXd forces, impulses, prescribed;  // prescribed has no rows if nothing is
         DrivenFlow flow;
         bool hasFlow = false;
         double h = 0, kT = 0;

@@ -20,11 +20,11 @@ namespace RigidHIPlugin {
  */
 class MomentumScaling {
 public:
-    /** @param freeIndex  of each element in FreeParticles, -1: a body */
+    /** @param freeIndex  of each element in FreeParticles; -1 for a body */
     MomentumScaling(const CoupledBodies& coupled, const std::vector<int>& freeIndex,
                     const BodySet& bodies);
     int getNumRows() const { return numRows; }
-    /** -1: the element has no rows. */
+    /** The first row of an element in Z; -1 if it has no rows. */
     int firstRow(int element) const { return firstRows[element]; }
     int getNumLive(int element) const { return numLive[element]; }
     /**
@@ -36,7 +36,7 @@ public:
 
     /**
      * S = T^-T xi T^-1, or its inverse, T N T^T, at the poses of the mobility, where N is the
-     * mobility beside what is fixed. The inverse needs deadAxesAreNull().
+     * mobility in the presence of fixed components. The inverse needs deadAxesAreNull().
      */
     void matrix(bool inverse, BodyMobility& mobility, const BodySet& bodies,
                 const FreeParticles& freeParticles, Eigen::MatrixXd& S);

@@ -14,8 +14,8 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * The constant process of one body. Its matrices are known in the body's frame, for each step size
- * and inertia scale.
+ * The constant process of one body. Its matrices are constant in the body's frame, for each step
+ * size and inertia scale.
  */
 class ConstantRelaxation : public Relaxation {
 public:
@@ -32,7 +32,7 @@ protected:
             knownH = step.h;
             knownInertiaScale = step.bodies.getInertiaScale();
         }
-        // l is in the body's frame already. p is turned to it and back.
+        // l is already in the body's frame. Turn p into this frame and back.
         Z.segment<3>(0) = (A.transpose() * Z.segment<3>(0)).eval();
         change.noalias() = decay * Z;
         if (step.kT > 0) {
@@ -98,7 +98,7 @@ protected:
             columns.col(1) = sqrt(step.kT) * chi;
             functions.push_back(SpectralFunction::decayNoise(step.h));
         }
-        // For multiblobs a product is a solve, whose own products are inexact where that is
+        // For multiblobs a product is a solve, whose own products are inexact where this is
         // accurate enough.
         vector<InexactProduct> inexact;
         if (mobility.getBodies().multipliesWithoutIterations())
@@ -167,7 +167,7 @@ void Relaxation::getImpulses(const RelaxationStep& step, MatrixXd& impulses) con
     scaling.wrenches(Z_start - Z, mobility, step.bodies, step.freeParticles, impulses);
 }
 
-/** Set Z = K^(1/2) (p, l), and draw as many random numbers. */
+/** Set Z = K^(1/2) (p, l), and draw a random number for each of its rows. */
 void Relaxation::takeMomenta(const RelaxationStep& step) {
     const auto& elements = mobility.getBodies().getElements();
     const BodySet& bodies = step.bodies;

@@ -13,7 +13,7 @@
 
 namespace RigidHIPlugin {
 
-/** The fluid's part of a step of LangevinHI, and what it acts upon. */
+/** The fluid's part of a step of LangevinHI, and the objects that it changes. */
 struct RelaxationStep {
     double h, kT;
     const NoiseStream& noise;
@@ -29,9 +29,9 @@ struct RelaxationStep {
 /**
  * The effect of the fluid on the momenta of one group in a step of LangevinHI (Davidchack 2017, eq.
  * 26): the exact Ornstein-Uhlenbeck process of Z at the present poses. In a driven flow, and beside
- * bodies whose motion is prescribed, the process is that of the momenta relative to those of bodies
- * that go with the fluid without forces (about axes without moments bodies turn with it). Each
- * strategy of BodyMobility has a class of its own, made by makeRelaxation().
+ * bodies whose motion is prescribed, the process is that of the momenta relative to those of
+ * force-free bodies, which follow the fluid (about axes without moments bodies turn with the
+ * fluid). Each strategy of BodyMobility has a class of its own, which makeRelaxation() makes.
  */
 class Relaxation {
 public:
@@ -45,19 +45,21 @@ public:
      * the elements
      */
     void relax(const std::vector<Pose>& poses, const RelaxationStep& step);
-    /** Of the last step. */
+    /** Counts of the last step. */
     long long getNumRandomNumbers() const { return randomNumbers; }
     long long getNumIterations() const { return iterations; }
     int getNumRows() const { return scaling.getNumRows(); }
     bool isFinite() const { return Z.allFinite(); }
-    /** The wrenches by which the bodies have moved the fluid in the last step, times its length. */
+    /** The wrenches of the bodies on the fluid in the last step, times its length h. */
     void getImpulses(const RelaxationStep& step, Eigen::MatrixXd& impulses) const;
 
 protected:
-    /** Called before anything is asked of the mobility in a step: others ask it in between, to
-     * tolerances of their own. */
+    /**
+     * Called before a step uses the mobility, because others use it in between with tolerances of
+     * their own.
+     */
     virtual void prepare() {}
-    /** Z and chi are those of this step; Z(0) becomes Z(h). */
+    /** Turn Z(0) into Z(h), with Z and chi of this step. */
     virtual void evolve(const RelaxationStep& step) = 0;
 
     BodyMobility& mobility;

@@ -29,7 +29,7 @@ vector<Pose> toPoses(const MatrixXd& numbers) {
 
 const int numNumbersOfStep = 18;  // and then the rates of motors
 
-/** The numbers of a step, but poses and forces. */
+/** The numbers of a step, without poses and forces. */
 MatrixXd toMatrix(const OverdampedStep& step, const BoxVectors& box) {
     MatrixXd numbers(numNumbersOfStep + step.motorRates.size(), 1);
     numbers.col(0).head(numNumbersOfStep) << step.h, step.kT, step.difference,

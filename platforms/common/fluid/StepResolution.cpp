@@ -13,7 +13,7 @@ using namespace std;
 namespace RigidHIPlugin {
 
 double partRedone(long long redone, long long steps, double bound) {
-    // Chance makes up to three standard deviations of the number.
+    // Chance accounts for up to three standard deviations of the number.
     const double errors = 3, all = double(steps) + redone;
     const int enough = 20;
     return redone >= enough && redone - errors * sqrt(double(redone)) > bound * all ? redone / all
@@ -41,7 +41,7 @@ StepResolution resolveOverdamped(const FluidContents& fluid, CustomRigidHIIntegr
             for (double radius : elements[e].radii)
                 result.smallestRadius = min(result.smallestRadius, radius);
             if (elements[e].isWhollyFixed()) continue;
-            // Without turning, so that the origin does not matter.
+            // Translation without rotation, so that the origin does not matter.
             const SelfAdjointEigenSolver<Matrix3d> drag(
                 Matrix3d(group->alone.of(e).friction.topLeftCorner<3, 3>()), EigenvaluesOnly);
             const double displacement = sqrt(2 * kT * h / drag.eigenvalues()[0]);

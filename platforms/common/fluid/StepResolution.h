@@ -13,24 +13,24 @@ struct BodyInertia;
 struct FluidContents;
 
 /**
- * What one step does to bodies and free particles, each by itself in unbounded fluid. The names are
+ * The effect of one step on bodies and free particles, each by itself in unbounded fluid. Names are
  * those of messages, such as "body 3".
  */
 struct StepResolution {
-    // Schemes without momenta. Root mean squares of the random motion in a step.
+    // Schemes without momenta: root mean squares of the random motion in a step.
     double displacement = 0, smallestRadius = 0;  // along one axis; nm
     std::string mover;
-    double turn = 0;  // about the fastest axis of those that are not slowed, rad
+    double turn = 0;  // about the fastest axis that is not slowed, rad
     std::string turner;
     int numSlowed = 0;                // bodies whose spin is slowed
-    double spin = 0, slowedSpin = 0;  // the largest real one and what the step has of it, rad
+    double spin = 0, slowedSpin = 0;  // the largest real spin, and the slowed one in its place, rad
     std::string spinner;
     double longestStepOfSpins = 0;  // that slows none of them, ps
     /** The body that forces keep turning about an axis whose spin is slowed; empty: none. */
     std::string driven;
     double longestStepOfDriven = 0, slowing = 1;  // ps; the part of its mobility that the spin has
 
-    // LangevinHI: the largest h s, s the rate at which a momentum relaxes.
+    // LangevinHI: the largest h s, where s is the rate at which a momentum relaxes.
     double relaxation = 0;
     bool relaxationIsOfRotation = false;
     std::string fastestToRelax;
@@ -38,28 +38,28 @@ struct StepResolution {
 
 /** The rates at which the fluid damps a body by itself, 1/ps; 0 for axes without inertia. */
 struct BodyRates {
-    double translation = 0;          // of the direction that is damped least
+    double translation = 0;          // of the least damped direction
     double rotation[3] = {0, 0, 0};  // about the body's axes
 };
 
 /**
- * What a step of a scheme without momenta does to each body by itself (at kT = 0 nothing), and
+ * The effect of a step of a scheme without momenta on each body by itself (none at kT = 0), and
  * whether forces turn bodies whose spin is slowed.
  */
 StepResolution resolveOverdamped(const FluidContents& fluid, CustomRigidHIIntegrator::Scheme scheme,
                                  double h, double kT);
-/** The part of steps that were redone, where it is surely more than `bound`; else 0. */
+/** The part of all steps that were redone, if it is surely above `bound`; else 0. */
 double partRedone(long long redone, long long steps, double bound);
 /** The largest such part of a group, without momenta: each group redoes its own steps. */
 double partRedone(const FluidContents& fluid, double bound);
-/** Whether the steps so far show such forces. */
+/** Whether the steps so far show forces that keep turning bodies whose spin is slowed. */
 bool drivesSlowedSpins(const FluidContents& fluid);
 /**
  * The root mean square of nu - 1 of drift-correctors over steps so far, for the group where it is
- * largest; 0 before there are enough steps to tell.
+ * largest; 0 before enough steps.
  */
 double driftFactorSpread(const FluidContents& fluid);
-/** The rates at which the fluid damps the momenta of a body by itself, at least. */
+/** Lower bounds of the rates at which the fluid damps the momenta of a body by itself. */
 BodyRates findRates(const FluidContents& fluid, int body, const BodyInertia& inertia);
 /** How far momenta relax in a step of LangevinHI. */
 StepResolution resolveRelaxation(const FluidContents& fluid, double h, const BodySet& bodies,

@@ -64,7 +64,7 @@ Matrix3d StressReader::stressletsOf(const FluidGroup& group, const vector<Pose>&
     return sum;
 }
 
-/** Likewise of the forces that move bodies under wrenches, without any flow. */
+/** stressletsOf() the forces that move bodies under wrenches, without any flow. */
 Matrix3d StressReader::stressletsOfWrenches(const FluidGroup& group, BodyMobility& mobility,
                                             const vector<Pose>& poses, const MatrixXd& wrenches,
                                             bool nearby) const {
@@ -82,7 +82,7 @@ StressParts StressReader::find(const FlowQuestion& question, const Noise& noise,
     BrownianGroup& brownian = *group.brownian;
     BodyMobility& mobility = brownian.mobilityFor(0, question.scheme);
     const double volume = group.box()->volume(fluid.box);
-    // Differences are those of whole solves.
+    // The Brownian part differences whole solves.
     const SchemeTraits& differencing = traitsOf(CustomRigidHIIntegrator::RandomFiniteDifference);
     OverdampedMove move(mobility);
     OverdampedStep step;
@@ -113,8 +113,8 @@ StressParts StressReader::find(const FlowQuestion& question, const Noise& noise,
     const auto& elements = group.bodies.getElements();
     for (size_t e = 0; e < elements.size(); e++)
         if (!elements[e].isFree()) torque += wrenches.block<3, 1>(group.bodies.firstRow(e) + 3, 0);
-    // The forces between bodies turn no whole: sum of X x F + T = 0. The other half of the virial
-    // follows from this.
+    // Forces between bodies exert no total torque: sum of X x F + T = 0. The other half of the
+    // virial follows from this.
     Matrix3d moments = Matrix3d::Zero();
     const Vector3d half(-0.5 * torque[2], 0.5 * torque[1], -0.5 * torque[0]);
     moments.diagonal() = virial.diagonal();

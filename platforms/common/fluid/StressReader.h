@@ -30,7 +30,7 @@ struct StressParts {
 class StressReader {
 public:
     explicit StressReader(const FluidContents& fluid) : fluid(fluid) {}
-    /** What the Brownian part needs of the settings of steps. */
+    /** The settings of steps that the Brownian part needs. */
     struct Noise {
         double h, kT, difference;
         NoiseStream stream;

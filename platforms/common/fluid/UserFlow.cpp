@@ -74,7 +74,7 @@ DrivenFlow UserFlow::inBox(const BoxVectors& box) const {
 }
 
 BoxVectors UserFlow::tilted(BoxVectors box, double time) const {
-    // Lower triangular boxes stay so, since the flow is along an axis before that of its gradient.
+    // Boxes stay lower triangular, because the flow is along an axis before that of its gradient.
     for (OpenMM::Vec3& vector : box) vector[flowAxis] += shearRate * time * vector[gradientAxis];
     for (int k = 1; k < 3; k++)
         for (int shorter = k - 1; shorter >= 0; shorter--)

@@ -13,7 +13,8 @@ namespace RigidHIPlugin {
 
 namespace {
 
-// The places of variables among those of a CustomBodyForce.
+// The first places of position, orientation, velocity and time among the variables of a
+// CustomBodyForce.
 const int X = 0, Q = 3, V = 7, T = 10;
 
 }  // namespace
@@ -61,7 +62,7 @@ bool BodyForces::isOn(int groups) const {
 }
 
 /**
- * Set the velocities that expressions see: those after a kick of this length with the present
+ * Set the velocities that expressions use: those after a kick of this length, ps, with the present
  * forces on the bodies.
  */
 void BodyForces::setVelocities(const BodySet& bodies, double lookAhead) {
@@ -104,7 +105,7 @@ bool BodyForces::add(ContextImpl& context, BodySet& bodies, int groups, double t
     }
     addOnce(context, bodies, groups, t);
     if (velocities && lookAhead != 0) {
-        // With the forces at the present velocities, velocities ahead are right to second order.
+        // The forces at the present velocities predict the velocities ahead to second order.
         setVelocities(bodies, lookAhead);
         removeLast(bodies);
         addOnce(context, bodies, groups, t);

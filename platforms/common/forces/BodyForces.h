@@ -12,8 +12,8 @@
 namespace RigidHIPlugin {
 
 /**
- * All CustomBodyForces of a Context, ready to be evaluated. In a Context without such forces,
- * isOn() is false, no other method needs to be called, and there is no cost.
+ * All CustomBodyForces of a Context, ready for evaluation. Without such forces isOn() is false,
+ * callers need no other method, and the cost is zero.
  */
 class BodyForces {
 public:
@@ -21,28 +21,28 @@ public:
     ~BodyForces();
     /**
      * Find the forces of a Context and compile their expressions. @throws OpenMMException for an
-     * expression that cannot be compiled
+     * expression that does not compile
      */
     explicit BodyForces(OpenMM::ContextImpl& context);
     BodyForces& operator=(BodyForces&&);
 
     /** Whether any force of these groups acts on any body. */
     bool isOn(int groups) const;
-    /** Whether any expression depends on time; whether any depends on velocities. */
+    /** Whether any expression depends on time, or on velocities. */
     bool usesTime() const { return time; }
     bool usesVelocities() const { return velocities; }
     /** The force that depends on velocities, for messages. */
     std::string velocityDependence() const;
     /**
-     * Add forces and torques to those that the bodies have.
+     * Add the forces and torques of these groups to the present ones of the bodies.
      *
      * @param t          time, ps
-     * @param lookAhead  velocities are those of the present momenta after a kick of this length,
-     *     ps; 0: the present ones
+     * @param lookAhead  expressions use the velocities after a kick of this length, ps; with 0, the
+     *     present velocities
      * @return whether all forces and torques are finite
      */
     bool add(OpenMM::ContextImpl& context, BodySet& bodies, int groups, double t, double lookAhead);
-    /** Go back to the forces and torques before the last add(). Only if usesVelocities(). */
+    /** Restore the forces and torques before the last add(). Call this only if usesVelocities(). */
     void removeLast(BodySet& bodies) const;
     /** For describeEffects(). */
     std::string describe(int groups) const;
@@ -54,7 +54,7 @@ private:
     std::vector<std::unique_ptr<Force>> forces;
     bool time = false, velocities = false;
     BodySet::Snapshot before;            // of the forces, before add()
-    std::vector<OpenMM::Vec3> velocity;  // of bodies, that expressions see
+    std::vector<OpenMM::Vec3> velocity;  // of bodies, as expressions use them
 };
 
 }  // namespace RigidHIPlugin

@@ -48,7 +48,7 @@ Matrix3d userAxes(const BodySet& bodies, int body) {
     return axes;
 }
 
-/** One CustomBodyMotion. Its expressions are those of the components that are not free. */
+/** One CustomBodyMotion, with the expressions of the components that are not free. */
 struct BodyMotions::Motion : CompiledExpressions {
     Motion(int index, const CustomBodyMotionImpl& impl) : CompiledExpressions(index, impl) {
         prescribed.force = index;

@@ -20,7 +20,7 @@ struct PrescribedComponents {
     static constexpr unsigned all = (1u << 6) - 1;
     int force = -1;           // index of the CustomBodyMotion in the System
     unsigned components = 0;  // a bit for each of vx, vy, vz, wx, wy, wz
-    unsigned zeros = 0;       // those of them whose expression is the number 0
+    unsigned zeros = 0;       // the prescribed components whose expression is the number 0
     bool inBody = false;      // along the axes of the body frame, not of the lab
 
     bool areAll() const { return components == all; }
@@ -28,7 +28,7 @@ struct PrescribedComponents {
         return force == other.force && components == other.components && zeros == other.zeros &&
                inBody == other.inBody;
     }
-    /** "vz, wx" */
+    /** The names of the prescribed components, such as "vz, wx". */
     std::string names() const;
 };
 
@@ -36,8 +36,8 @@ struct PrescribedComponents {
 Eigen::Matrix3d userAxes(const BodySet& bodies, int body);
 
 /**
- * All CustomBodyMotions of a Context, ready to be evaluated. In a Context without such forces,
- * isOn() is false, no other method needs to be called, and there is no cost.
+ * All CustomBodyMotions of a Context, ready for evaluation. Without such forces isOn() is false,
+ * callers need no other method, and the cost is zero.
  */
 class BodyMotions {
 public:
@@ -46,8 +46,7 @@ public:
     /**
      * Find the forces among the ForceImpls of a Context and compile their expressions.
      *
-     * @throws OpenMMException for an
-     * expression that cannot be compiled, or for a body in two forces
+     * @throws OpenMMException for an expression that does not compile, or for a body in two forces
      */
     BodyMotions(const std::vector<OpenMM::ForceImpl*>& impls, int numBodies);
     BodyMotions& operator=(BodyMotions&&);
@@ -56,7 +55,7 @@ public:
     bool isOn() const { return !prescribed.empty(); }
     /** Whether any expression depends on time. */
     bool usesTime() const { return time; }
-    /** What is prescribed, by body. It stays the same as long as the Context. */
+    /** The prescribed components by body, which are constant in a Context. */
     const std::map<int, PrescribedComponents>& getPrescribed() const { return prescribed; }
     /**
      * The prescribed components at a time, in the frame in which they are prescribed.

@@ -39,7 +39,8 @@ void CompiledExpressions::setGlobals(const map<string, double>& parametersOfCont
     const ErrorsOf fail(impl.getExpressions().getKind().className);
     double* global = values.data() + firstParameter + numPerBody;
     for (const string& name : globals) {
-        // Functions such as step() and min() would make finite values of NaN.
+        // Functions such as step() and min() would hide a NaN, because they turn it into a finite
+        // value.
         const double value = parametersOfContext.at(name);
         if (!isfinite(value))
             fail("the Context's parameter '" + name + "' of force " + to_string(force) + " is " +

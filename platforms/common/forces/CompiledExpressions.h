@@ -12,7 +12,7 @@ namespace RigidHIPlugin {
 
 /**
  * The expressions of one Force for bodies, compiled, with the values of the names in them. Before
- * expressions are evaluated, variables, global parameters and those of an entry must be set.
+ * evaluating expressions, set the variables, the global parameters, and the parameters of an entry.
  */
 class CompiledExpressions {
 public:
@@ -23,7 +23,7 @@ public:
     CompiledExpressions(int force, const BodyExpressionsImpl& impl);
     /**
      * Compile the expression of a component, as the next of expressions(). @throws OpenMMException
-     * if it cannot be compiled
+     * if it does not compile
      */
     void compile(const std::string& component);
 

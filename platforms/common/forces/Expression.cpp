@@ -39,7 +39,7 @@ const map<string, Function1> functions1 = {
     {"square", square}, {"cube", cube}, {"recip", recip}, {"floor", floor}, {"ceil", ceil}};
 const map<string, Function2> functions2 = {{"atan2", atan2}, {"min", smaller}, {"max", larger}};
 
-/** The number of arguments of a function; 0: there is no function of that name. */
+/** The number of arguments of a function; 0 for an unknown name. */
 int numArguments(const string& function) {
     return functions1.count(function)   ? 1
            : functions2.count(function) ? 2
@@ -47,9 +47,9 @@ int numArguments(const string& function) {
                                         : 0;
 }
 
-/** Deeper nesting is refused, before it can exhaust the stack. */
+/** The parser refuses deeper nesting, before it can exhaust the stack. */
 const int maximumDepth = 1000;
-/** Longer texts are evaluated in pieces. muParser takes up to mu::MaxLenExpression characters. */
+/** muParser gets longer texts in pieces. It takes up to mu::MaxLenExpression characters. */
 const size_t longText = 4000;
 
 bool isSpace(char c) { return isspace(static_cast<unsigned char>(c)) != 0; }
@@ -271,9 +271,9 @@ namespace {
 /**
  * Writes the parser's result for muParser.
  *
- * A chain of definitions may be as long as memory allows, so that the nodes being written are kept
- * on an explicit stack. The cost is linear in the text, because the parser of each piece knows only
- * the names that the piece uses.
+ * A chain of definitions may be as long as memory allows, so the nodes in progress are on an
+ * explicit stack. The cost is linear in the text, because the parser of each piece knows only the
+ * names that the piece uses.
  */
 template <class Piece>
 class Compiler {
@@ -289,7 +289,7 @@ public:
     void compile() { addPiece(write(parser.root)); }
 
 private:
-    /** A node whose operands are being written, from left to right. */
+    /** A node in progress, whose operands are written from left to right. */
     struct Writing {
         explicit Writing(const Node& node) : node(&node) {}
         const Node* node;
@@ -312,7 +312,7 @@ private:
         }
     }
 
-    /** The operand that must be written before the node goes on, or -1. */
+    /** The operand to write before the rest of the node, or -1. */
     int nextOperand(const Writing& now) const {
         const Node& node = *now.node;
         if (node.kind == Node::Definition)
@@ -371,7 +371,8 @@ private:
                 while (i < text.size() && isDigit(text[i])) i++;
                 const string name = text.substr(start, i - start);
                 const int index = stoi(name.substr(1));
-                // muParser only reads through these pointers, because there are no assignments.
+                // muParser only reads through these pointers, because the language has no
+                // assignments.
                 if (kind == 'v') p.DefineVar(name, const_cast<double*>(values + index));
                 if (kind == 'c') p.DefineConst(name, constants[index]);
                 if (kind == 'p') p.DefineVar(name, &pieces[index]->result);

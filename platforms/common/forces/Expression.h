@@ -10,12 +10,12 @@ namespace RigidHIPlugin {
 /**
  * A mathematical expression in OpenMM's language, compiled by muParser.
  *
- * The language is that of OpenMM's Custom forces, no more: numbers, names, + - * / ^, unary minus,
+ * The language is exactly that of OpenMM's Custom forces: numbers, names, + - * / ^, unary minus,
  * functions with exactly as many arguments as they have, and definitions after semicolons ("a^2 +
  * b; b = 2*a; a = x"). Each definition may use those to its right. muParser's own grammar differs
- * (-x^2, log, ?:, built-in constants, ...). The text is therefore parsed here, and muParser gets it
- * in one unambiguous form with functions of this plugin. A definition is evaluated once, however
- * often it is used.
+ * (-x^2, log, ?:, built-in constants, ...). This class therefore parses the text itself, and gives
+ * it to muParser in one unambiguous form with functions of this plugin. It evaluates a definition
+ * once, however often the definition is used.
  */
 class Expression {
 public:

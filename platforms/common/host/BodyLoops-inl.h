@@ -91,7 +91,7 @@ public:
         storeVector(l, bodies.l, slot);
     }
 
-    // What the moves ask for.
+    // The functions that BodyMoves needs.
     RotorKind rotor() const { return block.rotor; }
     bool hasNoise() const { return block.hasNoise; }
     Real decay_p() const { return loadScalar<Real>(bodies.decay_p, slot); }
@@ -123,8 +123,10 @@ public:
                                                                       : 6);
     }
 
-    /** Add up the forces of the particles: force in the lab frame, torque about the origin in the
-     * frame of BodySet::torquesAreInLab(). */
+    /**
+     * Sum the forces of the particles: force in the lab frame, torque about the origin in the frame
+     * of BodySet::torquesAreInLab().
+     */
     void gatherForces(const double* forces) {
         const int lane = slot % BodySet::blockSize;
         force_lab = {Real(0.0), Real(0.0), Real(0.0)};
@@ -173,7 +175,7 @@ public:
         for (int s = block.firstSite; s < block.firstSite + block.numSites; s++)
             scatter(s, velocity + A.toLab(cross(omega_body, site(s, lane))), velocities, copy);
     }
-    /** Held bodies: all velocities are 0, without a sign of rounding. */
+    /** Held bodies: set all velocities to exactly 0, never to -0. */
     void scatterRest(double* velocities, double* copy) const {
         const Vector3<Real> zero = {Real(0.0), Real(0.0), Real(0.0)};
         for (int s = block.firstSite; s < block.firstSite + block.numSites; s++)
@@ -199,7 +201,7 @@ private:
         load(from + 2 * BodySet::blockSize, r.z);
         return r;
     }
-    /** One vector of each lane's particle; zero where there is none (-1). */
+    /** One vector of each lane's particle; zero for a lane without one (-1). */
     static Vector3<Real> gather(const int* particle, const double* from) {
         static const double zero[3] = {0, 0, 0};
         double v[3][BodySet::blockSize];
@@ -234,8 +236,8 @@ private:
 };
 
 /**
- * Call action(flow) for every body (or pack) of a range of blocks; for held bodies only if the
- * action says that it concerns them. The action returns whether its numbers were finite.
+ * Call action(flow) for every body (or pack) of a range of blocks, and for held bodies only if
+ * Action::concernsHeld. The action returns whether its numbers were finite.
  */
 template <class Real, class Action>
 inline LoopResult forEachBody(BodySet& bodies, const StepSettings& settings, int firstBlock,
@@ -271,7 +273,7 @@ struct BeforeForces {
 };
 
 /**
- * The part of a step before the fluid changes momenta, where the fluid needs poses in the middle of
+ * The part of a step before the fluid changes momenta, if the fluid needs poses in the middle of
  * the step: new poses.
  */
 template <class Real, class Scheme>
@@ -286,7 +288,7 @@ struct BeforeFriction {
     }
 };
 
-/** The part of a step from there to new positions of the particles. */
+/** The part of a step after the fluid has changed momenta: new positions of the particles. */
 template <class Real, class Scheme>
 struct AfterFriction {
     static const bool concernsHeld = false;
@@ -337,7 +339,7 @@ struct SchemelessLoop {
         }
         if (loop == BodyLoop::ScatterPositions)
             flow.scatterPositions(arrays.positions, arrays.lastPositions);
-        // The momenta of held bodies are 0 always.
+        // The momenta of held bodies are always 0.
         if (flow.isHeld()) {
             if (loop == BodyLoop::ScatterVelocities || loop == BodyLoop::TakeInAndScatterVelocities)
                 flow.scatterRest(arrays.velocities, arrays.lastVelocities);

@@ -1,4 +1,4 @@
-// The moves that the schemes of rigid bodies are made of: arithmetic on one body (or on a pack of
+// The moves of which the schemes of rigid bodies consist: arithmetic on one body (or on a pack of
 // bodies, or on lines of kernel text), without loads and stores.
 //
 // A Real has arithmetic, construction from double, sincos, squareRoot and maximum
@@ -19,9 +19,9 @@ namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
 
 /**
- * One body (or pack) on its way through a step. The members are the moves that schemes are made of.
+ * One body (or pack) on its way through a step. The members are the moves of which schemes consist.
  *
- * @tparam Time  the type of a time: double, or a Real where the step is a variable of kernel text
+ * @tparam Time  the type of a time: double, or a Real if the step is a variable of kernel text
  * @tparam Flow  the class that derives from this one. It has rotor(), hasNoise(), the factors of
  *     the thermostat as decay_p(), noise_p(), decay_l(), noise_l(), move_R(), noise_R(), move_q()
  *     and noise_q(), and drawNoise(draw, xi, eta).

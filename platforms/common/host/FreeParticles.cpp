@@ -35,12 +35,12 @@ FreeParticles::FreeParticles(const System& system, const vector<int>& particles,
     };
     forEach([&](int, int, double) { numConstraints++; });
     if (numConstraints == 0) return;
-    // The time to make OpenMM's algorithm is quadratic in constraints. Where there are no other
-    // constraints, the Context's algorithm is used.
+    // The time to make OpenMM's algorithm is quadratic in constraints. If the System has no other
+    // constraints, use the Context's algorithm.
     constraints = ofContext;
     if (constraints && numConstraints == system.getNumConstraints()) return;
-    // The Context's own constraints would also hold every rigid body's. OpenMM's algorithms
-    // therefore get a System made here.
+    // The Context's own constraints would also apply the constraints within rigid bodies. OpenMM's
+    // algorithms therefore get a System made here.
     constraintSystem = make_unique<System>();
     for (int i = 0; i < system.getNumParticles(); i++)
         constraintSystem->addParticle(system.getParticleMass(i));
@@ -78,7 +78,7 @@ vector<int> FreeParticles::stopHeld(vector<Vec3>& velocities) const {
 
 void FreeParticles::setThermostats(const vector<Thermostat>& perParticle) {
     thermostats = perParticle;
-    // The fluid draws noise for particles that it couples itself. No noise is drawn twice.
+    // The fluid itself draws noise for the particles that it couples. No code draws noise twice.
     noisyParticles.clear();
     noiseOf.assign(particles.size(), -1);
     for (size_t i = 0; i < particles.size(); i++)
@@ -119,8 +119,9 @@ double FreeParticles::midStepKineticEnergy(const StepSettings& settings, vector<
             noise += 1.5 * flow.variance() / masses[i];
         }
     });
-    // The moves keep velocities along constraints 0, one after the other or all at once. Each
-    // constraint takes the noise of one degree of freedom.
+    // The moves keep relative velocities along constraints at 0. To constrain once after all moves
+    // has the same result as to constrain after each. Each constraint takes the noise of one degree
+    // of freedom.
     if (constraints)
         constraints->applyToVelocities(positions, velocities, inverseMasses, constraintTolerance);
     const double degrees = 3.0 * numMovable;
@@ -155,7 +156,7 @@ void FreeParticles::restore(const Snapshot& snapshot, int i, vector<Vec3>& posit
 }
 
 /**
- * The moves that schemes are made of, for all free particles. Velocities take the place of momenta.
+ * The moves of which schemes consist, for all free particles. Velocities take the place of momenta.
  */
 class FreeParticles::Flow {
 public:

@@ -17,18 +17,18 @@ class ReferenceConstraints;
 namespace RigidHIPlugin {
 
 /**
- * The particles that are in no body and have mass, or that the fluid sees. They take the same
- * schemes as bodies, as point particles, except for held ones, which stay where they are.
- * Constraints among them hold positions after every drift and velocities after every move. Their
- * state is in the Context's arrays.
+ * The particles in no body that have mass, or that the fluid sees. They take the same schemes as
+ * bodies, as point particles. Held ones stay where they are. Constraints among the particles hold
+ * positions after every drift and velocities after every move. The state of the particles is in the
+ * Context's arrays.
  */
 class FreeParticles {
 public:
     FreeParticles() = default;
     /**
      * @param particles  indices of the particles in no body that have mass, or that the fluid sees
-     * @param ofContext  OpenMM's constraints of the whole System, which outlive this object; null:
-     *     there are none
+     * @param ofContext  OpenMM's constraints of the whole System, which must outlive this object;
+     *     null: none
      */
     FreeParticles(const OpenMM::System& system, const std::vector<int>& particles,
                   OpenMM::ReferenceConstraints* ofContext);
@@ -37,8 +37,8 @@ public:
     int getNumConstraints() const { return numConstraints; }
     const std::vector<int>& getParticles() const { return particles; }
     /**
-     * Say which particles of the System are held; others than these particles do not matter. The
-     * caller must set thermostats anew.
+     * Set which particles of the System are held. The method ignores particles that are not in this
+     * object. The caller must set thermostats anew.
      * @return whether this changes anything
      */
     bool setHeld(const std::vector<int>& particlesOfSystem);
@@ -49,13 +49,13 @@ public:
 
     /**
      * The part of a step before the force evaluation, and the part after it. @return whether
-     * results are finite, random numbers drawn
+     * results are finite, and how many random numbers were drawn
      */
     LoopResult beforeForces(const StepSettings& settings, PlatformLoops& loops,
                             std::vector<OpenMM::Vec3>& positions,
                             std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
     /**
-     * LangevinHI: the part before forces in two parts, between which the fluid changes velocities.
+     * LangevinHI: beforeForces() in two parts, between which the fluid changes velocities.
      */
     LoopResult beforeFriction(const StepSettings& settings, PlatformLoops& loops,
                               std::vector<OpenMM::Vec3>& positions,
@@ -67,7 +67,7 @@ public:
                            std::vector<OpenMM::Vec3>& positions,
                            std::vector<OpenMM::Vec3>& velocities, double constraintTolerance);
     /**
-     * Keep the forces, since other code may overwrite them in the Context. @return whether they are
+     * Copy the forces, since other code may overwrite them in the Context. @return whether they are
      * finite
      */
     bool gatherForces(const std::vector<OpenMM::Vec3>& contextForces);

@@ -15,7 +15,9 @@ namespace {
 
 const int width = BodySet::blockSize;
 
-/** A sum over bodies, apart for each place in a block, so that compilers use SIMD instructions. */
+/**
+ * A sum over bodies, with a sum for each place in a block, so that compilers use SIMD instructions.
+ */
 struct Sum {
     double places[width] = {0};
     double total() const { return accumulate(places, places + width, 0.0); }
@@ -31,7 +33,7 @@ struct OfNoise {
 /**
  * Add one component of the mid-step momenta of a block.
  * @param energy  twice the kinetic energy
- * @param total   of the momenta; null: not wanted
+ * @param total   sum of the momenta; null: not wanted
  */
 template <class Part, class Scheme>
 void add(const BodySet::Column& momentum, const BodySet::Column& force,

@@ -10,10 +10,11 @@
 namespace RigidHIPlugin {
 
 /**
- * Mid-step momenta: with them the first drift of the next step moves bodies and particles. Their
- * kinetic energy is averaged over the noise that the step draws before this drift, so that no
- * random numbers are needed. At long steps their temperature has a far smaller error than that of
- * the momenta between two steps (docs/theory/thermostats.md).
+ * Energies of the mid-step momenta. These are the momenta with which the first drift of the next
+ * step moves bodies and particles. The kinetic energy is a mean over the noise that the step draws
+ * before this drift, so that it needs no random numbers. At long steps the temperature of mid-step
+ * momenta has a far smaller error than that of the momenta between two steps
+ * (docs/theory/thermostats.md).
  */
 struct MidStepEnergies {
     double translational = 0, rotational = 0;  // of bodies, kJ/mol
@@ -23,17 +24,17 @@ struct MidStepEnergies {
 
 /**
  * The mid-step energies of bodies, from the forces gathered last and the thermostats of the bodies.
- * Those of free particles are FreeParticles::midStepKineticEnergy().
+ * FreeParticles::midStepKineticEnergy() gives those of free particles.
  */
 MidStepEnergies midStepEnergies(const BodySet& bodies, const StepSettings& settings);
 /**
- * The two parts of midStepEnergies(): that of the mean momenta, and that of the noise about them.
- * The second part does not change from step to step.
+ * The two parts of midStepEnergies(): the energy of the mean momenta, and that of the noise about
+ * the mean. The second part does not change from step to step.
  */
 MidStepEnergies midStepEnergiesOfMeans(const BodySet& bodies, const StepSettings& settings);
 MidStepEnergies midStepEnergiesOfNoise(const BodySet& bodies, const StepSettings& settings);
 
-/** A momentum of one component that no force acts upon, in its stationary state. */
+/** The stationary state of one component of a momentum on which no force acts. */
 struct FreeMomentum {
     double relaxation = 0;  // rate of relaxation times the step; 0: nothing damps the momentum
     double ratio = 1;       // mid-step temperature over that of the bath

@@ -15,7 +15,7 @@ namespace RigidHIPlugin {
 
 struct MobilityScene;
 
-/** The part of a step that platforms do in different ways: the loops. */
+/** The loops: the part of a step that differs between platforms. */
 class PlatformLoops {
 public:
     virtual ~PlatformLoops() {}
@@ -23,7 +23,7 @@ public:
      */
     virtual LoopResult run(BodyLoop loop, BodySet& bodies, const StepSettings& settings,
                            const ParticleArrays& arrays) = 0;
-    /** Fill xi (3 numbers a particle) for free particles. */
+    /** Fill xi with noise for free particles, 3 numbers for each. */
     virtual void fillNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count,
                            double* xi) = 0;
     /** Call task(first, end) over ranges that cover 0 ... count - 1; ranges may run at the same
@@ -37,7 +37,7 @@ public:
     /**
      * The model of a MobilityForce, with its boundary, for particles that feel each other.
      *
-     * @param mayUseThreads  false for models that are used inside forTasks()
+     * @param mayUseThreads  false for models that tasks of forTasks() use
      */
     virtual std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force,
                                                           const MobilityScene& scene,
@@ -46,7 +46,7 @@ public:
     /** How the loops run, for describeEffects(). */
     virtual std::string describe() const = 0;
     /**
-     * Whether products with mobilities are made by the platform's device, and which or why not, for
+     * Whether the platform's device makes products with mobilities, and which ones or why not, for
      * describeEffects().
      */
     virtual std::pair<bool, std::string> describeProducts() const {

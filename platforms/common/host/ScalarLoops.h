@@ -25,7 +25,7 @@ public:
     std::string describe() const override { return "one thread, one body at a time"; }
 
 private:
-    std::weak_ptr<GridFluid> gridFluid;  // shared by models while there are any
+    std::weak_ptr<GridFluid> gridFluid;  // shared by models while any exist
 };
 
 }  // namespace RigidHIPlugin

@@ -11,7 +11,7 @@ LoopResult runSimdBodyLoop(BodyLoop loop, BodySet& bodies, const StepSettings& s
                            const ParticleArrays& arrays, int firstBlock, int endBlock);
 void fillSimdNoise(const NoiseStream& noise, uint32_t purpose, const int* index, int count,
                    double* xi);
-/** The instruction set that was chosen, such as "AVX3". */
+/** The instruction set in use, such as "AVX3". */
 const char* simdTargetName();
 /** Number of doubles in a pack. */
 int simdWidth();

@@ -11,8 +11,8 @@ struct StepSettings {
     CustomRigidHIIntegrator::Scheme scheme = CustomRigidHIIntegrator::LangevinC;
     double h = 0, kT = 0;
     /**
-     * LangevinHI: some bodies feel each other, or components are fixed, so that a step has a part
-     * before and a part after the fluid's.
+     * LangevinHI: some bodies feel each other, or some components are fixed, so that a step has a
+     * part before and a part after the fluid's part.
      */
     bool needsMiddle = false;
     NoiseStream noise;
@@ -25,8 +25,8 @@ struct StepSettings {
 };
 
 /**
- * The Context's arrays, three doubles a particle, and copies of what this plugin wrote to them
- * last.
+ * The Context's arrays, three doubles a particle, and copies of what this plugin last wrote to
+ * them.
  */
 struct ParticleArrays {
     double *positions, *velocities;
@@ -51,14 +51,14 @@ struct LoopResult {
 enum class BodyLoop {
     BeforeForces,       // the scheme up to the force evaluation; new positions to the particles
     BeforeFriction,     // LangevinHI: the scheme up to the fluid's part; new poses
-    AfterFriction,      // from there up to the force evaluation; new positions to the particles
+    AfterFriction,      // then up to the force evaluation; new positions to the particles
     AfterForces,        // forces from the particles; the rest of the scheme; new velocities to the
                         // particles
     GatherForces,       // forces from the particles only
     ScatterPositions,   // poses to the particles
     ScatterVelocities,  // twists to the particles
     TakeInVelocities,   // momenta from the particles, in blocks where their masses make the bodies
-    TakeInAndScatterVelocities  // likewise, and the twists back to the particles
+    TakeInAndScatterVelocities  // the same, and the twists back to the particles
 };
 
 }  // namespace RigidHIPlugin

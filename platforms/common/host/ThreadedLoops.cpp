@@ -17,7 +17,7 @@ namespace RigidHIPlugin {
 // takes half a microsecond a loop, a free particle ten nanoseconds a move.
 static const int minimumBlocksPerThread = 128, minimumParticlesPerThread = 4096;
 
-/** Every element is computed on its own, so that results do not depend on the division. */
+/** A task computes every element by itself, so that results do not depend on the division. */
 template <class Task>
 void ThreadedLoops::split(int count, int minimum, Task task) {
     const int parts = std::max(1, std::min(pool.getNumThreads(), count / minimum));
@@ -26,7 +26,7 @@ void ThreadedLoops::split(int count, int minimum, Task task) {
         return;
     }
     // An exception must not leave a thread of the pool. The caller gets the exception of the first
-    // part that has one.
+    // part that threw.
     std::vector<std::exception_ptr> errors(parts);
     pool.execute([&](ThreadPool&, int thread) {
         if (thread >= parts) return;

@@ -29,7 +29,7 @@ public:
     std::string describe() const override;
 
 protected:
-    /** The model of RotnePragerYamakawa, above the wall if there is one. */
+    /** The model of RotnePragerYamakawa, unbounded or above a wall. */
     virtual std::unique_ptr<MobilityModel> createRotnePragerYamakawa(
         const HydrodynamicParticles& particles, double viscosity,
         const CpuRotnePragerYamakawa::ForRanges& threads, const std::optional<NoSlipPlane>& wall,
@@ -38,7 +38,7 @@ protected:
 private:
     template <class Task>
     void split(int count, int minimum, Task task);
-    // shared by models while there are any: with threads; for groups that are spread over threads
+    // shared by models while any exist: with threads; for groups that are spread over threads
     std::weak_ptr<GridFluid> gridFluid, gridFluidOfOne;
     OpenMM::ThreadPool pool;
     std::vector<LoopResult> results;  // of a loop's threads

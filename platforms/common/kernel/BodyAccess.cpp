@@ -199,8 +199,8 @@ public:
     map<string, double> getStepStatistics() override { return nameCounters(scene); }
 
     int getNumRejectedSteps() override {
-        // The public type is int, the counter is not. In a long run the result stays at the largest
-        // int instead of becoming negative.
+        // The public type is int, but the counter is longer. In a long run the result stays at the
+        // largest int instead of becoming negative.
         return static_cast<int>(
             min<long long>(scene.counters.rejectedSteps, numeric_limits<int>::max()));
     }
@@ -212,7 +212,7 @@ private:
         scene.fluid.takeBox();
     }
 
-    /** Bodies are in the middle of a step elsewhere, and only barostats ask. */
+    /** Whether bodies are in the middle of a step elsewhere; then only barostats ask. */
     bool isActedOn() const { return scene.native && scene.native->isActedOn(); }
 
     void prepare(const char* method) {
@@ -227,7 +227,7 @@ private:
         return result;
     }
 
-    // ---- What holds bodies
+    // ---- Wrenches and forces that hold bodies and particles
 
     static vector<double> rowsOf(const Eigen::VectorXd& numbers) {
         return vector<double>(numbers.data(), numbers.data() + numbers.size());
@@ -245,7 +245,7 @@ private:
         scene.fluid.adoptBox();
     }
 
-    /** At the present poses, without noise. */
+    /** The holds at the present poses, without noise. */
     FluidAnswers::Holds findHolds(const char* method) {
         prepareFluid(method);
         stepper.evaluateForces();
@@ -255,7 +255,7 @@ private:
             return scene.fluid->getAnswers().holdsNow(
                 {scene.bodies, *scene.freeParticles, scene.arrays->positions(),
                  scene.arrays->velocities(), scene.integrator.getScheme(), scene.prescribedNow()});
-        // Without a fluid forces alone act on what is held.
+        // Without a fluid only forces act on held bodies and particles.
         FluidAnswers::Holds holds = noHolds();
         for (int b = 0; b < scene.bodies.getNumBodies(); b++) {
             if (!scene.integrator.getBodyHeld(b)) continue;

@@ -6,15 +6,16 @@
 namespace RigidHIPlugin {
 
 /**
- * The parts of the kernel on platforms that keep particles on a device (OpenCL, CUDA, HIP): forces
- * are computed there, and bodies are moved on the host. Arrays go through OpenMM's own kernels, and
- * packs of bodies are spread over threads.
+ * The parts of the kernel on platforms that keep particles on a device (OpenCL, CUDA, HIP). The
+ * device computes forces, and the host moves bodies. Arrays go through OpenMM's own kernels, and
+ * threads share the packs of bodies.
  */
 PlatformParts partsOfDevicePlatforms();
 
 /**
- * The threads of the host there: the number that the integrator was given, or else that of OpenMM's
- * CPU platform, OPENMM_CPU_THREADS. 0: as many as there are processors.
+ * The number of threads of the host on these platforms: setNumHostThreads() of the integrator, or
+ * else OPENMM_CPU_THREADS, the variable of OpenMM's CPU platform. 0 stands for the number of
+ * processors.
  */
 int numHostThreads(OpenMM::ContextImpl& context);
 

@@ -132,7 +132,7 @@ public:
     }
 
 private:
-    /** The fluid with changes taken in; an error that names the method if there is none. */
+    /** The fluid, after taking in changes; without a fluid an error that names the method. */
     Fluid& prepare(const char* method) {
         mirror.requirePositions(method);
         mirror.takeInChanges();
@@ -142,7 +142,7 @@ private:
         return *scene.fluid.get();
     }
 
-    /** Likewise, with present forces evaluated if the flow is theirs. */
+    /** prepare() for the flow, and evaluate present forces if the flow is theirs. */
     FlowReader& prepareFlow(const char* method) {
         Fluid& fluid = prepare(method);
         if (scene.integrator.getTemperature() > 0 && fluid.getContents().hasOneFlow() &&

@@ -18,8 +18,8 @@ public:
         : library(library), parts(parts) {}
     KernelImpl* createKernelImpl(std::string name, const Platform& platform,
                                  ContextImpl&) const override {
-        // The check is not made when the library is loaded: an exception there would end the
-        // loading of all of OpenMM.
+        // Check here, not at the loading of the library: an exception there would end the loading
+        // of all of OpenMM.
         const std::string conflict =
             versionConflict(library, RIGIDHI_VERSION, RIGIDHI_OPENMM_VERSION);
         if (!conflict.empty()) throw OpenMMException(conflict);

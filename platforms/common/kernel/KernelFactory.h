@@ -9,9 +9,9 @@ namespace RigidHIPlugin {
 
 /**
  * Register the integrator's kernel, made of these parts, for Contexts on the platform of this name.
- * Nothing happens if there is no such platform.
+ * Does nothing without such a platform.
  *
- * @param library  in the message about a kernel that the library does not have
+ * @param library  name of the library, for error messages
  */
 void registerKernel(const std::string& platform, const std::string& library,
                     const PlatformParts& parts);

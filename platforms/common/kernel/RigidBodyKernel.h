@@ -15,14 +15,15 @@
 namespace RigidHIPlugin {
 
 /**
- * The parts of the kernel that each platform has of its own. Both are called once for each Context.
+ * The parts of the kernel that differ between platforms. Each function is called once for each
+ * Context.
  */
 struct PlatformParts {
     /** Makes access to the platform's particles. */
     std::function<std::unique_ptr<ContextArrays>(OpenMM::ContextImpl& context)> arrays;
     /** Makes the platform's loops over bodies. */
     std::function<std::unique_ptr<PlatformLoops>(OpenMM::ContextImpl& context)> loops;
-    /** Makes the platform's own steps. No function: it has none, and the host takes all steps. */
+    /** Makes the platform's own steps. Without this function the host takes all steps. */
     std::function<std::unique_ptr<NativeSteps>(OpenMM::ContextImpl& context, Scene& scene,
                                                ContextMirror& mirror, Stepper& stepper)>
         native = nullptr;
@@ -30,7 +31,7 @@ struct PlatformParts {
 
 /**
  * The integrator's kernel of every platform. It owns the classes that do the work in a Context, and
- * passes each call on to one of them.
+ * passes each call to one of them.
  */
 class RigidBodyKernel : public IntegrateRigidBodiesKernel {
 public:
@@ -69,7 +70,7 @@ private:
     std::unique_ptr<Scene> scene;
     std::unique_ptr<ContextMirror> mirror;
     std::unique_ptr<Stepper> stepper;
-    std::unique_ptr<NativeSteps> native;  // null: the platform has none
+    std::unique_ptr<NativeSteps> native;  // null if the platform has none
     std::unique_ptr<BodiesInContext> bodies;
     std::unique_ptr<FluidInContext> fluid;
 };

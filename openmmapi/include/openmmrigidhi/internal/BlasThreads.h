@@ -16,7 +16,7 @@ namespace RigidHIPlugin {
 struct BlasThreads {
     std::mutex mutex;  // for all members, and for changes of the number
     int holders = 0;
-    int wanted = 0;  // set by code other than the holders: the number when there are no holders
+    int wanted = 0;  // set by code other than the holders: the number without holders
 };
 OPENMM_EXPORT_RIGIDHI BlasThreads& blasThreads();
 

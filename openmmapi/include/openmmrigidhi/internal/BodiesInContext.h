@@ -14,17 +14,17 @@ namespace RigidHIPlugin {
 /**
  * What users ask a CustomRigidHIIntegrator about the bodies of its Context and about the steps so
  * far. Each method answers the integrator's method of the same name, which documents it; the
- * integrator has checked what users gave.
+ * integrator has checked the arguments.
  *
  * Users, barostats and minimisers may change the Context's positions and velocities. Every method
- * that looks at the bodies first brings them up to date with such changes, by comparing with what
- * the kernel wrote last.
+ * that looks at the bodies first brings them up to date with such changes, by a comparison with the
+ * numbers that the kernel wrote last.
  */
 class BodiesInContext {
 public:
     virtual ~BodiesInContext() {}
 
-    /** The number of bodies of the Context. The integrator may have been given more since. */
+    /** The number of bodies of the Context. The integrator may have more by now. */
     virtual int getNumBodies() const = 0;
     /** Make sure that all geometries are known. @throws OpenMMException without positions */
     virtual void requireGeometry() = 0;
@@ -54,7 +54,7 @@ public:
     virtual std::map<std::string, double> computeMidStepTemperatures() = 0;
 
     virtual std::map<std::string, std::string> getEffects() = 0;
-    /** What the user should mind, one text each; getEffects() has them all in "warnings". */
+    /** Warnings for the user, one text each; getEffects() has all of them in "warnings". */
     virtual std::vector<std::string> getWarnings() = 0;
     virtual std::map<std::string, double> getStepStatistics() = 0;
     virtual int getNumRejectedSteps() = 0;

@@ -11,13 +11,13 @@
 namespace RigidHIPlugin {
 
 /**
- * What a Force of expressions consists of that acts on bodies: six expressions, parameters, and the
+ * The contents of a Force that acts on bodies by expressions: six expressions, parameters, and the
  * bodies, each with its values of the per-body parameters. CustomBodyForce and CustomBodyMotion
- * hold one, and document the methods of the same names.
+ * each hold such an object, and document the methods of the same names.
  */
 class OPENMM_EXPORT_RIGIDHI BodyExpressions {
 public:
-    /** What tells one class of Forces from another. */
+    /** What distinguishes one class of Forces from another. */
     struct Kind {
         const char* className;
         std::array<std::string, 6> components;  // in the order of the constructor

@@ -13,8 +13,8 @@ namespace RigidHIPlugin {
 
 /**
  * A Force of expressions for bodies in a Context. It computes nothing itself. The integrator's
- * kernel, which has the bodies, finds it among the Context's ForceImpls and evaluates the
- * expressions. It holds the entries as they are in this Context.
+ * kernel, which has the bodies, finds this object among the Context's ForceImpls and evaluates the
+ * expressions. The object holds the entries as they are in this Context.
  */
 class OPENMM_EXPORT_RIGIDHI BodyExpressionsImpl : public OpenMM::ForceImpl {
 public:

@@ -10,8 +10,8 @@
 namespace RigidHIPlugin {
 
 /**
- * Throws the errors of one class, whose name begins the message. A source that has such errors
- * calls its object `fail`, or by a name that begins so.
+ * Throws the errors of one class, whose name begins the message. A source file calls its object
+ * `fail`, or by a name that begins with `fail`.
  */
 class ErrorsOf {
 public:

@@ -12,7 +12,7 @@ namespace RigidHIPlugin {
 /**
  * What users ask a MobilityForce about the fluid of a Context. Each method answers the
  * MobilityForce's method of the same name with "InContext", which documents it; the MobilityForce
- * has checked what users gave.
+ * has checked the arguments.
  */
 class FluidInContext {
 public:
@@ -20,7 +20,7 @@ public:
 
     /** Take over the parameters of the MobilityForce. */
     virtual void updateParameters(const MobilityForce& force) = 0;
-    /** Matrices are row after row. */
+    /** The numbers of a matrix, row after row. */
     virtual std::vector<double> getMobility() = 0;
     virtual std::vector<double> getFriction() = 0;
     virtual std::vector<double> applyMobility(const std::vector<double>& wrenches) = 0;

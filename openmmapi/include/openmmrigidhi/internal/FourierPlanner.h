@@ -8,9 +8,9 @@
 namespace RigidHIPlugin {
 
 /**
- * The mutex to hold while FFTW makes or destroys plans, which is not thread-safe.
+ * The mutex to hold while FFTW makes or destroys plans. FFTW's planner is not thread-safe.
  *
- * There is one mutex for the process. Each platform's library has its own copy of the numerics and
+ * The whole process needs one mutex. Each platform's library has its own copy of the numerics and
  * of their static data, so the mutex is in the API library, which is loaded once.
  */
 OPENMM_EXPORT_RIGIDHI std::mutex& fourierPlanner();

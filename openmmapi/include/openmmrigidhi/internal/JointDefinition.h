@@ -10,8 +10,7 @@ namespace RigidHIPlugin {
 /**
  * A joint of CustomRigidHIIntegrator, as its user defined it.
  *
- * Anchors and axes are in the body frames of the bodies as the user has them, in which the site
- * positions of the bodies are.
+ * Anchors and axes are in the user's body frames, as are the site positions of the bodies.
  */
 struct JointDefinition {
     enum Kind : int {
@@ -33,7 +32,10 @@ struct JointDefinition {
     OpenMM::Vec3 anchor_i;
     /** The anchor in the second body, nm; for BallToPoint the point of space, lab frame, nm. */
     OpenMM::Vec3 anchor_j;
-    /** For Hinge: unit vectors along the axis of the hinge, in either body; 0 for other kinds. */
+    /**
+     * For Hinge: unit vectors along the axis of the hinge, in the first and the second body; 0 for
+     * other kinds.
+     */
     OpenMM::Vec3 axis_i, axis_j;
     /** For Link: the distance of the anchors, nm; 0 for other kinds. */
     double length = 0;

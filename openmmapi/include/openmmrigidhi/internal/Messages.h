@@ -10,11 +10,10 @@
 
 namespace RigidHIPlugin {
 
-/** A value as text for messages, with enough digits to tell apart two values that do not agree. */
+/** A value as text for messages, with enough digits to tell two different values apart. */
 template <class T>
 std::string text(const T& value, int precision = 12) {
-    // Checks make this text whether their value is right or not, and a stream takes a microsecond
-    // to make.
+    // Checks make this text even if their value is right, and making a stream takes a microsecond.
     if constexpr (std::is_integral_v<T>) return std::to_string(value);
     std::ostringstream stream;
     stream.precision(precision);

@@ -10,9 +10,9 @@
  * ROW(name, isPeriodic, wallAxis, numWalls, walls, description)
  *   name         of the enumerator of MobilityForce
  *   isPeriodic   whether the fluid fills the periodic box of the Context
- *   wallAxis     the axis that crosses the walls, 0 to 2; -1: there are no walls
+ *   wallAxis     the axis that crosses the walls, 0 to 2; -1 without walls
  *   numWalls     1: the fluid is above setWallHeight(); 2: it is between setChannelWalls()
- *   walls        what the walls are, a few words for descriptions; empty: there are no walls
+ *   walls        what the walls are, a few words for descriptions; empty without walls
  *   description  a sentence or two for docstrings and tables
  */
 #define RIGIDHI_BOUNDARIES(ROW)                                                                   \

@@ -17,11 +17,10 @@
  *   forces       force evaluations a step
  *   differenced  what the scheme takes finite differences of where the divergence of the mobility
  *                is not known (Differenced)
- *   work         how often a step asks for what of the mobility, for Solver::Auto (SchemeWork):
- *                (solves, fields, roots, matrices, driftSolves, driftMatrices,
+ *   work         how many solves, fields, ... of the mobility a step needs, for Solver::Auto
+ *                (SchemeWork): (solves, fields, roots, matrices, driftSolves, driftMatrices,
  *                driftMatricesOfBody), zeros at the end left out; () without a fluid
- *   drift        how the scheme makes the stochastic drift kT div N; empty: it has none to make, or
- *                omits it
+ *   drift        how the scheme makes the stochastic drift kT div N; empty if it makes none
  *   description  a sentence or two for docstrings and tables, with the paper
  */
 #define RIGIDHI_SCHEMES(ROW)                                                                       \

@@ -45,7 +45,7 @@ public:
         fail("the element '" + name + "' is missing", "it must be there");
     }
     /**
-     * Check that there are as many children as a property of this node says. A truncated file has
+     * Check that this node has as many children as one of its properties says. A truncated file has
      * fewer.
      */
     void checkChildren(const std::string& countProperty) const {

@@ -1,7 +1,7 @@
 #ifndef OPENMMRIGIDHI_WINDOWS_EXPORT_H_
 #define OPENMMRIGIDHI_WINDOWS_EXPORT_H_
 
-// Libraries are built with hidden visibility; this marks what they export.
+// Libraries have hidden visibility; this macro marks the symbols that they export.
 #define OPENMM_EXPORT_RIGIDHI __attribute__((visibility("default")))
 
 #endif
