@@ -33,7 +33,8 @@ public:
     /**
      * The first pair of coinciding particles, in the order of particles.
      *
-     * @param places  where formulas take the particles to be, nm
+     * @param places  positions at which the formulas take the particles
+     *     (MobilityModel::placeInFormulas()), nm
      * @param inOneBody  the bound for two particles of one body, relative to the bound for other
      *     pairs. The sites of a body are checked once with 1. After their rotation to the lab
      *     frame, half of the bound leaves room for rounding.
