@@ -27,7 +27,7 @@ class PlaneConditions;
  *            all envelopes have the law of a fluid that is unbounded there. The result depends
  *            neither on that height nor on the gap above it.
  * Mean flow: Planes balance all forces along them. The mean pressure gradient along a NoSlipChannel
- * or a Film is zero. With ZeroFlux the flux along a NoSlipChannel is zero instead.
+ *            or a Film is zero. With ZeroFlux the flux along a NoSlipChannel is zero instead.
  * Accuracy:  that of ForceCouplingGrid. For tolerances below 1e-3 nodes are closer to each other
  *            along z.
  * Cost:      three forward and three backward transforms, and for each wave vector along the planes

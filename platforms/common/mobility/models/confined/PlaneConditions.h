@@ -26,7 +26,7 @@ namespace RigidHIPlugin {
  *            planes themselves would lose the digits of the difference.
  * Mean flow: Without a wave vector, S of a velocity along the planes is (P/12 - z/2 + z^2/2P). A
  *            uniform velocity is an additional unknown, which makes the forces of planes balance
- * all others.
+ *            all others.
  *
  * The viscosity is 1, and lengths are in nm. Numbers are long doubles, because the matrices are
  * nearly singular for long waves.

@@ -16,8 +16,7 @@ namespace RigidHIPlugin {
  *
  * Equation:  That of RotnePragerYamakawaGrid.h. The factor of a mode is s(k) exp(w^2 k^2/2)
  *            H(k)^(1/2)/k, with t(k) instead of s(k) for torques and dipoles, and k' instead of k
- *            in the first exponential (GridSkew). w is the width of the Gaussian that points
- * spread.
+ *            in the first exponential (GridSkew). w is the width of the points' Gaussian.
  */
 class WaveField {
 public:
