@@ -62,7 +62,7 @@ struct InexactProduct {
  *            the magnified component.
  * Cost:      for k iterations of n rows: k products, 4 n k^2 operations, n k numbers of memory for
  *            each column, and eigensystems of tridiagonal matrices of up to k rows: about ten, or
- *            one an iteration up to k^2 = n/8, where they cost less than the products.
+ *            one for each iteration up to k^2 = n/8, where they cost less than the products.
  * Reference: Saad, SIAM J. Numer. Anal. 29, 209 (1992); Chow, Saad, SIAM J. Sci. Comput. 36, A588
  *            (2014).
  *

@@ -85,8 +85,8 @@ public:
     /**
      * Likewise for a finite difference, at a small displacement from an accepted placement. If the
      * accepted placement is at the limit of what the model accepts, the displacement may lead
-     * beyond the limit. A model whose formulas hold there too (MobilityTraits::holdsNearby) accepts
-     * it.
+     * beyond the limit. A model whose formulas hold there, too (MobilityTraits::holdsNearby),
+     * accepts it.
      */
     std::unique_ptr<MobilityAt> near(const Placement& placement) const;
     /**
@@ -162,7 +162,7 @@ public:
     /** The method for these products, for describeEffects(). Empty without fast products. */
     virtual std::string describeFastProducts(double error) const { return {}; }
 
-    // ---- A body by itself
+    // ---- A single body
     /**
      * The matrix of one body's particles alone in unbounded fluid, at their sites in the body
      * frame. Preconditioners and own tensors start from this matrix. Default: the matrix of

@@ -16,7 +16,7 @@ namespace RigidHIPlugin {
  * serve.
  */
 struct PlatformModels {
-    /** RotnePragerYamakawa, above the wall if there is one. */
+    /** RotnePragerYamakawa, in unbounded fluid or above a wall. */
     std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles& particles,
                                                  double viscosity,
                                                  const std::optional<NoSlipPlane>& wall)>
@@ -24,7 +24,7 @@ struct PlatformModels {
     /** The fluid on a grid. Models of several groups may share it. */
     std::function<std::shared_ptr<GridFluid>()> gridFluid;
 };
-/** What a model must know of the scene besides its MobilityForce. */
+/** The properties of the scene that a model needs in addition to its MobilityForce. */
 struct MobilityScene {
     bool crossingAllowed = false;  // whether surfaces of particles may reach through a wall
     bool onGrid = false;           // a grid instead of matrices (GridChoice), where the model has

@@ -115,7 +115,7 @@ private:
     const std::vector<EwaldKind> kinds;
     const std::shared_ptr<GridFluid> fluid;
     // The last splitting, box and parts, for callers that need the same: fields and products have
-    // the same placements. Results do not depend on what is kept.
+    // the same placements. Results do not depend on this storage.
     mutable std::mutex mutex;
     mutable std::unique_ptr<EwaldSplitting> lastSplitting;
     mutable BoxVectors lastBox = {};

@@ -15,7 +15,7 @@ namespace RigidHIPlugin {
 [[noreturn]] void refuseGrid(const std::string& model, const std::string& problem);
 /**
  * @param mayLean  whether the model supports triclinic boxes
- * @throws OpenMMException  if there is no box, or if it is triclinic and must not be
+ * @throws OpenMMException  without a box, or for a triclinic box that the model does not support
  */
 void checkBoxOfGrid(const std::string& model, const BoxVectors& box, bool mayLean = false);
 /** @throws OpenMMException  for more nodes along an edge than the numbers of modes allow */

@@ -71,7 +71,10 @@ public:
     /** Whether any sphere can have lubrication. */
     static bool isAny(const HydrodynamicParticles& particles, const LubricationScene& scene);
 
-    /** Which spheres have lubrication, what with, and how far it reaches, for describeEffects(). */
+    /**
+     * A text for describeEffects(): which spheres have lubrication, with what, and up to what
+     * distance.
+     */
     std::string describe() const;
     /**
      * The reason why the spheres have no lubrication at a placement, with their names; empty if

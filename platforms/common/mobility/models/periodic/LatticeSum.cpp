@@ -53,7 +53,7 @@ LatticeSum::LatticeSum(const HydrodynamicParticles& particles, const Spreading& 
 }
 
 // -------------------------------------------------------------------------------------------------
-// What depends on the box
+// Data that depend on the box
 
 /** The time of a pair, ns, up to a constant. */
 double LatticeSum::estimateCost(double inverse) const {
