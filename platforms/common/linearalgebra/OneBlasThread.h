@@ -14,8 +14,7 @@ namespace RigidHIPlugin {
  *
  * OpenBLAS reads the number once per call, so calls in progress in other threads keep their number.
  *
- * The object must be made by the thread that starts a step, not inside tasks that run at the same
- * time.
+ * The thread that starts a step must make the object. Tasks that run at the same time must not.
  */
 class OneBlasThread {
 public:

@@ -22,10 +22,10 @@ struct WaveFactors {
  *            + waveVelocity sin(k x_b + phase) (1 - p(z)) e_a,   a != b.
  *
  * In a fluid with planes, the last two parts are 0 on the planes z = low and z = top. These planes
- * are both walls of a channel, or the wall of a film and its mirror image behind the free surface z
- * = high. Above a single wall `high` and `top` are infinite. In a fluid with planes,
- * p(z) = cosh(k (z - (low + top)/2)) / cosh(k (top - low)/2), which is exp(-k (z - low)) above a
- * single wall. Without planes p is 0.
+ * are both walls of a channel, or the wall of a film and its mirror image behind the free surface
+ * z = high. Above a single wall `high` and `top` are infinite. In a fluid with planes, p(z) =
+ * cosh(k (z - (low + top)/2)) / cosh(k (top - low)/2), which is exp(-k (z - low)) above a single
+ * wall. Without planes p is 0.
  */
 struct DrivenFlow {
     Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  // nm/ps, at the origin of coordinates

@@ -97,7 +97,7 @@ public:
     void place(std::unique_ptr<MobilityAt>& at, const Placement& placement) const;
     void placeNear(std::unique_ptr<MobilityAt>& at, const Placement& placement) const;
 
-    // ---- A flow that is present without particles
+    // ---- A driven flow
     /**
      * The velocities of particles that follow a flow, with angular velocities for particles that
      * have rows for them. Each particle is alone in the flow: its velocities are the averages that

@@ -15,16 +15,16 @@ struct DrivenFlow;
  * mobility M plus a matrix Delta of near particles: N = (M^-1 + Delta)^-1 = (1 + M Delta)^-1 M.
  * Products with N need iterations; products with M and Delta do not.
  *
- * Noise:  the forces M^-1/2 W_1 + Delta^1/2 W_2 have the covariance N^-1. Change: from a placement
- * to a nearby one, the product N F changes by (1 + M Delta)^-1 (dM f - M dDelta U), with U = N F
- * and f = F - Delta U.
+ * Noise:  the forces M^-1/2 W_1 + Delta^1/2 W_2 have the covariance N^-1.
+ * Change: from a placement to a nearby one, the product N F changes by
+ *         (1 + M Delta)^-1 (dM f - M dDelta U), with U = N F and f = F - Delta U.
  */
 class NearAndFar {
 public:
     virtual ~NearAndFar() {}
     /**
-     * M. It may have more rows than N, for stresslets (MobilityTraits::slipsOfParts). Then N = (B^T
-     * M^-1 B + Delta)^-1, where B is 0 in these rows.
+     * M. It may have more rows than N, for stresslets (MobilityTraits::slipsOfParts). Then
+     * N = (B^T M^-1 B + Delta)^-1, where B is 0 in these rows.
      */
     virtual MobilityAt& far() = 0;
     /** forces += factor Delta velocities */

@@ -12,11 +12,12 @@ namespace RigidHIPlugin {
 /**
  * An octree of cubes with particles, and the pairs of cubes that are far from each other.
  *
- * Method:    A cube with more than `leafSize` particles has eight children. The radius of a cube is
- *            that of a ball about its centre that contains the centres of its particles. A pair of
- *            cubes is far if the sum of their radii is at most `opening` times their distance and
- *            no two of their particles can touch. The tree splits all other pairs, down to pairs of
- *            leaves, which are near. So every pair of particles is in exactly one pair of cubes.
+ * Method:    A cube with more than `leafSize` particles is divided into eight. The radius of a cube
+ *            is that of a ball about its centre that contains the centres of its particles. A pair
+ *            of cubes is far if the sum of their radii is at most `opening` times their distance
+ *            and no two of their particles can touch. The tree splits all other pairs, down to
+ *            pairs of leaves, which are near. So every pair of particles is in exactly one pair of
+ *            cubes.
  * Wall:      z counts from the wall. A cube on the wall with all particles in its lower half has
  *            its centre on the wall. The multipoles of its particles and of their images then share
  *            this centre, so whatever cancels far away cancels to the last digit. Every other cube

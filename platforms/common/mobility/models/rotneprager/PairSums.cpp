@@ -401,7 +401,6 @@ HWY_NOINLINE void addNearPairs(const Arrays& arrays, Targets<Real, columns, torq
  * @param sums       of the first source
  * @param distances  of these pairs
  * @param next       if `prepare`: the slot of the next pack of sources, whose distances to compute
- *
  * @return whether all pairs of the next pack are far
  */
 template <class Real, bool wall, int columns, bool torque_i, bool torque_j, bool prepare>

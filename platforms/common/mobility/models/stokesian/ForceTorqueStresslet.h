@@ -49,7 +49,6 @@ struct StressletResponse {
  *
  * @param viscosity  dalton/(nm ps)
  * @param response  filled
- *
  * @param mobility  6n x 6n, rows Vx Vy Vz Wx Wy Wz of each sphere about its centre, lab frame
  */
 void computeForceTorqueStressletMobility(const std::vector<double>& radii,

@@ -74,8 +74,8 @@ public:
     void strainRates(const DrivenFlow& flow, const std::vector<OpenMM::Vec3>& positions,
                      Eigen::VectorXd& rates) const;
     /**
-     * Add a pair's lubrication to the friction of all particles. For a sphere and its own image, i
-     * = j, it adds the parts of both.
+     * Add a pair's lubrication to the friction of all particles. For a sphere and its own image
+     * (i = j) it adds the parts of both.
      *
      * @param toJ  from the centre of i to that of j, nm
      * @param weight  the factor of the lubrication
