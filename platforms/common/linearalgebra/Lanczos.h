@@ -79,7 +79,7 @@ public:
     /**
      * y = A x for several columns; y may have any size before.
      *
-     * @param error  InexactProduct::error; 0 for an exact product
+     * @param error  InexactProduct::error of the product; 0 for an exact product
      */
     using Product = std::function<void(double error, const Eigen::MatrixXd& x, Eigen::MatrixXd& y)>;
     /**

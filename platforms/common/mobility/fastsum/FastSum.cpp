@@ -432,11 +432,11 @@ void translate(const FarTask<float>& task) { HWY_DYNAMIC_DISPATCH(translateFloat
 
 /**
  * The parameters for an error, and the number of particles above which they take less time than the
- * sum over pairs. The largest errors that BenchmarkFastSum --errors found were 0.53 of these,
- * relative to the velocities induced by random forces and torques, in clouds, clusters, spherical
- * shells and layers on a wall, of equal and unequal radii; TestFastSum checks other scenes. The
- * numbers of particles come from processor times of clouds, as if the sum over pairs were twice as
- * fast as it is.
+ * sum over pairs. The largest errors that BenchmarkFastSum --errors found were 0.53 of the errors
+ * in the table, relative to the velocities induced by random forces and torques, in clouds,
+ * clusters, spherical shells and layers on a wall, of equal and unequal radii; TestFastSum checks
+ * other scenes. The numbers of particles come from processor times of clouds, as if the sum over
+ * pairs were twice as fast as it is.
  */
 struct Row {
     double error;
