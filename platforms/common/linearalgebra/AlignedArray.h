@@ -12,20 +12,20 @@
 namespace RigidHIPlugin {
 
 /**
- * An array that begins at a cache line, as packs and transforms need it. It is not initialised. A
- * large array asks for large pages.
+ * An array that begins at a cache line, for packs and transforms. Its elements are not initialised.
+ * A large array asks for large pages.
  */
 template <typename T>
 class AlignedArrayOf {
 public:
-    /** The contents are lost if the size changes. */
+    /** A change of size discards the contents. */
     void resize(size_t newSize) {
         if (newSize == count) return;
         memory.reset();
         count = 0;
         const size_t bytes = newSize * sizeof(T);
-        // With small pages, looking up pages takes as long as reading the numbers in strides
-        // through a grid.
+        // With small pages, a strided pass through a grid spends as much time on looking up pages
+        // as on reading.
         const bool large = bytes >= 2 * largePage;
         const auto alignment = static_cast<std::align_val_t>(large ? largePage : cacheLine);
         T* const made = static_cast<T*>(::operator new(bytes, alignment));

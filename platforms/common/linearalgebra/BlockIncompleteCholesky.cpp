@@ -49,7 +49,7 @@ bool BlockIncompleteCholesky::tryToFactorise(double shift) {
         own *= 1 + shift;
         for (size_t e = 0; e < factor[i].size(); e++) {
             Entry& entry = factor[i][e];
-            // Columns that this row and the row of the entry's column both have.
+            // Columns present both in this row and in the row of the entry's column.
             const vector<Entry>& other = factor[entry.column];
             size_t a = 0, b = 0;
             while (a < e && b < other.size())

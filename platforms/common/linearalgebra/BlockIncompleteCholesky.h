@@ -11,28 +11,28 @@ namespace RigidHIPlugin {
  * The incomplete Cholesky factor without fill, A ~ L L^T, of a symmetric positive definite matrix
  * of 6 x 6 blocks, few of which are not 0.
  *
- * Method:    L has blocks where the lower triangle of A has blocks. Where a block of the diagonal
- *            is not positive definite any more, all of them are multiplied by 1 + shift and the
- *            factor is made again, with larger and larger shifts.
- * Cost:      The number of pairs of blocks in one row that meet in a third one, times 400
- *            multiplications; solves take the number of blocks times 40.
+ * Method:    L has blocks where the lower triangle of A has blocks. If a diagonal block loses
+ *            positive definiteness, the factorisation starts again with all diagonal blocks of A
+ *            multiplied by 1 + shift, and larger shifts until it succeeds.
+ * Cost:      About 400 multiplications for each pair of blocks in a row that contributes to a third
+ *            block. Solves take about 40 multiplications for each block and column.
  */
 class BlockIncompleteCholesky {
 public:
     using Block = Eigen::Matrix<double, 6, 6>;
 
-    /** Begin with a matrix of so many rows of blocks, which is 0. */
+    /** Begin with a zero matrix of so many rows of blocks. */
     void setZero(int numBlockRows);
-    /** Add to a block, i >= j, and thereby to its transpose. */
+    /** Add to block (i, j), i >= j, and implicitly to its transpose. */
     void add(int i, int j, const Block& block);
     /**
      * Replace the matrix by its factor.
      *
-     * @return the shift of the diagonal that was needed, relative; 0: none
+     * @return the relative shift of the diagonal; 0 if none was necessary
      * @throws OpenMMException if no shift helps
      */
     double factorise();
-    /** x = L^-1 x and x = L^-T x, of rows of blocks in their order. */
+    /** x = L^-1 x and x = L^-T x. The rows of x are in the order of the rows of blocks. */
     void solveL(Eigen::Ref<Eigen::MatrixXd> x) const;
     void solveLTransposed(Eigen::Ref<Eigen::MatrixXd> x) const;
     int getNumBlocks() const;

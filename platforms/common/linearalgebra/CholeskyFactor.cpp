@@ -3,7 +3,7 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 
-// OpenBLAS contains LAPACK. Its header would bring complex types that C++ does not accept.
+// OpenBLAS contains LAPACK. Its header uses complex types that C++ does not accept.
 extern "C" {
 void dpotrf_(const char* triangle, const int* n, double* a, const int* lda, int* info);
 void dtrsm_(const char* side, const char* triangle, const char* transposed, const char* diagonal,
@@ -22,8 +22,8 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * From this many rows on LAPACK is faster than Eigen; from this many columns on its triangular
- * solves are faster too.
+ * LAPACK is faster than Eigen from this many rows on. Its triangular solves also need this many
+ * columns to be faster.
  */
 const int lapackRows = 32, lapackColumns = 4;
 

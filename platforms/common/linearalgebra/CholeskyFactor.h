@@ -6,14 +6,14 @@
 namespace RigidHIPlugin {
 
 /**
- * The Cholesky factor, A = L L^T, of a symmetric positive definite matrix: by Eigen where the
- * matrix is small, else by LAPACK, which takes half the time (benchmarks/README.md). Nothing is
- * allocated or copied: matrix and factor exchange their memory.
+ * The Cholesky factor, A = L L^T, of a symmetric positive definite matrix. Eigen factorises small
+ * matrices and LAPACK large ones, in half of Eigen's time (benchmarks/README.md). compute() neither
+ * allocates nor copies: matrix and factor exchange their memory.
  */
 class CholeskyFactor {
 public:
     /**
-     * @param matrix  its lower triangle is read; its contents are undefined afterwards
+     * @param matrix  only its lower triangle matters; its contents are undefined afterwards
      * @return whether the matrix is positive definite
      */
     bool compute(Eigen::MatrixXd& matrix);
@@ -30,33 +30,35 @@ public:
     }
 
     /**
-     * x <- B^-1 x, where B is the leading block of A that has as many rows as x, whose factor is
-     * the leading block of L.
+     * x <- B^-1 x, where B is the leading block of A with as many rows as x. Its factor is the
+     * leading block of L.
      */
     void solveLeading(Eigen::Ref<Eigen::MatrixXd> x) const;
 
-    // A leading block may be factorised by itself, and then once for many matrices that have it.
+    // Many matrices with the same leading block can share the factor of this block.
     /**
-     * Begin with the leading block, of whose lower triangle so many rows are read. extend() then
+     * Begin with the leading block of so many rows; only its lower triangle matters. extend() then
      * completes the factor, any number of times.
      *
      * @return whether the block is positive definite
      */
     bool computeLeading(const Eigen::MatrixXd& matrix, int rows);
     /**
-     * @param matrix  its columns from `known` on are read, which are right of the leading block of
-     *     computeLeading(), and whose lower triangle is below it
+     * @param matrix  only its columns from `known` on matter: the part right of the leading block
+     *     of computeLeading(), and the lower triangle below this part
      * @return whether the matrix is positive definite
      */
     bool extend(const Eigen::MatrixXd& matrix, int known);
-    /** The first rows of x: x <- B^-1 x with the block B of L; solveL() of these rows. */
+    /**
+     * The first `rows` rows of solveL(): x <- B^-1 x for these rows, with the leading block B of L.
+     */
     void solveLeadingL(int rows, Eigen::MatrixXd& x) const;
-    /** The other rows of solveL(), where the first `known` rows of x are results already. */
+    /** The other rows of solveL(), if the first `known` rows of x are already its results. */
     void continueL(int known, Eigen::MatrixXd& x) const;
 
 private:
     Eigen::MatrixXd right;   // L_B^-1 times the columns right of the leading block
-    Eigen::MatrixXd factor;  // in the lower triangle
+    Eigen::MatrixXd factor;  // only the lower triangle is valid
 };
 
 }  // namespace RigidHIPlugin

@@ -32,7 +32,11 @@ struct Gmres::Column {
         rightSide[0] = residual;
         if (residual > 0) vectors.col(0) = residualVector / residual;
     }
-    /** Take in the product with the last vector. @return whether the space grows */
+    /**
+     * Take in the product with the last vector.
+     *
+     * @return whether the space grows
+     */
     bool add(VectorXd product) {
         auto basis = vectors.leftCols(size + 1);
         auto h = R.col(size);
@@ -69,7 +73,10 @@ struct Gmres::Column {
     void addSolution() {
         if (size > 0) x += vectors.leftCols(size) * coefficients();
     }
-    /** The norm of the iterate; of its last part where the space has been begun again. */
+    /**
+     * The norm of the iterate. After a restart the norms of both parts are combined as if
+     * orthogonal.
+     */
     double normOfSolution() const { return hypot(coefficients().norm(), x.norm()); }
 };
 

@@ -10,30 +10,32 @@ namespace RigidHIPlugin {
 /**
  * Solutions of A x = b from products with A alone, for matrices that need not be symmetric.
  *
- * Method:    GMRES with Arnoldi's vectors orthogonalised twice, and restarts. Every column has a
- *            Krylov space of its own, but all columns that have not converged are multiplied in one
- *            call.
+ * Method:    GMRES with restarts; Arnoldi's vectors are orthogonalised twice. Every column has its
+ *            own Krylov space, but one call multiplies all columns that have not converged.
  * Accuracy:  The residual of a column, in the 2-norm, is at most `tolerance` times the norm of its
- *            solution. Where A is near the identity, as with a preconditioner, the error is about
- *            this.
+ *            solution. Where A is near the identity, as with a preconditioner, the error has about
+ *            this size.
  * Reference: Saad and Schultz, SIAM J. Sci. Stat. Comput. 7:856 (1986).
  */
 class Gmres {
 public:
     using Product = std::function<void(const Eigen::MatrixXd& x, Eigen::MatrixXd& y)>;
 
-    /** @param mostVectors  of a Krylov space, after which it is begun again from the iterate */
+    /** @param mostVectors  of a Krylov space before it restarts from the iterate */
     explicit Gmres(int mostVectors = 100, int mostIterations = 1000)
         : mostVectors(mostVectors), mostIterations(mostIterations) {}
     /**
-     * Solve for every column of b, beginning at 0.
+     * Solve for every column of b, starting from 0.
      *
      * @param x  resized and overwritten
-     * @throws OpenMMException if the tolerance is not reached; the message says what was reached
+     * @throws OpenMMException if a column does not reach the tolerance; the message gives the
+     *     residual that it reached
      */
     void solve(const Product& product, const Eigen::MatrixXd& b, double tolerance,
                Eigen::MatrixXd& x);
-    /** Iterations of the last solve, summed over columns, and those of the slowest column. */
+    /**
+     * Iterations of the last solve: the sum over columns, and the largest number for one column.
+     */
     int getNumIterations() const { return numIterations; }
     int getNumOfSlowest() const { return numOfSlowest; }
 

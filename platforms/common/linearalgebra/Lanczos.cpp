@@ -18,16 +18,16 @@ namespace RigidHIPlugin {
 
 namespace {
 
-// Rounding errors of the iteration are those of a matrix that differs from A by this share of its
-// norm (full reorthogonalisation is backward stable), and of a result that differs by this share.
-// TestLanczos compares them with measured errors. With 4, and without the second share, one case in
-// twenty exceeded its estimate.
+// Rounding acts on the iteration like a change of A by this share of its norm (full
+// reorthogonalisation is backward stable) and a change of the result by this share. TestLanczos
+// compares these estimates with measured errors. With 4 instead of 8, and without the second share,
+// one case in twenty exceeded its estimate.
 const double roundingError = 8 * DBL_EPSILON;
 
 /** (f(a) - f(b))/(a - b), and f'(a) for a = b. */
 double slope(const std::function<double(double)>& f, double a, double f_a, double b, double f_b) {
-    const double separated = 1e-6;  // below it the difference quotient loses half of the digits,
-                                    // and the derivative is used
+    const double separated = 1e-6;  // below it the difference quotient loses half of the digits;
+                                    // use the derivative
     if (std::abs(a - b) > separated * std::max(a, b)) return (f_a - f_b) / (a - b);
     return (f(a * (1 + separated)) - f(a * (1 - separated))) / (2 * separated * a);
 }
@@ -39,17 +39,18 @@ double slope(const std::function<double(double)>& f, double a, double f_a, doubl
  *
  * with Ritz values theta and eigenvectors S of the tridiagonal matrix (compare f(A) v_1 with the
  * polynomial that takes f's values at theta). Between the extreme Ritz values, the largest
- * magnitude of this sum bounds the part of the error there, since v_k+1 has length 1. Beyond them
- * are few eigenvalues, and v_k+1 has only a small part along theirs. The squares of S's last row
- * are the parts of v_k along Ritz vectors, and a random vector of n rows has a part of 1/n along an
- * eigenvector. In v_k+1 either may be larger by a factor `growth`, where an eigenvalue has not been
- * found yet. How far eigenvalues reach beyond Ritz values comes from the residuals.
+ * magnitude of this sum bounds the part of the error there, since v_k+1 has length 1. Few
+ * eigenvalues lie beyond them, and v_k+1 has only a small part along their eigenvectors. The
+ * squares of S's last row are the parts of v_k along Ritz vectors, and a random vector of n rows
+ * has a part of 1/n along an eigenvector. In v_k+1 either part may be larger by a factor `growth`
+ * if an eigenvalue is still missing. The residuals estimate how far eigenvalues reach beyond Ritz
+ * values.
  */
 double largestFactor(const std::function<double(double)>& f, const VectorXd& ritzValues,
                      const VectorXd& functionValues, const VectorXd& firstRow,
                      const VectorXd& lastRow, double beta, int n) {
     // An eigenvalue lies within one residual of each Ritz value, but the extreme eigenvalue may be
-    // farther out. At first residuals say nothing yet; then `least` limits how far the interval
+    // farther out. Early residuals are not meaningful; `least` then limits how far the interval
     // reaches towards zero.
     const double residuals = 3, least = 0.01, growth = 16;
     const int k = ritzValues.size();
@@ -57,7 +58,7 @@ double largestFactor(const std::function<double(double)>& f, const VectorXd& rit
     const double low =
         std::max(smallest - residuals * beta * std::abs(lastRow[0]), least * smallest);
     const double high = largest + residuals * beta * std::abs(lastRow[k - 1]);
-    // The sum is smooth, and for most functions largest at an end.
+    // The sum is smooth, and for most functions it is largest at an end.
     const auto largestBetween = [&](double from, double to, int samples) {
         double most = 0;
         for (int s = 0; s <= samples; s++) {
@@ -80,7 +81,10 @@ double largestFactor(const std::function<double(double)>& f, const VectorXd& rit
                      part(lastRow[k - 1]) * above * above);
 }
 
-/** T^-1 c, T positive definite with this diagonal and these numbers beside it. */
+/**
+ * T^-1 c for a positive definite tridiagonal matrix T with this diagonal and these numbers beside
+ * it.
+ */
 VectorXd solveTridiagonal(const std::vector<double>& diagonal, const std::vector<double>& beside,
                           const VectorXd& c) {
     const int n = c.size();
@@ -143,15 +147,15 @@ void Lanczos::Column::start(const VectorXd& x) {
 
 /**
  * Plan the next check, which costs k^3 operations. Checks are rare while the error is far too
- * large, but in the end no iteration is one too many. In a large matrix a check takes far less time
- * than a product, and every iteration has one.
+ * large, and frequent near the end, to avoid superfluous iterations. For a large matrix a check
+ * takes far less time than a product, so every iteration has one.
  *
- * @param newExcess  error over what is allowed
+ * @param newExcess  the error over its limit
  */
 void Lanczos::Column::planNextLook(double newExcess) {
     const int k = alpha.size(), rowsOfLarge = 8 * k * k;
     int wait = basis.rows() > rowsOfLarge ? 1 : std::max(1, k / 4);
-    // Errors shrink by about the same factor each iteration, later by more.
+    // Errors shrink by about the same factor in each iteration, later by more.
     const double rate = std::log(excess / newExcess) / (k - lastLook), share = 0.6;
     if (lastLook > 0 && rate > 0)
         wait = std::min<double>(wait, std::max(1.0, share * std::log(newExcess) / rate));
@@ -166,17 +170,17 @@ void Lanczos::Column::put(MatrixXd& result, int c) const {
     result.col(c).noalias() = norm * (basis.leftCols(y.size()) * y);
 }
 
-/** What apply() is asked for. */
+/** The arguments of apply(). */
 struct Lanczos::Request {
     const Product& multiply;
     const MatrixXd& x;
     const std::vector<SpectralFunction>& functions;
     const Measure measure;
-    const Course* const course;  // to be followed
+    const Course* const course;  // to follow
     const std::vector<Outer>& outer;
 };
 
-/** The iteration of all columns with one kind of inexact products, or with exact ones alone. */
+/** The iteration of all columns with one kind of inexact products, or with exact products only. */
 class Lanczos::Attempt {
 public:
     /** @param inexact  null: exact products only */
@@ -184,8 +188,8 @@ public:
         : lanczos(lanczos), request(request), inexact(inexact),
           isInexact(inexact && inexact->atOnce), columns(lanczos.columns), work(lanczos.work) {}
     /**
-     * @return whether the results have the tolerance. If not, inexact products are not accurate
-     *     enough; without them there is an error.
+     * @return whether the results reach the tolerance. If not, inexact products are not accurate
+     *     enough; without inexact products run() throws instead.
      */
     bool run(MatrixXd& result);
 
@@ -204,7 +208,8 @@ private:
     Lanczos& lanczos;
     const Request& request;
     const InexactProduct* const inexact;
-    bool isInexact;  // whether the next product is inexact; without a course, all after it are, too
+    bool isInexact;  // whether the next product is inexact; without a course, all later ones are,
+                     // too
     std::vector<Column>& columns;
     Workspace& work;
     int numActive = 0;
@@ -250,8 +255,9 @@ void Lanczos::Attempt::start(MatrixXd& result) {
 }
 
 /**
- * The k-th product of all columns that have not converged. @return whether inexact products are
- * accurate enough
+ * The k-th product of all columns that have not converged.
+ *
+ * @return whether inexact products are accurate enough
  */
 bool Lanczos::Attempt::extendAll(int k) {
     const int count = columns.size();
@@ -270,12 +276,13 @@ bool Lanczos::Attempt::extendAll(int k) {
 }
 
 /**
- * Look at the columns whose turn it is after k products. @return whether inexact products are
- * accurate enough
+ * Check the columns that are due after k products.
+ *
+ * @return whether inexact products are accurate enough
  */
 bool Lanczos::Attempt::judgeAll(int k, MatrixXd& result) {
     const int count = columns.size();
-    // Until the next products may be inexact, every iterate is checked for that.
+    // Until products may become inexact, check every iterate for this.
     const bool mayBecomeInexact = inexact && !isInexact && !request.course;
     const bool last = k >= lanczos.maxIterations;
     const auto isDue = [&](const Column& column) {
@@ -310,32 +317,33 @@ bool Lanczos::Attempt::judgeAll(int k, MatrixXd& result) {
     return true;
 }
 
-/** The error of a inexact product with a vector of length 1. */
+/** The error of an inexact product with a vector of length 1. */
 double Lanczos::Attempt::errorOfInexact(const Column& column) const {
     return inexact ? inexact->ofNorm * column.scale + inexact->ofVector * column.first : 0;
 }
 
 /**
- * Errors of the products so far enter the result with factors that shrink about as fast as its
- * coefficients. The next products together therefore do not exceed a few times the effect of the
- * last one.
+ * Errors of products enter the result with factors that shrink about as fast as the coefficients of
+ * the result. All later products together therefore have at most a few times the effect of the last
+ * product.
  */
 bool Lanczos::Attempt::allowsInexactProducts(const Column& column) const {
-    const double ofLast = 0.25;  // the part of the last product
+    const double ofLast = 0.25;  // the share of the last product
     const double share = ofLast * (inexact->share > 0 ? inexact->share : lanczos.tolerance);
     const Iterate& iterate = column.iterate[column.form];
     return errorOfInexact(column) * iterate.lastFactor <= share * iterate.norm;
 }
 
 /**
- * The next basis vector and the next row of the tridiagonal matrix. @return whether inexact
- * products are accurate enough
+ * Add a basis vector and a row of the tridiagonal matrix.
+ *
+ * @return whether inexact products are accurate enough
  */
 bool Lanczos::Attempt::extend(Column& column, const VectorXd& product) {
     const int k = column.alpha.size() + 1, n = product.size();
     VectorXd w = product;
     double alpha = 0;
-    // Twice is enough: the second pass removes what rounding in the first left.
+    // Two passes suffice: the second removes what rounding in the first left over.
     for (int pass = 0; pass < 2; pass++) {
         work.overlap.noalias() = column.basis.leftCols(k).transpose() * w;
         w.noalias() -= column.basis.leftCols(k) * work.overlap;
@@ -359,10 +367,14 @@ bool Lanczos::Attempt::extend(Column& column, const VectorXd& product) {
     return true;
 }
 
-/** f of the tridiagonal matrix. @return whether inexact products are accurate enough */
+/**
+ * f of the tridiagonal matrix.
+ *
+ * @return whether inexact products are accurate enough
+ */
 bool Lanczos::Attempt::evaluate(Column& column, const SpectralFunction& f) {
     const int k = column.alpha.size();
-    // The matrix is scaled to about 1, as Eigen's test for zeros beside the diagonal assumes.
+    // Scale the matrix to about 1: Eigen's test for zeros beside the diagonal assumes this.
     Eigen::SelfAdjointEigenSolver<MatrixXd> solver;
     solver.computeFromTridiagonal(
         Eigen::Map<const VectorXd>(column.alpha.data(), k) / column.scale,
@@ -403,7 +415,7 @@ bool Lanczos::Attempt::evaluate(Column& column, const SpectralFunction& f) {
                                                     ritzValues[j], functionValues[j]);
         const double steepest =
             slopes.cwiseAbs().colwise().maxCoeff().transpose().cwiseProduct(firstRow).norm();
-        // An error of the j-th product only changes what the j-th basis vector becomes.
+        // An error of the j-th product changes only the image of the j-th basis vector.
         double ofInexact = 0;
         for (int j = 0; j < k; j++) {
             work.weights = solver.eigenvectors().row(j).transpose().cwiseProduct(firstRow);
@@ -425,8 +437,8 @@ bool Lanczos::Attempt::evaluate(Column& column, const SpectralFunction& f) {
 }
 
 /**
- * Outer matrices make errors grow relative to the result. Those of products have no preferred
- * directions, like a basis vector. That of the iteration has the directions of the changes of
+ * Outer matrices magnify errors relative to the result. The errors of products have no preferred
+ * direction, like a basis vector. The error of the iteration has the direction of the changes of
  * iterates.
  */
 void Lanczos::Attempt::magnify(Column& column) {
@@ -452,9 +464,9 @@ void Lanczos::Attempt::magnify(Column& column) {
             return work.input.norm() / norm;
         };
         const double ofResult = growth(y);
-        if (!(ofResult > 0)) continue;  // then nothing can be relative to it
+        if (!(ofResult > 0)) continue;  // no error can be relative to zero
         double ofProducts = ofResult;
-        // The inverse is known up to the basis vector before the last.
+        // The tridiagonal matrix, and so the inverse, does not cover the last basis vector.
         const int last = o.ofInverse ? k : k + 1;
         if (!column.exact)
             ofProducts = std::max(ofProducts, growth(VectorXd::Unit(last, last - 1)));
@@ -470,18 +482,19 @@ void Lanczos::Attempt::magnify(Column& column) {
 
 Lanczos::Attempt::Verdict Lanczos::Attempt::judge(Column& column, const SpectralFunction& f,
                                                   MatrixXd& result) {
-    // The error must be below five tolerances. This many of them are for the error of the iteration
-    // (which the bound exceeds), this many for rounding, and the rest for the estimated interval of
-    // the eigenvalues.
-    // Where a course is followed, the matrix is another one, and the first apply() may have stopped
-    // just below its limit. The limit is then twice as high, so that the number of products stays.
+    // The error must be below five tolerances. `shareOfIteration` of them are for the error of the
+    // iteration (the bound is larger than this error), `shareOfRounding` for rounding, and the rest
+    // for the estimated interval of the eigenvalues. An apply() that follows a course has a
+    // slightly different matrix, and the first apply() may have stopped just below its limit. The
+    // limit is then twice as high, so that the number of products stays the same.
     const double tolerance = lanczos.tolerance;
     const double shareOfIteration = request.course ? 6 : 3, shareOfRounding = 1;
-    // A result this much smaller than its vector counts as zero: squares of its elements underflow.
+    // A result smaller than its vector by this factor counts as zero, because squares of its
+    // elements underflow.
     const double nothing = 1e-140;
     if (!request.outer.empty()) magnify(column);
     const Iterate& iterate = column.iterate[column.form];
-    // No bound can be smaller than the rounding error in computing it.
+    // No bound can be smaller than its own rounding error.
     const auto iterationConverged = [&](double norm) {
         return iterate.bound <= std::max(shareOfIteration * tolerance * norm, iterate.roundoff);
     };
@@ -497,7 +510,7 @@ Lanczos::Attempt::Verdict Lanczos::Attempt::judge(Column& column, const Spectral
     }
     column.error = (iterate.bound + iterate.roundoff) / norm;
     if (!iterationConverged(norm)) {
-        // Errors of the first products count most, so that more products do not help.
+        // Errors of the first products count most, so more products do not help.
         if (isInexact && inexact->ofVector > 0 && !roundingIsSmall(norm)) return TooInexact;
         column.planNextLook(iterate.bound / (shareOfIteration * tolerance * norm));
         return NotYet;

@@ -10,10 +10,10 @@ namespace RigidHIPlugin {
 /** A function of the eigenvalues of a matrix. */
 struct SpectralFunction {
     std::function<double(double)> value;
-    /** value - 1 without cancellation; empty: never needed. */
+    /** value - 1 without cancellation; empty if never needed. */
     std::function<double(double)> minusOne;
 
-    /** exp(-h/x) and expm1(-h/x): the remainder after h of a decay at the rate 1/x. */
+    /** exp(-h/x) and expm1(-h/x): what a decay at the rate 1/x leaves after the time h. */
     static SpectralFunction decay(double h);
     /** sqrt(1 - exp(-2 h/x)): the noise that keeps such a decay at unit variance. */
     static SpectralFunction decayNoise(double h);
@@ -25,9 +25,9 @@ struct SpectralFunction {
     static SpectralFunction inverse();
 };
 
-/** A kind of products with a matrix A that takes less time than exact ones, and its errors. */
+/** A kind of product with a matrix A that takes less time than an exact one, and its errors. */
 struct InexactProduct {
-    double error = 0;  // that the product is asked for
+    double error = 0;  // that Product is asked for
     /** The error of a product with a vector v is at most this times the norms of A and v... */
     double ofNorm = 0;
     /** ...and this times the norm of v times |A x|/|x|, where x is the column's vector. */
@@ -35,8 +35,8 @@ struct InexactProduct {
     /** Whether the first products may be inexact. Otherwise the iterates decide. */
     bool atOnce = true;
     /**
-     * Then their errors together make at most about this part of the result. 0: what the tolerance
-     * leaves.
+     * Without atOnce: the errors of inexact products together may make about this part of the
+     * result. 0: the tolerance.
      */
     double share = 0;
 };
@@ -45,48 +45,50 @@ struct InexactProduct {
  * Functions of a symmetric positive definite matrix A times vectors, f(A) x, from products with A
  * alone.
  *
- * Method:    Lanczos with full reorthogonalisation. Every column has a Krylov space of its own, but
- *            all columns that have not converged are multiplied in one call. (One space for all
- *            columns together, block Lanczos, saves 15 % of the products at best, and needs more
- *            where columns converge at different times: measured.)
+ * Method:    Lanczos with full reorthogonalisation. Every column has its own Krylov space, but one
+ *            call multiplies all columns that have not converged. (Block Lanczos, with one space
+ *            for all columns, saves 15 % of the products at best, and needs more where columns
+ *            converge at different times: measured.)
  * Accuracy:  the error of a column, in the 2-norm, is at most five times `tolerance` times the norm
- *            of the result (or times 1e-140 of the column itself). If that cannot be reached, there
- *            is an error. The error is bounded and not estimated from the change of iterates, so
- *            that plateaus do no harm: see largestFactor(). How far eigenvalues reach beyond those
- *            of the Krylov space, and their part of the error, are estimates. Of 72,000 cases with
- *            random vectors none was wrong: the largest error was 3.4 tolerances. At the dimension
- *            of the matrix, or of an invariant
- *            subspace, the result is exact except for rounding. Rounding, which ill-conditioned
- *            matrices magnify, is estimated too. A vector with hardly any component along an
- *            eigenvector that f magnifies can hide it from the Krylov space: a multiple of its
- *            component is then missing.
+ *            of the result (or times 1e-140 of the column itself). If the iteration cannot reach
+ *            this, it throws. The error is bounded and not estimated from the change of iterates,
+ *            so plateaus do no harm: see largestFactor(). Two parts of the bound are estimates: how
+ *            far eigenvalues reach beyond those of the Krylov space, and the share of these
+ *            eigenvalues in the error. The bound held in all 72,000 random trials: the largest
+ *            error was 3.4 tolerances. At the dimension of the matrix, or of an invariant subspace,
+ *            the result is exact except for rounding. Rounding, which ill-conditioned matrices
+ *            magnify, is estimated, too. If a vector has hardly any component along an eigenvector
+ *            that f magnifies, the Krylov space may miss this eigenvector: the result then lacks
+ *            the magnified component.
  * Cost:      for k iterations of n rows: k products, 4 n k^2 operations, n k numbers of memory for
  *            each column, and eigensystems of tridiagonal matrices of up to k rows: about ten, or
- *            one an iteration up to k^2 = n/8, where they cost less than the products.
+ *            one for each iteration up to k^2 = n/8, where they cost less than the products.
  * Reference: Saad, SIAM J. Numer. Anal. 29, 209 (1992); Chow, Saad, SIAM J. Sci. Comput. 36, A588
- * (2014).
+ *            (2014).
  *
- * Inexact products, if there are any, are used from the iteration on where their errors do no harm.
- * An error in the k-th product enters the result as the k-th basis vector does. Inexact products
- * are therefore used from the first product on at coarse tolerances, and after a few at fine ones.
- * Their errors are counted with rounding. If this makes the estimate too large, the computation is
- * repeated with the next kind of inexact products, and in the end with exact ones.
+ * Inexact products, if given, replace exact ones as soon as their errors do no harm. An error in
+ * the k-th product enters the result as the k-th basis vector does. At coarse tolerances all
+ * products may therefore be inexact, and at fine tolerances all but a few. The errors of inexact
+ * products count as rounding. If they make the estimate too large, apply() repeats the computation
+ * with the next kind of inexact products, and finally with exact ones.
  *
- * There are no measured times and no random numbers: the same input gives the same bits.
+ * The method uses no measured times and no random numbers: the same input gives the same bits.
  */
 class Lanczos {
 public:
     /**
      * y = A x for several columns; y may have any size before.
      *
-     * @param error  InexactProduct::error; 0: the product is to be exact
+     * @param error  InexactProduct::error of the product; 0 for an exact product
      */
     using Product = std::function<void(double error, const Eigen::MatrixXd& x, Eigen::MatrixXd& y)>;
-    /** What the tolerance is relative to: each column's own norm, or (not for increments, see
-     * apply()) that of their sum. */
+    /**
+     * The norm to which the tolerance is relative: each column's own norm, or (except for
+     * increments, see apply()) the norm of their sum.
+     */
     enum Measure { OwnNorm, NormOfSum };
 
-    /** How the columns of apply() have iterated. */
+    /** The course of the iterations of apply(). */
     struct Course {
         std::vector<int> products;    // of each column
         std::vector<char> isInexact;  // each call of the product, in order
@@ -95,22 +97,22 @@ public:
 
     static constexpr int defaultIterations = 1000;
     /**
-     * @param maxIterations  bounds memory and time; at the matrix's dimension results are exact
-     * @param wanted         the tolerance that the user has set, for messages, where `tolerance` is
-     *     a part of it; else 0
+     * @param maxIterations  bounds memory and time; results are exact at the matrix's dimension
+     * @param wanted         the tolerance that the user has set, for messages, if `tolerance` is a
+     *     part of it; else 0
      */
     explicit Lanczos(double tolerance, int maxIterations = defaultIterations, double wanted = 0);
     /** A matrix B by which the caller multiplies results. */
     struct Outer {
         /** x <- B x, for one column; the number of rows may change. */
         std::function<void(Eigen::MatrixXd& x)> multiply;
-        /** B A^-1 in place of B. The inverse is that of the tridiagonal matrix. */
+        /** B A^-1 instead of B, with the inverse of the tridiagonal matrix. */
         bool ofInverse = false;
     };
     /**
      * result.col(c) = f_c(A) x.col(c). If f_c has `minusOne` and the increment (f_c - 1)(A)
-     * x.col(c) is smaller, the result is the increment, which isIncrement(c) tells. The increment
-     * is then what is accurate, and the caller adds x.col(c).
+     * x.col(c) is smaller, the result is the increment, and isIncrement(c) is true. The accuracy is
+     * then that of the increment, and the caller adds x.col(c).
      *
      * NormOfSum is for columns that the caller adds up. The error of a column with `minusOne` that
      * has decayed may then be `tolerance` times the norm of the sum of all results. Increments and
@@ -118,21 +120,21 @@ public:
      *
      * For differences of results for A and for A' close to it, with the same x, the second apply()
      * should follow the course of the first. It makes as many products of each column, exact and
-     * inexact ones in the same order, and more only where the error of the iteration exceeds six
-     * tolerances, twice what it may be otherwise. Where no more are needed, the result is a smooth
+     * inexact ones in the same order. It makes more only if the error of the iteration exceeds six
+     * tolerances, twice the usual limit. If no more products are needed, the result is a smooth
      * function of the matrix. For spectra without gaps, the relative error of the difference is
-     * then up to a hundred tolerances, however close A' is to A. For eigenvalues in clusters the
-     * difference may be worse, and no estimate tells.
+     * then up to a hundred tolerances, however close A' is to A. For clustered eigenvalues the
+     * difference may be worse, and no estimate shows this.
      *
-     * @param inexact kinds of inexact products, which are tried in this order
-     * @param course  to be followed; null: none
-     * @param outer   the tolerance is also that of each product B f(A) x. How much larger errors
-     *     are, relative to these products, is measured with the last basis vector, and with the
-     *     change of iterates from one check to the next, which has the directions of the error.
-     *     Empty: the tolerance is that of the results themselves.
-     * @throws OpenMMException  if the tolerance is not reached in maxIterations or because of
-     *     rounding (with what was reached and what helps); if A is not positive definite; for
-     *     numbers that are not finite
+     * @param inexact kinds of inexact products, tried in this order
+     * @param course  the course to follow; null for none
+     * @param outer   matrices B for which the tolerance also holds for each product B f(A) x. How
+     *     much B magnifies errors is measured with the last basis vector and with the change of
+     *     iterates from one check to the next, which has the direction of the error. Empty: the
+     *     tolerance holds for the results only.
+     * @throws OpenMMException  if maxIterations or rounding prevents the tolerance (the message has
+     *     the error that was reached and remedies); if A is not positive definite; if numbers are
+     *     not finite
      */
     void apply(const Product& multiply, const Eigen::MatrixXd& x,
                const std::vector<SpectralFunction>& functions, Eigen::MatrixXd& result,
@@ -143,7 +145,10 @@ public:
     const Course& getCourse() const { return course; }
 
     bool isIncrement(int column) const { return columns[column].form == Increment; }
-    /** Error, relative as the tolerance is, as estimated when the column was finished. */
+    /**
+     * The estimate of the error when the column was finished, relative to the same norm as the
+     * tolerance.
+     */
     double getErrorEstimate(int column) const { return columns[column].error; }
     /** Products of A with one vector in the last apply(). */
     int getNumProducts() const { return numProducts; }
@@ -154,11 +159,12 @@ private:
     struct Request;
     class Attempt;
     enum Form { Value, Increment };
-    /** f(A) x or (f - 1)(A) x for x of length 1, as far as it is known. */
+    /** The present approximation of f(A) x or (f - 1)(A) x, for x of length 1. */
     struct Iterate {
         Eigen::VectorXd coefficients;  // of the basis
         double norm, bound, roundoff;  // bound: of the error of the iteration
-        double lastFactor;  // the largest factor of an error of the last product in the result
+        double lastFactor;  // largest factor with which an error of the last product enters the
+                            // result
     };
     struct Column {
         double norm;            // of x
@@ -172,7 +178,7 @@ private:
         bool active, exact;
         Eigen::VectorXd before;  // coefficients at the last check
         int lastLook, nextLook;  // iterations after which the result is checked
-        double excess;           // at the last check: the error over what is allowed
+        double excess;           // at the last check: the error over its limit
         Form form;
         double error;
 

@@ -13,7 +13,7 @@ OneBlasThread::OneBlasThread() {
     BlasThreads& shared = blasThreads();
     const std::lock_guard<std::mutex> lock(shared.mutex);
     const int number = openblas_get_num_threads();
-    // Holders leave the number at 1, so that other code has set any other number.
+    // Holders leave the number at 1, so only other code can have set another number.
     if (shared.holders == 0 || number != 1) shared.wanted = number;
     if (number != 1) openblas_set_num_threads(1);
     shared.holders++;

@@ -7,15 +7,14 @@ namespace RigidHIPlugin {
  * Keeps one BLAS thread in the whole process while any object of this class exists, so that results
  * do not depend on the number of threads.
  *
- * The number belongs to the process, not to a thread. Contexts that step at the same time hold it
- * together, whichever platform they are on. The first holder saves the number, and the last one
- * restores it. If other code sets a number other than 1 meanwhile, that number is restored. Results
- * of the holders until the next one comes may then depend on it.
+ * The number belongs to the process, not to a thread. Contexts that step at the same time share it,
+ * on any platform. The first holder saves the number, and the last one restores it. If other code
+ * sets a number other than 1 meanwhile, the last holder restores that number. Until the next holder
+ * comes, results of the present holders may then depend on that number.
  *
- * OpenBLAS reads the number once a call, so that calls in progress in other threads keep theirs.
+ * OpenBLAS reads the number once per call, so calls in progress in other threads keep their number.
  *
- * The object must be made by the thread that starts a step, not inside tasks that run at the same
- * time.
+ * The thread that starts a step must make the object. Tasks that run at the same time must not.
  */
 class OneBlasThread {
 public:

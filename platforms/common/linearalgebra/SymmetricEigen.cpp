@@ -4,7 +4,7 @@
 
 #include <string>
 
-// OpenBLAS contains LAPACK. Its header would bring complex types that C++ does not accept.
+// OpenBLAS contains LAPACK. Its header uses complex types that C++ does not accept.
 extern "C" {
 void dsyevd_(const char* job, const char* triangle, const int* n, double* a, const int* lda,
              double* w, double* work, const int* lwork, int* iwork, const int* liwork, int* info);

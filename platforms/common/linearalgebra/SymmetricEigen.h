@@ -7,9 +7,9 @@
 namespace RigidHIPlugin {
 
 /**
- * The eigendecomposition matrix = V diag(values) V^T of a symmetric matrix: by Eigen where the
- * matrix is small, else by LAPACK's divide and conquer (dsyevd; callers hold a OneBlasThread),
- * which is faster from a few tens of rows on. Cost: about 9 n^3 flops.
+ * The eigendecomposition matrix = V diag(values) V^T of a symmetric matrix. Eigen decomposes small
+ * matrices. LAPACK's divide and conquer (dsyevd; callers hold a OneBlasThread), which is faster
+ * from a few tens of rows on, decomposes the others. Cost: about 9 n^3 flops.
  */
 class SymmetricEigen {
 public:

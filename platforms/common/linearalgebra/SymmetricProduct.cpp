@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-// dsyrk is in OpenBLAS. Its header would bring complex types that C++ does not accept.
+// OpenBLAS contains dsyrk. Its header uses complex types that C++ does not accept.
 extern "C" void dsyrk_(const char* triangle, const char* transposed, const int* n, const int* k,
                        const double* alpha, const double* a, const int* lda, const double* beta,
                        double* c, const int* ldc);
@@ -24,7 +24,7 @@ void addProductOfColumns(const Eigen::MatrixXd& A, double factor, Eigen::MatrixX
 }
 
 void mirrorLower(Eigen::MatrixXd& matrix) {
-    const int n = matrix.rows(), tile = 32;  // tiles that a cache holds
+    const int n = matrix.rows(), tile = 32;  // tiles that fit in a cache
     for (int left = 0; left < n; left += tile)
         for (int top = 0; top <= left; top += tile)
             for (int column = left; column < std::min(left + tile, n); column++)

@@ -6,7 +6,7 @@
 namespace RigidHIPlugin {
 
 /**
- * Add factor A A^T to the lower triangle of `sum`, with the first `columns` columns of A, by BLAS.
+ * Add factor A A^T to the lower triangle of `sum`, using the first `columns` columns of A, by BLAS.
  */
 void addProductOfRows(const Eigen::MatrixXd& A, int columns, double factor, Eigen::MatrixXd& sum);
 /** Add factor A^T A to the lower triangle of `sum`, by BLAS. */

@@ -7,10 +7,10 @@
 namespace RigidHIPlugin {
 
 /**
- * The text of a tolerance in a message: the tolerance that the user has set, and the part of it
- * that is left for an iteration.
+ * The text of a tolerance in a message: the tolerance that the user has set, and the part of it for
+ * an iteration.
  *
- * @param tolerance  the iteration's own
+ * @param tolerance  that of the iteration
  * @param wanted  that of the user; 0: the iteration's own tolerance is the user's
  */
 inline std::string toleranceText(double tolerance, double wanted) {

@@ -4,21 +4,22 @@
 namespace RigidHIPlugin {
 
 /**
- * How exact a product with a mobility has to be, and what it is for. By default it is exact.
+ * The accuracy that a product with a mobility needs, and the purpose of the product. By default the
+ * product is exact.
  *
  * Models use it to choose the product that takes the least time. ErrorBudget (rigid/) says which
  * accuracy each product of a step needs.
  */
 struct Accuracy {
     enum Purpose {
-        Value,      // the product itself is used, or an iteration is built on it
-        Difference  // it is subtracted from a product at a nearby placement
+        Value,      // the caller uses the product itself, or iterates with it
+        Difference  // the caller subtracts it from a product at a nearby placement
     };
     /**
-     * Value: the error is at most this times the norm of M times the norm of the forces. M and
-     * forces are scaled by the square roots of the particles' own mobilities in both norms.
-     * Difference: the difference of both products has about this relative error, and errors do not
-     * jump from one placement to the other. 0: the product is exact, except for rounding.
+     * Value: the error is at most this times the norm of M times the norm of the forces. Both norms
+     * scale M and forces by the square roots of the particles' own mobilities. Difference: the
+     * difference of both products has about this relative error, and the error is continuous from
+     * one placement to the other. 0: the product is exact, except for rounding.
      */
     double error = 0;
     Purpose purpose = Value;
@@ -28,10 +29,15 @@ struct Accuracy {
      * which they are accurate enough from the first product on.
      */
     static constexpr double errorOfSinglePrecision = 1e-6, leastToleranceOfSinglePrecision = 5e-5;
-    /** Iterations whose results are differenced, to find drifts, go to this part of the tolerance.
+    /**
+     * The tolerance of iterations whose results are subtracted to find drifts, as a part of the
+     * usual tolerance.
      */
     static constexpr double partForDifferences = 0.1;
-    /** Rounding of single precision would jump from placement to placement. */
+    /**
+     * Whether the product may use single precision. Differences may not, because its rounding
+     * errors jump from one placement to the next.
+     */
     bool allowsSinglePrecision() const {
         return purpose == Value && error >= errorOfSinglePrecision;
     }

@@ -18,8 +18,8 @@ CoincidenceCheck::Pair CoincidenceCheck::find(const HydrodynamicParticles& parti
     Pair found;
     const int n = particles.size();
     if (n < 2) return found;
-    // Particles are sorted along a line in a general direction, on which points of a lattice do not
-    // fall together. Particles that are near each other are then neighbours in the order.
+    // Sort the particles along a line. Its direction is general, so that no two points of a lattice
+    // have the same projection. Particles close to each other are then close in the order.
     const OpenMM::Vec3 direction(0.5773, 0.2111, 0.7888);
     order.clear();
     double largest = 0, radius = 0;

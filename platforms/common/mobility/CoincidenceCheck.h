@@ -18,8 +18,8 @@ namespace RigidHIPlugin {
  * too). The largest eigenvalue of n rows is at most n, and the rounding of a Cholesky factorisation
  * is n times the largest eigenvalue times 2e-16. So with d or D above 1e-6 the matrix is positive
  * definite in double precision up to 3e4 rows. Where both d and D are below 1e-6, rounding decides
- * whether a factor is found. A sphere inside another one of a different radius is no problem,
- * because the two feel the fluid differently.
+ * whether the factorisation succeeds. Two spheres of different radii may be at one place, because
+ * they feel the fluid differently.
  *
  * Cost: a sort of the particles. Nothing is allocated after the first call.
  */
@@ -33,7 +33,8 @@ public:
     /**
      * The first pair of coinciding particles, in the order of particles.
      *
-     * @param places  where formulas take the particles to be, nm
+     * @param places  positions at which the formulas take the particles
+     *     (MobilityModel::placeInFormulas()), nm
      * @param inOneBody  the bound for two particles of one body, relative to the bound for other
      *     pairs. The sites of a body are checked once with 1. After their rotation to the lab
      *     frame, half of the bound leaves room for rounding.
@@ -41,8 +42,8 @@ public:
     Pair find(const HydrodynamicParticles& particles, const std::vector<OpenMM::Vec3>& places,
               double inOneBody);
     /**
-     * @throws OpenMMException if there is such a pair. The message names particles, distance, bound
-     *     and remedy.
+     * @throws OpenMMException if two particles coincide. The message names particles, distance,
+     *     bound and remedy.
      */
     void check(const HydrodynamicParticles& particles, const std::vector<OpenMM::Vec3>& places,
                double inOneBody);

@@ -7,7 +7,7 @@ namespace RigidHIPlugin {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-/** Exponentials of distances from the planes do not overflow, whatever the height. */
+/** Written with exponentials of distances from the planes, which do not overflow at any height. */
 DrivenFlow::Profile DrivenFlow::profileAt(double z) const {
     if (!hasPlanes) return {};
     const double scale = 1 / (1 + std::exp(-k * (top - low))),

@@ -7,10 +7,10 @@
 namespace RigidHIPlugin {
 
 /**
- * How much of a wave a particle feels: the factor s of the velocity, and t of the angular velocity
- * and the strain rate. Both are 1 for a wave much longer than the particle's radius. The average of
- * a velocity that is a quadratic polynomial is v + laplacian (nabla^2 v), with the laplacian -s''/2
- * at k = 0, in nm^2.
+ * How much of a wave a particle feels: s multiplies the velocity, and t multiplies the angular
+ * velocity and the strain rate. Both are 1 for a wave much longer than the particle's radius. If
+ * the velocity v is a quadratic polynomial, its average over the particle is
+ * v + laplacian (nabla^2 v), where laplacian is -s''/2 at k = 0, in nm^2.
  */
 struct WaveFactors {
     double s = 1, t = 1, laplacian = 0;
@@ -21,10 +21,11 @@ struct WaveFactors {
  *     v(x) = velocity + gradient x + (z - low) (slope + bend (top - z))
  *            + waveVelocity sin(k x_b + phase) (1 - p(z)) e_a,   a != b.
  *
- * The last two parts are 0 on the planes z = low and z = top of a fluid that has them: both walls
- * of a channel, or the wall of a film and its mirror image behind the free surface z = high. Above
- * a single wall `high` and `top` are infinite. There p(z) = cosh(k (z - (low + top)/2)) / cosh(k
- * (top - low)/2), which is exp(-k (z - low)) above a single wall. Without planes p is 0.
+ * In a fluid with planes, the last two parts are 0 on the planes z = low and z = top. These planes
+ * are both walls of a channel, or the wall of a film and its mirror image behind the free surface
+ * z = high. Above a single wall `high` and `top` are infinite. In a fluid with planes, p(z) =
+ * cosh(k (z - (low + top)/2)) / cosh(k (top - low)/2), which is exp(-k (z - low)) above a single
+ * wall. Without planes p is 0.
  */
 struct DrivenFlow {
     Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  // nm/ps, at the origin of coordinates
@@ -52,14 +53,15 @@ struct DrivenFlow {
     Eigen::Vector3d velocityAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;
     Eigen::Vector3d angularVelocityAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;
     Eigen::Matrix3d strainRateAt(const Eigen::Vector3d& x, const WaveFactors& factors) const;
-    /** The velocity of the plane that is nearer to this z; only the upper one may move. */
+    /** The velocity of the plane nearer to this z. Only the upper plane may move. */
     Eigen::Vector3d velocityOfNearerPlane(double z) const {
         if (slope.isZero(0) || z - low < top - z) return Eigen::Vector3d::Zero();
         return (top - low) * slope;
     }
     /**
-     * The means over the height of the fluid, from z = low to z = high: of the flow along the
-     * planes that depends on z alone, and of 1 - p. Without planes they are 0 and 1.
+     * Means over the height of the fluid, from z = low to z = high. mean() is the mean of the flow
+     * along the planes that depends on z alone, and meanOfWave() is the mean of 1 - p. Without
+     * planes they are 0 and 1.
      */
     Eigen::Vector3d mean() const;
     double meanOfWave() const;

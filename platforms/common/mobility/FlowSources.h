@@ -7,8 +7,8 @@ namespace RigidHIPlugin {
 
 /**
  * The sources of the fluid's flow: forces of particles on the fluid (rows of
- * HydrodynamicParticles), and stresslets in the basis of StressletBasis.h. There are five stresslet
- * numbers a particle, or none.
+ * HydrodynamicParticles), and stresslets in the basis of StressletBasis.h. Each particle has five
+ * stresslet numbers, or none has any.
  */
 struct FlowSources {
     Eigen::MatrixXd forces;

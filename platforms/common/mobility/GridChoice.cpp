@@ -24,18 +24,21 @@ namespace {
 
 /**
  * Up to this many rows Auto takes matrices without an estimate. A step then takes some hundredths
- * of a second, and the results have no error of a grid.
+ * of a second, and the results have no grid error.
  */
 const int fewRows = 150;
 
-/** Likewise for matrices whose columns are products on the grid: about as many as iterations take.
+/**
+ * Likewise for matrices whose columns are products on the grid. Iterations take about as many
+ * products.
  */
 const int fewRowsOfGrid = 30;
 
 // Times in ns on one thread, measured (benchmarks/README.md).
 const double timeOfPair = 3200, timeOfEntry = 315;  // of lattice sums
-const double timeOfWave = 0.008;  // for each wave of walls, and each row squared; of all particles
-                                  // at the wall three times as much, of most ones away from it half
+const double timeOfWave = 0.008;   // for each wave of walls, and each row squared; three times as
+                                   // much if all particles are at the wall, half if most are away
+                                   // from it
 const double timeOfFactor = 0.04;  // for each row cubed: a factor of a symmetric matrix
 const double timeOfEigensystem = 0.4;
 const double timeOfTransform = 0.25;  // for each node, each doubling of the number of nodes, and
@@ -43,14 +46,16 @@ const double timeOfTransform = 0.25;  // for each node, each doubling of the num
 const double timeOfMode = 1;          // for each node: the response of the fluid
 const double timeOfNode = 1.2;        // for each node of a stencil, spreading and averaging
 
-/** The times that EwaldSplitting compares were measured on a faster machine, with AVX-512. */
+/**
+ * Correction for the times in EwaldSplitting, which were measured on a faster machine with AVX-512.
+ */
 const double timesOfSplitting = 1.5;
 
-/** Of a request of users, where the scheme has no fluid. */
+/** The work of a user's request, for schemes without a fluid. */
 const SchemeWork workOfRequest(1, 1, 0, 1);
 
 /**
- * The work of a step of a scheme, with that of the drifts that there are.
+ * The work of a step of a scheme, including its stochastic drifts.
  *
  * @param isLocal      whether the random field on a grid is one flow (FieldOfModel::isLocal())
  * @param numDrifting  bodies with a stochastic drift
@@ -65,7 +70,10 @@ SchemeWork workOf(const SchemeTraits& scheme, bool isLocal, int numDrifting) {
     return work;
 }
 
-/** The box of the fluid's grid, with edges along the axes: of a channel, twice its width. */
+/**
+ * The box of the fluid's grid, with edges along the axes. For a channel, its y edge is twice the
+ * channel's width.
+ */
 BoxVectors boxOfGrid(const MobilityForce& force, BoxVectors box) {
     if (force.getBoundary() != MobilityForce::SlipChannel) return box;
     double low, high;
@@ -89,22 +97,28 @@ double forceCouplingProduct(const MobilityForce& force, const HydrodynamicPartic
     return 1e-9 * time;
 }
 
-/** The height of a confined fluid. That above one wall is not known before there are positions, but
- * hardly more than the box. */
+/**
+ * The height of a confined fluid. Above one wall it depends on the positions, but hardly exceeds
+ * the box.
+ */
 double heightOf(const MobilityForce& force, const BoxVectors& box) {
     double low, high;
     findWalls(force, low, high);
     return min(high - low, box[2][2]);
 }
 
-/** Of the symmetric product of the waves of walls. Particles touch the walls. */
+/** The number of waves in the symmetric product for walls, for particles that touch the walls. */
 double wavesOfWalls(const HydrodynamicParticles& particles, const BoxVectors& box) {
     const double longest =
         largestDepth() / *min_element(particles.radii.begin(), particles.radii.end());
     return 6 * planeArea(box) * longest * longest / (8 * M_PI);
 }
 
-/** Of making a matrix of lattice sums. @param images  particles with their images, per particle */
+/**
+ * Seconds to make a matrix of lattice sums.
+ *
+ * @param images  particles with their images, per particle
+ */
 double secondsOfMatrix(const HydrodynamicParticles& particles, const BoxVectors& box, bool confined,
                        double images = 1) {
     const double rows = particles.numRows, n = images * particles.size(),
@@ -128,7 +142,7 @@ double surfacesProduct(const MobilityForce& force, const HydrodynamicParticles& 
     return timesOfSplitting * seconds;
 }
 
-/** Whether matrices are made by sums. Else their columns are products on the grid. */
+/** Whether lattice sums make the matrices. Otherwise their columns are products on the grid. */
 bool hasLatticeSums(const MobilityForce& force) {
     return !(force.getModel() == MobilityForce::ForceCoupling && isConfined(force.getBoundary()));
 }
@@ -149,7 +163,7 @@ void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme
         }
     bodyRows += 6 * bodies.size();
     const bool hasMomenta = traitsOf(scheme).kind == SchemeKind::FluidThermostat;
-    // Only beside walls, and with lubrication, do spheres have a drift. Lubrication iterates.
+    // Spheres drift only beside walls and with lubrication. Lubrication iterates.
     const bool lubricated = hasLubrication(force);
     const SchemeWork work =
         workOf(traitsOf(scheme), !bySurfaces,
@@ -162,7 +176,7 @@ void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme
                          1e-9 * timeOfFactor * pow(rows, 3)) +
         (hasMomenta ? 1e-9 * timeOfEigensystem * pow(bodyRows, 3) : 0);
 
-    // A grid. A digit costs an iteration, or more if the particles are crowded. Overlapping
+    // A grid. Each digit takes an iteration, or more if the particles are crowded. Overlapping
     // particles fill less than the sum of their volumes.
     double ofParticles = 0;
     for (double a : particles.radii) ofParticles += 4 * M_PI / 3 * a * a * a;
@@ -173,8 +187,8 @@ void estimate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme
                  ofSolve = multiblobs.empty() && !lubricated ? 1 : 1 + iterations;
     const double product = bySurfaces ? surfacesProduct(force, particles, box)
                                       : forceCouplingProduct(force, particles, box);
-    // In units of a product. Pairs must be found and have noise of their own. With lubrication,
-    // noise takes the iterations of a root.
+    // In units of a product. A field by surfaces must also find pairs and draw their noise. With
+    // lubrication, noise takes as many products as the iterations of a root.
     const double ofField = lubricated   ? iterations
                            : bySurfaces ? 3
                                         : 1,
@@ -204,7 +218,10 @@ bool isKnown(const BoxVectors& box) {
     return box != none && box != unset;
 }
 
-/** Whether lubrication has products for this scheme and these particles (GroupBuilder). */
+/**
+ * Whether lubrication may use iterative products for this scheme and these particles
+ * (GroupBuilder).
+ */
 bool lubricationMayIterate(const MobilityForce& force, CustomRigidHIIntegrator::Scheme scheme,
                            const HydrodynamicParticles& particles) {
     const SchemeTraits& traits = traitsOf(scheme);
@@ -227,8 +244,7 @@ GridChoice choose(const MobilityForce& force, CustomRigidHIIntegrator::Scheme sc
         return choice;
     }
     choice.onGrid = force.getSolver() == MobilityForce::MatrixFree;
-    // The reach of lubrication is another one on a grid, so that StokesianDynamics has a grid only
-    // where it is asked for.
+    // On a grid lubrication has another reach, so StokesianDynamics uses a grid only on request.
     if (force.getSolver() != MobilityForce::Auto ||
         force.getModel() == MobilityForce::StokesianDynamics)
         return choice;

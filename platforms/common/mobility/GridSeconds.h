@@ -13,7 +13,7 @@ namespace RigidHIPlugin {
 struct GridSeconds {
     double spreading = 0;   // forces to nodes
     double transforms = 0;  // Fourier transforms, with the fluid's response to each mode
-    double averaging = 0;   // velocities, and gradients, over nodes
+    double averaging = 0;   // velocities and gradients over nodes
 
     void add(const GridSeconds& other, double factor = 1) {
         spreading += factor * other.spreading;

@@ -29,8 +29,8 @@ struct Placement {
 /**
  * A mobility model at one placement: velocities = M forces.
  *
- * Models make such objects (MobilityModel::at()), and several may live at once. What one has cached
- * lives as long as it stays at its placement. One object serves one caller at a time.
+ * Models make such objects (MobilityModel::at()), and several may exist at once. An object keeps
+ * cached results until it moves to another placement. One object serves one caller at a time.
  *
  * All matrices are in the lab frame, with rows as in HydrodynamicParticles, in nm/(ps kJ/mol/nm)
  * and so on. The matrix is symmetric positive definite at every placement that the model accepts.
@@ -40,33 +40,33 @@ public:
     explicit MobilityAt(const MobilityModel& model);
     virtual ~MobilityAt() {}
     /**
-     * Compute velocities = M forces. Every column is a case of its own.
+     * Compute velocities = M forces. Columns are independent of each other.
      *
-     * For differences, all placements must have been reached by this object from the same accepted
-     * one, or by objects that were there (MobilityTraits::isAnchored).
+     * For differences, this object must have come to all placements from the same accepted one, or
+     * the objects at these placements must have been at the accepted one before
+     * (MobilityTraits::isAnchored).
      *
      * @param velocities  resized and overwritten
-     * @param accuracy    exact by default. A model that has products of one kind only ignores it
+     * @param accuracy    exact by default. A model with one kind of product ignores it
      */
     virtual void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
                           const Accuracy& accuracy = Accuracy()) = 0;
     /** The matrix itself. Default: multiply() with the identity. */
     virtual void dense(Eigen::MatrixXd& mobility);
     /**
-     * The columns of dense() of particles from this one on, with the same bits. Other elements are
-     * undefined. Default: dense().
+     * The columns of dense() that belong to this particle and later ones, with the same bits. Other
+     * elements are undefined. Default: dense().
      */
     virtual void denseColumns(int firstParticle, Eigen::MatrixXd& mobility) { dense(mobility); }
     /**
-     * The inverse of the matrix. Default: by the Cholesky factors of dense().
+     * The inverse of the matrix. Default: from the Cholesky factors of dense().
      *
      * @throws OpenMMException if M is not positive definite
      */
     virtual void friction(Eigen::MatrixXd& friction);
     /**
-     * Add the velocities that all particles have because each of them resists the strain of a flow
-     * by its stresslet. The velocities are added to rows of particles. Default: nothing, because
-     * there are no stresslets.
+     * Add to the rows of particles the velocities induced by the stresslets with which particles
+     * resist the strain of a flow. Default: nothing, for models without stresslets.
      */
     virtual void addStressletsOf(const DrivenFlow& flow, Eigen::MatrixXd& slips) {}
     /**
@@ -74,7 +74,7 @@ public:
      * particles resist strain, their stresslets. The stresslets include those that a driven flow
      * causes. Default: the forces.
      *
-     * @param flow  the driven flow; null: there is none
+     * @param flow  the driven flow; null without one
      */
     virtual FlowSources sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) {
         return {forces, {}};
@@ -87,7 +87,9 @@ public:
      */
     virtual void addFlowAt(const FlowSources& sources, const std::vector<OpenMM::Vec3>& points,
                            double factor, Velocities& velocities);
-    /** M and Delta of a mobility (M^-1 + Delta)^-1. Default: null, this mobility has no such parts.
+    /**
+     * M and Delta of a mobility (M^-1 + Delta)^-1. Default: null, for mobilities without such
+     * parts.
      */
     virtual NearAndFar* parts() { return nullptr; }
     /** Seconds of the caller's thread in products with a grid; 0 for models without a grid. */
@@ -96,8 +98,9 @@ public:
 protected:
     friend class MobilityModel;
     /**
-     * Move to this placement. The model accepts it or, with `nearby`, accepts it as a small way
-     * from an accepted placement. Cached results are to be forgotten, and memory is kept.
+     * Move to this placement. The model has already accepted it; with `nearby` it may also be a
+     * small displacement away from an accepted placement. An override drops cached results and
+     * keeps allocated memory.
      */
     virtual void moveTo(const Placement& placement, bool nearby) = 0;
 

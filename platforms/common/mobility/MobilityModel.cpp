@@ -18,7 +18,7 @@ Eigen::VectorXd rootsOfOwnFriction(const HydrodynamicParticles& particles, bool 
         if (particles.hasTorque[i])
             roots.segment<3>(particles.firstRow[i] + 3)
                 .setConstant(std::sqrt(4.0 / 3.0 * a * a * a));
-        // Of a force dipole that a rate of strain takes, 20/3 pi viscosity a^3.
+        // The force dipole of a strain rate is 20/3 pi viscosity a^3 times the rate.
         if (stresslets)
             roots.segment<5>(particles.numRows + 5 * i)
                 .setConstant(std::sqrt(10.0 / 9.0 * a * a * a));
@@ -51,7 +51,8 @@ void MobilityModel::follow(const DrivenFlow& flow, const Placement& placement,
         if (particles.hasTorque[i])
             slips.block<3, 1>(row + 3, 0) = flow.angularVelocityAt(x, factors);
         if (weight < 1) {
-            // As the flow of its forces is damped, so that M stays symmetric with it.
+            // The formulas damp the flow of the particle's forces by this weight. Damping the
+            // driven flow alike preserves the symmetry.
             const Eigen::Vector3d ofPlane = flow.velocityOfNearerPlane(x[2]);
             slips.block<3, 1>(row, 0) = ofPlane + weight * (slips.block<3, 1>(row, 0) - ofPlane);
             if (particles.hasTorque[i]) slips.block<3, 1>(row + 3, 0) *= weight;

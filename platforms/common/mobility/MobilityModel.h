@@ -42,24 +42,24 @@ struct HydrodynamicParticles {
 /**
  * For each row, the root of a particle's own friction over 6 pi viscosity.
  *
- * @param stresslets  whether there are 5 more rows for each particle, after all others
+ * @param stresslets  whether five more rows for each particle follow all other rows
  */
 Eigen::VectorXd rootsOfOwnFriction(const HydrodynamicParticles& particles, bool stresslets = false);
 
 /**
- * @throws OpenMMException  always: the mobility matrix of so many particles is not positive
- *     definite. The message says where to look.
+ * @throws OpenMMException  always, because the mobility matrix of so many particles is not positive
+ *     definite. The message names a likely cause.
  */
 [[noreturn]] void refuseIndefiniteMobility(int numParticles);
 /** Likewise for the friction matrix of so many bodies. */
 [[noreturn]] void refuseIndefiniteFriction(int numBodies);
 
 /**
- * How the fluid couples particles: all that does not depend on where they are. A model is
+ * How the fluid couples particles: everything that does not depend on their positions. A model is
  * immutable, so several threads may ask any number of its MobilityAt objects at once.
  *
  * A new model is two classes: a MobilityModel with its traits and makePlace(), and its MobilityAt
- * with multiply(). Where the model can do better than a default, it overrides it.
+ * with multiply(). It overrides a default where the model has something better.
  */
 class MobilityModel {
 public:
@@ -70,7 +70,7 @@ public:
     virtual ~MobilityModel() {}
     const HydrodynamicParticles& getParticles() const { return particles; }
     double getViscosity() const { return viscosity; }
-    /** What the model says about itself. */
+    /** Properties of the model. */
     const MobilityTraits& getTraits() const { return traits; }
     /** The name of the model in messages: that of setModel(). */
     const char* name() const { return traits.name; }
@@ -83,83 +83,89 @@ public:
      */
     std::unique_ptr<MobilityAt> at(const Placement& placement) const;
     /**
-     * Likewise for a finite difference: the placement is a small way from an accepted one. If the
-     * accepted placement is at the limit of what the model accepts, the small way may lead beyond
-     * the limit. A model whose formulas hold there too (MobilityTraits::holdsNearby) accepts it.
+     * Likewise for a finite difference, at a small displacement from an accepted placement. If the
+     * accepted placement is at the limit of what the model accepts, the displacement may lead
+     * beyond the limit. A model whose formulas hold there, too (MobilityTraits::holdsNearby),
+     * accepts it.
      */
     std::unique_ptr<MobilityAt> near(const Placement& placement) const;
     /**
-     * at() and near() with the memory of a MobilityAt that this model has made before; null at
-     * first. Cached results are forgotten. If the model refuses the placement, the MobilityAt stays
-     * as it was.
+     * at() and near() that reuse the memory of a MobilityAt that this model made earlier; a null
+     * pointer gets a new object. The object drops its cached results. If the model refuses the
+     * placement, the object stays unchanged.
      */
     void place(std::unique_ptr<MobilityAt>& at, const Placement& placement) const;
     void placeNear(std::unique_ptr<MobilityAt>& at, const Placement& placement) const;
 
-    // ---- A flow that is present without particles
+    // ---- A driven flow
     /**
-     * The velocities of particles that follow a flow, and the angular velocities where there are
-     * rows for them. Each particle is taken by itself: its velocities are averages as the model
-     * takes them of its own flows. MobilityAt::addStressletsOf() adds what the strain does by
-     * stresslets.
+     * The velocities of particles that follow a flow, with angular velocities for particles that
+     * have rows for them. Each particle is alone in the flow: its velocities are the averages that
+     * the model also takes of its own flows. MobilityAt::addStressletsOf() adds the velocities
+     * induced by stresslets.
      */
     void follow(const DrivenFlow& flow, const Placement& placement, Eigen::MatrixXd& slips) const;
     /**
-     * The factors s(k) and t(k) of the averages of a wave exp(ikx) that belong to a particle's
-     * force and torque, and that of the Laplacian. Default: those of waves much longer than the
-     * radius. A model between no-slip planes must know that of the Laplacian.
+     * The factors of the averages of a wave exp(ikx) over a particle: s(k) belongs to its force,
+     * t(k) to its torque, and `laplacian` to the Laplacian. Default: the values for waves much
+     * longer than the radius. A model between no-slip planes must override `laplacian`.
      */
     virtual WaveFactors waveFactors(double radius, double k) const { return {}; }
 
     // ---- Where the model has a mobility
     /**
-     * Why the model has no mobility at this placement (overlap, a position beyond a wall), naming
-     * the particles; empty where it has one. A step that leads to such a placement is redone with
-     * new noise. Default: the model has a mobility everywhere.
+     * The reason why the model has no mobility at this placement (overlap, a position beyond a
+     * wall), with the names of the particles; empty where it has one. The integrator repeats a step
+     * that leads to such a placement with new noise. Default: the model has a mobility everywhere.
      */
     virtual std::string objection(const Placement& placement) const { return {}; }
-    /** Whether near() accepts this placement. Default: it does where objection() is empty. */
+    /** Whether near() accepts this placement. Default: where objection() is empty. */
     virtual bool acceptsNearby(const Placement& placement) const {
         return !traits.mayObject || objection(placement).empty();
     }
     /**
-     * The position at which the formulas take a particle to be. Two particles of one radius at one
-     * such position make the matrix singular. Default: the particle's own position. Where surfaces
-     * may reach through a wall, the formulas lift such particles to contact.
+     * The position that the formulas use for a particle. Two particles of one radius at one such
+     * position make the matrix singular. Default: the particle's own position. A model whose
+     * surfaces may reach through a wall lifts such particles to contact.
      */
     virtual OpenMM::Vec3 placeInFormulas(int particle, const OpenMM::Vec3& position) const {
         return position;
     }
     /**
-     * What the formulas multiply the velocities of a particle at this position by, relative to the
-     * nearest wall, and its forces on the fluid: less than 1 where they lift it to contact. It is
-     * asked for between no-slip planes (DrivenFlow::hasPlanes) alone. Default: 1.
+     * The weight with which the formulas multiply the velocities of a particle at this position,
+     * relative to the nearest wall, and its forces on the fluid. It is less than 1 where the
+     * formulas lift the particle to contact. Only flows with no-slip planes ask for it
+     * (DrivenFlow::hasPlanes). Default: 1.
      */
     virtual double weightInFormulas(int particle, const OpenMM::Vec3& position) const { return 1; }
 
-    /** Which spheres have lubrication and how far it reaches, for describeEffects(). Default: the
-     * model's name says it. */
+    /**
+     * Which spheres have lubrication and how far it reaches, for describeEffects(). Default: empty,
+     * if the model's name says enough.
+     */
     virtual std::string describeLubrication() const { return {}; }
 
-    // ---- What some models have and others lack: null where the model lacks it
+    // ---- Optional parts: null where the model lacks one
     /** The periodic box. */
     virtual const BoxOfModel* box() const { return nullptr; }
     /** The grid that the fluid is solved on. */
     virtual const GridOfModel* grid() const { return nullptr; }
-    /** Random fields, which take the place of square roots of M. */
+    /** Random fields, which replace square roots of M. */
     virtual const FieldOfModel* randomField() const { return nullptr; }
 
     // ---- Products that take less time than sums over all pairs
-    /** Whether MobilityAt::multiply() makes products of such an error in less time than a sum over
-     * all pairs takes. Default: it does not. */
+    /**
+     * Whether MobilityAt::multiply() makes products with this error in less time than a sum over
+     * all pairs takes. Default: no.
+     */
     virtual bool hasFastProducts(double error) const { return false; }
-    /** How it makes these products, for describeEffects(). Empty where it has none. */
+    /** The method for these products, for describeEffects(). Empty without fast products. */
     virtual std::string describeFastProducts(double error) const { return {}; }
 
-    // ---- A body by itself
+    // ---- A single body
     /**
      * The matrix of one body's particles alone in unbounded fluid, at their sites in the body
-     * frame. Preconditioners and own tensors start from this matrix. Default: that of
+     * frame. Preconditioners and own tensors start from this matrix. Default: the matrix of
      * RotnePragerYamakawa, in which a sphere has its Stokes drag.
      */
     virtual void ownMobility(const HydrodynamicParticles& body,
@@ -169,7 +175,7 @@ public:
     /**
      * A model of spheres without torque that stand for groups of particles, in the same fluid. It
      * has a mobility wherever the particles have one, even if spheres reach through a wall. It may
-     * be coarse: it makes square roots of this model cheaper, and not different
+     * be coarse: it makes square roots of this model cheaper without changing them
      * (CollectiveModes). Default, for models whose roots do not need it: null.
      */
     virtual std::unique_ptr<MobilityModel> forCollectiveModes(

@@ -4,9 +4,9 @@
 namespace RigidHIPlugin {
 
 /**
- * What a model says about itself, given to the constructor of MobilityModel. A model that is made
- * from another one copies the traits of the other and changes what is different, so that it hands
- * on a new trait without a line of its own.
+ * Properties of a model, for the constructor of MobilityModel. A model that wraps another one
+ * copies the traits of the other and changes those that differ, so new traits need no extra line
+ * there.
  */
 struct MobilityTraits {
     explicit MobilityTraits(const char* name) : name(name) {}
@@ -18,25 +18,25 @@ struct MobilityTraits {
     /** Whether MobilityModel::objection() can ever refuse a placement. */
     bool mayObject = false;
     /**
-     * Whether the formulas hold a little beyond what objection() allows, as finite differences from
-     * there need.
+     * Whether the formulas hold a little beyond what objection() allows, so that finite differences
+     * work there.
      */
     bool holdsNearby = false;
     /**
-     * Whether MobilityModel::near() keeps something of the placement before, such as the nodes of a
-     * grid that a particle reaches.
+     * Whether MobilityModel::near() keeps something from the previous placement, such as the grid
+     * nodes within reach of a particle.
      */
     bool isAnchored = false;
 
     // ---- Symmetries
     /**
-     * Whether the mobility of particles stays the same when all are shifted alike, which is not so
-     * next to a wall.
+     * Whether a common shift of all particles leaves their mobility unchanged. Next to a wall it
+     * does not.
      */
     bool isHomogeneous = false;
     /**
-     * Whether the mobility turns with the particles, which is so neither next to a wall nor in a
-     * periodic box.
+     * Whether the mobility rotates with the particles. Next to a wall and in a periodic box it does
+     * not.
      */
     bool isIsotropic = false;
     /**
@@ -45,7 +45,7 @@ struct MobilityTraits {
      */
     bool isMirrored = false;
     /**
-     * Whether sum_j dM_ij/dx_j = 0 wherever the particles are. So it is where velocities are
+     * Whether sum_j dM_ij/dx_j = 0 wherever the particles are. This holds where velocities are
      * averages of a divergence-free flow over spheres in a fluid without walls. Spheres and free
      * particles then have no stochastic drift.
      */
@@ -53,18 +53,18 @@ struct MobilityTraits {
     /** Whether particles resist strain by stresslets of their own. */
     bool hasStresslets = false;
 
-    // ---- What costs less
+    // ---- Cost
     /** Whether MobilityAt::multiply() needs no matrix, so that Krylov methods make sense. */
     bool hasProducts = true;
     /**
-     * Whether these products are iterations themselves (MobilityAt::parts()). They serve where
-     * bodies are spheres about their centres and nothing is fixed.
+     * Whether each of these products needs iterations (MobilityAt::parts()). Such products serve
+     * only scenes in which every body is a sphere about its centre and nothing is fixed.
      */
     bool productsIterate = false;
     /**
      * Whether noise and differences of such a mobility are slips of its parts (NearAndFar), so that
-     * one solve makes velocities of all of them. All particles are spheres then, and the far part
-     * has rows of stresslets: five more for each, after all others.
+     * one solve turns all of them into velocities. All particles are then spheres, and the far part
+     * has rows of stresslets: five for each sphere, after all other rows.
      */
     bool slipsOfParts = false;
     /**
@@ -74,8 +74,8 @@ struct MobilityTraits {
      */
     bool hasSinglePrecision = false;
     /**
-     * Whether they take so much less time that a single product should be one of them where its
-     * error may be so large: a device makes them.
+     * Whether products in single precision are so fast that even a single product should use them
+     * where its error may be that large. This is so where a device makes them.
      */
     bool hasFastSinglePrecision = false;
     /**

@@ -11,32 +11,32 @@
 
 namespace RigidHIPlugin {
 
-// What some models have and others lack. A MobilityModel gives each of these by a pointer, which is
-// null where the model lacks it.
+// Optional parts of a model. A MobilityModel returns a pointer to each, null where the model lacks
+// it.
 
 /** The periodic box of a model (MobilityModel::box()). */
 class BoxOfModel {
 public:
     virtual ~BoxOfModel() {}
     /**
-     * @throws OpenMMException  if the model cannot have such a box. The message names the box and
+     * @throws OpenMMException  if the model does not support the box. The message names the box and
      *     the remedy. Default: the model accepts every box.
      */
     virtual void check(const BoxVectors& box) const {}
     /**
-     * The volume of the fluid in the box, nm^3; between the walls where there are walls. Because M
-     * is symmetric, the flow of sources contains a wave sin(kx) along the direction a with the
+     * The volume of the fluid in the box, nm^3; only the part between walls counts. Because M is
+     * symmetric, the flow of sources contains a wave sin(kx) along the direction a with the
      * amplitude 2/(eta k^2 V) times the power of the sources on a flow of unit amplitude.
      */
     virtual double volume(const BoxVectors& box) const = 0;
     /**
-     * @throws OpenMMException if the box and the model have no wave of so many periods along an
-     *     axis: the wave is not periodic, or too short for a grid
+     * @throws OpenMMException if the box and the model allow no wave of so many periods along an
+     *     axis, because the wave would not be periodic or is too short for the grid
      */
     virtual void checkWave(const BoxVectors& box, int axis, int periods) const = 0;
 };
 
-/** The grid that a model solves the fluid on (MobilityModel::grid()). */
+/** The grid on which a model solves for the flow (MobilityModel::grid()). */
 class GridOfModel {
 public:
     virtual ~GridOfModel() {}
@@ -48,15 +48,15 @@ public:
 
 /**
  * Random fields of a model (MobilityModel::randomField()): noise that costs less than square roots
- * of M. For a model without them, square roots are computed.
+ * of M. A model without random fields needs square roots.
  */
 class FieldOfModel {
 public:
     virtual ~FieldOfModel() {}
     /**
      * Whether the velocity that a particle takes from a field depends on its own position only, so
-     * that the field is one flow. If not, the velocities at each placement have the covariance M
-     * there, but divergences are found as for square roots of M.
+     * that the field is one flow. If not, the velocities at each placement still have the
+     * covariance M there, but divergences need the method for square roots of M.
      */
     virtual bool isLocal() const = 0;
     /**

@@ -37,10 +37,7 @@ namespace {
                                   "boundary that this model has by setBoundary()");
 }
 
-/**
- * A model above the wall, with the mobility of single spheres that setSphereWallMobility() asks
- * for.
- */
+/** A model above the wall, with the single-sphere mobility that setSphereWallMobility() sets. */
 unique_ptr<MobilityModel> withSphereWallMobility(const MobilityForce& force,
                                                  const HydrodynamicParticles& particles,
                                                  unique_ptr<MobilityModel> model) {
@@ -55,12 +52,12 @@ unique_ptr<MobilityModel> withSphereWallMobility(const MobilityForce& force,
 }
 
 /**
- * In mean radii, where the user has set no distances: the lubrication of models with pairs has few
- * pairs, so that products and matrices can be the same.
+ * The reach in mean radii where the user has set none. It gives few pairs, so that iterations and
+ * matrices can use the same reach.
  */
 const LubricationReach reachByDefault = {3, 4};
 
-/** The user's distances; those of the model where the user has set none. */
+/** The user's reach; that of the model where the user has set none. */
 LubricationReach reachOf(const MobilityForce& force, const LubricationReach& ofModel) {
     LubricationReach reach;
     force.getLubricationReach(reach.whole, reach.nothing);
@@ -84,7 +81,7 @@ void slipAlongMirrors(const MobilityForce& force, LubricationScene& scene) {
     scene.high = none;
 }
 
-/** A model with the lubrication of its spheres, where the user wants it and there is any. */
+/** Add lubrication to a model where the user wants it and any spheres can have it. */
 unique_ptr<MobilityModel> withLubrication(const MobilityForce& force,
                                           const HydrodynamicParticles& particles,
                                           unique_ptr<MobilityModel> model) {
@@ -213,8 +210,8 @@ unique_ptr<MobilityModel> forceCoupling(const MobilityForce& force, const Mobili
 
 }  // namespace
 
-// These switches have no default, so that the compiler names those that do not know a new model or
-// boundary.
+// These switches have no default, so that the compiler points to every switch that lacks a new
+// model or boundary.
 unique_ptr<MobilityModel> createMobility(const MobilityForce& force, const MobilityScene& scene,
                                          const HydrodynamicParticles& particles,
                                          const PlatformModels& own) {
@@ -228,8 +225,8 @@ unique_ptr<MobilityModel> createMobility(const MobilityForce& force, const Mobil
                                                   reachOf(force, StokesianDynamics::everywhere));
         case MobilityForce::ForceCoupling:
             return withLubrication(force, particles, forceCoupling(force, scene, particles, own));
-        // Particles that do not feel others still feel themselves: the blobs of one body make its
-        // tensor. They do not feel images.
+        // Particles do not feel other bodies or images, but the blobs of one body still interact
+        // and make its tensor.
         case MobilityForce::FreeDraining:
             return unboundedRotnePragerYamakawa(force, particles, own);
         case MobilityForce::RotnePragerYamakawa:

@@ -12,11 +12,11 @@
 namespace RigidHIPlugin {
 
 /**
- * The models that a platform makes itself because it has something faster. Where it gives nothing,
- * the readable models of one thread serve.
+ * Faster models of a platform. Where a platform sets none, the readable single-threaded models
+ * serve.
  */
 struct PlatformModels {
-    /** RotnePragerYamakawa, above the wall if there is one. */
+    /** RotnePragerYamakawa, in unbounded fluid or above a wall. */
     std::function<std::unique_ptr<MobilityModel>(const HydrodynamicParticles& particles,
                                                  double viscosity,
                                                  const std::optional<NoSlipPlane>& wall)>
@@ -24,42 +24,45 @@ struct PlatformModels {
     /** The fluid on a grid. Models of several groups may share it. */
     std::function<std::shared_ptr<GridFluid>()> gridFluid;
 };
-/** What a model must know of the scene besides its MobilityForce. */
+/** The properties of the scene that a model needs in addition to its MobilityForce. */
 struct MobilityScene {
     bool crossingAllowed = false;  // whether surfaces of particles may reach through a wall
-    bool onGrid = false;           // where there is a choice: no matrices (GridChoice)
+    bool onGrid = false;           // a grid instead of matrices (GridChoice), where the model has
+                                   // both
 };
 /**
- * The model of a MobilityForce, with its boundary, on every platform. A new model is entered here.
+ * The model of a MobilityForce, with its boundary, on every platform. New models need a case here.
  *
- * @throws OpenMMException as checkOperator(), and for what the model refuses
+ * @throws OpenMMException as checkOperator(), and for settings that the model refuses
  */
 std::unique_ptr<MobilityModel> createMobility(const MobilityForce& force,
                                               const MobilityScene& scene,
                                               const HydrodynamicParticles& particles,
                                               const PlatformModels& own = {});
 /**
- * @throws OpenMMException for a model or boundary that is none of the enumerators, and for a
- *     boundary that the model does not have
+ * @throws OpenMMException if the model or boundary is not an enumerator, or if the model does not
+ *     support the boundary
  */
 void checkOperator(MobilityForce::Model model, MobilityForce::Boundary boundary);
-/** The names of a model and of a boundary, for describeEffects() and messages; empty for values
- * that are no enumerators. */
+/**
+ * The names of a model and of a boundary, for describeEffects() and messages; empty for values that
+ * are not enumerators.
+ */
 const char* modelName(MobilityForce::Model model);
 const char* boundaryName(MobilityForce::Boundary boundary);
 /**
- * The coordinates of the walls of a fluid on the axis that crosses them (BoundaryTraits::wallAxis),
- * nm; infinite where there is no wall.
+ * The coordinates of the walls of a fluid along their normal (BoundaryTraits::wallAxis), nm;
+ * infinite without a wall.
  */
 void findWalls(const MobilityForce& force, double& low, double& high);
 /**
- * Whether a boundary is a periodic fluid along no-slip walls, whose flows are 0 there. These walls
- * are across z, and those that slip are across y.
+ * Whether a boundary is a periodic fluid along no-slip walls. No-slip walls are normal to z, and
+ * slip walls are normal to y.
  */
 inline bool isConfined(MobilityForce::Boundary boundary) {
     return traitsOf(boundary).isPeriodic && traitsOf(boundary).isAcross(2);
 }
-/** Whether a model has a boundary; false for values that are no enumerators. */
+/** Whether a model supports a boundary; false for values that are not enumerators. */
 bool hasBoundary(MobilityForce::Model model, MobilityForce::Boundary boundary);
 
 }  // namespace RigidHIPlugin

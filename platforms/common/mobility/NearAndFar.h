@@ -11,28 +11,28 @@ class MobilityAt;
 struct DrivenFlow;
 
 /**
- * A mobility whose friction is the sum of that of another mobility M and of a matrix Delta of near
- * particles: N = (M^-1 + Delta)^-1 = (1 + M Delta)^-1 M, at a placement (MobilityAt::parts()).
- * Products with N are iterations, and those with M and Delta are not.
+ * A mobility N at a placement (MobilityAt::parts()) whose friction is the friction of another
+ * mobility M plus a matrix Delta of near particles: N = (M^-1 + Delta)^-1 = (1 + M Delta)^-1 M.
+ * Products with N need iterations; products with M and Delta do not.
  *
  * Noise:  the forces M^-1/2 W_1 + Delta^1/2 W_2 have the covariance N^-1.
- * Change: from a place to one nearby, N changes by (1 + M Delta)^-1 (dM f - M dDelta U) when it
- *         multiplies forces F, with U = N F and f = F - Delta U.
+ * Change: from a placement to a nearby one, the product N F changes by
+ *         (1 + M Delta)^-1 (dM f - M dDelta U), with U = N F and f = F - Delta U.
  */
 class NearAndFar {
 public:
     virtual ~NearAndFar() {}
     /**
-     * M. It may have more rows than N, which are those of stresslets
-     * (MobilityTraits::slipsOfParts). Then N = (B^T M^-1 B + Delta)^-1, where B is 0 in these rows.
+     * M. It may have more rows than N, for stresslets (MobilityTraits::slipsOfParts). Then
+     * N = (B^T M^-1 B + Delta)^-1, where B is 0 in these rows.
      */
     virtual MobilityAt& far() = 0;
     /** forces += factor Delta velocities */
     virtual void addNear(const Eigen::MatrixXd& velocities, double factor,
                          Eigen::MatrixXd& forces) = 0;
     /**
-     * forces += Delta^1/2 W_2, one column. Numbers belong to a pair of particles (their indices in
-     * the System) and an image, so that they do not depend on which other pairs there are.
+     * forces += Delta^1/2 W_2, one column. The random numbers belong to a pair of particles (their
+     * indices in the System) and an image, so they do not depend on the other pairs.
      *
      * @return the number of random numbers
      */
@@ -45,8 +45,8 @@ public:
      */
     virtual void solve(double tolerance, Eigen::MatrixXd& velocities) = 0;
     /**
-     * velocities = N (forces + B^T M^-1 slips), column by column. Slips and the forces that M
-     * multiplies have the rows of far(), the first of which are those of N, B.
+     * velocities = N (forces + B^T M^-1 slips), column by column. Slips and farForces have the rows
+     * of far(); B selects the first of these rows, which are the rows of N.
      *
      * @param slips  without rows: none
      * @param farForces  M farForces + slips = B velocities
@@ -55,11 +55,11 @@ public:
                        const Eigen::MatrixXd& slips, Eigen::MatrixXd& velocities,
                        Eigen::MatrixXd& farForces) = 0;
     /**
-     * What the strain of a flow makes of spheres without forces: their velocities relative to those
-     * of the flow are N (forces + B^T M^-1 slips).
+     * The effect of the strain of a flow on force-free spheres, as forces and slips: relative to
+     * the flow, the spheres move with the velocities N (forces + B^T M^-1 slips).
      *
-     * @return whether that is so; if not, MobilityAt::addStressletsOf() gives the velocities.
-     *     Default: it is not
+     * @return whether the mobility gives the effect in this form; if not,
+     *     MobilityAt::addStressletsOf() gives the velocities. Default: false
      */
     virtual bool slipsOfStrain(const DrivenFlow& flow, Eigen::MatrixXd& forces,
                                Eigen::MatrixXd& slips) {

@@ -30,7 +30,7 @@ inline Eigen::Matrix3d tensorOfStresslet(const Eigen::Matrix<double, 5, 1>& numb
     return tensor;
 }
 
-/** B_a : E, for any tensor: of its symmetric part without the trace. */
+/** B_a : E. Only the symmetric traceless part of the tensor contributes. */
 inline Eigen::Matrix<double, 5, 1> inStressletBasis(const Eigen::Matrix3d& E) {
     Eigen::Matrix<double, 5, 1> numbers = Eigen::Matrix<double, 5, 1>::Zero();
     for (int k = 0; k < 3; k++)
@@ -56,8 +56,8 @@ public:
         double along, towards;
     };
     /**
-     * The velocity of a sphere of the first radius, caused by the stresslet of a sphere of the
-     * second.
+     * The velocity of a sphere of radius a caused by the stresslet of a sphere of radius
+     * `ofStresslet`.
      */
     Velocity velocity(double a, double ofStresslet) const {
         const double laplacian = a * a / 6 + ofStresslet * ofStresslet / 10;

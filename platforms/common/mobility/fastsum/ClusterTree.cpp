@@ -13,13 +13,10 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/**
- * The deepest level. Particles so close to each other that 2^20 cubes along an edge do not separate
- * them stay together.
- */
+/** The deepest level. Particles that 2^20 cubes along an edge do not separate stay in one cube. */
 const int deepest = 20;
 
-/** The bits of a coordinate, two zeros after each. */
+/** The bits of a coordinate, each followed by two zeros. */
 uint64_t spread(uint64_t x) {
     x &= 0x1fffff;
     x = (x | x << 32) & 0x1f00000000ffffULL;
@@ -51,11 +48,11 @@ void ClusterTree::build(const vector<Vec3>& positions, const vector<double>& rad
         }
     edge = 0;
     for (int k = 0; k < 3; k++) edge = max(edge, high[k] - low[k]);
-    // Near a wall the cubes stand on it. Far from the wall they need not.
+    // The cubes stand on a wall that is near. Far from a wall they need not.
     const bool standing = hasWall && low[2] < edge;
     if (standing) edge = max(edge, high[2]);
-    // A little more, so that rounding puts nothing outside. For particles that are all at one place
-    // any edge will do.
+    // Enlarge the edge a little, so that rounding puts no particle outside. If all particles are at
+    // one place, any edge will do.
     const double margin = 1e-9;
     edge = edge > 0 ? edge * (1 + margin) : 1;
     for (int k = 0; k < 3; k++) corner[k] = 0.5 * (low[k] + high[k] - edge);
@@ -129,7 +126,8 @@ void ClusterTree::divide(const vector<double>& radii, bool standing, const Optio
                                     .squaredNorm());
             cell.reach = sqrt(square);
             cell.firstChild = cells.size();
-            // Particles larger than a cube are near to all particles in it anyway.
+            // Particles larger than a cube are near all particles in it, so dividing it further
+            // saves nothing.
             const double least = 0.5;
             if (cell.end - cell.first > options.leafSize && level < deepest &&
                 half > least * smallest) {
@@ -160,7 +158,8 @@ bool ClusterTree::areFar(const Cell& a, const Cell& b, double opening) const {
 }
 
 /**
- * Sort the pairs of particles of two cells, of which b is the later one, or of a cell with itself.
+ * Sort the pairs of particles of two cells into near and far ones. Either b is the later cell, or
+ * both are the same.
  */
 void ClusterTree::pairUp(int a, int b, const Options& options) {
     const Cell &A = cells[a], &B = cells[b];
@@ -190,7 +189,7 @@ void ClusterTree::pairUp(int a, int b, const Options& options) {
 }
 
 void ClusterTree::classify(bool hasWall) {
-    // Near pairs, as seen from each leaf.
+    // Near pairs, leaf by leaf.
     firstNear.assign(leaves.size() + 1, 0);
     for (const auto& pair : nearPairs) {
         firstNear[leafOfCell[pair.first] + 1]++;
@@ -206,7 +205,7 @@ void ClusterTree::classify(bool hasWall) {
     for (size_t i = 0; i < leaves.size(); i++)
         sort(near.begin() + firstNear[i], near.begin() + firstNear[i + 1]);
 
-    // Far pairs, as seen from each target, so that they are sorted by targets in every class.
+    // Far pairs, target by target, so that every class has them sorted by targets.
     const int numCells = cells.size();
     vector<int> firstFar(numCells + 1, 0);
     for (const auto& pair : farCells) {
@@ -241,8 +240,8 @@ void ClusterTree::classify(bool hasWall) {
                 pairs.push_back(pair);
                 numbers.push_back(known.first->second);
             }
-    // Classes are in the order of their keys. So the positions of particles alone decide in which
-    // order pairs are added up.
+    // Sort the classes by their keys. The order of additions then depends on the positions of
+    // particles alone.
     vector<int> sorted(found.size());
     for (size_t i = 0; i < sorted.size(); i++) sorted[i] = i;
     sort(sorted.begin(), sorted.end(), [&](int a, int b) {
@@ -261,9 +260,7 @@ void ClusterTree::classify(bool hasWall) {
     for (size_t i = 0; i < pairs.size(); i++) farPairs[nextOf[numbers[i]]++] = pairs[i];
 }
 
-/**
- * @param bottom  height of the lowest cubes over the wall
- */
+/** @param bottom  height of the lowest cubes above the wall */
 void ClusterTree::FarClass::lie(const Cell& to, const Cell& from, bool image, double bottom) {
     const int finest = max(to.level, from.level);
     const double half = min(to.half, from.half);

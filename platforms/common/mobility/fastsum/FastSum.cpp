@@ -1,5 +1,5 @@
-// Products with the Rotne-Prager-Yamakawa mobility by multipoles; its loops are compiled once for
-// each instruction set.
+// Products with the Rotne-Prager-Yamakawa mobility by multipoles. The build compiles the loops once
+// for each instruction set.
 
 #include "simd/SimdTargets.h"  // must precede foreach_target.h
 
@@ -19,7 +19,9 @@
 #define RIGIDHI_FAST_SUM_TASKS_
 namespace RigidHIPlugin {
 
-/** Slots of what is summed over the particles of a leaf, times the basis. */
+/**
+ * Slots of the quantities that are multiplied by the basis and summed over the particles of a leaf.
+ */
 enum FastSumSlot {
     Charge = 0,
     PotentialCharge = 3,
@@ -29,7 +31,9 @@ enum FastSumSlot {
     WallQuadrupole = 13
 };
 const int numSlots = 16;
-/** Slots of what a particle sees of a local expansion: f + grad g, grad f, grad div f. */
+/**
+ * Slots of the values that a local expansion gives at a particle: f + grad g, grad f, grad div f.
+ */
 enum FastSumView { Flow = 0, Gradient = 3, GradientOfDivergence = 12 };
 
 /** Far pairs of one class, [first, end), through its matrix. */
@@ -48,7 +52,7 @@ struct FarTask {
     Number *in, *out;  // space for 4 x 16 numbers for each row, a whole number of panels
 };
 
-/** Pairs of particles: the targets of one leaf with all in cells near it. */
+/** Pairs of particles: the targets of one leaf with all particles in cells near it. */
 struct NearTask {
     const double *x, *y, *z, *radius;
     int first, endSpheres, end;  // targets
@@ -121,12 +125,14 @@ void addShifted(int size, const double* matrix, int rowStride, int columnStride,
     }
 }
 
-/** Lanes are pairs of cells, or columns of them; the four functions of each come one after the
- * other. */
+/**
+ * Each lane is a column of a pair of cells. The four functions of each follow one another in
+ * memory.
+ */
 template <class Number, class D>
 HWY_NOINLINE void translateLanes(const FarTask<Number>& task, D d) {
     constexpr int rows = FarTask<Number>::rowsAtOnce;
-    // Sums, and what is added to them: 32 registers, or 16.
+    // As many rows as registers (32, or 16) can hold sums and terms for.
     constexpr int rowsInRegisters = HWY_TARGET <= HWY_AVX3 ? rows : rows / 2;
     using V = hn::Vec<D>;
     const int width = hn::Lanes(d), columns = task.columns, size = task.size;
@@ -199,7 +205,7 @@ HWY_NOINLINE void translateLanes(const FarTask<Number>& task, D d) {
             const V sign = hn::Set(d, task.signs[a]);
             V v0 = hn::LoadU(d, out), v1 = hn::LoadU(d, out + width),
               v2 = hn::LoadU(d, out + 2 * width), v3 = hn::LoadU(d, out + 3 * width);
-            // The potential counts from the target's centre now.
+            // Refer the potential to the target's centre.
             v3 = hn::NegMulAdd(Dx, v0, hn::NegMulAdd(Dy, v1, hn::NegMulAdd(Dz, v2, v3)));
             const V f = hn::Mul(sign, flow);
             hn::StoreInterleaved4(hn::Mul(f, v0), hn::Mul(f, v1), hn::Mul(f, v2),
@@ -218,7 +224,10 @@ HWY_NOINLINE void translateLanes(const FarTask<Number>& task, D d) {
 void translateDoubles(const FarTask<double>& task) { translateLanes(task, Doubles()); }
 void translateFloats(const FarTask<float>& task) { translateLanes(task, Floats()); }
 
-/** A pack of targets; places from the centre of the leaf, exact ones for pairs that overlap. */
+/**
+ * A pack of targets: positions relative to the centre of the leaf, and exact positions for pairs
+ * that overlap.
+ */
 template <class Real>
 struct NearTargets {
     Vector3<Real> place;
@@ -251,7 +260,7 @@ struct NearTargets {
     }
 };
 
-/** Pairs some of which overlap, in double precision. */
+/** Pairs of which some overlap, in double precision. */
 template <class Real>
 HWY_NOINLINE PairMobility<Real> overlappingPairs(const NearTask& task,
                                                  const NearTargets<Real>& targets, int source) {
@@ -268,8 +277,10 @@ HWY_NOINLINE PairMobility<Real> overlappingPairs(const NearTask& task,
     });
 }
 
-/** Source records: place from the leaf's centre, radius, height, then force (and torque) for each
- * column. */
+/**
+ * A source record has the position relative to the leaf's centre, radius, height, then force (and
+ * torque) for each column.
+ */
 template <class Real, bool wall, int columns, bool targetTorque, bool sourceTorque>
 HWY_INLINE void sumOverNear(const NearTask& task, const NearTargets<Real>& targets,
                             const typename Real::Scalar* source, const int* index, int first,
@@ -306,7 +317,8 @@ HWY_INLINE void addToSum(const SinglePack& x, Pack* sum) { addTo(x, sum); }
 
 template <class Real, bool wall, int columns, bool targetTorque>
 HWY_NOINLINE void sumOfPack(const NearTask& task, int first, int end, int numSpheres, int numAll) {
-    // Sums over so many in floats are handed over to doubles, or rounding would grow.
+    // Sum at most this many terms in floats, then add the sum to doubles; longer sums would round
+    // more.
     const int atATime = std::is_same<Real, Pack>::value ? 1 << 30 : 64;
     constexpr int packs = Real::packs;
     const int width = packs * lanes(Pack(0.0));
@@ -377,7 +389,7 @@ void sumNearOf(const NearTask& task) {
         sumOfPack<Real, wall, columns, false>(task, i, task.end, numSpheres, numAll);
 }
 
-/** Velocities of the targets by what is near them. */
+/** Velocities of the targets induced by the particles near them. */
 void sumNear(const NearTask& task) {
     withFlags(
         [&](auto single, auto wall, auto two) {
@@ -410,7 +422,7 @@ HWY_EXPORT(sumNear);
 
 namespace {
 
-/** f_x, f_y, f_z, g, and of what is above a wall e E, for each column. */
+/** Fields for each column: f_x, f_y, f_z, g, and e E for sources above a wall. */
 const int fieldsUp = 5, fieldsDown = 4;
 
 int padded(int size, int to) { return (size + to - 1) / to * to; }
@@ -419,11 +431,12 @@ void translate(const FarTask<double>& task) { HWY_DYNAMIC_DISPATCH(translateDoub
 void translate(const FarTask<float>& task) { HWY_DYNAMIC_DISPATCH(translateFloats)(task); }
 
 /**
- * What an error takes, and from how many particles on it takes less time than the sum over pairs.
- * The largest errors that BenchmarkFastSum --errors found were 0.53 of these, relative to the
- * velocities that random forces and torques make, in clouds, clusters, spherical shells and layers
- * on a wall, of equal and unequal radii; TestFastSum has others. Numbers of particles: from
- * processor times of clouds, with the sum over pairs taken to be twice as fast as it is.
+ * The parameters for an error, and the number of particles above which they take less time than the
+ * sum over pairs. The largest errors that BenchmarkFastSum --errors found were 0.53 of the errors
+ * in the table, relative to the velocities induced by random forces and torques, in clouds,
+ * clusters, spherical shells and layers on a wall, of equal and unequal radii; TestFastSum checks
+ * other scenes. The numbers of particles come from processor times of clouds, as if the sum over
+ * pairs were twice as fast as it is.
  */
 struct Row {
     double error;
@@ -439,9 +452,8 @@ const Row rows[] = {
 }  // namespace
 
 /**
- * Pairs take longer with torques and with images, while pairs of cubes take hardly longer. So it is
- * worth while to divide smaller cubes. The factors are measured ones, of clouds at errors of 1e-2
- * to 1e-4.
+ * Torques and images make near pairs slower, but pairs of cubes hardly slower. So dividing smaller
+ * cubes pays off. The factors were measured on clouds at errors of 1e-2 to 1e-4.
  */
 static int leafSizeFor(const HydrodynamicParticles& particles, bool hasWall, int leafSize) {
     const double ofImages = 0.7, ofTorques = 0.65;
@@ -452,7 +464,8 @@ static int leafSizeFor(const HydrodynamicParticles& particles, bool hasWall, int
 }
 
 const FastSum::Accuracy* FastSum::choose(double error, int numParticles, bool hasWall) {
-    // The loosest that is enough; a tolerance of 1e-6 may come as a product of others.
+    // The loosest row that suffices. A tolerance of 1e-6 may contain rounding errors, because it
+    // may be a product of factors.
     const double rounding = 1e-12;
     for (const Row& row : rows)
         if (row.error <= error * (1 + rounding))
@@ -468,7 +481,7 @@ struct FastSum::Far {
     vector<const Number*> matrixOfClass;
 };
 
-/** The power of two next to the radii. Divisions by it have no rounding errors. */
+/** The power of two closest to the radii. Divisions by it have no rounding errors. */
 static double lengthFor(const vector<double>& radii) {
     if (radii.empty()) return 1;
     const auto extremes = minmax_element(radii.begin(), radii.end());
@@ -494,7 +507,7 @@ FastSum::Far<double>& FastSum::far<double>() {
     return *doubleFar;
 }
 
-/** Tasks of such costs, in so many parts that each thread has about the same to do. */
+/** Call the task for ranges of about equal cost, so that all threads have about the same work. */
 void FastSum::inParts(const vector<double>& costs, const function<void(int, int)>& task) const {
     if (costs.empty()) return;
     if (!forRanges) {
@@ -567,8 +580,10 @@ void FastSum::displaceTo(const vector<OpenMM::Vec3>& positions, const vector<dou
     }
 }
 
-/** The matrix of R at a place counted from the parent, in R at the place counted from the child,
- * each in halves of its own edge. */
+/**
+ * The matrix that gives R relative to the parent from R relative to the child, each in halves of
+ * its own edge.
+ */
 const MatrixXd& FastSum::shiftOf(const ClusterTree::Cell& child) {
     const Vector3d d = (child.centre - tree.cells[child.parent].centre) / child.half;
     array<int, 3> key;
@@ -588,8 +603,8 @@ void FastSum::prepareFar() {
     for (int mirrored = 0; mirrored < 8; mirrored++)
         f.signs[mirrored].assign(harmonics.signs(mirrored).begin(),
                                  harmonics.signs(mirrored).end());
-    // Matrices are kept from one placement to the next, but for those of cubes whose images are in
-    // no lattice, and not without end.
+    // Keep matrices from one placement to the next, up to a limit. Drop those of images off the
+    // lattice.
     const size_t most = 2000;
     if (f.matrices.size() > most) f.matrices.clear();
     for (auto i = f.matrices.begin(); i != f.matrices.end();)
@@ -605,7 +620,7 @@ void FastSum::prepareFar() {
         for (int w = first; w < end; w++) {
             const auto& of = *wanted[w].first;
             const MatrixXd T = harmonics.fromFar(of.D.cwiseAbs());
-            const double ratio = ldexp(1.0, -of.key[0]);  // of the target's edge to the source's
+            const double ratio = ldexp(1.0, -of.key[0]);  // the target's edge over the source's
             vector<Number>& panels = *wanted[w].second;
             panels.assign(static_cast<size_t>(padded(size, rows)) * size, 0);
             for (int a = 0; a < size; a++)
@@ -618,7 +633,7 @@ void FastSum::prepareFar() {
         f.matrixOfClass[c] = f.matrices[tree.classes[c].key].data();
 }
 
-/** Moments of a cell: of its particles, or of its children. */
+/** The moments of a cell, from its children or, for a leaf, from its particles. */
 void FastSum::gatherMoments(int c, int columns) {
     const auto& cell = tree.cells[c];
     const int size = harmonics.size(), fields = fieldsUp * columns;
@@ -700,8 +715,10 @@ void FastSum::gatherMoments(int c, int columns) {
     }
 }
 
-/** The local expansion of a cell and of those that hold it, handed over to its children, or to its
- * particles. */
+/**
+ * Add to the velocities of a leaf's particles the values of its local expansion, which already
+ * includes the expansions of the cells around the leaf.
+ */
 void FastSum::shareLocal(int c, int columns) {
     const auto& cell = tree.cells[c];
     const int size = harmonics.size(), fields = fieldsDown * columns;
@@ -860,7 +877,7 @@ void FastSum::multiply(const MatrixXd& forces, int firstColumn, int columns, dou
     const int count = x.size();
     loads.resize(static_cast<size_t>(6) * columns * count);
     results.resize(loads.size());
-    // Forces, and torques in units of forces times the unit of lengths.
+    // Forces, and torques over the unit of length.
     const auto load = [&](int i, int k, int c) {
         return forces(row[i] + k, firstColumn + c) / (k < 3 ? 1 : length);
     };
@@ -875,8 +892,8 @@ void FastSum::multiply(const MatrixXd& forces, int firstColumn, int columns, dou
             for (int k = 0; k < 6; k++)
                 loads[6 * (static_cast<size_t>(columns) * i + c) + k] =
                     k < numRows(i) ? weight[i] * (load(i, k, c) / unit) : 0;
-    // Places in near cubes are rounded to 1e-7 of three halves of an edge, which for particles in
-    // contact is to be below 1e-5 and 1e-6 of their distance.
+    // Floats round positions in near cubes by 1e-7 of three halves of an edge. For particles in
+    // contact this must be below 1e-5 (if far pairs use floats, too) or 1e-6 of their distance.
     const double inRadii = accuracy.floats == 2 ? 200 : accuracy.floats == 1 ? 20 : 0;
     const double largestHalf = inRadii * *min_element(radius.begin(), radius.end());
     const bool hasFar = !tree.farPairs.empty();
@@ -911,7 +928,7 @@ void FastSum::multiply(const MatrixXd& forces, int firstColumn, int columns, dou
             task.numSources = ranges.size();
             task.hasWall = hasWall;
             task.single = leaf.half <= largestHalf;
-            // Differences of floats want small numbers; those of doubles are to be the same in
+            // Differences of floats need small numbers. Differences of doubles must be the same in
             // packs with and without overlaps.
             for (int k = 0; k < 3; k++) task.centre[k] = task.single ? leaf.centre[k] : 0;
             task.columns = columns;

@@ -13,10 +13,10 @@ namespace {
 using Complex = complex<double>;
 
 /**
- * The index of an element: that of the real part of R_n^m, m >= 0. The imaginary part comes next.
+ * The index of the real part of R_n^m, m >= 0, among the elements. The imaginary part comes next.
  */
 int realPart(int n, int m) { return m == 0 ? n * n : n * n + 2 * m - 1; }
-/** The index of a complex harmonic of m >= 0. */
+/** The index of a complex harmonic with m >= 0. */
 int place(int n, int m) { return n * (n + 1) / 2 + m; }
 
 vector<Complex> regular(int order, const Vector3d& r) {
@@ -50,7 +50,7 @@ vector<Complex> irregular(int order, const Vector3d& r) {
     return I;
 }
 
-/** The harmonic of any m, by the harmonic of -m. */
+/** The harmonic for any m; a negative m uses the harmonic for -m. */
 Complex ofAny(const vector<Complex>& of, int n, int m) {
     if (abs(m) > n) return 0;
     if (m >= 0) return of[place(n, m)];

@@ -8,19 +8,18 @@
 namespace RigidHIPlugin {
 
 /**
- * Real solid harmonics up to an order P, the basis of multipoles and of local expansions, and how
- * expansions are shifted.
+ * Real solid harmonics up to an order P, the basis of multipoles and local expansions, with the
+ * matrices that shift expansions.
  *
  * Equation:  With the complex harmonics
  *                R_n^m = r^n P_n^m(cos theta) exp(i m phi)/(n + m)!,
  *                I_n^m = (n - m)! P_n^m exp(i m phi)/r^(n+1)
  *            (P_n^m without the sign (-1)^m, and X_n^-m = (-1)^m conj X_n^m), the basis is Re R_n^m
- *            and Im R_n^m for m >= 0: element n^2 for m = 0, n^2 + 2m - 1 and n^2 + 2m for the two
- *            parts. Then
+ *            and Im R_n^m for m >= 0: element n^2 for m = 0; n^2 + 2m - 1 and n^2 + 2m for the real
+ *            and imaginary part. Then
  *                R_n^m(u + v) = sum_kl R_k^l(u) R_(n-k)^(m-l)(v),
  *                1/|D + x - y| = sum (-1)^k' conj R_k^l(y) conj R_k'^l'(x) I_(k+k')^(l+l')(D).
- * Cost:      basis() takes about 6 operations an element. Matrices take P^4 operations, once for
- *            each shift.
+ * Cost:      basis() takes about 6 operations for each element. A matrix takes P^4 operations.
  * Reference: Epton, Dembart, SIAM J. Sci. Comput. 16, 865 (1995); normalisation: Dehnen, Comput.
  *            Astrophys. Cosmol. 1, 1 (2014).
  */
@@ -32,15 +31,21 @@ public:
     int size() const { return (order + 1) * (order + 1); }
     int degree(int element) const { return degrees[element]; }
 
-    /** The basis at a point. @param R  size() numbers */
+    /**
+     * The basis at a point.
+     *
+     * @param R  size() numbers
+     */
     void basis(double x, double y, double z, double* R) const;
     /**
-     * The matrix C with R_a(u + d) = sum_b C_ab R_b(u). Moments are shifted by C, and coefficients
-     * of local expansions by its transpose.
+     * The matrix C with R_a(u + d) = sum_b C_ab R_b(u). C shifts moments, and its transpose shifts
+     * the coefficients of local expansions.
      */
     Eigen::MatrixXd shift(const Eigen::Vector3d& d) const;
-    /** The matrix T with 1/|D + x - y| = sum_ab R_a(x) T_ab R_b(y), where |x| + |y| < |D|, cut off
-     * beyond the order. */
+    /**
+     * The matrix T with 1/|D + x - y| = sum_ab R_a(x) T_ab R_b(y), where |x| + |y| < |D|, truncated
+     * at the order.
+     */
     Eigen::MatrixXd fromFar(const Eigen::Vector3d& D) const;
     /**
      * A term of the derivative along an axis: d R_a is the sum of at most two terms `factor` R_to.
@@ -55,11 +60,11 @@ public:
     /**
      * Add to the moments those of a derivative: M_a += factor sum_c D_ac A_c.
      *
-     * @param stride  from one element to the next
+     * @param stride  distance from one element to the next
      */
     void addDerivativeOfMoments(int axis, double factor, const double* from, double* to,
                                 int stride = 1) const;
-    /** Coefficients of the derivative of a local expansion: to_c = sum_a D_ac L_a. */
+    /** The coefficients of the derivative of a local expansion: to_c = sum_a D_ac L_a. */
     void derivativeOfLocal(int axis, const double* from, double* to) const;
     /** Signs of the elements at a point mirrored in x (bit 0), y (bit 1) and z (bit 2). */
     const std::vector<double>& signs(int mirrored) const { return reflections[mirrored]; }

@@ -20,7 +20,7 @@ namespace {
 
 const MobilityModel& asModel(const ForceCouplingGrid& model) { return model; }
 
-/** The mobility at a placement, which is that of the periodic model at the same placement there. */
+/** The mobility at a placement: that of the periodic model at the corresponding placement. */
 class ConfinedForceCouplingAt : public MobilityAt {
 public:
     explicit ConfinedForceCouplingAt(const ConfinedForceCoupling& model)
@@ -53,7 +53,7 @@ public:
 
 protected:
     void moveTo(const Placement& placement, bool nearby) override {
-        // What is differenced must be on one grid.
+        // Differences need one grid.
         if (!nearby || !onGrid) period = model.periodFor(placement.positions);
         here = placement;
         Placement inPeriodic;
@@ -72,8 +72,8 @@ private:
 };
 
 /**
- * The field of the periodic model, which is drawn where it is asked for first. If a placement is
- * above the grid that the field was drawn on, the field is drawn on a higher one.
+ * The field of the periodic model, drawn at its first use. If a placement is above the grid of the
+ * field, the field is drawn again on a higher grid.
  */
 class Field : public RandomField {
 public:
@@ -138,7 +138,7 @@ private:
     std::unique_ptr<RandomField> onGrid;
 };
 
-/** There are walls. A small change of the traits of the periodic model. */
+/** The traits of the periodic model, changed for walls. */
 MobilityTraits betweenPlanes(MobilityTraits traits, bool byProducts) {
     traits.mayObject = traits.holdsNearby = true;
     traits.isHomogeneous = traits.isIsotropic = traits.isDivergenceFree = false;
@@ -206,12 +206,12 @@ std::shared_ptr<const GridPlanes> ConfinedForceCoupling::planesOf(const GridShap
 
 double ConfinedForceCoupling::periodFor(const std::vector<Vec3>& positions) const {
     if (!planes.isWall()) return planes.getHeight() + gap;
-    // Whole numbers of nodes, of which a transform is fast, so that the period stays the same from
-    // step to step as a rule.
+    // Take integer numbers of nodes with fast transforms, so that the period usually stays the same
+    // from step to step.
     double top = gap;
     int highest = 0;
     for (size_t i = 0; i < positions.size(); i++) {
-        // Positions beyond those of particles are points of the fluid.
+        // Positions after those of particles are points of the fluid.
         const double reach = i < particles.radii.size()
                                  ? onGrid.getResolution().cutoff(particles.radii[i])
                                  : 0,

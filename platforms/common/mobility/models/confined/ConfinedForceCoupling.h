@@ -14,25 +14,25 @@ namespace RigidHIPlugin {
 class PlaneConditions;
 
 /**
- * Force coupling above a no-slip wall, between two of them, or in a film on one, periodic along the
- * planes, on a grid. Random velocities are exact and cost as much as in a periodic fluid.
+ * Force coupling above a no-slip wall, between two walls, or in a film on a wall, periodic along
+ * the planes, on a grid. Random velocities are exact and cost as much as in a periodic fluid.
  *
- * Equation:  M_ij = D_i^+ G' D_j, with the envelopes of ForceCouplingGrid and with the response G'
- *            of a fluid that is periodic along all axes and that planes z = const confine
- *            (PlaneConditions). The matrix is positive semidefinite wherever particles are, since
+ * Equation:  M_ij = D_i^+ G' D_j, with the envelopes of ForceCouplingGrid and the response G' of a
+ *            fluid that is periodic along all axes and confined by planes z = const
+ *            (PlaneConditions). The matrix is positive semidefinite wherever particles are, because
  *            it is a Gram matrix.
- * Period:    Envelopes reach a little beyond a wall, so the definition says what is there: with the
- *            largest radius a, the period is the height and a gap of 2 a more. Above a PeriodicWall
- *            another plane at rest is 1.5 a below the wall, and velocities at some height above all
- *            envelopes have the law of a fluid that is unbounded there. The result depends neither
- *            on that height nor on the gap above it.
+ * Period:    Envelopes reach a little beyond a wall, so the definition includes the fluid there:
+ *            with the largest radius a, the period is the height plus a gap of 2 a. A PeriodicWall
+ *            has another plane at rest 1.5 a below the wall, and velocities at some height above
+ *            all envelopes have the law of a fluid that is unbounded there. The result depends
+ *            neither on that height nor on the gap above it.
  * Mean flow: Planes balance all forces along them. The mean pressure gradient along a NoSlipChannel
- *            or a Film is zero, or with ZeroFlux the flux along a NoSlipChannel is.
- * Accuracy:  that of ForceCouplingGrid. Nodes are closer to each other along z where the tolerance
- *            is below 1e-3.
- * Cost:      three transforms there and three back, and for each wave vector along the planes a
- *            product with a matrix of 6 or 9 rows.
- * Limits:    Boxes with edges along the axes. The error of rounding grows as the square of an edge
+ *            or a Film is zero. With ZeroFlux the flux along a NoSlipChannel is zero instead.
+ * Accuracy:  that of ForceCouplingGrid. For tolerances below 1e-3 nodes are closer to each other
+ *            along z.
+ * Cost:      three forward and three backward transforms, and for each wave vector along the planes
+ *            a product with a matrix of 6 or 9 rows.
+ * Limits:    Boxes with edges along the axes. The rounding error grows as the square of an edge
  *            over the height of the fluid, to 1e-10 for the longest edge that a grid can have.
  * Reference: docs/theory/walls.md
  */
@@ -40,8 +40,8 @@ class ConfinedForceCoupling : public MobilityModel, BoxOfModel, GridOfModel, Fie
 public:
     /**
      * @param tolerance, spacing, fluid  as for ForceCouplingGrid
-     * @param byProducts  whether matrices are to be avoided; else they are made by as many products
-     *     as they have columns
+     * @param byProducts  whether to avoid matrices; otherwise a matrix takes one product for each
+     *     column
      */
     ConfinedForceCoupling(const HydrodynamicParticles& particles, double viscosity,
                           const ConfiningPlanes& planes, double tolerance, double spacing,
@@ -54,7 +54,7 @@ public:
     std::string objection(const Placement& placement) const override {
         return planes.objection(particles, placement);
     }
-    /** The matrix is there beyond contact as well. */
+    /** The matrix exists beyond contact, too. */
     bool acceptsNearby(const Placement& placement) const override {
         return planes.areWithin(particles, placement, 1);
     }
@@ -71,7 +71,7 @@ public:
 
     /** The model in the periodic box. */
     const ForceCouplingGrid& inPeriodicBox() const { return onGrid; }
-    /** The period of a grid that is high enough for particles at these places. */
+    /** The period of a grid that is high enough for particles at these positions. */
     double periodFor(const std::vector<OpenMM::Vec3>& positions) const;
     /** Whether a grid of this period is high enough. */
     bool holds(double period, const std::vector<OpenMM::Vec3>& positions) const;
@@ -83,12 +83,13 @@ public:
     void toPeriodic(const Placement& placement, double period, Placement& inPeriodic) const;
     std::vector<OpenMM::Vec3> inPeriodic(const std::vector<OpenMM::Vec3>& points) const;
     double inPeriodic(double z) const { return z - planes.getLow() - origin; }
-    /** z of the highest point that a grid of this period has fluid at. */
+    /** z of the highest point of the fluid on a grid of this period. */
     double topOf(double period) const;
     const ConfiningPlanes& getPlanes() const { return planes; }
     /**
-     * Whether products in single precision have the error that Accuracy promises. It grows as the
-     * square of the edges over the distance of the nearest two planes, and was 2e-6 at 100.
+     * Whether products in single precision have an error of at most
+     * Accuracy::errorOfSinglePrecision. The error grows as the square of the edges over the
+     * distance of the nearest two planes, and was 2e-6 at a ratio of 100.
      */
     bool mayRound(const BoxVectors& box) const;
     static constexpr double flattestInSingle = 50;
@@ -114,8 +115,7 @@ private:
     const ConfiningPlanes planes;
     double gap, below, origin;
     const ForceCouplingGrid onGrid;
-    // Planes of grids that were used last. A grid above a wall changes with the heights of
-    // particles.
+    // The planes of the last grids. A grid above a wall changes with the heights of particles.
     struct Made;
     mutable std::mutex madeMutex;
     mutable std::vector<Made> made;

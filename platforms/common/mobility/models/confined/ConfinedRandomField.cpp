@@ -17,8 +17,8 @@ using OpenMM::Vec3;
 namespace {
 
 /**
- * This part of the tolerance is added to own mobilities. Without it, pairs that are cut off may
- * leave eigenvalues below 0 by an error below the tolerance.
+ * The part of the tolerance that is added to own mobilities. Without it, neglected pairs could
+ * leave slightly negative eigenvalues, within the tolerance.
  */
 const double partOfOwn = 0.3;
 
@@ -38,8 +38,8 @@ void ConfinedRandomField::draw(const NoiseStream& newNoise, uint32_t newPurpose,
     box = newBox;
     noise = newNoise;
     purpose = newPurpose;
-    // Groups of one Context have the same modes, but each group has its own numbers: those of its
-    // first particle.
+    // Groups of one Context have the same modes, but each group takes its own random numbers, by
+    // its first particle.
     ofDraw = noise;
     ofDraw.field = 1 + particles.systemIndex[0];
     W.resize(particles.numRows, 1);
@@ -79,7 +79,7 @@ void ConfinedRandomField::drawFor(double top) {
 
 void ConfinedRandomField::moveTo(const Placement& placement, bool nearby) {
     if (nearby && !parts && isThere) {
-        // What is differenced has the pairs and nodes of the placement before.
+        // Differences need the pairs and nodes of the previous placement.
         base.model->move(parts, inBase, false);
     }
     model.lift(placement, nearby, lifted);
@@ -136,7 +136,7 @@ void ConfinedRandomField::slipsAt(const Placement& placement, bool nearby, Matri
     slips = velocities;
 }
 
-/** Find the forces f with M f = the slips. */
+/** Find the forces f with M f = slips. */
 void ConfinedRandomField::findForces() {
     if (hasForces) return;
     const auto here = wasNearby ? nullptr : model.at(at);
@@ -168,7 +168,10 @@ void ConfinedRandomField::addFlowAt(const std::vector<Vec3>& points, double fact
     place->addFlowAt({forcesOfSlips, {}}, points, factor, flow);
 }
 
-/** The power of the forces on a flow. By symmetry of M, it is that of their flow. */
+/**
+ * The power of the forces on a flow. By the symmetry of M it gives the component of the forces' own
+ * flow.
+ */
 double ConfinedRandomField::powerOn(const DrivenFlow& flow) const {
     double power = 0;
     for (int p = 0; p < particles.size(); p++) {
@@ -196,7 +199,7 @@ Vector3d ConfinedRandomField::meanFlow(double low, double high) {
     if (model.getPlanes().hasZeroFlux()) return mean;
     findForces();
     for (int axis = 0; axis < 2; axis++) {
-        // of a unit force density
+        // the flow of a unit force density
         DrivenFlow unit;
         unit.hasPlanes = true;
         unit.low = low;
@@ -209,7 +212,7 @@ Vector3d ConfinedRandomField::meanFlow(double low, double high) {
 
 long long ConfinedRandomField::getNumRandomNumbers() const {
     if (!isDrawn) return 0;
-    // The last are those of the flow that does not depend on x and y.
+    // The last term counts the flow that does not depend on x and y.
     return GridModeNoise::numbersOf(fields[0].shape) + particles.numRows +
            uniform->getNumRandomNumbers();
 }

@@ -14,15 +14,15 @@
 namespace RigidHIPlugin {
 
 /**
- * The random field of ConfinedRotnePragerYamakawaGrid, of two independent flows whose covariances
- * are both positive (GridWallFields): waves with planes, which are drawn as a whole, and pairs
- * given that their flow is 0 on the planes. The latter is known at the particles alone: it is the
- * symmetric root of N', by Lanczos' method, times random numbers that are the same at all
+ * The random field of ConfinedRotnePragerYamakawaGrid: two independent flows, both with a positive
+ * covariance (GridWallFields). One is the flow of waves with planes, drawn as a whole. The other is
+ * the flow of pairs, conditional on its being 0 on the planes. It is known at the particles only:
+ * the symmetric root of N', by Lanczos' method, times random numbers that are the same at all
  * placements.
  *
- * Where the highest particle of a fluid above a wall says how high the grid is, the field is drawn
- * where it is asked for first. If a placement is above the grid that the field was drawn on, the
- * field is drawn on a higher one.
+ * Above a wall the highest particle determines the height of the grid, so the field is drawn at its
+ * first use. If a placement is above the grid of the field, the field is drawn again on a higher
+ * grid.
  */
 class ConfinedRandomField : public RandomField {
 public:
@@ -31,8 +31,8 @@ public:
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box);
     void slipsAt(const Placement& placement, bool nearby, Eigen::MatrixXd& slips) override;
     /**
-     * Add the mean of the flow at given slips, which is the flow of the forces that cause these
-     * slips.
+     * Add the mean of the flow conditional on the slips, which is the flow of the forces that cause
+     * these slips.
      */
     void addFlowAt(const std::vector<OpenMM::Vec3>& points, double factor,
                    Velocities& velocities) override;

@@ -47,8 +47,8 @@ private:
     const ConfiningPlanes& planes;
     LatticeSum sum;
     std::vector<Vec3> positions;  // lifted to contact
-    std::vector<double> heights;  // over the lower wall
-    VectorXd weights;             // B, for each row; empty: no particle reaches through a wall
+    std::vector<double> heights;  // above the lower wall
+    VectorXd weights;             // B for each row; empty if no particle reaches through a wall
     BoxVectors box = {};
     double period = 0, middle = 0, leastDepth = 0, span = 0;
     MatrixXd cached;
@@ -103,7 +103,10 @@ void ConfinedRotnePragerYamakawaAt::sortByDepth() {
     for (int i : order) firstSorted.push_back(firstSorted.back() + rowsOf(i));
 }
 
-/** Fill the columns of the present waves for the particles that feel them, which come first. */
+/**
+ * Fill the columns of the present waves for the particles that feel these waves. Those particles
+ * come first.
+ */
 void ConfinedRotnePragerYamakawaAt::fillColumns(const PlaneWave* waves, int size, int numModes,
                                                 bool withImages) {
     const WallModes walls(planes, period, middle);
@@ -138,8 +141,7 @@ void ConfinedRotnePragerYamakawaAt::fillColumns(const PlaneWave* waves, int size
     }
 }
 
-/** Subtract the modes of the walls from the matrix with sorted rows, whose lower triangle counts.
- */
+/** Subtract the modes of the walls from the lower triangle of the matrix with sorted rows. */
 void ConfinedRotnePragerYamakawaAt::addModes(MatrixXd& sorted) {
     const WallModes walls(planes, period, middle);
     const double depth = largestDepth();
@@ -153,7 +155,7 @@ void ConfinedRotnePragerYamakawaAt::addModes(MatrixXd& sorted) {
         while (size < wavesAtOnce && first + size < numWaves &&
                (waves[first + size].length < imagesEnd) == withImages)
             size++;
-        // Pairs feel a wave if the sum of both distances from walls allows it.
+        // A pair feels a wave only up to some sum of both distances from walls.
         int numActive = particles.size();
         if (!withImages)
             numActive = std::upper_bound(order.begin(), order.end(), 2 * depth / k - leastDepth,

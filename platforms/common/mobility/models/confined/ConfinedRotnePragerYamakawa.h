@@ -10,11 +10,11 @@
 namespace RigidHIPlugin {
 
 /**
- * Rotne-Prager-Yamakawa mobility above a no-slip wall or between two of them, periodic along the
+ * Rotne-Prager-Yamakawa mobility above a no-slip wall or between two walls, periodic along the
  * walls, with all blocks, unequal radii and overlap, by matrices.
  *
- * Equation:  The periodic lattice sum M_P with the period P along z, and for each wave vector along
- *            the walls flows of low rank (PlaneModes.h):
+ * Equation:  The periodic lattice sum M_P with the period P along z, minus, for each wave vector
+ *            along the walls, flows of low rank (PlaneModes.h):
  *              NoSlipChannel: P is the height H, so that both walls are one plane of the lattice.
  *                M = M_P - U S^-1 U^T, U the flow of forces on the plane, S that flow on the plane.
  *                This is the law of velocities given that the plane is at rest.
@@ -27,9 +27,9 @@ namespace RigidHIPlugin {
  *            gradient is 0. ZeroFlux subtracts 3 p p'/(eta H^3), p = z (H - z).
  * Accuracy:  1e-12 of own mobilities.
  * Limits:    The matrix is positive definite for a <= z <= H - a. Where the surface of a particle
- *            reaches through a wall, M -> B M B, as with NoSlipPlane. There is no lubrication.
+ *            reaches through a wall, M -> B M B, as with NoSlipPlane. No lubrication.
  * Cost:      That of the lattice sum, and six columns of a symmetric product for each of about
- *            A k^2/8 pi wave vectors, k = 20/(least height above a wall). Particles high above the
+ *            A k^2/8 pi wave vectors, k = 20/(least height above a wall). Particles far from the
  *            walls take part in few of them.
  * Reference: docs/theory/walls.md; Blake, Proc. Camb. Phil. Soc. 70, 303 (1971); Liron and Mochon,
  *            J. Eng. Math. 10, 287 (1976).

@@ -22,9 +22,9 @@ using OpenMM::Vec3;
 namespace {
 
 /**
- * The tolerance that pairs and waves of the base, and those of walls, get. It is a part of the
- * whole one, measured so that the error of all is below the tolerance beside touching walls, too
- * (docs/grid_accuracy.md).
+ * The tolerance for pairs and waves of the base and for waves of walls. Measurements show that with
+ * this part of the whole tolerance the total error is below the tolerance, also at contact with
+ * walls (docs/grid_accuracy.md).
  */
 double toleranceOfBase(double tolerance) {
     return 0.4 * std::pow(std::min(1.0, tolerance / 1e-4), 0.17) * tolerance;
@@ -44,7 +44,7 @@ public:
         addUniformPart(*of, velocities);
         if (lifted.weights.size() > 0) velocities = lifted.weights.asDiagonal() * velocities;
     }
-    /** By sums, which take less time than a product for each column. */
+    /** By lattice sums, which take less time than a product for each column. */
     void dense(MatrixXd& mobility) override {
         if (particles.numRows > mostLatticeRows) {
             MobilityAt::dense(mobility);
@@ -90,7 +90,8 @@ void ConfinedOnGrid::moveTo(const Placement& placement, bool nearby) {
     here = placement;
     isNearby = nearby;
     model.lift(placement, nearby, lifted);
-    // A small way from an accepted placement, everything but the positions stays the same.
+    // For a small displacement from an accepted placement, everything but the positions stays the
+    // same.
     const ConfinedRotnePragerYamakawaGrid::Base before = base;
     if (!nearby || !inBase) base = model.baseFor(box, lifted.top);
     if (base.model != before.model) inBase.reset();
@@ -103,7 +104,7 @@ void ConfinedOnGrid::moveTo(const Placement& placement, bool nearby) {
         base.model->place(inBase, place);
 }
 
-/** UniformFlow of all pairs, as a sum of products. */
+/** Add UniformFlow of all pairs, as a sum of products. */
 void ConfinedOnGrid::addUniformPart(const MatrixXd& forces, MatrixXd& velocities) const {
     const Eigen::Matrix3d factors =
         UniformFlow(planes, base.period).getCoefficients() / (viscosity * planeArea(box));
@@ -152,8 +153,8 @@ ConfinedRotnePragerYamakawaGrid::ConfinedRotnePragerYamakawaGrid(
 }
 
 /**
- * The height up to which a fluid above a wall is taken to have particles. It has steps, so that the
- * grid rarely changes.
+ * The height that the base provides for particles. Above a wall it grows in steps, so that the grid
+ * rarely changes.
  */
 double ConfinedRotnePragerYamakawaGrid::topFor(const BoxVectors& box, double top) const {
     if (planes.isChannel()) return planes.getHeight();
@@ -173,7 +174,7 @@ EwaldSplitting ConfinedRotnePragerYamakawaGrid::splittingFor(const HydrodynamicP
                                                              double& period) {
     const std::vector<EwaldKind> kinds = kindsOf(particles);
     const double smallest = kinds.front().radius, longest = longestWave(particles, tolerance);
-    // Stencils of particles at contact must not reach around the box.
+    // Stencils of particles at contact with a wall must not overlap across the end of the box.
     for (period = height + 2 * smallest;;) {
         const EwaldSplitting splitting(kinds, toleranceOfBase(tolerance), spacing,
                                        {box[0], box[1], Vec3(0, 0, period)}, 0, longest);
@@ -201,7 +202,7 @@ ConfinedRotnePragerYamakawaGrid::Base ConfinedRotnePragerYamakawaGrid::baseFor(
     };
     made.model = std::make_shared<RotnePragerYamakawaGrid>(
         particles, viscosity, toleranceOfBase(tolerance), spacing, fluid, walls);
-    // check() asks for the lowest one, and placements above a wall for higher ones.
+    // check() needs the lowest base, and placements above a wall need higher ones.
     const size_t most = 3;
     if (bases.size() == most) bases.erase(bases.begin());
     bases.push_back(made);

@@ -12,22 +12,22 @@
 namespace RigidHIPlugin {
 
 /**
- * Rotne-Prager-Yamakawa mobility above a no-slip wall or between two of them, periodic along the
- * walls, without a matrix: pairs and waves in a box of the period P along z, and the flows by which
- * walls and the period change them (GridWalls). ConfinedRotnePragerYamakawa is the same mobility as
- * a matrix.
+ * Rotne-Prager-Yamakawa mobility above a no-slip wall or between two walls, periodic along the
+ * walls, without a matrix: pairs and waves in a box of the period P along z, and the flows that
+ * correct for walls and for the period (GridWalls). ConfinedRotnePragerYamakawa is the same
+ * mobility as a matrix.
  *
- * Method:    The base is RotnePragerYamakawaGrid in a box that is higher than the fluid by what
- *            stencils reach beyond the walls. Walls are not split: the grid carries all of their
- *            waves, to k with (1 + 2ka)^2 exp(-2ka) = tolerance, and xi follows from this k. Above
- *            one wall, the top of the box follows the highest particle in steps. Results do not
- *            depend on the top but for the tolerance.
+ * Method:    The base is RotnePragerYamakawaGrid in a box that is higher than the fluid by the
+ *            reach of stencils beyond the walls. Walls are not split: the grid carries all of their
+ *            waves, up to k with (1 + 2ka)^2 exp(-2ka) = tolerance, and this k determines xi. Above
+ *            one wall, the top of the box follows the highest particle in steps. Except within the
+ *            tolerance, results do not depend on the top.
  * Accuracy:  That of the base: the norm of the error of products is below the tolerance times the
  *            norm of the mobility, both scaled by the square roots of own mobilities.
- * Noise:     A random field of waves with planes, and a square root by Lanczos' method of the pairs
- *            alone, given that their flow is 0 on the planes (ConfinedRandomField).
- * Cost:      Grows as the number of particles at constant density and height. A product takes the
- *            transforms of the base, and another pass over its modes.
+ * Noise:     A random field of waves with planes, and for pairs alone a square root by Lanczos'
+ *            method, conditional on a flow of 0 on the planes (ConfinedRandomField).
+ * Cost:      Proportional to the number of particles at constant density and height. A product
+ *            takes the transforms of the base, and another pass over its modes.
  * Limits:    Boxes with edges along the axes; at most RotnePragerYamakawaGrid::mostRadii radii.
  *            Where surfaces reach through a wall, M -> B M B (NoSlipPlane).
  */
@@ -38,7 +38,7 @@ class ConfinedRotnePragerYamakawaGrid : public MobilityModel,
 public:
     /**
      * @param tolerance, spacing, fluid  as in RotnePragerYamakawaGrid
-     * @throws OpenMMException for radii that do not fit between the walls
+     * @throws OpenMMException if radii do not fit between the walls
      */
     ConfinedRotnePragerYamakawaGrid(const HydrodynamicParticles& particles, double viscosity,
                                     double tolerance, double spacing, const ConfiningPlanes& planes,
@@ -60,7 +60,7 @@ public:
     const FieldOfModel* randomField() const override { return this; }
     double getTolerance() const { return tolerance; }
 
-    /** The base of a fluid up to a height over the lower wall, and its period. */
+    /** The base of a fluid up to a height above the lower wall, and its period. */
     struct Base {
         std::shared_ptr<const RotnePragerYamakawaGrid> model;
         double height = 0, period = 0;
@@ -68,21 +68,24 @@ public:
     };
     /** The base for a box and particles whose surfaces reach up to a height. */
     Base baseFor(const BoxVectors& box, double top) const;
-    /** Particles as the formulas have them: moved to contact where they reach through a wall. */
+    /** Particles as the formulas need them: moved to contact where they reach through a wall. */
     struct Lifted {
         std::vector<OpenMM::Vec3> positions;
-        Eigen::VectorXd weights;  // B, for each row; empty: no particle reaches through a wall
-        double top = 0;           // up to which surfaces reach, over the lower wall
+        Eigen::VectorXd weights;  // B for each row; empty if no particle reaches through a wall
+        double top = 0;           // height above the lower wall up to which surfaces reach
     };
-    /** @param nearby  whether the placement is a small way from an accepted one, as it is then */
+    /**
+     * @param nearby  whether the placement is a small displacement from an accepted one; its
+     *     positions then stay unchanged
+     */
     void lift(const Placement& placement, bool nearby, Lifted& lifted) const;
     /** The largest wave number along walls that the grid has. */
     double getLongestWave() const { return longest; }
     void check(const BoxVectors& box) const override;
     /**
-     * The splitting of the base for particles up to a height over the lower wall.
+     * The splitting of the base for particles up to a height above the lower wall.
      *
-     * @param period  set to that of the base
+     * @param period  set to the period of the base
      */
     static EwaldSplitting splittingFor(const HydrodynamicParticles& particles, double tolerance,
                                        double spacing, const BoxVectors& box, double height,
@@ -107,7 +110,7 @@ private:
     const ConfiningPlanes planes;
     const std::shared_ptr<GridFluid> fluid;
     double smallest = 0, longest = 0;
-    /** Bases that were made last. */
+    /** The last bases. */
     mutable std::mutex mutex;
     mutable std::vector<Base> bases;
 };

@@ -14,7 +14,7 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** A pose determines z of its particles to some roundings of the coordinates (NoSlipPlane.cpp). */
+/** A pose determines z of its particles only up to a few rounding errors (NoSlipPlane.cpp). */
 const double touchTolerance = 1e-12;
 
 }  // namespace

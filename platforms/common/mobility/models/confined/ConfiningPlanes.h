@@ -11,13 +11,13 @@
 namespace RigidHIPlugin {
 
 /**
- * The planes z = const that bound a fluid which is periodic along x and y: PeriodicWall,
- * NoSlipChannel or Film, and where particles may be.
+ * The planes z = const that bound a fluid periodic along x and y (PeriodicWall, NoSlipChannel or
+ * Film), and the positions that they allow.
  *
  * Without crossing, surfaces of particles end at the planes, except for rounding, which counts as
- * touching. With crossing allowed, only centres must be within the fluid. What the model does with
- * particles that reach through a plane is its own matter: RotnePragerYamakawa damps them
- * (placeInFormulas(), weight()), and ForceCoupling needs nothing.
+ * touching. With crossing allowed, only centres must be within the fluid. The model decides how to
+ * treat particles that reach through a plane: RotnePragerYamakawa damps them (placeInFormulas(),
+ * weight()), and ForceCoupling needs no treatment.
  */
 class ConfiningPlanes {
 public:
@@ -40,11 +40,14 @@ public:
      */
     void checkRadii(const HydrodynamicParticles& particles) const;
     /**
-     * @throws OpenMMException if the box has no two vectors along the planes and a third one across
-     *     them. The message names the box and the remedy.
+     * @throws OpenMMException if the box does not have two vectors along the planes and a third one
+     *     normal to them. The message names the box and the remedy.
      */
     void checkBox(const BoxVectors& box) const;
-    /** Why a particle may not be where it is, naming the first such particle; empty if all may. */
+    /**
+     * The reason why a position is not allowed, with the name of the first such particle; empty if
+     * all positions are allowed.
+     */
     std::string objection(const HydrodynamicParticles& particles, const Placement& placement) const;
     /**
      * Whether all surfaces reach at most this part of a radius through a plane, and all centres are
@@ -54,10 +57,12 @@ public:
                    double beyond) const;
     /** A particle moved to contact, if its surface reaches through a plane. */
     OpenMM::Vec3 placeInFormulas(const OpenMM::Vec3& position, double radius) const;
-    /** A particle's entry of B in M -> B M B: its distance from the nearer plane over its radius,
-     * at most 1. */
+    /**
+     * A particle's entry of B in M -> B M B: the distance from the nearer plane over the radius, at
+     * most 1.
+     */
     double weight(double z, double radius) const;
-    /** How far z is from the nearer plane. */
+    /** The distance of z from the nearer plane. */
     double depth(double z) const;
 
 private:

@@ -11,7 +11,7 @@ using std::complex;
 
 namespace {
 
-/** How much finer points are than the largest wave number along the planes needs. */
+/** The factor by which points are denser than the largest wave number along the planes needs. */
 const double finer = 1.25;
 
 std::vector<EwaldKind> withPoints(std::vector<EwaldKind> kinds) {
@@ -20,10 +20,10 @@ std::vector<EwaldKind> withPoints(std::vector<EwaldKind> kinds) {
 }
 
 /**
- * How far from a particle's surface points of planes are reached. A wave k across the planes has
- * S_X = 0.0235 k^2/xi^3 and U_X of the order of k^2. What is cut off of U_X is not of this order.
- * An error d of U_X makes one of n d^2/S_X in the matrix, with n particles per area that a long
- * wave moves together. So the longest wave of the box says how large d may be.
+ * How far from its surface a particle reaches points of planes. A wave k across the planes has S_X
+ * = 0.0235 k^2/xi^3 and U_X of the order of k^2, but the truncation error of U_X is not of this
+ * order. An error d of U_X causes an error n d^2/S_X of the matrix, where n is the number of
+ * particles per area, which a long wave moves together. So the longest wave of the box limits d.
  */
 double gapOf(const HydrodynamicParticles& particles, const std::vector<EwaldKind>& kinds,
              const EwaldSplitting& splitting, double tolerance) {
@@ -33,7 +33,7 @@ double gapOf(const HydrodynamicParticles& particles, const std::vector<EwaldKind
                  response = 0.0235 * k * k / (xi * xi * xi),
                  density = std::max(0.5 / (smallest * smallest),
                                     2 * particles.size() / (shape.edge[0] * shape.edge[1])),
-                 part = 0.02,  // of the tolerance, for clusters are denser than the mean
+                 part = 0.02,  // of the tolerance, because clusters are denser than the mean
         allowed =
             8 * M_PI * std::sqrt(part * tolerance / (6 * M_PI * smallest) * response / density);
     double gap = splitting.gap;
@@ -115,7 +115,7 @@ void NearPlanes::findLines() {
         const double reach = tables.reach(0, kind[p]), x = places[p][0], y = places[p][1];
         for (int plane = 0; plane < 2; plane++) {
             const double z = (plane == 0 ? -0.5 : 0.5) * height, away = places[p][2] - z;
-            // Images of the planes are those of the base's period.
+            // The planes have images at the base's period.
             for (int m = (int)std::ceil((away - reach) / period);
                  m <= (int)std::floor((away + reach) / period); m++) {
                 const double dz = away - m * period, radius = std::sqrt(reach * reach - dz * dz);
@@ -262,7 +262,7 @@ void NearPlanes::transform(int c, bool back) {
     }
 }
 
-/** Replace velocities of wave vectors by forces. */
+/** Replace the velocities of wave vectors by forces. */
 void NearPlanes::respond() {
     const GridShape& shape = fields.getFactors().getShape();
     const auto combined = fields.getConditions().combinations().cast<double>().eval();

@@ -12,17 +12,18 @@
 namespace RigidHIPlugin {
 
 /**
- * What planes at rest subtract from the matrix N of pairs (NearField): U_X 1/S_X U_X^+, with U_X
- * the part of pairs of the flow that forces on the planes make at particles (GridWallFields). N
- * less this is the law of the flow of pairs, given that it is 0 on the planes.
+ * The matrix that planes at rest subtract from the matrix N of pairs (NearField): U_X 1/S_X U_X^+.
+ * U_X is the part of pairs in the flow of forces on the planes at particles (GridWallFields). The
+ * difference is the covariance of the flow of pairs, conditional on its being 0 on the planes.
  *
- * Method:    The planes are lattices of points. Particles reach those within the reach of pairs, by
- *            the pair functions of a point and a sphere. 1/S_X belongs to wave vectors, to which
- *            Fourier transforms lead and back. Wave vectors with k = 0 are left out (UniformField).
- * Accuracy:  Waves U_X decay as exp(-ka), as those of walls do. Points are spaced so that waves
- *            that they take for others make an error below the tolerance.
- * Cost:      About 300 points for each particle within reach of a plane, which are 16 bytes each,
- *            or 24 with torques, and six transforms in two dimensions.
+ * Method:    The planes are lattices of points. Particles act on the points within the reach of
+ *            pairs by the pair functions of a point and a sphere. 1/S_X acts on wave vectors,
+ *            between two Fourier transforms. The class leaves out wave vectors with k = 0
+ *            (UniformField).
+ * Accuracy:  Waves U_X decay as exp(-ka), like those of walls. The points are so dense that
+ *            aliasing causes an error below the tolerance.
+ * Cost:      About 300 points for each particle within reach of a plane, with 16 bytes each, or 24
+ *            with torques, and six two-dimensional transforms.
  *
  * Results do not depend on the number of threads.
  */
@@ -30,7 +31,7 @@ class NearPlanes {
 public:
     /**
      * @param kinds   of particles
-     * @param height  from the lower to the upper plane. z = 0 is in the middle
+     * @param height  distance from the lower to the upper plane. z = 0 is in the middle
      * @param longest  the largest wave number along the planes
      */
     NearPlanes(const HydrodynamicParticles& particles, const std::vector<EwaldKind>& kinds,
@@ -43,13 +44,13 @@ public:
     void subtractProduct(const double* forces, double* velocities, const Ranges& ranges);
 
 private:
-    /** The points of a row x = const of a plane that a particle reaches. */
+    /** The points in a row x = const of a plane that a particle reaches. */
     struct Line {
         int particle, plane, row;  // row from 0 on
         double x;                  // of the row, from the anchor's box
         double z;                  // of the plane or its image
-        int first, count;          // points along y, of which the first may be beyond the box
-        size_t values;             // where its values begin
+        int first, count;          // points along y; the first may be beyond the box
+        size_t values;             // index of its first value
     };
     void findLines();
     template <int numbers>
@@ -74,7 +75,8 @@ private:
     std::vector<int> firstOfParticle;          // among lines
     std::vector<int> linesOfRows, firstOfRow;  // lines of a row
     std::vector<double> values;                // of lines
-    AlignedArray nodes[3], transformed[3];     // the lower plane is real, the upper imaginary
+    AlignedArray nodes[3], transformed[3];     // real part: the lower plane; imaginary part: the
+                                               // upper one
 };
 
 }  // namespace RigidHIPlugin

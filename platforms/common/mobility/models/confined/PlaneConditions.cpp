@@ -11,8 +11,8 @@ namespace {
 using Real = PlaneConditions::Real;
 
 /**
- * What the flow of forces on a plane (PeriodicPlane) lacks at the distance z from it, compared with
- * that on the plane itself, without loss of digits.
+ * The flow of forces on a plane (PeriodicPlane) on this plane, minus the same flow at the distance
+ * z, without loss of digits.
  */
 struct LessThanOwn {
     Real ll, zz, tt;
@@ -29,8 +29,7 @@ struct LessThanOwn {
     }
 };
 
-/** The flow of forces along an axis that are the same everywhere on a plane. The uniform velocity
- * is not included. */
+/** The flow of uniform forces along an axis on a plane, without the uniform velocity. */
 Real meanKernel(Real z, Real period) { return period / 12 - z / 2 + z * z / (2 * period); }
 
 }  // namespace
@@ -75,7 +74,7 @@ PlaneConditions PlaneConditions::layer(double height, double gap) {
     return made;
 }
 
-/** Combine rows and columns of planes, which come `kinds` times one after the other. */
+/** Combine rows and columns of planes. They consist of `kinds` blocks, each with all planes. */
 PlaneConditions::Matrix PlaneConditions::combine(const Matrix& ofPlanes, int kinds) const {
     const int p = numPlanes();
     Matrix result(kinds * p, kinds * p);
@@ -88,8 +87,8 @@ PlaneConditions::Matrix PlaneConditions::combine(const Matrix& ofPlanes, int kin
 
 PlaneConditions::Matrices PlaneConditions::periodic(Real k) const {
     const int p = numPlanes();
-    // Differences of planes are made of what each lacks compared with a plane itself. For long
-    // waves, all planes have nearly the same response.
+    // For long waves all planes have nearly the same response. So compute differences of planes
+    // from differences to the response of a plane to itself.
     Matrix t(p, p), lz(2 * p, 2 * p);
     for (int i = 0; i < p; i++)
         for (int j = 0; j < p; j++) {
@@ -137,8 +136,8 @@ PlaneConditions::Matrices PlaneConditions::law(Real k) const {
     const int p = numPlanes(), last = p - 1;
     Matrix t = Matrix::Zero(p, p), lz = Matrix::Zero(2 * p, 2 * p);
     if (kind == Film) {
-        // The film and its reflection are a channel, whose period of twice the height has one
-        // plane at rest. A force on the surface acts together with its reflection, which is itself.
+        // The film and its reflection form a channel with one plane at rest and a period of twice
+        // the height. A force on the surface is its own reflection, so it acts twice.
         const PeriodicPlane<Real> own(k, 2 * height, 0), far(k, 2 * height, height);
         t(last, last) = 2 * (own.tt - far.tt * far.tt / own.tt);
         lz(last, last) = 2 * (own.ll - far.ll * far.ll / own.ll);
@@ -161,8 +160,8 @@ PlaneConditions::Matrix PlaneConditions::meanPeriodic() const {
             ofPlanes(i, j) = meanKernel(std::abs(planes[i] - planes[j]), period);
     S.topLeftCorner(p, p) = combine(ofPlanes, 1);
     if (zeroFlux) {
-        // The flux is the integral of the velocity over the height. A pressure gradient is a force
-        // that is uniform over the height.
+        // The flux is the integral of the velocity over the height. A pressure gradient is a
+        // uniform force over the height.
         const Real H = height, P = period, ofPlane = P * H / 12 - H * H / 4 + H * H * H / (6 * P);
         for (int i = 0; i < p; i++) S(i, p) = S(p, i) = ofPlane * combined.row(i).sum();
         S(p, p) = 2 * H * H * (P / 24 - H / 12 + H * H / (24 * P));

@@ -10,26 +10,26 @@
 
 namespace RigidHIPlugin {
 
-// Flows that are waves exp(ik.rho) along planes z = const, and functions of z across them. The
-// directions are l = k/|k|, t = z x l, and z. The component along t is independent of the others,
-// which follow from u_z = w: u_l = (i/k) w'. The vorticity is (-u_t', (i/k) (w'' - k^2 w), ik u_t).
+// Flows that are waves exp(ik.rho) along planes z = const, times functions of z. The directions are
+// l = k/|k|, t = z x l, and z. The component along t is independent of the others, which follow
+// from u_z = w: u_l = (i/k) w'. The vorticity is (-u_t', (i/k) (w'' - k^2 w), ik u_t).
 
-/** A wave vector along the planes, not 0. */
+/** A nonzero wave vector along the planes. */
 struct PlaneWave {
     Eigen::Vector2d k;  // 1/nm
     double length;
 };
 
 /**
- * The wave vectors of a box along its first two vectors up to a length, by increasing length. There
- * is one of each pair k and -k.
+ * The wave vectors of a box along its first two vectors up to a length, by increasing length: one
+ * of each pair k and -k.
  */
 std::vector<PlaneWave> planeWaves(const BoxVectors& box, double longest);
 /** The area of a box along the planes, nm^2. */
 double planeArea(const BoxVectors& box);
 
 /**
- * A function of z with all that a particle takes of it: its value, its slope, and the Laplacians
+ * A function of z with everything that a particle needs: its value, its slope, and the Laplacians
  * (d^2/dz^2 - k^2) of both.
  */
 struct PlaneFunction {
@@ -45,16 +45,16 @@ struct PlaneFunction {
 };
 
 /**
- * What a sphere of radius a takes of a flow whose sources are outside of it: the velocity (1 +
- * (a^2/6) lap) u, and half of the curl as angular velocity, which needs no such term because the
- * vorticity is harmonic.
+ * The motion of a sphere of radius a in a flow whose sources are outside the sphere: the velocity
+ * (1 + (a^2/6) lap) u, and half of the curl as angular velocity. The latter needs no Laplacian,
+ * because the vorticity is harmonic.
  */
 struct FeltMode {
     std::complex<double> l = 0, t = 0, z = 0, turnL = 0, turnT = 0, turnZ = 0;
 
-    /** Of the flow with u_z = w. */
+    /** For the flow with u_z = w. */
     static FeltMode ofAcross(const PlaneFunction& w, double k, double a);
-    /** Of the flow with u_t = f. */
+    /** For the flow with u_t = f. */
     static FeltMode ofAlongT(const PlaneFunction& f, double k, double a);
     FeltMode operator*(std::complex<double> factor) const {
         return {factor * l, factor * t, factor * z, factor * turnL, factor * turnT, factor * turnZ};
@@ -65,11 +65,11 @@ struct FeltMode {
 };
 
 /**
- * The flow that unit forces on the plane z = 0 and its images make in a fluid of period P along z,
- * times the viscosity, at the height zeta, 0 <= zeta <= P. With E = cosh k(P/2 - zeta)/sinh(kP/2),
- * c = P/2, y = c - zeta and F = c coth(kc) E - y sinh(ky)/sinh(kc) it is
+ * The flow of unit forces on the plane z = 0 and its images in a fluid of period P along z, times
+ * the viscosity, at the height zeta, 0 <= zeta <= P. With E = cosh k(P/2 - zeta)/sinh(kP/2), c =
+ * P/2, y = c - zeta and F = c coth(kc) E - y sinh(ky)/sinh(kc) it is
  *     zz = g = (E + kF)/4k,  ll = (E - kF)/4k,  tt = E/2k,  lap g = -kE/2,
- * and a force along l makes w = (i/k) g'.
+ * and a force along l induces w = (i/k) g'.
  */
 template <typename Real>
 struct PeriodicPlane {
@@ -82,7 +82,7 @@ struct PeriodicPlane {
         using std::expm1;
         const Real y = period / 2 - zeta, x = k * period / 2, up = std::exp(-k * zeta);
         E = (up + down) / rest;
-        // without a difference of numbers that are nearly equal
+        // without a difference of nearly equal numbers
         sh = (y > 0 ? -up * expm1(-2 * k * y) : down * expm1(2 * k * y)) / rest;
         const Real m = xCothMinusOne(x);
         zz = ((2 + m) * E - k * y * sh) / (4 * k);
@@ -104,7 +104,7 @@ struct PeriodicPlane {
     }
 };
 
-/** What a sphere of radius a takes of the flow that a force along l, t or z on the plane makes. */
+/** The motion of a sphere of radius a in the flow of a force along l, t or z on the plane. */
 FeltMode feltFromL(const PeriodicPlane<double>& flow, double k, double a);
 FeltMode feltFromT(const PeriodicPlane<double>& flow, double k, double a);
 FeltMode feltFromZ(const PeriodicPlane<double>& flow, double k, double a);

@@ -38,8 +38,9 @@ UniformField::UniformField(const HydrodynamicParticles& particles, double viscos
             t.back()[z] = f.t;
         }
     }
-    // By heights over the lower plane: of a force on a plane at the distance d, P/12 - d/2 +
-    // d^2/2P, and of a pressure gradient (PlaneConditions::meanResponseToGradient()).
+    // Polynomials in the height above the lower plane: the flow P/12 - d/2 + d^2/2P of a force on a
+    // plane at the distance d, and the flow of a pressure gradient
+    // (PlaneConditions::meanResponseToGradient()).
     const double P = conditions.getPeriod(), H = conditions.getHeight();
     Eigen::Matrix<double, 3, 2> ofPlanes;
     ofPlanes << P / 12, P / 12 - H / 2 + H * H / (2 * P), -0.5, 0.5 - H / P, 0.5 / P, 0.5 / P;

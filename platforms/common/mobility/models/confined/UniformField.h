@@ -11,15 +11,15 @@ namespace RigidHIPlugin {
 
 /**
  * The random flows between planes that do not depend on x and y, which GridWallFields leaves out.
- * They are those along x and y, where the law is the same. The conditions on such a flow are its
- * velocities on both planes, and its flux if that is 0 (PlaneConditions); a uniform velocity is one
- * more unknown, by which the forces of planes balance all others.
+ * They are along x and y, with the same law for both. The conditions on such a flow are its
+ * velocities on both planes, and its flux if that is 0 (PlaneConditions). A uniform velocity is an
+ * additional unknown, which makes the forces of planes balance all others.
  */
 class UniformField {
 public:
     /**
-     * @param shape  of the grid, in the middle of whose period the fluid is
-     * @param part   H of a wave number: the part of modes that the grid has
+     * @param shape  of the grid; the fluid is in the middle of its period
+     * @param part   H of a wave number: the part of each mode on the grid
      */
     UniformField(const HydrodynamicParticles& particles, double viscosity,
                  const PlaneConditions& conditions, const GridShape& shape,
@@ -28,11 +28,17 @@ public:
     void moveTo(const std::vector<OpenMM::Vec3>& positions);
     /** Draw the forces and the uniform velocity, with the numbers of the field on the grid. */
     void draw(const ModeNoise& noise);
-    /** Add the flow that it has besides the modes of the grid. */
+    /** Add the part of the flow that is not in the modes of the grid. */
     void addTo(double* velocities) const;
-    /** The number of random numbers besides those of the grid: two for each condition and axis. */
+    /**
+     * The number of random numbers in addition to those of the grid: two for each condition and
+     * axis.
+     */
     int getNumRandomNumbers() const { return 4 * numConditions(); }
-    /** Subtract what NearPlanes leaves out, in units of 1/(8 pi eta), for one column. */
+    /**
+     * Subtract the part k = 0, which NearPlanes leaves out, in units of 1/(8 pi eta), for one
+     * column.
+     */
     void subtractProduct(const double* forces, double* velocities) const;
 
 private:
@@ -51,9 +57,12 @@ private:
     std::vector<double> radii;
     std::vector<Eigen::ArrayXd> s, t;  // of radii and modes
     std::vector<int> kind;
-    Eigen::Matrix3Xd polynomials;  // of heights: flows of forces, and last the uniform velocity
+    Eigen::Matrix3Xd polynomials;  // in the height: flows of forces, then the uniform velocity
     Eigen::MatrixXd inverseFactor, factor, root, inverse;
-    /** What a particle takes of flows of forces: along an axis, and about the other one. */
+    /**
+     * The velocities along an axis and angular velocities about the other one that flows of forces
+     * give to a particle.
+     */
     Eigen::MatrixXd wholeAlong, wholeAbout, nearAlong, nearAbout;
     Numbers nearForces[2], forces[2];
 };

@@ -47,7 +47,7 @@ void WallModes::betweenWalls(double k, double z, double a, SignedMode* modes) co
  * The images of period P of the free flow,
  *     2 cosh(k zeta) q/(1 - q) + k (2P cosh(k zeta) q/(1 - q)^2 - 2 zeta sinh(k zeta) q/(1 - q))
  * over 4k, q = exp(-kP), and along t 2 cosh(k zeta) q/(1 - q) over 2k. Products of two functions
- * are differences of squares.
+ * are written as differences of squares.
  */
 void WallModes::ofImages(double k, double z, double a, SignedMode* modes) const {
     const double x = k * (z - middle), half = 0.5 * k * period, k2 = k * k;
@@ -67,7 +67,7 @@ void WallModes::ofImages(double k, double z, double a, SignedMode* modes) const 
 }
 
 UniformFlow::UniformFlow(const ConfiningPlanes& planes, double period) {
-    // of 1, z and z^2
+    // coefficients for 1, z and z^2
     coefficients << -period / 12, 0.5, -0.5 / period,  //
         0.5, 1 / period, 0,                            //
         -0.5 / period, 0, 0;
@@ -116,7 +116,7 @@ void addConfinedFlow(const ConfiningPlanes& planes, const HydrodynamicParticles&
     const auto part = [&](int j, int first) {
         return Vector3d(forces.col(0).segment<3>(particles.firstRow[j] + first));
     };
-    // Points may be on a wall, so that the modes end with the depths of particles alone.
+    // Points may be on a wall, so only the depths of particles determine the cut-off of modes.
     for (const PlaneWave& wave : planeWaves(box, std::max(2 * depth / leastDepth, imagesEnd))) {
         const bool withImages = wave.length < imagesEnd;
         const int numModes = walls.count(withImages);

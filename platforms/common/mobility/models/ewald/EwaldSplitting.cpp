@@ -12,9 +12,14 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Shares of the tolerance, measured to keep the error below it (docs/grid_accuracy.md). */
+/**
+ * Shares of the tolerance. Measurements show that they keep the error below it
+ * (docs/grid_accuracy.md).
+ */
 const double shareOfWaves = 0.4, shareOfPairs = 0.4, shareOfGrid = 0.15;
-/** With dipoles: the slopes of a Gaussian have more of the waves that the grid takes for others. */
+/**
+ * The share with dipoles: slopes of a Gaussian contain more of the waves that alias on the grid.
+ */
 const double shareOfGridWithDipoles = 0.03;
 
 /** Times in ns on one thread, measured (benchmarks/README.md). */
@@ -23,11 +28,12 @@ const double timeOfTransform =
 const double timeOfMode = 1;    // for each node: the response of the fluid
 const double timeOfNode = 1.2;  // for each node of a stencil, spreading and averaging
 const double timeOfPair = 5, timeOfTorquePair = 12,
-             timeOfStressletPair = 30;  // for each pair, one way, with its share in making the list
+             timeOfStressletPair = 30;  // for each pair, in one direction, with its share of the
+                                        // time for the list
 
 /**
- * The smallest wave number beyond which waves add no more than `allowed` to the mobility of a
- * particle by itself.
+ * The smallest wave number beyond which waves add at most `allowed` to the own mobility of a
+ * particle.
  */
 double largestWave(const std::vector<EwaldKind>& kinds, double xi, double allowed) {
     // H is 1e-19 at `end`.
@@ -48,9 +54,7 @@ double largestWave(const std::vector<EwaldKind>& kinds, double xi, double allowe
     return step;
 }
 
-/**
- * The smallest gap beyond which pairs add no more than `allowed`, with particles at this density.
- */
+/** The smallest gap beyond which pairs add at most `allowed`, for particles at this density. */
 double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density, double allowed) {
     double largest = 0;
     const EwaldKind* const ends[] = {&kinds.front(), &kinds.back()};
@@ -75,7 +79,8 @@ double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density
                         {most, ofBoth * r * std::max(std::abs(f.tr), std::abs(f.rt)),
                          ofTorques * std::max(std::abs(f.rrI), std::abs(f.rrI + f.rrR * r2))});
                 if (stresslets) {
-                    // Roots of own mobilities: 5/6 a^3 of strain rates, 3/4 a of velocities.
+                    // Scaled by the roots of own mobilities: 5/6 a^3 for strain rates, 3/4 a for
+                    // velocities.
                     const double ofStrains = 5.0 / 6 * ofTorques,
                                  withForces = std::sqrt(5.0 / 6) * ofBoth,
                                  withTorques = std::sqrt(5.0 / 6) * ofTorques;
@@ -97,34 +102,34 @@ double largestGap(const std::vector<EwaldKind>& kinds, double xi, double density
 }
 
 /**
- * In a box of a few radii the mobility of a particle by itself is a small part of its free one, and
- * so is the norm of the mobility of very few particles: 1 - 2.837 a/L + (4 pi/3) (a/L)^3 in a cube
- * (Hasimoto, J. Fluid Mech. 5, 317 (1959); 0.1 where the particle touches its images). Errors
- * beside free mobilities must then be smaller by this factor. With L the shortest edge, it is a
- * lower bound.
+ * The own mobility of a particle over its free mobility. In a box of a few radii this part is
+ * small, and so is the norm of the mobility of very few particles. In a cube it is 1 - 2.837 a/L +
+ * (4 pi/3) (a/L)^3 (Hasimoto, J. Fluid Mech. 5, 317 (1959); 0.1 where the particle touches its
+ * images). Errors relative to free mobilities must be smaller by this factor. With the shortest
+ * edge L it is a lower bound.
  */
 double partOfFreeMobility(double radius, const BoxVectors& box) {
     const double x = radius / std::min({box[0][0], box[1][1], box[2][2]});
     const double part = 1 - 2.837297 * x + 4 * M_PI / 3 * x * x * x;
-    // From a half on, the errors are far enough below the tolerance. Bodies may overlap their
+    // From one half on, the errors are far enough below the tolerance. Bodies may overlap their
     // images.
     return part > 0.5 && x < 0.5 ? 1 : 0.9 * std::max(0.1, part);
 }
 
 /**
- * Images of walls are not split, so that waves must carry them. Where the waves of the periodic
- * part end earlier, the Gaussian would be wide on the scale of these waves, and rounding and the
- * ends of the Gaussian would be amplified by exp(k^2 w^2/2).
+ * The images of walls are not split, so waves must carry them up to `longest`. If the waves of the
+ * periodic part ended much earlier, the Gaussian would be wide on the scale of the images' waves.
+ * The factor exp(k^2 w^2/2) would then amplify rounding and the truncated tails of the Gaussian.
  */
 double leastXiOfWalls(double longest, double tolerance) {
     return longest / (2 * std::sqrt(std::log(1 / tolerance)));
 }
 
 /**
- * How far Gaussians reach beside walls, in widths. What is missing beyond the end c of a Gaussian
- * of width w, exp(-c^2/2w^2), is felt by a wave k of a wall as if it were exp(kc) times larger.
- * Walls have the longest k with the weight tolerance/(1 + 2ka)^2, and kw is about the root L of
- * ln(1/tolerance) there (leastXiOfWalls).
+ * The reach of Gaussians beside walls, in widths. A wave k of a wall amplifies the truncated tail
+ * of a Gaussian of width w, exp(-c^2/2w^2) beyond its end c, by exp(kc). The largest k of walls has
+ * the weight tolerance/(1 + 2ka)^2, and kw is then about L, the root of ln(1/tolerance)
+ * (leastXiOfWalls).
  */
 double leastEndsOfWalls(double longest, double tolerance) {
     if (longest == 0) return 0;
@@ -167,7 +172,7 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
     const double smallest = kinds.front().radius, largest = kinds.back().radius;
     tolerance *= partOfFreeMobility(largest, box);
     const GridLean lean(box);
-    // Where particles are crowded, they have more neighbours than on average.
+    // Crowded particles have more neighbours than the average.
     const double crowd = 0.1 / (4 * M_PI / 3 * largest * largest * largest),
                  density = std::max(numParticles / volume, crowd);
     const bool stresslets = haveStresslets(kinds);
@@ -197,16 +202,15 @@ EwaldSplitting::EwaldSplitting(const std::vector<EwaldKind>& kinds, double toler
                     longestOfWalls > 0 && axis == 2 ? nextOddGridSize(size) : nextGridSize(size);
                 widest = std::max(widest, lean.stretch[axis] * grid.spacing(axis));
             }
-            if (widest > coarsest) break;  // the spacing is the user's
-            // The worst error of aliased waves (waves that the grid takes for others) is exp(-2
-            // pi^2 w^2/h^2 (1 - 2 xi^2 w^2)). w is the smallest width that keeps it below its
-            // share.
+            if (widest > coarsest) break;  // the user's spacing is too coarse for this xi
+            // The largest aliasing error is exp(-2 pi^2 w^2/h^2 (1 - 2 xi^2 w^2)). w is the
+            // smallest width that keeps this error below its share.
             const double c = widest * widest * ofGrid / (2 * M_PI * M_PI), root = 1 - 8 * x * x * c;
             if (root >= 0) {
                 const double w = std::sqrt((1 - std::sqrt(root)) / (4 * x * x)),
                              P = 2 * ends * w / widest;
-                // Along an edge that leans the error is that of the width w stretch, and the ends
-                // of a Gaussian must not be amplified: exp(w^2 k'^2/2) <= exp(k^2/8 xi^2).
+                // Along a tilted edge the error is that of the width w stretch, and modes must not
+                // amplify the truncated tails of a Gaussian: exp(w^2 k'^2/2) <= exp(k^2/8 xi^2).
                 bool isNarrow = 4 * x * x * w * w * lean.squares <= 1 || lean.squares == 1;
                 for (const double stretch : lean.stretch) {
                     const double w2 = w * w * stretch * stretch;

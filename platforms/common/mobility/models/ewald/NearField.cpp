@@ -24,7 +24,7 @@ void numbersOf(const PairFunctions& f, double* to) {
     std::copy_n(all, allNumbers, to);
 }
 
-/** Make polynomials for `count` intervals from `first` on, by Chebyshev nodes. */
+/** Make polynomials for `count` intervals from `first` on, from values at Chebyshev nodes. */
 template <int degree, class Function>
 void tabulate(const Function& function, int numbers, double first, double step, int count,
               std::vector<double>& table) {
@@ -59,16 +59,16 @@ NearTables::NearTables(const std::vector<EwaldKind>& kinds, int numbers, double 
             pair.radius_i = i.radius;
             pair.radius_j = j.radius;
             pair.contact = i.radius + j.radius;
-            if (pair.contact == 0) {  // points, which are no pair
+            if (pair.contact == 0) {  // two points are no pair
                 pair.reach = pair.inverseStep = 0;
                 pairs.push_back(pair);
                 continue;
             }
             pair.reach = gap + pair.contact;
             largest = std::max(largest, pair.reach);
-            // The part with H has waves up to about 8 xi, and the other one consists of powers of
-            // contact/distance. In such an interval a polynomial of this degree has an error
-            // below 1e-10.
+            // The part with H has waves up to about 8 xi, and the other part consists of powers of
+            // contact/distance. In an interval of this length a polynomial of this degree has an
+            // error below 1e-10.
             const double step = std::min(0.1 / xi, pair.contact / 20);
             pair.inverseStep = 1 / step;
             const NearPair functions(i.radius, j.radius, xi, numbers > 2,
@@ -96,7 +96,7 @@ template void NearTables::overlapping<6>(const Pair& pair, double distance, doub
 template void NearTables::overlapping<NearTables::withStresslets>(const Pair& pair, double distance,
                                                                   double* f) const;
 
-// ---- Where particles are
+// ---- Positions
 
 NearField::NearField(const HydrodynamicParticles& particles, bool stresslets)
     : particles(particles), stresslets(stresslets) {
@@ -109,13 +109,13 @@ void NearField::setTables(const NearTables& newTables, const std::vector<int>& k
     kind = kindOfParticle;
     box = newBox;
     anchors.clear();
-    // Cells have half the reach as their edge, and two cells on each side are searched. The ball of
-    // the reach is a third of their volume.
+    // The edges of cells are half of the reach, and the search takes two cells on each side. The
+    // ball of the reach fills a third of their volume.
     const GridSkew& skew = box.skew;
     const double stretch[3] = {std::sqrt(1 + skew.xy * skew.xy + skew.xz * skew.xz),
                                std::sqrt(1 + skew.yz * skew.yz), 1};
     for (int axis = 0; axis < 3; axis++) {
-        // A ball is as long as this in the coordinates of cells.
+        // The extent of a ball in the coordinates of cells.
         const double reach = stretch[axis] * tables->largestReach();
         cells[axis] = std::max(1, std::min(512, (int)(2 * box.edge[axis] / reach)));
         depth[axis] = (int)std::ceil(reach * cells[axis] / box.edge[axis]);
@@ -158,8 +158,8 @@ void NearField::findAnchors(const std::vector<Vec3>& positions, bool keep, doubl
 }
 
 /**
- * Sort the sources cell by cell, z fastest. Sources in cells beyond a face are copies. In a cell
- * they have the order of particles.
+ * Sort the sources cell by cell, z fastest. Sources in cells beyond a face are copies. The sources
+ * of a cell are in the order of particles.
  */
 void NearField::sortIntoCells() {
     const int n = particles.size();
@@ -240,8 +240,7 @@ void NearField::findNeighbours(Block& block, int firstTarget, int endTarget) con
                 const size_t firstCell = ((size_t)x * extended[1] + y) * extended[2] + cell[2];
                 const int begin = firstOfCell[firstCell],
                           end = firstOfCell[firstCell + 2 * depth[2] + 1];
-                // The source is written in any case and counted only if it is near, which takes no
-                // branch.
+                // Write the source always and count it only if it is near, which needs no branch.
                 if ((int)row.size() < end - begin) row.resize(end - begin);
                 int count = 0;
                 for (int s = begin; s < end; s++) {
@@ -346,7 +345,7 @@ void symmetricNumbers(const double* S, double* to) {
 
 }  // namespace
 
-/** The same with stresslets, whose rows follow all others. */
+/** The same with stresslets, whose rows follow all other rows. */
 void NearField::multiplyBlockWithStresslets(const Block& block, int firstTarget,
                                             const double* forces, double* velocities) const {
     constexpr int numbers = NearTables::withStresslets;
@@ -363,7 +362,7 @@ void NearField::multiplyBlockWithStresslets(const Block& block, int firstTarget,
                  W = own[4] * Map<const Vector3d>(ownForce + 3);
         // The symmetric part of `strain`, without its trace, is part of the strain rate.
         Eigen::Matrix3d strain = Eigen::Matrix3d::Zero();
-        double same[6] = {0, 0, 0, 0, 0, 0};  // along the stresslets of sources
+        double same[6] = {0, 0, 0, 0, 0, 0};  // the part along the stresslets of sources
         for (int e = block.first[i]; e < block.first[i + 1]; e++) {
             const int s = block.source[e];
             const double *f = &block.values[(size_t)numbers * e],

@@ -13,27 +13,27 @@ namespace RigidHIPlugin {
 using Ranges = std::function<void(int count, const std::function<void(int, int)>& task)>;
 
 /**
- * The functions of NearPair for all pairs of kinds of particles. Where spheres do not overlap, the
- * functions are polynomials in the distance, to 1e-10 of own mobilities. Where spheres overlap,
- * only the part with H is by polynomials, and the closed form is computed.
+ * Tables of the functions of NearPair for all pairs of kinds of particles. For spheres that do not
+ * overlap, polynomials in the distance give the functions, to 1e-10 of own mobilities. For
+ * overlapping spheres, polynomials give only the part with H, and the closed form is computed.
  */
 class NearTables {
 public:
     static constexpr int withStresslets = 14;
     /**
-     * @param kinds    radii may be 0; two points are no pair
-     * @param numbers  how many functions: 2 without torques, 6 with them, `withStresslets` with
-     *     stresslets too
-     * @param margin  distance beyond the reach up to which functions are asked for too, nm
+     * @param kinds    radii may be 0; two points are not a pair
+     * @param numbers  number of functions: 2 without torques, 6 with torques, `withStresslets` with
+     *     stresslets, too
+     * @param margin  distance beyond the reach up to which the tables extend, nm
      */
     NearTables(const std::vector<EwaldKind>& kinds, int numbers, double xi, double gap,
                double margin);
-    /** How near centres of two kinds must be to be a pair, nm. */
+    /** The largest distance of centres at which particles of two kinds are a pair, nm. */
     double reach(int kind_i, int kind_j) const { return pairs[kind_i * numKinds + kind_j].reach; }
     double largestReach() const { return largest; }
     /**
-     * The functions in units of 1/(8 pi eta): ttI and ttR of PairFunctions and, with torques, also
-     * tr, rt, rrI and rrR, and with stresslets the others in their order; `numbers` of them.
+     * The functions in units of 1/(8 pi eta), `numbers` of them: ttI and ttR of PairFunctions; with
+     * torques also tr, rt, rrI and rrR; with stresslets also the others in their order.
      *
      * @param distance  nm, up to the reach plus the margin
      */
@@ -51,8 +51,8 @@ private:
     struct Pair {
         double radius_i, radius_j, contact, reach, inverseStep;
         /**
-         * For each interval, the polynomials in -1 ... 1, from the highest power on; for each power
-         * all functions, one after the other.
+         * For each interval, polynomials in -1 ... 1, from the highest power down; for each power,
+         * the coefficients of all functions one after the other.
          */
         std::vector<double> apart, screened;
     };
@@ -73,23 +73,23 @@ private:
 };
 
 /**
- * The part of the mobility that is summed over pairs: a sparse matrix of pairs within reach. Images
- * and a particle's own images are included. Boxes have any size. Cells are rectangular in the
- * coordinates of GridSkew.
+ * The part of the mobility that is a sum over pairs: a sparse matrix of pairs within reach. Pairs
+ * include images, also a particle's own images. Boxes may have any size. Cells are rectangular in
+ * the coordinates of GridSkew.
  *
- * The list of pairs belongs to accepted positions of particles and stays while a finite difference
- * moves the particles a little. The values of the pairs are those at the present positions.
- * Particles are sorted into cells, with copies of particles beyond the faces, so that no pair has
- * to look for its image. Results do not depend on the number of threads.
+ * The list of pairs belongs to accepted positions of particles and stays the same while a finite
+ * difference moves the particles a little. The values of the pairs belong to the present positions.
+ * Cells have copies of particles beyond the faces, so no pair has to look for its image. Results do
+ * not depend on the number of threads.
  *
- * Cost: about 20 ns to make a pair, and 3 ns a pair for each product with one column. Memory: 20
- * bytes a pair, 52 with torques, 116 with stresslets.
+ * Cost: about 20 ns to make a pair, and 3 ns for each pair in a product with one column. Memory: 20
+ * bytes for each pair, 52 with torques, 116 with stresslets.
  */
 class NearField {
 public:
     /**
-     * @param stresslets  whether there are 5 more rows for each particle, after all others. All
-     *     particles then have torques.
+     * @param stresslets  whether each particle has 5 more rows, after all others. All particles
+     *     then have torques.
      */
     explicit NearField(const HydrodynamicParticles& particles, bool stresslets = false);
     /** Use this box and these tables from now on. The tables must outlive the NearField. */
@@ -108,11 +108,11 @@ public:
     }
 
 private:
-    /** Particles that are treated together, with all that is near them. */
+    /** Particles that are treated together, with all their neighbours. */
     struct Block {
         std::vector<int> first;      // for each particle, the first of its neighbours
         std::vector<int> source;     // for each neighbour, its number among sources
-        std::vector<double> values;  // two numbers a neighbour, or six, or 14
+        std::vector<double> values;  // 2, 6 or 14 numbers for each neighbour
     };
     static constexpr int particlesOfBlock = 64;
     /** A particle, or its copy in another period. */
@@ -140,15 +140,15 @@ private:
     GridShape box;
 
     std::vector<OpenMM::Vec3> anchors;                // not wrapped
-    std::vector<std::array<double, 3>> anchorsInBox;  // the same, in the box
+    std::vector<std::array<double, 3>> anchorsInBox;  // anchors wrapped into the box
     std::vector<std::array<double, 3>> offsets;       // of particles from anchors
     std::array<int, 3> cells = {0, 0, 0}, depth = {0, 0, 0}, extended = {0, 0, 0};
     std::vector<int> cellOfParticle;            // x, y and z one after the other
     std::vector<int> targets;                   // particles in the order of cells
-    std::vector<int> sourceOfTarget;            // each among sources
-    std::vector<int> firstOfCell;               // of extended cells, among sources
+    std::vector<int> sourceOfTarget;            // index among sources
+    std::vector<int> firstOfCell;               // index among sources, for extended cells
     std::vector<Source> sources;                // at anchors
-    std::vector<std::array<double, 3>> places;  // of sources, at present
+    std::vector<std::array<double, 3>> places;  // of sources, at the present positions
     std::vector<double> strengths;              // of sources: forces, or forces and torques
     std::vector<Block> blocks;
 };

@@ -11,8 +11,8 @@ NearPair::NearPair(double a_i, double a_j, double xi, bool torques, bool stressl
     // Gaussians are cut off where they are exp(-depth^2) = 2e-16.
     const double depth = 6, largestWave = 2 * depth * xi;
     reach = depth / xi + a_i + a_j;
-    // The trapezoidal rule adds the functions of other periods. These are beyond twice the reach of
-    // the functions, for distances within the reach.
+    // The trapezoidal rule adds copies of the functions at other periods. For distances within the
+    // reach, these copies are farther away than twice the reach.
     const double step = M_PI / reach;
     const int numNodes = std::ceil(largestWave / step);
     nodes = Eigen::ArrayXd::LinSpaced(numNodes + 1, 0, numNodes * step);

@@ -14,23 +14,23 @@ inline double hasimoto(double k, double xi) {
 }
 
 /**
- * The pair mobility of two spheres of radii a_i and a_j in unbounded fluid by the part 1 - H(k) of
- * the fluid's modes, with force and torque spread over the surfaces of the spheres. It is the
- * Rotne-Prager-Yamakawa mobility without the part that waves make.
+ * The pair mobility of two spheres of radii a_i and a_j in unbounded fluid from the part 1 - H(k)
+ * of the fluid's modes, with force and torque spread over the surfaces of the spheres. It is the
+ * Rotne-Prager-Yamakawa mobility without the part of waves.
  *
  * Equation:  The integrals over k of PairFunctions.h with the weight 1 - H. Both parts are Gram
  *            matrices, so both are positive semidefinite in every box.
- * Method:    The closed form, overlap included, less the integral with H. The integrand is even in
+ * Method:    The closed form, also for overlap, minus the integral with H. The integrand is even in
  *            k, analytic and cut off by a Gaussian, so the trapezoidal rule is exact to rounding
- *            with some 30 nodes. No closed form of the difference is needed, whose terms would
- *            cancel for small radii and distances.
+ *            with some 30 nodes. A closed form of the difference would suffer cancellation for
+ *            small radii and distances.
  * Reference: Fiore, Balboa Usabiaga, Donev, Swan, J. Chem. Phys. 146, 124116 (2017); LatticeSum.h.
  */
 class NearPair {
 public:
     /**
      * @param xi  1/nm; 0 < xi
-     * @param torques, stresslets  whether their functions are asked for too
+     * @param torques, stresslets  whether to compute their functions, too
      */
     NearPair(double a_i, double a_j, double xi, bool torques, bool stresslets = false);
     /**
@@ -41,7 +41,7 @@ public:
     PairFunctions at(double distance) const;
     /** The part with H, an entire function of the distance squared. */
     PairFunctions screened(double distance) const;
-    /** The closed form less `screened`. */
+    /** The closed form minus `screened`. */
     PairFunctions withoutScreened(double distance, const PairFunctions& screened) const;
     /** The distance beyond which the functions are below 1e-15. */
     double getReach() const { return reach; }

@@ -40,7 +40,7 @@ public:
 protected:
     void moveTo(const Placement& placement, bool nearby) override {
         model.box()->check(placement.box);
-        // A nearby placement is near the placement before, where the anchors must be.
+        // A nearby placement is close to the previous placement, where the anchors must be.
         if (nearby) prepare();
         next = placement;
         nextIsNearby = nearby;
@@ -50,8 +50,8 @@ protected:
 
 private:
     /**
-     * Pairs and weights are made for the first product, because schemes also move to placements
-     * where they ask for no product.
+     * Pairs and weights wait for the first product, because schemes also move to placements without
+     * asking for a product there.
      */
     void prepare() {
         if (isPrepared) return;
@@ -65,9 +65,9 @@ private:
 };
 
 /**
- * A field of two independent flows. The flow of waves is drawn as a whole and can be evaluated
- * anywhere. The flow of pairs is known at the particles alone: it is the symmetric root of M_near,
- * by Lanczos' method, times random numbers that are the same at all placements.
+ * A field of two independent flows. The flow of waves is drawn as a whole and known everywhere. The
+ * flow of pairs is known at the particles only: it is the symmetric root of M_near, by Lanczos'
+ * method, times random numbers that are the same at all placements.
  */
 class Field : public RandomField {
 public:
@@ -78,8 +78,8 @@ public:
           ownScale(model.rootsOfOwn()) {}
     void draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& newBox) {
         model.box()->check(newBox);
-        // Groups of one Context have the same modes, but each group has its own numbers: those of
-        // its first particle.
+        // Groups of one Context have the same modes, but each group takes its own random numbers,
+        // by its first particle.
         ofDraw = noise;
         ofDraw.field = 1 + particles.systemIndex[0];
         purposeOfDraw = purpose;
@@ -102,7 +102,7 @@ public:
         isThere = false;
     }
     void slipsAt(const Placement& placement, bool nearby, MatrixXd& slips) override {
-        // In a box that tilts during a step, the field is that of the same numbers in the new box.
+        // In a box that tilts during a step, the field uses the same numbers in the new box.
         const BoxVectors wanted = vectorsNearTo(box, placement.box);
         if (!isThere || nearby != wasNearby || placement.positions != at.positions ||
             wanted != box) {
@@ -121,8 +121,8 @@ public:
         slips = velocities;
     }
     /**
-     * Add the flow of waves, and the mean of the flow of pairs at given slips of pairs. This mean
-     * is the flow of the forces that cause these slips.
+     * Add the flow of waves, and the mean of the flow of pairs conditional on their slips. This
+     * mean is the flow of the forces that cause these slips.
      */
     void addFlowAt(const std::vector<Vec3>& points, double factor, Velocities& flow) override {
         const EwaldSplitting& splitting = inBox->splitting;
@@ -142,7 +142,7 @@ public:
         const GridShape& shape = splitting.shape;
         const double H = hasimoto(wave.k, splitting.xi);
         double amplitude = 0;
-        // Shorter waves are left out.
+        // The grid leaves out shorter waves.
         std::array<double, 3> k = {0, 0, 0};
         k[wave.waveAxis] = wave.k;
         if (shape.carries(k))
@@ -180,8 +180,8 @@ private:
         parts.reset();  // so that products can reuse these parts
     }
     /**
-     * This part of the tolerance is added to own mobilities. Without it, pairs that are cut off may
-     * leave eigenvalues below 0 by an error below the tolerance.
+     * The part of the tolerance that is added to own mobilities. Without it, neglected pairs could
+     * leave slightly negative eigenvalues, within the tolerance.
      */
     static constexpr double partOfOwn = 0.3;
 
@@ -200,10 +200,7 @@ private:
             },
             W, {f}, result);
     }
-    /**
-     * Find the forces f with M_near f = the slips of pairs at the placement where slips were last
-     * asked for.
-     */
+    /** Find the forces f with M_near f = slips of pairs, at the placement of the last slipsAt(). */
     void findForces(MatrixXd& forces) {
         const bool mine = parts != nullptr;
         if (!mine) model.move(parts, at, false);
@@ -215,7 +212,7 @@ private:
                      const std::vector<Vec3>& points, double factor, Velocities& flow) const;
 
     const RotnePragerYamakawaGrid& model;
-    /** Held only while the parts are needed, and at nearby placements. */
+    /** Held only while needed, and at nearby placements. */
     std::shared_ptr<SplitParts> parts;
     std::shared_ptr<const SplitBox> inBox;
     const HydrodynamicParticles& particles;
@@ -230,7 +227,7 @@ private:
     bool isThere = false, wasNearby = false;
 };
 
-/** Add the flow of pairs, by all images within reach of each point. */
+/** Add the flow of pairs, from all images within reach of each point. */
 void Field::addNearFlow(const EwaldSplitting& splitting, const MatrixXd& forces,
                         const std::vector<Vec3>& points, double factor, Velocities& flow) const {
     const Lattice lattice(box);
@@ -322,7 +319,9 @@ void RotnePragerYamakawaGrid::setBox(std::shared_ptr<SplitParts>& parts,
     parts->setBox(box);
 }
 
-/** Make `parts` point to parts that nobody else holds: its own, or those kept here, or new ones. */
+/**
+ * Make `parts` point to parts that no other caller holds: its own, or those kept here, or new ones.
+ */
 void RotnePragerYamakawaGrid::takeUnshared(std::shared_ptr<SplitParts>& parts) const {
     if (parts && parts.use_count() == (parts == kept ? 2 : 1)) return;
     if (kept && kept != parts && kept.use_count() == 1)
@@ -340,7 +339,7 @@ void RotnePragerYamakawaGrid::move(std::shared_ptr<SplitParts>& parts, const Pla
         return;
     }
     const std::shared_ptr<SplitParts> before = std::move(parts);
-    // The anchors of parts that another caller has left here have no meaning.
+    // Anchors of parts that another caller has left here do not count.
     const bool keepsAnchors =
         nearby && before && before->getBox() == box && !before->getAnchor().empty();
     if (before && before.use_count() == (before == kept ? 2 : 1))

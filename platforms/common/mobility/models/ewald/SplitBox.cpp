@@ -19,8 +19,9 @@ int numbersOfPair(const std::vector<EwaldKind>& kinds) {
 
 }  // namespace
 
-// Two particles may be farther apart than their anchors are, each by a tenth of the spacing along
-// each axis. Tables therefore have a margin. A box that is sheared keeps its tables.
+// Each particle may be a tenth of the spacing along each axis away from its anchor, so two
+// particles may be farther apart than their anchors. Tables therefore have a margin. A sheared box
+// keeps its tables.
 SplitBox::SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting,
                    const BoxVectors& box, const SplitBox* before)
     : box(box), splitting(splitting),
@@ -39,8 +40,8 @@ SplitBox::SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& sp
             factors.push_back(
                 std::make_unique<GridFactors>(splitting.shape, [&](double k, double ofGrid) {
                     const WaveFactors f = overSurfaces().waveFactors(kind.radius, k);
-                    // The Gaussian's factor and the square root of H are multiplied in one
-                    // exponential, because each alone may be too large or too small for a number.
+                    // One exponential combines the Gaussian's factor and the square root of H,
+                    // because each alone may overflow or underflow.
                     const double x = 0.25 * k * k / (xi * xi);
                     return (ofTorques ? f.t : f.s) * std::exp(0.5 * (w * w * ofGrid * ofGrid - x)) *
                            std::sqrt(1 + x) / k;

@@ -12,7 +12,7 @@ namespace RigidHIPlugin {
 /** The data of pairs and waves that depend on the box alone, for all placements in it. */
 class SplitBox {
 public:
-    /** @param before  another box, whose tables are taken if they are the same; may be null */
+    /** @param before  another box, whose tables are shared if they are the same; may be null */
     SplitBox(const std::vector<EwaldKind>& kinds, const EwaldSplitting& splitting,
              const BoxVectors& box, const SplitBox* before = nullptr);
     const BoxVectors box;
@@ -27,8 +27,8 @@ public:
     const NearTables& tables;
     const GridResolution resolution;
     /**
-     * The factors of channels. For each kind of particles: those of forces and then, if the kind
-     * has torques or dipoles, those of them.
+     * The factors of channels. For each kind of particles: those of forces, followed by those of
+     * torques or dipoles if the kind has any.
      */
     std::vector<std::unique_ptr<const GridFactors>> factors;
 };

@@ -11,9 +11,7 @@
 
 namespace RigidHIPlugin {
 
-/**
- * Pairs and waves at one placement, for products and fields alike. Several threads may use them.
- */
+/** Pairs and waves at one placement, for products and fields. Several threads may use them. */
 class SplitParts {
 public:
     using MatrixXd = Eigen::MatrixXd;
@@ -21,8 +19,8 @@ public:
                const std::vector<EwaldKind>& kinds, GridFluid& fluid);
     void setBox(const std::shared_ptr<const SplitBox>& newBox);
     /**
-     * @param nearby  whether the placement is a small way from the last placement that was not
-     *     nearby, whose pairs and nodes are kept
+     * @param nearby  whether the placement is a small displacement from the last placement that was
+     *     not nearby; the parts then keep the pairs and nodes of that placement
      */
     void moveTo(const std::vector<OpenMM::Vec3>& newPositions, bool nearby);
     /** Whether the parts are at this placement, with its own pairs and nodes. */
@@ -42,7 +40,7 @@ public:
     /** Add the averages of a random field to the velocities. */
     void addAverages(const std::vector<GridField>& fields, MatrixXd& velocities);
 
-    /** On as many threads as the fluid uses. */
+    /** Calls tasks on as many threads as the fluid uses. */
     Ranges ranges() const {
         return [this](int count, const std::function<void(int, int)>& task) {
             fluid.forRanges(count, task);

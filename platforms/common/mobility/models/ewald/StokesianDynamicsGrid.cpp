@@ -18,21 +18,21 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** In the preconditioner, M is this part of own mobilities. */
+/** The preconditioner takes these parts of own mobilities for M. */
 const double ofMotion = 0.35, ofStresslets = 0.6;
 
-/** Pairs nearer than this, in mean radii, are in the preconditioner. */
+/** The preconditioner includes pairs nearer than this, in mean radii. */
 const double nearInPreconditioner = 2.5;
 
-/** The preconditioned residual is this part of the error at least. */
+/** The preconditioned residual is at least this part of the error. */
 const double residualOfError = 1.0 / 3;
 
-/** The tolerance of products that are to be exact. */
+/** The tolerance of exact products. */
 const double exactProduct = 1e-11;
 
 /**
- * Errors of products are up to a hundred times as large beside the small eigenvalues of M, in whose
- * directions spheres move against each other.
+ * The error of products as a part of the tolerance. Relative to the small eigenvalues of M, for
+ * motions of spheres against each other, errors of products are up to a hundred times as large.
  */
 const double errorOfProduct = 0.01;
 
@@ -92,11 +92,14 @@ private:
     bool strainsPairs(const DrivenFlow& flow) const {
         return model.hasLubrication() && flow.hasGradient() && flow.waveVelocity == 0;
     }
-    /** Add what the lubrication of pairs makes of velocities and strain rates of surfaces. */
+    /**
+     * Add the forces and stresslets of the lubrication of pairs, from velocities and from strain
+     * rates of surfaces.
+     */
     void addPairs(const VectorXd& twists, const VectorXd& strains, VectorXd& forces,
                   VectorXd& stresslets);
     /**
-     * The velocities relative to a flow that spheres without forces have, and M^-1 of them: forces
+     * The velocities of force-free spheres relative to a flow, and M^-1 of these velocities: forces
      * and stresslets of the far field.
      */
     void relativeVelocities(const DrivenFlow& flow, double tolerance, MatrixXd& velocities,
@@ -105,7 +108,8 @@ private:
     const StokesianDynamicsGrid& model;
     const Lubrication& lubrication;
     const VectorXd ownFriction;        // of all rows
-    const VectorXd rootsOfStresslets;  // of rows of stresslets: of the preconditioner's friction
+    const VectorXd rootsOfStresslets;  // roots of the preconditioner's friction, for rows of
+                                       // stresslets
     unique_ptr<MobilityAt> inner;
     Placement here;
     Lubrication::Terms terms;
@@ -153,10 +157,10 @@ void StokesianDynamicsGridAt::makePreconditioner(bool lubricated) {
 }
 
 /**
- * With D the inverse of the preconditioner's M, and L L^T near D + Delta in the rows of U, the
- * iteration is for y = (L^T U, D^1/2 S). Its equations are L^-1 D (U + M_FF Delta U - M_FS S) =
- * L^-1 D (M_FF F + s_U), and D^-1/2 (M_SS S - M_SF Delta U) = -D^-1/2 (M_SF F + s_E). The 2-norm of
- * y is near the norm of U and S in the friction.
+ * Let D be the inverse of the preconditioner's M, and L L^T an approximation of D + Delta in the
+ * rows of U. The iteration solves for y = (L^T U, D^1/2 S). Its equations are L^-1 D (U + M_FF
+ * Delta U - M_FS S) = L^-1 D (M_FF F + s_U), and D^-1/2 (M_SS S - M_SF Delta U) = -D^-1/2 (M_SF F +
+ * s_E). The 2-norm of y approximates the friction norm of U and S.
  */
 void StokesianDynamicsGridAt::solve(bool lubricated, double tolerance, const MatrixXd& forces,
                                     const MatrixXd& slips, MatrixXd& velocities, MatrixXd& ofFar) {
@@ -231,7 +235,7 @@ bool StokesianDynamicsGridAt::slipsOfStrain(const DrivenFlow& flow, MatrixXd& fo
     VectorXd ofPairs = VectorXd::Zero(particles.numRows), stresslets = VectorXd::Zero(rates.size());
     if (strainsPairs(flow)) addPairs(VectorXd::Zero(particles.numRows), rates, ofPairs, stresslets);
     forces = ofPairs;
-    // As in SpheresAt, lubrication has no part in the strain of a wave: Delta is 0 there.
+    // As in SpheresAt, lubrication does not act on the strain of a wave: Delta is 0 there.
     return !model.hasLubrication() || flow.waveVelocity == 0;
 }
 

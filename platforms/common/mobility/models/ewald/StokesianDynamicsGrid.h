@@ -11,35 +11,37 @@
 namespace RigidHIPlugin {
 
 /**
- * Rigid spheres in a periodic box, without matrices: PeriodicStokesianDynamics by pairs and waves.
+ * Rigid spheres in a periodic box, without matrices: PeriodicStokesianDynamics as a sum of pairs
+ * and waves.
  *
  * Equation:  M (f, S) = B U - E and f + Delta U = F + Delta_FE E, with the matrix M of forces,
  *            torques and stresslets of RotnePragerYamakawaGrid, U relative to a driven flow with
- *            the strain rates E at the spheres, and Delta of Lubrication. B are the rows of U.
+ *            the strain rates E at the spheres, and Delta of Lubrication. B puts U into the first
+ *            rows, and 0 into those of strain rates.
  * Method:    GMRES for (U, S), with f = F - Delta U. Its preconditioner takes parts of own
- *            mobilities in place of M (ofMotion and ofStresslets in the source), and an incomplete
+ *            mobilities for M (ofMotion and ofStresslets in the source), with an incomplete
  *            Cholesky factor of their inverse plus Delta of pairs nearer than 2.5 mean radii. An
  *            iteration takes one product with M.
- * Noise:     U = N (B^T M^-1 v + Delta^1/2 W): slips v with the covariance M, which are the random
- *            field of RotnePragerYamakawaGrid, and forces that belong to pairs (NearAndFar).
- * Accuracy:  Velocities are right to the tolerance. Lubrication reaches as far as it is set to; the
- *            model is otherwise that of PeriodicStokesianDynamics.
- * Cost:      Some ten to forty products a solve, each of which takes twelve transforms for each
- *            radius. It grows as the number of spheres at constant density.
- * Limits:    Those of StokesianDynamics and RotnePragerYamakawaGrid. No minimum gap, since the
- *            far field of spheres that overlap has no closed form.
+ * Noise:     U = N (B^T M^-1 v + Delta^1/2 W): slips v with the covariance M from the random field
+ *            of RotnePragerYamakawaGrid, and forces that belong to pairs (NearAndFar).
+ * Accuracy:  Velocities are accurate to the tolerance. Except for the reach of lubrication, the
+ *            model is that of PeriodicStokesianDynamics.
+ * Cost:      About ten to forty products for each solve; each product takes twelve transforms for
+ *            each radius. Proportional to the number of spheres at constant density.
+ * Limits:    Those of StokesianDynamics and RotnePragerYamakawaGrid. No minimum gap, because the
+ *            far field of overlapping spheres has no closed form.
  */
 class StokesianDynamicsGrid : public StokesianDynamics {
 public:
     /**
      * @param tolerance  of velocities
-     * @param spacing  of nodes, nm, at most; 0: the fastest
+     * @param spacing  the largest spacing of nodes, nm; 0 for the fastest
      * @param fluid  the grid fluid, which several models may share
      */
     StokesianDynamicsGrid(const HydrodynamicParticles& particles, double viscosity,
                           bool lubrication, double tolerance, double spacing,
                           const LubricationReach& reach, const std::shared_ptr<GridFluid>& fluid);
-    /** In mean radii. Further ones would have too many pairs. */
+    /** In mean radii. A longer reach would have too many pairs. */
     static constexpr LubricationReach reachByDefault = {3, 4};
     std::string objection(const Placement& placement) const override;
     std::string describeLubrication() const override {

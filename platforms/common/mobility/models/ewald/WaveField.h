@@ -10,14 +10,13 @@
 namespace RigidHIPlugin {
 
 /**
- * The part of the mobility that is summed over waves, on a grid. There is a channel for the forces
- * on particles of each radius, and another one for their torques. Where there are stresslets, the
- * latter is one for dipoles, Q = S + T x/2, which takes both.
+ * The part of the mobility that is a sum over waves, on a grid. Forces on particles of each radius
+ * have one channel, and torques another one. With stresslets, the latter is a channel for dipoles,
+ * Q = S + T x/2, which contain both.
  *
  * Equation:  That of RotnePragerYamakawaGrid.h. The factor of a mode is s(k) exp(w^2 k^2/2)
  *            H(k)^(1/2)/k, with t(k) instead of s(k) for torques and dipoles, and k' instead of k
- *            in the first exponential (GridSkew). w is the width of the Gaussian that points
- * spread.
+ *            in the first exponential (GridSkew). w is the width of the points' Gaussian.
  */
 class WaveField {
 public:
@@ -26,9 +25,9 @@ public:
     void setBox(const SplitBox& box);
     /**
      * @param width  of the Gaussian that points spread, nm
-     * @param resolution  that of the points; it must outlive the WaveField
-     * @param factors  of channels: for each kind of particles that of forces and then, if the kind
-     *     has torques, that of torques; they must outlive the WaveField
+     * @param resolution  of the points; it must outlive the WaveField
+     * @param factors  of channels: for each kind of particles, that of forces, followed by that of
+     *     torques if the kind has any; they must outlive the WaveField
      */
     void setGrid(const GridShape& shape, double width, const GridResolution& resolution,
                  const std::vector<std::unique_ptr<const GridFactors>>& factors);
@@ -46,9 +45,7 @@ public:
     const std::vector<GridChannel>& getChannels() const { return channels; }
 
 private:
-    /**
-     * Points that share stencils: the particles of one radius, or those of them that have torque.
-     */
+    /** Points that share stencils: the particles of one radius, or only those with torque. */
     struct Points {
         std::vector<int> particles;
         double radius = 0;

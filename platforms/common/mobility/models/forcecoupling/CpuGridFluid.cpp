@@ -1,4 +1,4 @@
-// The order in which slabs and columns of a grid pass through the steps of products and fields.
+// Products and fields: the order in which slabs and columns of a grid pass through their steps.
 
 #include "mobility/models/forcecoupling/CpuGridFluid.h"
 
@@ -13,8 +13,8 @@ namespace RigidHIPlugin {
 /**
  * Plans and memory for grids of one size, in one precision.
  *
- * Products and fields are those of channels. Particles that have envelopes of their own are one
- * channel without factors.
+ * Products and fields are those of channels. Particles with their own envelopes are one channel
+ * without factors.
  */
 template <typename T>
 class GridEngine {
@@ -33,7 +33,7 @@ private:
     using Scratch = GridScratch<T>;
     GridWork<T> work() const;
     void prepare(const GridChannel* channels, int count);
-    /** Call task(i, scratch) for i = 0 ... count - 1. Each range of them has its own scratch. */
+    /** Call task(i, scratch) for i = 0 ... count - 1. Each range of i has its own scratch. */
     template <class Task>
     void forEach(int count, const Task& task);
     /** The number of pairs of rows y and -y of modes. */
@@ -50,7 +50,7 @@ private:
     std::vector<int> waveIndices;
     std::vector<ChannelWork<T>> parts;                    // of the present product or field
     std::vector<std::array<AlignedArrayOf<T>, 3>> modes;  // of channels
-    std::vector<double> averages;                         // a slice after the other
+    std::vector<double> averages;                         // one slice after the other
     std::mutex scratchMutex;
     std::vector<std::unique_ptr<Scratch>> free;
 };
@@ -108,7 +108,7 @@ void GridEngine<T>::draw(const GridChannel* channels, int count, double viscosit
             kernelsOfFields.drawBetween(work, parts[0], y, viscosity, noise, scratch);
         });
     } else if (layout.shape.walls) {
-        layout.shape.walls->getFields();  // made once, before threads ask for them
+        layout.shape.walls->getFields();  // make them once, before threads need them
         forEach(pairsOfRows(), [&](int y, Scratch& scratch) {
             kernelsOfFields.drawBeside(work, parts.data(), count, y, viscosity, noise, scratch);
         });
@@ -164,7 +164,7 @@ void GridEngine<T>::prepare(const GridStencils& stencils) {
     if (same) return;
     free.clear();
     modes.clear();
-    // One column along x; all planes of a slab along y, pairs of them along z.
+    // One column along x; all planes of a slab along y; pairs of planes along z.
     const int atOnce[3] = {1, slabWidth, slabWidth / 2}, lengths[3] = {n[0], layout.numRows, n[2]};
     for (int axis = 0; axis < 3; axis++) {
         plans[axis].there = FourierPlan<T>(lengths[axis], atOnce[axis], false);
@@ -197,7 +197,7 @@ void GridEngine<T>::prepare(const GridChannel* channels, int count) {
 
 template <typename T>
 GridWork<T> GridEngine<T>::work() const {
-    // A grid with more bytes does not stay in caches from one pass to the next.
+    // A grid with more bytes than this does not stay in caches from one pass to the next.
     const double cached = 16e6;
     return {layout,
             plans,
@@ -257,7 +257,7 @@ GridSlab<double> GridEngine<T>::nodesOf(const GridField& field, int slab) const 
     return nodes;
 }
 
-/** A particle's slices are summed in their order, whichever thread averaged over them. */
+/** Sum a particle's slices in their order, whichever thread averaged over them. */
 template <typename T>
 void GridEngine<T>::sumAverages(const GridStencils& stencils, bool gradients, double* results) {
     const HydrodynamicParticles& particles = stencils.getParticles();
@@ -294,7 +294,7 @@ std::unique_ptr<ModeNoise> CpuGridFluid::modeNoise(const NoiseStream& noise,
 
 namespace {
 
-/** Particles with envelopes of their own, as a GridEngine takes them. */
+/** Particles with their own envelopes, as a channel for GridEngine. */
 GridChannel withoutFactors(const GridStencils& stencils) { return {&stencils, nullptr, false}; }
 
 }  // namespace

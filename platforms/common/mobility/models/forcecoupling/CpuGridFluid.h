@@ -15,21 +15,21 @@ class GridEngine;
 using GridThreads = std::function<void(int count, const std::function<void(int, int)>& task)>;
 
 /**
- * A GridFluid with SIMD and threads, in double precision. Products are in single precision for
- * iterations for which it is accurate enough.
+ * A GridFluid with SIMD and threads, in double precision. Iterations that need no more accuracy
+ * take products in single precision.
  *
- * A slab of planes across x belongs to one thread at a time, with x in the lanes of packs.
- * Particles are spread to the rows of a slab in one order. A row is transformed along z as soon as
- * no more particles reach it, while it is in the cache, and all rows are then transformed along y.
- * Columns of modes along x, which lie one after the other, are transformed, solved and transformed
- * back at once. The way back is the same, and a particle is averaged over as soon as its rows are
- * there. So results do not depend on the number of threads. The transforms are those of
- * FourierPlan. GridKernels are the steps, and GridEngine has their order.
+ * A slab of planes normal to x belongs to one thread at a time, with x in the lanes of packs.
+ * Particles spread to the rows of a slab in a fixed order. As soon as no more particles reach a
+ * row, while the row is still in the cache, it is transformed along z; then all rows are
+ * transformed along y. Columns of modes along x are contiguous: each is transformed, solved and
+ * transformed back in one pass. The way back mirrors these steps, and the average for a particle is
+ * taken as soon as its rows are ready. So results do not depend on the number of threads. The
+ * transforms are those of FourierPlan. GridKernels has the steps, and GridEngine their order.
  *
- * Cost: a product takes three transforms there and three back, and a random field takes three back.
- * Spreading and averaging take about n P^3 pi/4 nodes each, with P the stencil's width.
- * Measurements: benchmarks/README.md. Memory: three numbers a node, as many for each random field
- * that is kept, and half as many for products in single precision.
+ * Cost: a product takes three forward and three backward transforms, and a random field takes three
+ * backward ones. Spreading and averaging take about n P^3 pi/4 nodes each, with P the stencil's
+ * width. Measurements: benchmarks/README.md. Memory: three numbers for each node, as many for each
+ * stored random field, and half as many for products in single precision.
  */
 class CpuGridFluid : public GridFluid {
 public:
@@ -56,7 +56,7 @@ protected:
                       const ModeNoise& noise, std::vector<GridField>& fields) override;
 
 private:
-    /** The engine, which is made when it is first used, for that many channels. */
+    /** The engine for that many channels, made on first use. */
     template <typename T>
     GridEngine<T>& engineOf(std::unique_ptr<GridEngine<T>>& engine, const GridStencils& stencils,
                             int channels = 1);
@@ -66,7 +66,7 @@ private:
     std::unique_ptr<GridEngine<float>> single;
 };
 
-/** CounterModeNoise by packs of modes. The numbers are the same to a few roundings. */
+/** CounterModeNoise for packs of modes. The numbers agree to a few rounding errors. */
 class SimdModeNoise : public CounterModeNoise {
 public:
     using CounterModeNoise::CounterModeNoise;

@@ -5,9 +5,9 @@
 
 namespace RigidHIPlugin {
 
-// The envelopes of force coupling: the Gaussians over which it spreads the forces and torques of a
-// particle and averages the flow, exp(-r^2/(2 width^2)), normalised. Their widths give one sphere
-// alone its Stokes mobilities (Lomholt, Maxey, J. Comput. Phys. 184, 381 (2003)).
+// The envelopes of force coupling: the normalised Gaussians exp(-r^2/(2 width^2)) over which it
+// spreads the forces and torques of a particle and averages the flow. Their widths give a single
+// sphere its Stokes mobilities (Lomholt, Maxey, J. Comput. Phys. 184, 381 (2003)).
 
 /** Width of the force envelope of a sphere of this radius, nm. */
 inline double forceEnvelopeWidth(double radius) { return radius / std::sqrt(M_PI); }

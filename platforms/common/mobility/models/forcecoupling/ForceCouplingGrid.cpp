@@ -20,8 +20,8 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * The particles of a model on its grid, at one placement: with envelopes of their own or, in a
- * triclinic box, by channels.
+ * The particles of a model on its grid, at one placement: with their own envelopes or, in a
+ * triclinic box, as channels.
  */
 class ParticlesOnGrid {
 public:
@@ -69,7 +69,7 @@ public:
         channels.addAverages(model.getFluid(), fields, velocities.data());
     }
     const GridShape& getShape() const { return shape; }
-    /** Null in a triclinic box, where particles have no envelopes of their own. */
+    /** Null in a triclinic box, where particles do not have their own envelopes. */
     const GridStencils* getStencils() const { return skewBox ? nullptr : &stencils; }
 
 private:
@@ -108,7 +108,7 @@ public:
 protected:
     void moveTo(const Placement& placement, bool nearby) override {
         model.box()->check(placement.box);
-        // A nearby placement is near the placement before, where the anchors must be.
+        // A nearby placement is close to the previous placement, where the anchors must be.
         if (nearby) prepare();
         next = placement;
         nextIsNearby = nearby;
@@ -117,8 +117,8 @@ protected:
 
 private:
     /**
-     * Weights are made for the first product, because schemes also move to placements where they
-     * ask for no product.
+     * Weights wait for the first product, because schemes also move to placements without asking
+     * for a product there.
      */
     void prepare() {
         if (isPrepared) return;
@@ -154,7 +154,7 @@ public:
         if (const GridStencils* stencils = onGrid.getStencils())
             flow.draw(*stencils, model.getViscosity(), CounterModeNoise(ofDraw, purposeOfDraw));
         else {
-            // The modes that channels have.
+            // Only the modes of channels.
             const GridFactors factors(onGrid.getShape(), [](double k, double) { return 1 / k; });
             flow.draw(onGrid.getShape(), model.getViscosity(),
                       CounterModeNoise(ofDraw, purposeOfDraw), &factors);
@@ -192,7 +192,7 @@ private:
         onGrid.setBox(box);
         onGrid.draw(ofDraw, purposeOfDraw, fields);
     }
-    /** The same field as PlainGridFluid arranges it; other fluids have an order of their own. */
+    /** The same field in the order of PlainGridFluid; other fluids have their own order. */
     GridField inOnePiece() const {
         PlainGridFluid plain;
         GridField same;
@@ -201,11 +201,11 @@ private:
         return same;
     }
     /**
-     * Schemes ask for slips and for their divergence at one placement. Nothing is computed twice
-     * there.
+     * Move to a placement. Schemes ask for slips and their divergence at the same placement, so a
+     * second move there does nothing.
      */
     void moveTo(const Placement& placement, bool nearby) {
-        // In a box that tilts during a step, the field is that of the same numbers in the new box.
+        // In a box that tilts during a step, the field uses the same numbers in the new box.
         const BoxVectors wanted = vectorsNearTo(box, placement.box);
         if (isThere && nearby == wasNearby && placement.positions == positions && wanted == box)
             return;
@@ -250,11 +250,11 @@ ForceCouplingGrid::ForceCouplingGrid(const HydrodynamicParticles& particles, dou
     : MobilityModel(particles, viscosity, traitsOnGrid(mirrored, fluid->hasSinglePrecision())),
       resolution(particles, tolerance, spacing), fluid(fluid), planes(planes),
       kinds(kindsOf(particles)) {
-    // With a still coarser grid, whole particles are between the nodes, and mobilities are zero or
+    // On a coarser grid, whole particles fit between the nodes, and mobilities are zero or
     // negative.
     const double coarsest = resolution.getCoarsestSpacing();
     if (spacing > coarsest) {
-        // The value is rounded down, so that the spacing that the message names is accepted.
+        // Round the value down, so that the spacing named in the message is accepted.
         const double unit = std::pow(10.0, std::floor(std::log10(coarsest)) - 2);
         throw OpenMM::OpenMMException(
             "MobilityForce: setGridSpacing(): the spacing is " + text(spacing) +
@@ -332,7 +332,7 @@ void ForceCouplingGrid::checkWave(const BoxVectors& box, int axis, int periods) 
     int nodes = shape.size[axis];
     if (!shape.skew.isNone()) {
         checkPeriodicWave(box, axis, periods);
-        // Modes of such a grid are those in a ball.
+        // The modes of such a grid fill a ball.
         nodes = std::floor(box[axis][axis] * shape.longestWave() / M_PI);
     }
     if (2 * periods < nodes) return;
@@ -346,8 +346,8 @@ void ForceCouplingGrid::checkWave(const BoxVectors& box, int axis, int periods) 
 void ForceCouplingGrid::draw(const NoiseStream& noise, uint32_t purpose, const BoxVectors& box,
                              std::unique_ptr<RandomField>& field) const {
     if (!field) field = std::make_unique<Field>(*this);
-    // Groups of one Context have the same modes, but each group has its own numbers: those of its
-    // first particle.
+    // Groups of one Context have the same modes, but each group takes its own random numbers, by
+    // its first particle.
     NoiseStream own = noise;
     own.field = 1 + particles.systemIndex[0];
     static_cast<Field&>(*field).draw(own, purpose, box);

@@ -7,7 +7,7 @@
 
 namespace RigidHIPlugin {
 
-// FFTW has its functions once for each precision.
+// FFTW has separate functions for each precision.
 #define RIGIDHI_FOURIER_PLAN(T, FFTW)                                                              \
     template <>                                                                                    \
     FourierPlan<T>::FourierPlan(int n, int count, bool back) {                                     \

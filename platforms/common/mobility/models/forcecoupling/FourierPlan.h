@@ -7,22 +7,19 @@ namespace RigidHIPlugin {
 
 /**
  * FFTW's discrete Fourier transform of `count` columns of n complex numbers at once, not
- * normalised. Element i of column c is at i count + c, real part before imaginary part, both in the
- * input and in the output. Input and output do not overlap, and each begins where a cache line
- * does.
+ * normalised. In input and output, element i of column c is at i count + c, real part before
+ * imaginary part. Input and output must not overlap, and each must begin at a cache line.
  *
- * A plan is made by FFTW_ESTIMATE. FFTW's other plans are found by a clock, so their results have
- * other last bits in each run.
+ * Plans use FFTW_ESTIMATE. FFTW finds its other plans with a clock, so the last bits of their
+ * results would differ from run to run.
  */
 template <typename T>
 class FourierPlan {
 public:
     FourierPlan() {}
-    /**
-     * @param back  whether the transform is by exp(+2 pi i j k/n) instead of exp(-2 pi i j k/n)
-     */
+    /** @param back  whether the transform takes exp(+2 pi i j k/n) instead of exp(-2 pi i j k/n) */
     FourierPlan(int n, int count, bool back);
-    /** May be called by several threads at once. */
+    /** Transform. Several threads may call this at once. */
     void operator()(const T* from, T* to) const;
 
 private:

@@ -9,22 +9,21 @@
 namespace RigidHIPlugin {
 
 /**
- * A number for each mode of a grid that depends on its wave number alone, but for the Gaussian of
- * triclinic boxes. It is 0 for modes that are left out: k = 0, the Nyquist planes and, in triclinic
- * boxes, waves shorter than GridShape::longestWave(). Where edges are along the axes, modes with
- * the same |ky| and kz share a column along x.
+ * A number for each mode of a grid. Except for the Gaussian of triclinic boxes it depends on the
+ * wave number alone. It is 0 for excluded modes: k = 0, the Nyquist planes and, in triclinic boxes,
+ * waves shorter than GridShape::longestWave(). If edges are along the axes, modes with the same
+ * |ky| and kz share a column along x.
  */
 class GridFactors {
 public:
     /**
-     * @param factor  of the wave number and of the length of k' (GridSkew), on which the Gaussian
-     *     of points depends; called once for each of the wave vectors that differ by more than
-     * signs
+     * @param factor  a function of the wave number and of the length of k' (GridSkew), on which the
+     *     Gaussian of points depends; called once for all wave vectors that differ only by signs
      */
     GridFactors(const GridShape& shape, const std::function<double(double, double)>& factor);
     /**
-     * The factors of the modes (x, y, z), x = 0 ... size[0] - 1. Each number is there twice, as a
-     * complex column needs it. The column is padded by zeros.
+     * The factors of the modes (x, y, z), x = 0 ... size[0] - 1. Each number appears twice, for
+     * complex columns. Zeros pad the column.
      */
     const double* column(int y, int z, double) const { return exact.data() + place(y, z); }
     const float* column(int y, int z, float) const { return single.data() + place(y, z); }
@@ -45,22 +44,24 @@ private:
 
 /**
  * Particles whose forces, or torques, share one envelope of any isotropic shape. The particles are
- * points that spread a Gaussian, and each mode then has a factor. Averages use the same Gaussian
- * and factors.
+ * points that spread a Gaussian, and each mode has a factor. Averages use the same Gaussian and
+ * factors.
  *
  * Torques act on the fluid as half of their curl, and the average is half of the curl of the flow.
  */
 struct GridChannel {
     const GridStencils*
-        stencils;  // for particles without torque: three numbers each, which are forces or torques
+        stencils;  // for particles without torque: three numbers each, either forces or torques
     const GridFactors* factors;  // for each mode: the envelope over the Gaussian, times the square
                                  // root of the mode's weight, over k
     bool ofTorques;
-    /** a^2/6 of the particles, less half of the Gaussian's variance: what the average over a sphere
-     * has more of the Laplacian of a flow than that over the Gaussian. For GridWalls, nm^2. */
+    /**
+     * a^2/6 of the particles minus half of the Gaussian's variance, nm^2: the average of a flow
+     * over a sphere minus that over the Gaussian, over the Laplacian of the flow. For GridWalls.
+     */
     double faxen = 0;
     /**
-     * Whether particles have dipoles Q in place of forces: nine numbers each, row by row, which act
+     * Whether particles have dipoles Q instead of forces: nine numbers each, row by row, which act
      * on the fluid as -Q times the gradient of the Gaussian. Averages are then gradients of the
      * flow, dv_a/dx_b at (3 a + b).
      */
@@ -71,7 +72,7 @@ struct GridChannel {
     }
 };
 
-/** Rows of the vectors of channels, one channel after the other. */
+/** The number of rows of vectors of channels, one channel after the other. */
 inline int rowsOf(const std::vector<GridChannel>& channels) {
     int rows = 0;
     for (const GridChannel& channel : channels) rows += channel.numRows();

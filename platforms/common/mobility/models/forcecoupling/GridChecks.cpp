@@ -11,10 +11,10 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Wave numbers of modes fit into the counters of random numbers. */
+/** Up to this size, wave numbers of modes fit into the counters of random numbers. */
 const int largestSize = 8190;
 
-/** Bytes that this machine has free; infinity where it does not say. */
+/** Free memory of this machine in bytes; infinity if unknown. */
 double freeMemory() {
     std::ifstream info("/proc/meminfo");
     std::string word;
@@ -56,7 +56,7 @@ void checkSizeOfGrid(const std::string& model, const BoxVectors& box, double spa
 
 bool fitsIntoMemory(double bytes, double held) {
     const double more = 1e-9 * (bytes - held);
-    // Asked only of what could be too much, and is not there yet.
+    // Look up the free memory only for a large additional amount.
     return !(more > 0.5 && more > 1e-9 * freeMemory());
 }
 

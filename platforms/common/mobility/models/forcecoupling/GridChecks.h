@@ -7,29 +7,33 @@
 
 namespace RigidHIPlugin {
 
-/** Says that a model on a grid cannot do something. @throws OpenMMException always */
+/**
+ * Refuse something that a model on a grid cannot do.
+ *
+ * @throws OpenMMException always
+ */
 [[noreturn]] void refuseGrid(const std::string& model, const std::string& problem);
 /**
- * @param mayLean  whether the model takes triclinic boxes
- * @throws OpenMMException  for a box that is none, or that leans though it may not
+ * @param mayLean  whether the model supports triclinic boxes
+ * @throws OpenMMException  without a box, or for a triclinic box that the model does not support
  */
 void checkBoxOfGrid(const std::string& model, const BoxVectors& box, bool mayLean = false);
-/** @throws OpenMMException  for more nodes along an edge than numbers of modes can be told apart */
+/** @throws OpenMMException  for more nodes along an edge than the numbers of modes allow */
 void checkSizeOfGrid(const std::string& model, const BoxVectors& box, double spacing);
 /**
- * @param bytes  that the model takes for this grid
- * @param held   those of them that it has already
- * @throws OpenMMException  if the machine does not have them free
+ * @param bytes  that the model needs for this grid
+ * @param held   of these, the bytes that the model already holds
+ * @throws OpenMMException  if the machine lacks this free memory
  */
 void checkMemoryOfGrid(const std::string& model, const GridShape& shape, double bytes, double held);
 /**
- * For models that also sum over pairs, of which a coarser grid leaves more.
+ * For models that also sum over pairs; a coarser grid leaves more pairs.
  *
- * @param neighbours  of a particle, on average
- * @param gap         between the surfaces of neighbours, at most, in nm
- * @param bytes       that grid and pairs take
- * @param held        those of them that the model has already
- * @throws OpenMMException  if the machine does not have them free
+ * @param neighbours  average number of neighbours of a particle
+ * @param gap         largest gap between the surfaces of neighbours, nm
+ * @param bytes       that grid and pairs need
+ * @param held        of these, the bytes that the model already holds
+ * @throws OpenMMException  if the machine lacks this free memory
  */
 void checkMemoryOfPairs(const std::string& model, double neighbours, double gap, double bytes,
                         double held);

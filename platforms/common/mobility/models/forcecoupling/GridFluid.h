@@ -15,35 +15,36 @@
 namespace RigidHIPlugin {
 
 /**
- * Velocities of a fluid on the nodes of a grid, times the square root of a node's volume, as the
- * weights of GridStencils need them.
+ * Velocities of a fluid on the nodes of a grid, times the square root of a node's volume, for the
+ * weights of GridStencils.
  */
 struct GridField {
     GridShape shape;
-    int rowLength = 0;  // numbers from one row along z to the next, at least the nodes of a row
+    int rowLength = 0;  // distance from one row along z to the next; at least the number of nodes
+                        // in a row
     AlignedArray values[3];  // components; z runs fastest
 };
 
 /**
- * A Stokes fluid on a periodic grid, between the particles of stencils: spreading, Fourier
+ * A Stokes fluid on a periodic grid that couples the particles of stencils: spreading, Fourier
  * transforms, averaging.
  *
- * Two kinds of modes are left out, in products and in random fields alike. Without the mode k = 0,
- * fluid and particles together do not drift, and a uniform background balances net forces. The
- * Nyquist planes of even sizes are left out too. So the covariance of averaged fields is the matrix
- * of multiply(), to rounding.
+ * Products and random fields exclude the same two kinds of modes. Without the mode k = 0, fluid and
+ * particles together do not drift, and a uniform background balances net forces. The other kind are
+ * the Nyquist planes of even sizes. So the covariance of averaged fields is the matrix of
+ * multiply(), to rounding.
  *
- * On a mirrored grid (GridShape) forces act together with their reflections, which are (Fx, -Fy,
- * Fz) at (x, -y, z) and (-Tx, Ty, -Tz). Particles average the flow between the walls and its
- * reflection beyond the walls. Their centres must be between the walls.
+ * On a mirrored grid (GridShape) forces act together with their reflections, (Fx, -Fy, Fz) at (x,
+ * -y, z) and (-Tx, Ty, -Tz). Particles average the flow between the walls and its reflection beyond
+ * the walls. The centres of particles must be between the walls.
  *
- * On a grid with planes (GridShape) the fluid is between these planes, and the field is one of such
- * a fluid. The mode k = 0 is there along the planes, and no background balances net forces but the
- * planes do.
+ * On a grid with planes (GridShape) the fluid and its random field are those between these planes.
+ * Flows along the planes include the mode k = 0, and the planes balance net forces instead of a
+ * background.
  *
  * Vectors have the rows of HydrodynamicParticles. A GridFluid keeps plans and work space for the
- * size used last. Models of several groups share one and use it in turn, and several threads may
- * call every member at once.
+ * last size. Models of several groups share one GridFluid in turn, and several threads may call its
+ * members at once.
  */
 class GridFluid {
 public:
@@ -57,15 +58,16 @@ public:
                   Eigen::MatrixXd& velocities);
     /** Whether multiplyInSingle() takes less time. */
     virtual bool hasSinglePrecision() const { return false; }
-    /** Likewise with an error of at most Accuracy::errorOfSinglePrecision, where that takes less
-     * time. */
+    /**
+     * Likewise with an error of at most Accuracy::errorOfSinglePrecision, if that takes less time.
+     */
     void multiplyInSingle(const GridStencils& stencils, double viscosity,
                           const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities);
     /**
      * Draw the random field whose averages have the covariance M: u(k) = (eta V)^(-1/2) (1 - k
      * k/k^2) zeta/|k|. It has the same law as the field of the paper's fluctuating stress (Westwood
-     * 2022, eqs. 27 to 30), but needs three numbers a mode instead of six. Averages may be taken
-     * with stencils that are as wide as these.
+     * 2022, eqs. 27 to 30), but needs three numbers for each mode instead of six. Stencils of the
+     * same width as these may average the field.
      */
     void draw(const GridStencils& stencils, double viscosity, const NoiseStream& noise,
               uint32_t purpose, GridField& field);
@@ -74,14 +76,16 @@ public:
               GridField& field);
     /** Set the velocities to averages of the field. */
     void average(const GridField& field, const GridStencils& stencils, Eigen::VectorXd& velocities);
-    /** Derivatives of the velocities (not the angular ones) by the particles' positions: dv_a/dx_b
-     * at (3 a + b, particle). */
+    /**
+     * Derivatives of the velocities (without angular velocities) by the particles' positions:
+     * dv_a/dx_b at (3 a + b, particle).
+     */
     void averageGradients(const GridField& field, const GridStencils& stencils,
                           Eigen::MatrixXd& gradients);
     /**
-     * Compute velocities = M forces for channels that share one grid, which is not mirrored. M_gh =
-     * sum over modes of phi_g phi_h (1 - k k/k^2)/(eta V), times half of a curl on each side that
-     * has torques, and with gradients on each side that has dipoles. There is one column, with one
+     * Compute velocities = M forces for channels that share one grid, which must not be mirrored.
+     * M_gh = sum over modes of phi_g phi_h (1 - k k/k^2)/(eta V), times half of a curl on each side
+     * with torques, and with gradients on each side with dipoles. Vectors are one column, with one
      * channel after the other.
      *
      * Cost: six transforms and two passes over particles for each channel.
@@ -91,7 +95,7 @@ public:
     void multiply(const std::vector<GridChannel>& channels, double viscosity, bool inSingle,
                   const Eigen::VectorXd& forces, Eigen::VectorXd& velocities);
     /**
-     * Draw the random field, one for each channel, whose averages have the covariance of that M.
+     * Draw the random fields, one for each channel, whose averages have the covariance of that M.
      */
     void draw(const std::vector<GridChannel>& channels, double viscosity, const NoiseStream& noise,
               uint32_t purpose, std::vector<GridField>& fields);
@@ -105,15 +109,14 @@ public:
         task(0, count);
     }
     /**
-     * The time that the fluid has taken so far. It must not be read while another thread uses the
-     * fluid.
+     * The time that the fluid has taken so far. Do not read it while another thread uses the fluid.
      */
     const GridSeconds& getSeconds() const { return seconds; }
-    /** Bytes that the fluid holds already. */
+    /** Bytes that the fluid already holds. */
     double memoryHeld() const { return held; }
     /**
-     * Bytes for a grid, with one random field and with modes in single precision. Stencils belong
-     * to the MobilityAt objects and are not included.
+     * Bytes for a grid with one random field and modes in single precision. They do not include
+     * stencils, which belong to the MobilityAt objects.
      */
     static double memory(const GridShape& shape) {
         return 8.0 * 3 * 2.7 * shape.size[0] * shape.numRows() * shape.size[2];
@@ -145,7 +148,7 @@ private:
 };
 
 /**
- * A GridFluid with one thread and each transform in one piece, to be read beside the paper.
+ * A GridFluid with one thread and each transform in one piece, written to be read beside the paper.
  *
  * Reference: Yeo, Maxey, J. Comput. Phys. 229, 2401 (2010); Keaveny, J. Comput. Phys. 269, 61
  * (2014); Westwood 2022, sections 2 to 4.
@@ -200,11 +203,11 @@ private:
  */
 class GridFlow {
 public:
-    /** The flow that forces make. */
+    /** Set the flow of forces. */
     void spread(const GridStencils& stencils, double viscosity, const double* forces);
-    /** The random field of GridFluid::draw(). */
+    /** Set the random field of GridFluid::draw(). */
     void draw(const GridStencils& stencils, double viscosity, const ModeNoise& noise);
-    /** Likewise with these factors of modes in place of 1/|k|; null: 1/|k|. */
+    /** Likewise with these factors of modes instead of 1/|k|; null for 1/|k|. */
     void draw(const GridShape& shape, double viscosity, const ModeNoise& noise,
               const GridFactors* factors);
     /** Add `factor` times the flow to the velocities. */
@@ -217,7 +220,7 @@ private:
         std::complex<double> forces[9];
     };
     PlainGridFluid fluid;
-    std::vector<ForcesOfPlanes> ofPlanes;  // whose flow is not among the modes
+    std::vector<ForcesOfPlanes> ofPlanes;  // their flow is not among the modes
     Eigen::VectorXd ofMean[2];
 };
 

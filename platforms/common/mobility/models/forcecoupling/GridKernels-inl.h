@@ -23,7 +23,9 @@ namespace HWY_NAMESPACE {
 
 // ---- Rows along z: two neighbouring planes are the real and imaginary parts of one complex row
 
-/** Transform the nodes of a row to its modes, which are twice as large as those of the field. */
+/**
+ * Transform the nodes of a row to its modes. These are twice as large as the modes of the field.
+ */
 template <typename T>
 void rowThere(const GridWork<T>& work, T* row, GridScratch<T>& scratch) {
     const int n = work.layout.shape.size[2];
@@ -42,7 +44,9 @@ void rowThere(const GridWork<T>& work, T* row, GridScratch<T>& scratch) {
     }
 }
 
-/** Transform the modes of a row to its nodes, with copies beyond its end for stencils. */
+/**
+ * Transform the modes of a row to its nodes, with copies beyond the end of the row for stencils.
+ */
 template <typename T>
 void rowBack(const GridWork<T>& work, T* row, GridScratch<T>& scratch) {
     const int n = work.layout.shape.size[2];
@@ -84,12 +88,12 @@ void rowsBack(const GridWork<T>& work, int y, const GridSlab<T>& slab, GridScrat
     for (int c = 0; c < 3; c++) rowBack(work, slab.row(work.layout, c, y), scratch);
 }
 
-// ---- Mirrored columns along y: sums of cosines, and sums of sines for the component across the
-// walls, by transforms of as many numbers as there are rows
+// ---- Mirrored columns along y: sums of cosines, and sums of sines for the component normal to the
+// walls. Each is a transform with as many numbers as rows.
 
 /**
- * The index of a row in a transform: even rows first, then odd rows from the end on. Odd rows are
- * negative where the component is odd about the walls.
+ * The index of a row in a transform: even rows first, then odd rows in reverse order. Odd rows
+ * change sign if the component is odd about the walls.
  */
 inline int placeInTransform(int y, int rows) { return y % 2 == 0 ? y / 2 : rows - 1 - y / 2; }
 template <typename T>
@@ -101,7 +105,7 @@ void copyRow(const T* from, T* to, bool negative) {
 }
 
 /**
- * Make from the transform V of such a column the modes that a transform of the whole period would
+ * From the transform V of such a column make the modes that a transform of the whole period would
  * give: t V_m + s t* V_-m, t = exp(-i pi m/(2 rows)), with s = 1 for even components and -1 for odd
  * ones. Reference: Makhoul, IEEE Trans. Acoust. Speech Signal Process. 28, 27 (1980).
  */
@@ -126,8 +130,8 @@ void mirroredThere(const GridWork<T>& work, T* column, T s) {
 }
 
 /**
- * The way back: make from modes X the transform t* (X_m - i s X_(rows - m)), which gives the
- * period, without the mode of the Nyquist index.
+ * The way back: from modes X make the transform t* (X_m - i s X_(rows - m)) of the period, without
+ * the mode of the Nyquist index.
  */
 template <typename T>
 void mirroredBack(const GridWork<T>& work, T* column, T s) {
@@ -149,7 +153,9 @@ void mirroredBack(const GridWork<T>& work, T* column, T s) {
     }
 }
 
-/** Add the forces on outer rows, reflected, to the rows that the outer rows are reflections of. */
+/**
+ * Add the forces on outer rows, reflected, to the inner rows whose reflections the outer rows are.
+ */
 template <typename T>
 void foldOuterRows(const GridLayout& layout, const GridSlab<T>& slab) {
     for (int c = 0; c < 3; c++)
@@ -173,7 +179,7 @@ void fillOuterRows(const GridLayout& layout, const GridSlab<T>& slab) {
 }
 
 // ---- Columns along y, a few at a time, from and to the modes of the grid. The transform along x
-// is the next.
+// comes next.
 
 template <typename T>
 void transformSlab(const GridWork<T>& work, T* const* modes, int slabNumber,
@@ -250,11 +256,11 @@ void transformSlabBack(const GridWork<T>& work, T* const* modes, int slabNumber,
         }
 }
 
-// ---- The rows of a slab, between particles and modes along z
+// ---- The rows of a slab, from particles to modes along z and back
 
 /**
- * Spread forces to the nodes of a slab, and transform rows to modes along z. Rows are emptied
- * before the first particle that reaches them, and transformed after the last one, while they are
+ * Spread forces to the nodes of a slab, and transform rows to modes along z. A row is emptied just
+ * before the first particle that reaches it, and transformed just after the last one, while it is
  * in the cache.
  */
 template <typename T>
@@ -263,8 +269,8 @@ void spreadToSlab(const GridWork<T>& work, const GridStencils& stencils, int sla
                   GridScratch<T>& scratch) {
     const TimeBesideTransforms timer(scratch.seconds, scratch.seconds.spreading);
     const GridLayout& layout = work.layout;
-    // Rows at the beginning are also reached across the end of the period. On a mirrored grid, rows
-    // at the end are also reached across their wall.
+    // Particles also reach rows at the beginning across the end of the period. On a mirrored grid,
+    // they also reach rows at the end across their wall.
     const int size = layout.numRows, firstRow = std::min(size, stencils.largestWidth(1)),
               lastRow = std::max(firstRow, size - layout.reach);
     const auto emptyRows = [&](int first, int end) {
@@ -299,8 +305,8 @@ void spreadToSlab(const GridWork<T>& work, const GridStencils& stencils, int sla
 }
 
 /**
- * Compute averages over the slices of a slab of nodes. ready(rows) is called before rows up to this
- * one are needed.
+ * Compute averages over the slices of a slab of nodes. Call ready(rows) before using rows up to
+ * this one.
  */
 template <typename T, class Ready>
 void averageSlices(const GridLayout& layout, const GridStencils& stencils, int slabNumber,
@@ -320,8 +326,8 @@ void averageSlices(const GridLayout& layout, const GridStencils& stencils, int s
 }
 
 /**
- * Compute averages from the modes along z of a slab. Rows are transformed back before the first
- * particle that needs them.
+ * Compute averages from the modes along z of a slab. A row is transformed back just before the
+ * first particle that needs it.
  */
 template <typename T>
 void averageSlab(const GridWork<T>& work, const GridStencils& stencils, int slabNumber,
@@ -356,10 +362,10 @@ void averageFilledSlab(const GridWork<T>& work, const GridStencils& stencils, in
     averageSlices(work.layout, stencils, slabNumber, slab, gradients, averages, [](int) {});
 }
 
-// ---- Columns along x, through the fluid. OwnEnvelopes and SharedEnvelopes have what differs
-// without and with channels.
+// ---- Columns along x, through the fluid. OwnEnvelopes (without channels) and SharedEnvelopes
+// (with channels) contain the differences.
 
-/** Transform back along x, with zeros in the planes that the last slab lacks. */
+/** Transform back along x, with zeros in the missing planes of the last slab. */
 template <typename T>
 void columnsBack(const GridWork<T>& work, int y, int z, T* const* from, T* const* modes) {
     for (int c = 0; c < 3; c++) {
@@ -369,7 +375,7 @@ void columnsBack(const GridWork<T>& work, int y, int z, T* const* from, T* const
     }
 }
 
-/** Columns of the three components, one after the other, with zeros as padding. */
+/** Columns of the three components, one after the other, with zeros in the padding. */
 template <typename T>
 std::array<T*, 3> emptyColumns(const GridWork<T>& work, T* first) {
     const size_t length = work.layout.columnNumbers();
@@ -407,8 +413,8 @@ void addHalfCurl(const GridWork<T>& work, int y, int z, const T* factors, T* con
 }
 
 /**
- * Particles with envelopes of their own, whose forces share one set of modes. The fluid responds by
- * k^-2, and to random numbers by the root k^-1.
+ * Particles with their own envelopes, whose forces share one set of modes. The response of the
+ * fluid is k^-2, and to random numbers its root k^-1.
  */
 template <typename T>
 struct OwnEnvelopes {
@@ -419,7 +425,7 @@ struct OwnEnvelopes {
     OwnEnvelopes(const GridWork<T>& work, const ChannelWork<T>* channels, int,
                  GridScratch<T>& scratch)
         : work(work), channel(channels[0]), flow(emptyColumns(work, scratch.columns.data())) {}
-    /** Likewise with columns at a place of the caller, of which only the padding is set. */
+    /** Likewise with columns in the caller's memory. The constructor sets only their padding. */
     OwnEnvelopes(const GridWork<T>& work, const ChannelWork<T>& channel, T* first)
         : work(work), channel(channel), flow{first, first + work.layout.columnNumbers(),
                                              first + 2 * work.layout.columnNumbers()} {
@@ -427,7 +433,7 @@ struct OwnEnvelopes {
         for (T* component : flow)
             std::fill(component + used, component + work.layout.columnNumbers(), T(0));
     }
-    /** Set the flow to the forces of a column of modes, transformed there along x. */
+    /** Set the flow to the forces of a column of modes, transformed along x. */
     void gather(int y, int z) const {
         for (int c = 0; c < 3; c++)
             work.plans[0].there(channel.modes[c] + work.layout.column(y, z), flow[c]);
@@ -436,7 +442,7 @@ struct OwnEnvelopes {
     void scatter(int y, int z) const { columnsBack(work, y, z, flow.data(), channel.modes); }
 
     /**
-     * Set the strength of modes, and turn `along` from k.f into the factor of k that project()
+     * Set the strength of modes, and change `along` from k.f to the factor of k that project()
      * subtracts.
      */
     template <bool root, class V>
@@ -449,7 +455,7 @@ struct OwnEnvelopes {
 };
 
 /**
- * Channels, each with its own modes. The factors of channels have the whole response but for the
+ * Channels, each with its own modes. The factors of channels contain the whole response except the
  * projection.
  */
 template <typename T>
@@ -457,7 +463,7 @@ struct SharedEnvelopes {
     const GridWork<T>& work;
     const ChannelWork<T>* channels;
     const int count;
-    std::array<T*, 3> own, flow;  // of a channel, of all
+    std::array<T*, 3> own, flow;  // of one channel, of all channels
 
     SharedEnvelopes(const GridWork<T>& work, const ChannelWork<T>* channels, int count,
                     GridScratch<T>& scratch)
@@ -467,7 +473,7 @@ struct SharedEnvelopes {
         own = emptyColumns(work, scratch.channels.data());
         flow = emptyColumns(work, scratch.channels.data() + 3 * length);
     }
-    /** Likewise with the flow at a place of the caller, which gather() sets. */
+    /** Likewise with the flow in the caller's memory, which gather() sets. */
     SharedEnvelopes(const GridWork<T>& work, const ChannelWork<T>* channels, int count,
                     GridScratch<T>& scratch, T* first)
         : work(work), channels(channels), count(count) {
@@ -479,7 +485,7 @@ struct SharedEnvelopes {
     void gather(int y, int z) const {
         gather(y, z, [](int, T* const*) {});
     }
-    /** take(g, columns) is called with the forces of each channel. */
+    /** Likewise, calling take(g, columns) with the forces of each channel. */
     template <class Take>
     void gather(int y, int z, const Take& take) const {
         const SlabLanes<T> d;
@@ -505,7 +511,7 @@ struct SharedEnvelopes {
     void scatter(int y, int z) const {
         scatter(y, z, [](int, T* const*) {});
     }
-    /** give(g, columns) is called with the flow of each channel, to add to it. */
+    /** Likewise, calling give(g, columns) to add to the flow of each channel. */
     template <class Give>
     void scatter(int y, int z, const Give& give) const {
         const SlabLanes<T> d;
@@ -535,7 +541,7 @@ struct SharedEnvelopes {
 
 /**
  * flow <- scale r (1 - k k/k^2) flow, for one column, with the response r of the fluid or its root.
- * Modes that are left out become 0.
+ * Excluded modes become 0.
  */
 template <bool root, template <typename> class Envelopes, typename T>
 void project(const Envelopes<T>& columns, int y, int z, double scale) {
@@ -551,7 +557,7 @@ void project(const Envelopes<T>& columns, int y, int z, double scale) {
         const auto kx = hn::Load(d, work.kx + i), ky = hn::MulAdd(kyOfKx, kx, firstKy),
                    kz = hn::MulAdd(kzOfKx, kx, firstKz);
         auto k2 = hn::MulAdd(kx, kx, hn::MulAdd(kz, kz, hn::Mul(ky, ky)));
-        k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // left out below
+        k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // excluded below
         T *u = columns.flow[0] + i, *v = columns.flow[1] + i, *w = columns.flow[2] + i;
         const auto fu = hn::Load(d, u), fv = hn::Load(d, v), fw = hn::Load(d, w);
         auto along = hn::MulAdd(kx, fu, hn::MulAdd(ky, fv, hn::Mul(kz, fw))), strength = keep;
@@ -574,12 +580,13 @@ void withEnvelopes(const GridWork<T>& work, const ChannelWork<T>* channels, int 
         task(OwnEnvelopes<T>(work, channels, count, scratch));
 }
 
-/** From forces there along x, through the fluid, and back. */
+/** Transform forces along x, let the fluid respond, and transform back. */
 template <typename T>
 void solveRow(const GridWork<T>& work, const ChannelWork<T>* channels, int count, int y,
               double viscosity, GridScratch<T>& scratch) {
     const ScopedTimer timer(scratch.seconds.transforms);
-    // Modes of rows are twice as large; transforms there and back multiply by the number of nodes.
+    // Modes of rows are twice as large; a forward and a backward transform multiply by the number
+    // of nodes.
     const double scale = 0.5 / (viscosity * work.layout.shape.numNodes());
     withEnvelopes(work, channels, count, scratch, [&](const auto& columns) {
         for (int z = 0; z < work.layout.numModes; z++) {
@@ -590,7 +597,7 @@ void solveRow(const GridWork<T>& work, const ChannelWork<T>* channels, int count
     });
 }
 
-/** From random numbers through the root of the fluid's response, and back along x. */
+/** Let the root of the fluid's response act on random numbers, and transform back along x. */
 inline void drawRow(const GridWork<double>& work, const ChannelWork<double>* channels, int count,
                     int y, double viscosity, const ModeNoise& noise, GridScratch<double>& scratch) {
     const GridShape& shape = work.layout.shape;
@@ -614,9 +621,9 @@ inline void drawRow(const GridWork<double>& work, const ChannelWork<double>* cha
 }
 
 /**
- * CounterModeNoise::fill() with packs of modes.
+ * CounterModeNoise::fill() for packs of modes.
  *
- * @param ofPlane  whether modes with opposite nx and ny have conjugate numbers, whatever nz is
+ * @param ofPlane  whether modes with opposite nx and ny have conjugate numbers for any nz
  */
 inline void fillModes(const NoiseStream& noise, uint32_t purpose, const int* nx, int count, int ny,
                       int nz, bool ofPlane, std::complex<double>* numbers) {

@@ -1,4 +1,4 @@
-// The tables of GridKernels.h, compiled once for each instruction set.
+// The tables of GridKernels.h. The build compiles them once for each instruction set.
 
 #include "simd/SimdTargets.h"  // must precede foreach_target.h
 

@@ -9,8 +9,8 @@ using std::complex;
 namespace {
 
 /**
- * Weights of the nodes along z that give the mean from `low` to `high` of the modes that a grid
- * has: (1/n) sum over k of exp(-ik z_j) times the mean of exp(ikz).
+ * Weights of the nodes along z that give the mean from `low` to `high` of the modes of a grid:
+ * (1/n) sum over k of exp(-ik z_j) times the mean of exp(ikz).
  */
 Eigen::VectorXd weightsOfMean(const GridShape& shape, double low, double high) {
     const int n = shape.size[2];

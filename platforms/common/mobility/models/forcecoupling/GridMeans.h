@@ -11,7 +11,8 @@ namespace RigidHIPlugin {
 /**
  * The mean of a field times exp(-ik x_axis) over x, y and the heights from `low` to `high`, where k
  * is 2 pi index/(edge along the axis), nm/ps. It is exact: the field is the sum of its modes. The
- * grid is not mirrored, and the field is one of PlainGridFluid, with nodes in their own order.
+ * grid must not be mirrored, and the field must be one of PlainGridFluid, with nodes in their own
+ * order.
  *
  * @param axis  0 or 1
  * @param low, high  z in the coordinates of the grid, which is periodic along z

@@ -13,7 +13,7 @@ void GridModeNoise::fill(const int* nx, int count, int ny, int nz,
     if (!mirrored || nz > 0)
         periodic.fill(nx, count, mirrored ? std::abs(ny) : ny, nz, numbers);
     else {
-        // The numbers at n and -Pn are conjugates up to P: those of one of both are drawn.
+        // The numbers at n and -Pn are conjugates up to P, so draw those of only one of them.
         std::vector<int> drawn(nx, nx + count);
         for (int& n : drawn) n = std::abs(n);
         periodic.fill(drawn.data(), count, std::abs(ny), nz, numbers);
@@ -41,10 +41,9 @@ long long GridModeNoise::numbersOf(const GridShape& shape) {
     const auto modes = [&](int axis) -> long long {
         return shape.size[axis] - (shape.size[axis] % 2 == 0);
     };
-    // Three complex numbers for each pair of modes +-k that is not left out; on a mirrored grid for
-    // each of ny >= 0.
-    // Planes have complex numbers for each pair of wave vectors along them, and real ones of the
-    // mean flow along two axes.
+    // Three complex numbers for each pair of modes +-k that is not excluded; on a mirrored grid for
+    // each mode with ny >= 0. Planes take complex numbers for each pair of wave vectors along the
+    // planes, and real numbers for the mean flow along two axes.
     const long long wavesAlong = modes(0) * modes(1) - 1,
                     ofPlanes = shape.planes ? shape.planes->numUnknowns() * wavesAlong +
                                                   2 * shape.planes->getConditions().numOfMean()

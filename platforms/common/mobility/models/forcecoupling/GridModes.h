@@ -9,9 +9,9 @@
 namespace RigidHIPlugin {
 
 /**
- * The random numbers of the modes of a field: three complex ones for each integer wave vector, of
- * mean 0 and <|x|^2> = 1. They are independent, except that those at -n are the conjugates of those
- * at n.
+ * The random numbers of the modes of a field: three complex numbers for each integer wave vector,
+ * with mean 0 and <|x|^2> = 1. They are independent, except that the numbers at -n are the
+ * conjugates of those at n.
  */
 class ModeNoise {
 public:
@@ -21,7 +21,7 @@ public:
     virtual void fill(const int* nx, int count, int ny, int nz,
                       std::complex<double>* numbers) const = 0;
     /**
-     * Likewise of the velocities on planes (GridPlanes): for component c of unknown j and the wave
+     * Likewise for the velocities on planes (GridPlanes): for component c of unknown j and the wave
      * vectors (nx[i], ny) along the planes.
      */
     virtual void fillPlane(const int* nx, int count, int ny, int j,
@@ -29,8 +29,8 @@ public:
 };
 
 /**
- * The numbers of a NoiseStream. They belong to the wave vector, so that a finer grid and a coarser
- * one have the same noise in the modes of both.
+ * The numbers of a NoiseStream. They belong to the wave vector, so a finer and a coarser grid have
+ * the same noise in their common modes.
  */
 class CounterModeNoise : public ModeNoise {
 public:
@@ -38,7 +38,7 @@ public:
     void fill(const int* nx, int count, int ny, int nz,
               std::complex<double>* numbers) const override {
         for (int i = 0; i < count; i++) {
-            // The numbers are drawn for one of n and -n.
+            // Draw the numbers for only one of n and -n.
             const int sign = isMirrored(nx[i], ny, nz) ? -1 : 1;
             for (int c = 0; c < 3; c++) {
                 double re, im;
@@ -61,7 +61,7 @@ public:
             }
         }
     }
-    /** Whether the numbers are the conjugates of those drawn for the mirrored wave vector. */
+    /** Whether the numbers are the conjugates of those drawn for the opposite wave vector. */
     static bool isMirrored(int nx, int ny, int nz) {
         return nz == 0 && (ny < 0 || (ny == 0 && nx < 0));
     }
@@ -75,15 +75,15 @@ protected:
 };
 
 /**
- * The random numbers of a grid's field, made from those of a periodic field. They are the same
- * unless the grid is mirrored.
+ * The random numbers of a grid's field, made from those of a periodic field. They differ only if
+ * the grid is mirrored.
  *
  * On a mirrored grid the field is its own reflection, P u(Pr) = u(r), and has the law of (u(r) + P
  * u(Pr))/sqrt(2) of a periodic field u. So x(-n) = conj(x(n)) and x(Pn) = P x(n), and one of the
- * four modes n, Pn, -n and -Pn has numbers of the law above. Where two of the four are the same
- * mode, the law is another. At ny = 0 the components along the walls are larger by sqrt(2). At nx =
- * nz = 0 these components are real, and the component across the walls is 0, because it is no part
- * of a divergence-free flow.
+ * four modes n, Pn, -n and -Pn has numbers with the law above. If two of the four are the same
+ * mode, the law differs: at ny = 0 the components along the walls are larger by sqrt(2). At nx = nz
+ * = 0 these components are real, and the component normal to the walls is 0, because a
+ * divergence-free flow has none.
  */
 class GridModeNoise : public ModeNoise {
 public:

@@ -1,5 +1,5 @@
-// The columns along x of a fluid between planes: the rows y and -y together, because a wave vector
-// along the planes and its opposite have the modes of kz and -kz.
+// The columns along x of a fluid between planes. The rows y and -y go together, because a wave
+// vector along the planes and its opposite contain the modes of kz and -kz.
 
 #if defined(RIGIDHI_GRID_PLANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_GRID_PLANES_INL_H_
@@ -18,8 +18,8 @@ namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {
 
 /**
- * The flow in the rows y and -y of modes, which are one row where both are the same, and the sums
- * over kz on the planes.
+ * The flow in the rows y and -y of modes (one row if both are the same), and the sums over kz on
+ * the planes.
  */
 template <typename T>
 class ConfinedRows {
@@ -100,7 +100,7 @@ public:
         });
     }
 
-    /** In the row y = 0: respond(c, modes, net force) to the mean flow along axis c. */
+    /** In the row y = 0: call respond(c, modes, net force) for the mean flow along axis c. */
     template <class Respond>
     void respondToMean(const Respond& respond) {
         if (y != 0) return;
@@ -128,7 +128,7 @@ public:
 
 private:
     static constexpr int chunkSize = 64;
-    /** Some x from 0 to half of the size, with the unit vectors of their wave vectors. */
+    /** Some indices x from 0 to half of the size, with the unit vectors of their wave vectors. */
     struct Chunk {
         int first, count;
         double kx[chunkSize], ky[chunkSize];
@@ -150,7 +150,7 @@ private:
             for (int at = 0; at < chunk.count; at++) {
                 const double kx = work.layout.shape.waveNumber(0, chunk.first + at),
                              length = std::sqrt(kx * kx + k * k);
-                // The matrices of k = 0 are 0.
+                // The matrices for k = 0 are 0.
                 chunk.kx[at] = length > 0 ? kx / length : 0;
                 chunk.ky[at] = length > 0 ? k / length : 0;
             }
@@ -187,7 +187,7 @@ private:
                 }
             }
     }
-    /** Replace the sums by forces. Their factors are the conjugates of those of velocities. */
+    /** Replace the sums by forces. Factors of forces are the conjugates of those of velocities. */
     void scatter(const Chunk& chunk) {
         const int size = work.layout.shape.size[0];
         for (int side = 0; side < 2; side++)
@@ -205,7 +205,7 @@ private:
                                 second = static_cast<T>(isImaginary ? -re[at] : im[at]);
                         own[here] = first;
                         own[here + 1] = second;
-                        // Of the conjugate, with its own factor.
+                        // The conjugate, with its own factor.
                         other[there] = isImaginary ? -first : first;
                         other[there + 1] = isImaginary ? second : -second;
                     }
@@ -257,7 +257,7 @@ private:
     void multiply(const Chunk& chunk, const double* matrices, const Numbers& u, Numbers& f) const {
         const int p = planes.numUnknowns() / 3, stride = planes.numOfRow();
         const double *const t = matrices + chunk.first, *const lz = t + (size_t)p * p * stride;
-        // Lines of l and z, in the order of the matrix.
+        // The lines of l and z, in the order of the matrix.
         const auto line = [p](int i) { return i < p ? 3 * i : 3 * (i - p) + 2; };
         for (int side = 0; side < 2; side++) {
             for (int i = 0; i < p; i++)
@@ -275,7 +275,7 @@ private:
                                        Numbers& f, int i) {
         const Doubles d;
         for (int at = 0; at < count; at += hn::Lanes(d)) {
-            // The last pack may go beyond the chunk, where the matrices have other numbers.
+            // The last pack may extend beyond the chunk, where the matrices have other numbers.
             auto re = hn::Zero(d), im = hn::Zero(d);
             for (int j = 0; j < numColumns; j++) {
                 const auto factor = hn::LoadU(d, factors + j * column + at);
@@ -329,7 +329,7 @@ private:
             }
             const auto kx = hn::Load(d, work.kx + i);
             auto k2 = hn::MulAdd(kx, kx, square);
-            k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // there are no forces
+            k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // no forces there
             const auto inverse = hn::Div(one, k2), strength = hn::Mul(perPeriod, inverse),
                        along = hn::Mul(inverse,
                                        hn::MulAdd(kx, fu, hn::MulAdd(ky, fv, hn::Mul(kz, fw))));

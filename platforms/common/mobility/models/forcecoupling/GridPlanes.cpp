@@ -13,7 +13,7 @@ using Real = PlaneConditions::Real;
 using Matrix = PlaneConditions::Matrix;
 using std::complex;
 
-/** The principal root of a symmetric matrix that is positive semidefinite but for rounding. */
+/** The principal root of a symmetric matrix that is positive semidefinite except for rounding. */
 Matrix principalRoot(const Matrix& square) {
     using Doubles = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;
     const Eigen::SelfAdjointEigenSolver<Doubles> solver(square.cast<double>());
@@ -121,7 +121,7 @@ GridPlanes::Matrices GridPlanes::truncated(const PlaneConditions& conditions,
         odd.setZero();
         for (const Profile& profile : profiles)
             (profile.isImaginary ? odd : even)[profile.unknown] = profile.values[z];
-        // Modes of kz and -kz together, of which the first is its own. Their products of factors
+        // Take the modes kz and -kz together; kz = 0 is its own opposite. Their products of factors
         // have opposite imaginary parts.
         const Real kz = shape.waveNumber(2, z), k2 = k * k + kz * kz,
                    weight = part(k2) * (z == 0 ? 1 : 2) / (k2 * static_cast<Real>(shape.edge[2]));
@@ -171,7 +171,8 @@ void GridPlanes::makeFields() const {
             const Matrices S = conditions.periodic(k), T = conditions.law(k),
                            own = truncated(conditions, profiles, shape, k, whole);
             store({inverseOf(S.t), inverseOf(S.lz)}, x, y, inverses);
-            // The velocities that planes should have, less what no mode of the grid gives them.
+            // The roots for the velocities that planes should have and that the modes of the grid
+            // do not provide.
             store({principalRoot(T.t + S.t - own.t), principalRoot(T.lz + S.lz - own.lz)}, x, y,
                   roots);
         }

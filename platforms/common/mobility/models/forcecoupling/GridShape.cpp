@@ -47,7 +47,7 @@ bool GridLean::isShared(const BoxVectors& one, const BoxVectors& other) {
 }
 
 std::array<int, 3> GridShape::indicesOf(const std::array<double, 3>& k) const {
-    // k' is the product with the inverse of T^T.
+    // k' is the inverse of T^T times k.
     const double y = k[1] - skew.xy * k[0];
     const double ofGrid[3] = {k[0], y, k[2] - (skew.yz * y + skew.xz * k[0])};
     std::array<int, 3> n;
@@ -97,9 +97,9 @@ int nextOddGridSize(double least) {
 GridResolution::GridResolution(const HydrodynamicParticles& particles, double wanted,
                                double givenSpacing)
     : spacing(givenSpacing), tolerance(wanted) {
-    // A grid leaves out a part exp(-(pi width/spacing)^2) of a Gaussian of this width, for every
-    // pair. Curls of the narrower torque envelopes have a factor k more of it. Measurements show
-    // that these factors keep the error below the tolerance (docs/grid_accuracy.md).
+    // For every pair, a grid loses a part exp(-(pi width/spacing)^2) of a Gaussian of this width.
+    // Curls of the narrower torque envelopes lose a factor k more. Measurements show that the
+    // factors `finer` and `wider` keep the error below the tolerance (docs/grid_accuracy.md).
     narrowest = std::numeric_limits<double>::infinity();
     bool torques = false;
     for (int i = 0; i < particles.size(); i++) {
@@ -115,7 +115,7 @@ GridResolution::GridResolution(const HydrodynamicParticles& particles, double wa
     } else {
         spacing = M_PI * narrowest / std::sqrt(std::log(finer / tolerance));
     }
-    // Errors that were measured near walls are at most a fifth of what this lets them be.
+    // Errors measured near walls are at most a fifth of the error that this factor allows.
     const double ofPlanes = 0.1;
     spacingAcross = std::min(
         spacing, M_PI * narrowest / std::sqrt(2 * std::log(std::max(1.1, ofPlanes / tolerance))));
@@ -128,10 +128,10 @@ double GridResolution::cutoff(double radius) const {
 }
 
 GridShape GridResolution::shapeFor(const BoxVectors& box) const {
-    // A Gaussian of the width w = width sqrt(u) and the factors of modes leave out a part
-    // exp(-width^2 k^2 - 2 w^2 K (K - k')) of a wave k' that the grid, with its largest K = pi/h,
-    // takes for 2 K - k'. With k >= k'/stretch this is at most exp(-width^2 K^2 (2u - u^2
-    // stretch^2)).
+    // On a grid with the largest wave number K = pi/h, the waves k' and 2 K - k' alias. With a
+    // Gaussian of the width w = width sqrt(u) and the factors of modes, the error of a wave k' is
+    // exp(-width^2 k^2 - 2 w^2 K (K - k')). With k >= k'/stretch it is at most exp(-width^2 K^2 (2u
+    // - u^2 stretch^2)).
     const GridLean lean(box);
     const double u = 1 / lean.squares;
     GridShape shape;

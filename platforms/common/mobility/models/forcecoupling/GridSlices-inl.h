@@ -1,4 +1,4 @@
-// Between particles and the nodes of a slab: spreading and averaging, slice by slice.
+// Spreading and averaging between particles and the nodes of a slab, slice by slice.
 
 #if defined(RIGIDHI_GRID_SLICES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_GRID_SLICES_INL_H_
@@ -31,7 +31,7 @@ struct PlaneWeights {
     }
 };
 
-/** Add the forces of a particle to one of the slabs that it reaches. */
+/** Add the forces of a particle to one of the slabs within its reach. */
 template <typename T>
 void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice, const double* F,
                  const GridLayout& layout, const GridSlab<T>& slab) {
@@ -104,7 +104,7 @@ void spreadSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
 
 /**
  * The transpose of averageGradientSlice(): add the forces of a particle's dipole, nine numbers, to
- * one of the slabs that it reaches.
+ * one of the slabs within its reach.
  */
 template <typename T>
 void spreadDipoleSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
@@ -129,7 +129,7 @@ void spreadDipoleSlice(const GridStencils& stencils, const GridStencils::Slice& 
         const auto plainY = hn::Set(d, static_cast<T>(y[j])),
                    slopeY = hn::Set(d, static_cast<T>(gy[j]));
         for (int lane = 0; lane < slabWidth; lane += width) {
-            // In a row, forces are the weights along z and their slopes times these.
+            // In a row, forces are these numbers times the weights along z and their slopes.
             const auto u_plain = hn::MulAdd(slopeY, uy.pack(lane), hn::Mul(plainY, ux.pack(lane))),
                        v_plain = hn::MulAdd(slopeY, vy.pack(lane), hn::Mul(plainY, vx.pack(lane))),
                        w_plain = hn::MulAdd(slopeY, wy.pack(lane), hn::Mul(plainY, wx.pack(lane))),
@@ -210,7 +210,7 @@ void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice
                  *tz = stencils.weightsOf(p, 2, Weights::Torque),
                  *gz = stencils.weightsOf(p, 2, Weights::TorqueSlope);
     for (int lane = 0; lane < slabWidth; lane += width) {
-        // Sums of: v along z less w along y; u along z and along y; v and w without slopes.
+        // Sums of: v along z minus w along y; u along z and along y; v and w without slopes.
         auto curl = hn::Zero(d), u_z = hn::Zero(d), u_y = hn::Zero(d), v_plain = hn::Zero(d),
              w_plain = hn::Zero(d);
         for (int j = 0; j < s.width[1]; j++) {
@@ -243,7 +243,7 @@ void averageSlice(const GridStencils& stencils, const GridStencils::Slice& slice
     V[5] = 0.5 * (overPlanes(tx, sums[2]) - overPlanes(gx, sums[3]));
 }
 
-/** Minus the sums with the slopes of the force envelope, which are nine numbers. */
+/** Minus the sums with the slopes of the force envelope: nine numbers. */
 template <typename T>
 void averageGradientSlice(const GridStencils& stencils, const GridStencils::Slice& slice,
                           const GridLayout& layout, const GridSlab<T>& slab, double* gradients) {

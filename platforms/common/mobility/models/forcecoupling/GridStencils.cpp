@@ -27,8 +27,8 @@ void GridStencils::moveTo(const GridShape& newShape, const std::vector<Vec3>& po
 }
 
 bool GridStencils::isNear(const Vec3& offset) const {
-    // If the particle is farther away, the ball about the anchor leaves out nodes that the
-    // tolerance needs.
+    // If the particle is farther away, the ball about the anchor misses nodes that the tolerance
+    // needs.
     const double largest = 0.1;
     for (int axis = 0; axis < 3; axis++)
         if (!(std::abs(offset[axis]) <= largest * shape.spacing(axis))) return false;
@@ -46,8 +46,8 @@ void GridStencils::layOut(const GridShape& newShape) {
         s.cutoff = resolution.cutoff(particles.radii[p]);
         s.weights = numWeights;
         for (int axis = 0; axis < 3; axis++) {
-            // The stencil holds every node closer than the cut-off, wherever the anchor is between
-            // two nodes.
+            // The stencil contains every node closer than the cut-off, for any position of the
+            // anchor between two nodes.
             s.width[axis] = 2 * (int)std::ceil(s.cutoff / shape.spacing(axis));
             largest[axis] = std::max(largest[axis], s.width[axis]);
         }
@@ -59,8 +59,8 @@ void GridStencils::layOut(const GridShape& newShape) {
 void GridStencils::anchor(int p, const Vec3& position) {
     Stencil& s = stencils[p];
     anchors[p] = position;
-    // Nodes go as far beyond the walls as particles between them reach. A finite difference may
-    // lead a little behind a wall.
+    // Nodes extend beyond the walls as far as particles between the walls reach. A finite
+    // difference may lead a little behind a wall.
     if (shape.mirrored) anchors[p][1] = std::min(std::max(position[1], 0.0), 0.5 * shape.edge[1]);
     for (int axis = 0; axis < 3; axis++) {
         const double dx = shape.spacing(axis), L = shape.edge[axis];
@@ -94,7 +94,7 @@ void GridStencils::weigh(int p, const Vec3& offset) {
     }
 }
 
-/** Calls visit(slab, offset) for the slabs that a particle reaches, in the order of the slabs. */
+/** Call visit(slab, offset) for the slabs within reach of a particle, in the order of the slabs. */
 template <class Visit>
 void GridStencils::forSlabs(int p, const Visit& visit) const {
     const Stencil& s = stencils[p];
@@ -120,7 +120,7 @@ void GridStencils::forSlabs(int p, const Visit& visit) const {
 
 /**
  * Sort the slices by slabs, and in each slab by tiles of rows and by nodes, so that neighbours
- * follow each other.
+ * follow one another.
  */
 void GridStencils::sortSlices() {
     byRows.resize(stencils.size());
@@ -160,13 +160,13 @@ void GridStencils::sortSlices() {
         for (int at = slabs[slab]; at < slabs[slab + 1]; at++) cutBall(slices[at], planesOf(slab));
 }
 
-/** Find the rows of the ball in the slice's plane that is nearest to the anchor. */
+/** Find the rows of the ball in the slice's plane nearest to the anchor. */
 void GridStencils::cutBall(Slice& slice, int planes) {
     const Stencil& s = stencils[slice.particle];
     const double dx = shape.spacing(0);
     const double begin = std::max(0, slice.offset) * dx - s.anchor[0],
                  end = (std::min(s.width[0], slice.offset + planes) - 1) * dx - s.anchor[0];
-    // If the slice has planes on both sides of the anchor, the nearest plane is taken to be at the
+    // If the slice has planes on both sides of the anchor, take the nearest plane to be at the
     // anchor.
     double x = begin > 0 ? begin : end < 0 ? end : 0;
     slice.rows = ranges.size();

@@ -10,20 +10,20 @@
 namespace RigidHIPlugin {
 
 /**
- * The nodes to which particles spread forces, and over which they average, with the factors of the
- * weights along each axis.
+ * The nodes to which particles spread forces, and over which they average, with the weights along
+ * each axis, whose products are the weights of nodes.
  *
- * The grid is cut into slabs of slabWidth planes across x, and a particle's nodes into slices, one
- * for each slab that it reaches. The nodes of a slice are the planes of the slab times certain rows
- * and nodes along y and z. These are the ones that a ball about an anchor has in its nearest plane.
- * The anchor is the accepted position of the particle. The nodes stay while a finite difference
- * moves the particle a little, because a node more or less would be a jump of the size of the
- * tolerance.
+ * The grid consists of slabs of slabWidth planes normal to x, and a particle's nodes of slices, one
+ * for each slab within its reach. The nodes of a slice are the planes of the slab times certain
+ * rows and nodes along y and z: those that a ball about an anchor contains in the plane nearest to
+ * the anchor. The anchor is the accepted position of the particle. The nodes stay the same while a
+ * finite difference moves the particle a little, because adding or removing a node would change the
+ * result by a jump of the size of the tolerance.
  *
- * Weights are never renormalised: averaging is the transpose of spreading. Where a ball is larger
- * than the box, several of its nodes are the same node of the grid, and weights add up. On a
- * mirrored grid particles have their centres between the walls, and no images. The code that
- * spreads and averages reflects the nodes.
+ * Weights are never renormalised: averaging is the transpose of spreading. If a ball is larger than
+ * the box, several of its nodes are the same node of the grid, and weights add up. On a mirrored
+ * grid particles have their centres between the walls, and no images; the code that spreads and
+ * averages reflects the nodes.
  */
 class GridStencils {
 public:
@@ -31,8 +31,8 @@ public:
     /** Prepare the weights for a grid, without positions yet. */
     void layOut(const GridShape& shape);
     /**
-     * Move to these positions, nm, not wrapped. Anchors move there too, unless they are to be kept
-     * and are within a tenth of the spacing.
+     * Move to these positions, nm, not wrapped. Anchors move there, too, unless `keepAnchors` is
+     * set and they are within a tenth of the spacing.
      */
     void moveTo(const GridShape& shape, const std::vector<OpenMM::Vec3>& positions,
                 bool keepAnchors);
@@ -42,7 +42,9 @@ public:
     int size() const { return stencils.size(); }
     int largestWidth(int axis) const { return largest[axis]; }
 
-    /** The planes of a slab: as many as packs have lanes. The last slab may have fewer. */
+    /**
+     * The number of planes in a slab, equal to the lanes of packs. The last slab may have fewer.
+     */
     static constexpr int slabWidth = 8;
     static int slabsOf(const GridShape& shape) {
         return (shape.size[0] + slabWidth - 1) / slabWidth;
@@ -58,20 +60,20 @@ public:
         int width[3] = {0, 0, 0};
         double anchor[3] = {0, 0, 0};  // from the first node, nm
         double cutoff = 0;             // nm
-        size_t weights = 0;            // where the stencil's numbers begin
+        size_t weights = 0;            // index of the stencil's first number
     };
     const Stencil& operator[](int particle) const { return stencils[particle]; }
 
     /**
-     * Kinds of weights along an axis: of the force envelope and of its derivative by the distance,
-     * of the torque envelope and of its derivative.
+     * Kinds of weights along an axis: the force envelope and its derivative by the distance, the
+     * torque envelope and its derivative.
      */
     enum Kind { Force, ForceSlope, Torque, TorqueSlope };
     /**
      * Weights of a kind along an axis, one for each node of the stencil. The product of three is
      * the envelope times the square root of a node's volume, so that averaging is the transpose of
-     * spreading. Torque kinds exist only for particles with torque. Along x there are slabWidth
-     * zeros before the weights and after them.
+     * spreading. Torque kinds exist only for particles with torque. Along x, slabWidth zeros
+     * precede and follow the weights.
      */
     const double* weightsOf(int particle, int axis, Kind kind) const {
         const Stencil& s = stencils[particle];
@@ -85,39 +87,39 @@ public:
         int begin, end;
     };
     /**
-     * The part of a slab that a particle reaches: its node `offset` + i along x is in plane i of
-     * the slab. `offset` may be negative. There are no nodes below 0 or from the width on.
+     * The part of a slab within reach of a particle: the particle's node `offset` + i along x is in
+     * plane i of the slab. `offset` may be negative. Indices below 0 or from the width on have no
+     * node.
      */
     struct Slice {
         int particle, offset;
         size_t rows;
     };
     /**
-     * The number of rows in a tile. Particles that begin in the same tile follow each other by
-     * their positions along z. There are so few rows that all that these particles reach stays in
-     * the first cache.
+     * The number of rows in a tile. Particles that begin in the same tile follow one another by
+     * their positions along z. With so few rows, all nodes within reach of these particles stay in
+     * the first-level cache.
      */
     static constexpr int rowsOfTile = 4;
-    /**
-     * The first row that later slices of a slab reach at the earliest, apart from rows across the
-     * end.
-     */
+    /** The first row that later slices of a slab can reach, apart from rows across the end. */
     int firstRowOfTile(const Slice& slice) const {
         return stencils[slice.particle].first[1] / rowsOfTile * rowsOfTile;
     }
     /**
      * The slices of a slab, sorted by tiles of first rows, have the numbers from beginOfSlab(slab)
-     * up to before beginOfSlab(slab + 1).
+     * to beginOfSlab(slab + 1) - 1.
      */
     int beginOfSlab(int slab) const { return slabs[slab]; }
     int numSlices() const { return slices.size(); }
     const Slice& slice(int number) const { return slices[number]; }
-    /** The nodes along z that a slice has in row j along y of its stencil. */
+    /** The nodes along z of a slice in row j along y of its stencil. */
     const Range& nodesOf(const Slice& slice, int j) const { return ranges[slice.rows + j]; }
-    /** The numbers of a particle's slices, by slabs. */
+    /**
+     * The range of a particle's slices in the order of slabs; sliceNumber() gives their numbers.
+     */
     Range slicesOf(int particle) const { return {firstSlice[particle], firstSlice[particle + 1]}; }
     int sliceNumber(int i) const { return sliceNumbers[i]; }
-    /** Prefetch into the cache the data that slices with later numbers need. */
+    /** Prefetch the data of later slices into the cache. */
     void prefetchAfter(int number) const {
         const int last = slices.size() - 1, soon = 4, later = 10;
         __builtin_prefetch(&stencils[slices[std::min(last, number + later)].particle]);
@@ -129,8 +131,7 @@ public:
 
 private:
     /**
-     * The nodes, at multiples of the spacing, that are no farther from the centre than the root of
-     * `square`.
+     * The nodes, at multiples of the spacing, at most the root of `square` away from the centre.
      */
     static Range within(double square, double centre, double spacing, int width) {
         if (!(square >= 0)) return {0, 0};
@@ -159,7 +160,7 @@ private:
     std::vector<double> weights;
     std::vector<int> slabs, firstSlice, sliceNumbers, nextOfSlab, byRows;
     std::vector<Slice> slices;
-    std::vector<Range> ranges;  // for each slice, one row of its stencil after the other
+    std::vector<Range> ranges;  // for each slice, the rows of its stencil one after the other
     int largest[3] = {0, 0, 0};
 };
 

@@ -16,7 +16,7 @@ using Real = PlaneConditions::Real;
 using Matrix = PlaneConditions::Matrix;
 using Matrices = PlaneConditions::Matrices;
 
-/** A root of a matrix that is positive semidefinite but for rounding. */
+/** A root of a matrix that is positive semidefinite except for rounding. */
 Matrix rootOf(const Matrix& square) {
     using Doubles = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;
     const Eigen::SelfAdjointEigenSolver<Doubles> solver(square.cast<double>());
@@ -116,7 +116,7 @@ void GridWallFields::respond(int x, int y, const complex<double>* velocities,
     add(matrix(x, y, OfVelocities), turned(x, y, velocities), 1, flows);
     if (numKinds > OfLaw)
         add(matrix(x, y, OfLaw), turned(x, y, numbers + numUnknowns), scale, flows);
-    // The functions belong to velocities across the planes, of which the numbers of z are -i times.
+    // The functions belong to velocities normal to the planes; the numbers of z are -i times these.
     for (int a = 0; a < 4; a++) across[a] = {-flows.lz[a].imag(), flows.lz[a].real()};
     for (int a = 0; a < 2; a++) alongT[a] = flows.t[a];
 }

@@ -12,21 +12,21 @@
 namespace RigidHIPlugin {
 
 /**
- * What makes a random field of waves on a grid one of a fluid beside walls, where waves are a part
+ * Turns a random field of waves on a grid into that of a fluid beside walls, where waves are a part
  * H of the fluid's modes and pairs of particles the rest.
  *
- * Equation:  S = S_X + S_Y are the velocities on two planes (PlaneConditions) as responses to
- *            forces there: by the rest of the modes (X), and by the modes of the grid (Y). The
- *            velocities of the modes X on the planes are b_X, of covariance S_X. Given b_X, the
- *            flow X has the mean U_X 1/S_X b_X and the covariance N' = N - U_X 1/S_X U_X^+, with
- *            U_X the flow of forces on the planes, and N the matrix of pairs. So
+ * Equation:  S = S_X + S_Y is the response of the velocities on two planes (PlaneConditions) to
+ *            forces there, from the rest of the modes (X) and from the modes of the grid (Y). The
+ *            velocities of the modes X on the planes are b_X, of covariance S_X. Conditional on
+ *            b_X, the flow X has the mean U_X 1/S_X b_X and the covariance N' = N - U_X 1/S_X
+ *            U_X^+, with U_X the flow of forces on the planes, and N the matrix of pairs. So
  *                v = x' + U_X l + y + U 1/S (w - b_X - b_Y),  l = 1/S_X b_X,  cov x' = N',
- *            with y the field on the grid, b_Y its velocities on the planes, and w of the law T of
- *            velocities there. Its covariance is that of the fluid between the planes, and each of
- *            the two parts is a covariance: N', and that of v - x'. This class has v - x', in which
- *            U_X = U - U_Y: the field y - U_Y l on the grid, and U (l + 1/S (w - b_X - b_Y)), which
+ *            with y the field on the grid, b_Y its velocities on the planes, and w with the law T
+ *            of velocities there. v has the covariance of the fluid between the planes, the sum of
+ *            two covariances: N', and that of v - x'. This class provides v - x', in which U_X = U
+ *            - U_Y: the field y - U_Y l on the grid, and U (l + 1/S (w - b_X - b_Y)), which
  *            GridWalls adds.
- * Numbers:   With L L^T = S_X, l = L^-T n of random numbers n.
+ * Numbers:   With L L^T = S_X, l = L^-T n for random numbers n.
  *
  * Wave vectors along the planes have 6 complex unknowns, as in GridPlanes. k = 0 is left to the
  * caller (UniformField).
@@ -34,12 +34,12 @@ namespace RigidHIPlugin {
 class GridWallFields {
 public:
     static constexpr int numPlanes = 2, numUnknowns = 3 * numPlanes;
-    /** How many sets of numbers ModeNoise::fillPlane() gives: those of l, and those of w. */
+    /** The number of sets of numbers from ModeNoise::fillPlane(): those of l, and those of w. */
     static constexpr int numSets = 2 * numPlanes;
     using PartOfMode = std::function<double(double)>;
     /**
-     * The flow between the planes of forces on the planes: the coefficients of four functions
-     * across the planes, and of two along t, by the forces in the order of
+     * The flow between the planes from forces on the planes: the coefficients of four functions for
+     * velocities normal to the planes, and of two functions along t, for forces in the order of
      * PlaneConditions::Matrices.
      */
     struct Flows {
@@ -48,8 +48,8 @@ public:
     };
     /**
      * @param part     H of a wave number
-     * @param longest  wave numbers along the planes from which on there are no forces
-     * @param flows    of a wave number along the planes
+     * @param longest  the wave number along the planes from which on the planes have no forces
+     * @param flows    the Flows for a wave number along the planes
      */
     GridWallFields(const PlaneConditions& conditions, const GridShape& shape,
                    const PartOfMode& part, double longest,
@@ -72,7 +72,7 @@ public:
     void respond(int x, int y, const std::complex<double>* velocities,
                  const std::complex<double>* numbers, double scale, std::complex<double>* near,
                  std::complex<double> (&across)[4], std::complex<double> (&alongT)[2]) const;
-    /** Replace velocities of the modes X by 1/S_X times them: the forces. */
+    /** Replace velocities of the modes X by the forces 1/S_X times these velocities. */
     void respondToNear(int x, int y, std::complex<double>* velocities) const;
     /** Bytes of the matrices. */
     double memory() const { return 8.0 * matrices.size(); }

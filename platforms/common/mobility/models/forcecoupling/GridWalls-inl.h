@@ -1,5 +1,5 @@
-// The columns along x of channels beside walls: the rows y and -y together, because a wave vector
-// along the walls and its opposite have the modes of kz and -kz.
+// The columns along x of channels beside walls. The rows y and -y go together, because a wave
+// vector along the walls and its opposite contain the modes of kz and -kz.
 
 #if defined(RIGIDHI_GRID_WALLS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_GRID_WALLS_INL_H_
@@ -17,8 +17,8 @@ namespace RigidHIPlugin {
 namespace HWY_NAMESPACE {
 
 /**
- * The flow in the rows y and -y of modes, which are one row where both are the same, with sums over
- * kz of forces and the factors of flows of walls (GridWalls).
+ * The flow in the rows y and -y of modes (one row if both are the same), with sums of forces over
+ * kz and the factors of the flows of walls (GridWalls).
  */
 template <typename T>
 class RowsBesideWalls {
@@ -37,7 +37,7 @@ public:
         std::fill_n(scratch.sums.data(), scratch.sums.size(), T(0));
         cosh = scratch.sums.data() + scratch.sums.size() - 2 * length;
         sinh = cosh + length;
-        // Numbers of waves that have no walls do not matter, but must be finite.
+        // Numbers for waves without walls do not matter, but must be finite.
         std::fill_n(cosh, 2 * length, T(1));
         for (int x = 0; x < shape.size[0]; x++) {
             const double k = std::hypot(shape.waveNumber(0, x), shape.waveNumber(1, y));
@@ -66,8 +66,8 @@ public:
         for (int x = 0; x < size; x++) {
             const int opposite = (size - x) % size;
             if (numRows == 1 && opposite < x) continue;
-            // Of kz and -kz, the modes of the latter are the conjugates of those of -kx, -ky and
-            // kz. Profiles are even or odd in kz.
+            // The modes of -kz are the conjugates of those of -kx, -ky and kz. Profiles are even or
+            // odd in kz.
             forSums([&](int g, int p, int c) {
                 const std::complex<double> other = std::conj(at(numRows - 1, g, p, c, opposite));
                 sums[g][p][c] = at(0, g, p, c, x) + (GridWalls::isOdd(p) ? -other : other);
@@ -114,8 +114,8 @@ public:
             }
     }
     /**
-     * Replace the sums on the planes by forces, whose flow is subtracted from the modes, and set
-     * the sums to factors of profiles.
+     * Replace the sums on the planes by forces, for subtractNear(), and set the sums to factors of
+     * profiles.
      *
      * @param numbers  random numbers: component c of set j at (3 j + c) * size along x + x
      */
@@ -190,7 +190,7 @@ public:
                     }
                     const auto kx = hn::Load(d, work.kx + i);
                     auto k2 = hn::MulAdd(kx, kx, square);
-                    k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // there are no forces
+                    k2 = hn::IfThenElse(hn::Gt(k2, hn::Zero(d)), k2, one);  // no forces there
                     const auto strength = hn::Mul(perPeriod, hn::Load(d, root + i)),
                                along = hn::Div(
                                    hn::MulAdd(kx, f[0], hn::MulAdd(ky, f[1], hn::Mul(kz, f[2]))),
@@ -224,7 +224,7 @@ private:
             work, channels, count, scratch,
             scratch.flows.data() + ((size_t)r * work.layout.numModes + z) * 3 * length);
     }
-    /** Of the planes: sums of a profile, and then forces. */
+    /** For the planes: sums of a profile, later forces. */
     T* ofPlane(int r, int profile, int c) {
         const size_t numProfilesOfPlanes = walls.getFields().getProfiles().size();
         return ofPlanes.data() + ((r * numProfilesOfPlanes + profile) * 3 + c) * length;

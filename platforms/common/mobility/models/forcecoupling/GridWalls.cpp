@@ -15,7 +15,7 @@ GridWalls::GridWalls(const ConfiningPlanes& planes, const GridShape& gridShape, 
                      double largestWave, const GridWallFields::PartOfMode& part)
     : shape(gridShape), height(height), largestWave(largestWave), period(shape.edge[2]),
       spacing(shape.spacing(2)),
-      // The sums over modes are those over nodes times their number along z.
+      // Sums over modes are sums over nodes times the number of nodes along z.
       scale(period / (static_cast<double>(shape.numNodes()) * shape.size[2] * shape.size[2])),
       numX(shape.size[0] / 2 + 1),
       conditions(planes.isChannel()
@@ -42,7 +42,10 @@ GridWalls::Along GridWalls::along(double k) const {
 
 namespace {
 
-/** Q of wave vectors whose functions are exp(-kz), kz exp(-kz), and the same from the other end. */
+/**
+ * Q of a wave vector, for the functions exp(-kz), kz exp(-kz), and the same functions from the
+ * other end.
+ */
 struct Coefficients {
     Matrix4d across = Matrix4d::Zero();
     Matrix2d alongT = Matrix2d::Zero();
@@ -54,7 +57,7 @@ Coefficients aboveWall(double k, double H, double P) {
     Q.across.topLeftCorner<2, 2>() << 2, 2, 2, 4;
     Q.across *= 1 / (8 * k);
     Q.alongT(0, 0) = 1 / (2 * k);
-    // With e and d the functions from both ends, r = exp(-k(P - H)) and q = exp(-kP):
+    // With e and d the exponentials from both ends, r = exp(-k(P - H)) and q = exp(-kP):
     //     2 q cosh(k zeta) = r (d e' + e d'),  and with kz e = s, k(H - z) d = t,
     //     2 q k zeta sinh(k zeta) = r (kH (d e' + e d') - t e' - e t' - s d' - d s').
     const double r = std::exp(-k * (P - H)), rest = -std::expm1(-k * P),
@@ -72,8 +75,8 @@ Coefficients aboveWall(double k, double H, double P) {
 void flowsOf(double k, double H, double P, Matrix4d& C, Matrix2d& Ct) {
     const double r = std::exp(-k * (P - H)), rest = -std::expm1(-k * P), x = 0.5 * k * P;
     const double coth = PeriodicPlane<double>::xCothMinusOne(x);
-    // Flows of a force along z, and of one along l (times -i), on the lower plane. Those of the
-    // upper plane are their reflections, of which the latter have the other sign.
+    // Flows of a force along z, and of a force along l (times -i), on the lower plane. Flows of
+    // forces on the upper plane are their reflections; those of l change sign.
     C.col(0) << 2 + coth - x, 1, r * (2 + coth + x - k * H), r;
     C.col(1) << x - 1 - coth, -1, r * (x - k * H + 1 + coth), r;
     C.col(2) << C(2, 0), C(3, 0), C(0, 0), C(1, 0);
@@ -91,7 +94,7 @@ Coefficients betweenWalls(double k, double H, double P) {
     const PeriodicPlane<double> own(k, P, 0), other(k, P, H);
     Matrix4d S;
     const double g = own.zz, l = own.ll, gH = other.zz, lH = other.ll,
-                 slope = other.slope / k;  // of zz at the other plane
+                 slope = other.slope / k;  // slope of zz at the other plane
     S << g, 0, gH, -slope, 0, l, slope, lH, gH, slope, g, 0, -slope, lH, 0, l;
     Coefficients Q;
     Q.across = C * S.inverse() * C.transpose();
@@ -124,7 +127,7 @@ const GridWallFields& GridWalls::getFields() const {
     return *fields;
 }
 
-/** By the functions of profiles, for forces in the order of PlaneConditions. */
+/** In terms of the functions of profiles, for forces in the order of PlaneConditions. */
 GridWallFields::Flows GridWalls::flowsOfPlanes(double k) const {
     Matrix4d C, order = Matrix4d::Zero();
     Matrix2d Ct;

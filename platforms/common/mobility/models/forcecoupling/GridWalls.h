@@ -18,23 +18,23 @@ namespace RigidHIPlugin {
  * Equation:  For a wave vector k along the walls, M = M_P - sum over a, b of V_a Q_ab V_b^+, with V
  *            the flows of exp(-kz), kz exp(-kz), exp(-k(H - z)) and k(H - z) exp(-k(H - z)), as
  *            velocities across the walls, and of the first and the third along t (PlaneModes.h).
- *            A wall at z = 0: the images of the wall, and those of the period P. H is the height up
- *            to which particles are. Walls at z = 0 and H: U S^-1 U^T, with U the flows of forces
- *            on both planes in the periodic fluid, and S these flows on the planes.
- * Method:    Points spread Gaussians, which leave harmonic functions as they are. Of the others
- *            they add (width^2/2) lap, where a sphere takes (a^2/6) lap; GridChannel::faxen is the
+ *            With a wall at z = 0, the subtracted flows are the images of the wall and those of the
+ *            period P, and H is the height up to which particles are. With walls at z = 0 and H,
+ *            they are U S^-1 U^T, with U the flows of forces on both planes in the periodic fluid,
+ *            and S these flows on the planes.
+ * Method:    Points spread Gaussians, which do not change harmonic functions. For other functions a
+ *            Gaussian adds (width^2/2) lap, and a sphere (a^2/6) lap; GridChannel::faxen is the
  *            difference. Sums over nodes along z are sums over kz with the transforms of V. They
- *            need all kz, so that the number of nodes along z is odd. Let z be 0 in the middle
- *            between the walls, x = k dz/2, y = kz dz/2 and s = sinh(x + iy). The sum of
- *            exp(-(k + i kz) z) over the nodes is sinh(kP/2)/s (-1)^(kz P/2 pi). That of
- *            z exp(-(k + i kz) z) has besides it (dz/2) sinh(kP/2) cosh(x + iy)/s^2, with the same
- *            sign. All are sums of four profiles: the real parts of 1/s and of cosh(x + iy)/s^2,
- *            and minus the imaginary parts, which are odd in kz.
- * Limits:    Wave numbers up to `largestWave`; others are left out. k = 0 is left to the caller
- *            (UniformFlow). Double precision: functions of z grow beyond the walls.
+ *            need all kz, so the number of nodes along z is odd. Let z be 0 in the middle between
+ *            the walls, x = k dz/2, y = kz dz/2 and s = sinh(x + iy). The sum of exp(-(k + i kz) z)
+ *            over the nodes is sinh(kP/2)/s (-1)^(kz P/2 pi). The sum of z exp(-(k + i kz) z) also
+ *            has the term (dz/2) sinh(kP/2) cosh(x + iy)/s^2, with the same sign. All sums consist
+ *            of four profiles: the real parts of 1/s and of cosh(x + iy)/s^2, and minus the
+ *            imaginary parts, which are odd in kz.
+ * Limits:    Only wave numbers up to `largestWave` count. The caller treats k = 0 (UniformFlow).
+ *            Double precision only, because functions of z grow beyond the walls.
  *
- * An instance does not change once it is made, except that what random fields need is made when
- * they are first drawn.
+ * An instance is immutable, except that it makes the data of random fields at their first draw.
  */
 class GridWalls {
 public:
@@ -43,7 +43,7 @@ public:
      * @param shape  its edge along z is the period P, z = 0 is in the middle, and its size along z
      *     is odd
      * @param height  H
-     * @param part  of each mode, by its wave number, that the grid has
+     * @param part  the part of each mode on the grid, as a function of the wave number
      */
     GridWalls(const ConfiningPlanes& planes, const GridShape& shape, double height,
               double largestWave, const GridWallFields::PartOfMode& part);
@@ -67,23 +67,23 @@ public:
     }
     static constexpr bool isOdd(int profile) { return profile % 2 == 1; }
 
-    /** For each profile, the sums over all kz of it times the forces along x, y and z. */
+    /** For each profile, the sums over all kz of the profile times the forces along x, y and z. */
     using Sums = std::complex<double>[numProfiles][3];
     /**
      * Replace the sums of all channels by factors of profiles: the velocities of a mode kz are the
-     * sums of factors times profiles. They are in units of 1/viscosity, with the numbers of
-     * transforms as in PlainGridFluid.
+     * sums of factors times profiles, in units of 1/viscosity, with the normalisation of transforms
+     * in PlainGridFluid.
      *
      * @param x, y  indices of the wave vector along the axes
      */
     template <class Channel>
     void respond(int x, int y, const Channel* channels, int count, Sums* sums) const;
 
-    /** What random fields need. */
+    /** The data of random fields. */
     const GridWallFields& getFields() const;
     /**
-     * Set the sums to factors of profiles of random flows. GridWallFields::respond() has the other
-     * arguments. Velocities are those of transforms that are not normalised.
+     * Set the sums to factors of profiles of random flows. The other arguments are those of
+     * GridWallFields::respond(). Velocities are in the units of transforms that are not normalised.
      */
     template <class Channel>
     void respondRandomly(int x, int y, const Channel* channels, int count,
@@ -92,7 +92,7 @@ public:
                          std::complex<double>* near, Sums* sums) const;
 
 private:
-    /** Matrices of one wave vector, for basis functions whose transforms are made of profiles. */
+    /** Matrices of one wave vector, for basis functions whose transforms consist of profiles. */
     struct Response {
         double across[4][4], alongT[2][2];
         bool isLeftOut = true;
@@ -108,7 +108,9 @@ private:
                        const std::complex<double> (&across)[4],
                        const std::complex<double> (&alongT)[2], Sums& sums) const;
     Response responseOf(const ConfiningPlanes& planes, double k) const;
-    /** The functions exp(-kz) and kz exp(-kz) in terms of those whose transforms are profiles. */
+    /**
+     * The functions exp(-kz) and kz exp(-kz) in terms of functions whose transforms are profiles.
+     */
     struct ToProfiles {
         double A;
         Eigen::Matrix4d across;

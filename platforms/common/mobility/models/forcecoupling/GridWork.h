@@ -14,23 +14,23 @@ constexpr int slabWidth = GridStencils::slabWidth;
 /** Numbers for a mode of all planes of a slab, real and imaginary parts alternating. */
 constexpr int modeWidth = 2 * slabWidth;
 /**
- * Modes along z whose columns along y are gathered at once. The pieces of rows are then long enough
- * for efficient memory access.
+ * The number of modes along z whose columns along y are gathered at once. The pieces of rows are
+ * then long enough for efficient memory access.
  */
 constexpr int modesAtOnce = 8;
-/** Numbers of the averages over a slice: a velocity and an angular velocity, or a gradient. */
+/** Numbers in the average over a slice: a velocity and an angular velocity, or a gradient. */
 constexpr int numbersOfPart = 9;
 
 /**
- * How a grid is laid out in memory.
+ * The layout of a grid in memory.
  *
- * A mirrored grid has the rows between the walls, and the outer rows beyond the walls that stencils
- * reach, which are reflections of inner rows.
+ * A mirrored grid has the rows between the walls, and those outer rows beyond the walls that
+ * stencils reach. Outer rows are reflections of inner rows.
  */
 struct GridLayout {
     GridShape shape;
     int numSlabs = 0;   // along x
-    int numRows = 0;    // along y, without outer ones; a mirrored grid has as many modes along y
+    int numRows = 0;    // along y, without outer rows; a mirrored grid has as many modes along y
     int reach = 0;      // number of outer rows on each side
     int numModes = 0;   // kz from 0 on, without the Nyquist index
     int rowLength = 0;  // nodes of a row, or twice its modes
@@ -40,17 +40,18 @@ struct GridLayout {
         const std::array<int, 3>& n = shape.size;
         numSlabs = GridStencils::slabsOf(shape);
         numRows = shape.numRows();
-        // Half of a stencil is on each side of the centre, which is between the walls.
+        // Each side of the centre has half of a stencil, and the centre is between the walls.
         if (shape.mirrored) reach = std::min(numRows, stencils.largestWidth(1) / 2);
         numModes = (n[2] + 1) / 2;
-        // Stencils that cross the end of a row go on beyond the end.
+        // Stencils that cross the end of a row continue beyond the end.
         rowLength = std::max(n[2] + stencils.largestWidth(2), 2 * numModes);
         rowLength += rowLength % 2;  // whole cache lines in both precisions
     }
     size_t rowNumbers() const { return (size_t)rowLength * slabWidth; }
     /**
-     * Rows in memory: those of the grid, the outer ones above, the outer ones below. If stencils
-     * are so long that the outer rows of both sides meet, these are all rows of the period.
+     * The number of rows in memory: the rows of the grid, the outer rows above, the outer rows
+     * below. If stencils are so long that the outer rows of both sides meet, these are all rows of
+     * the period.
      */
     int storedRows() const { return std::min(shape.size[1], numRows + 2 * reach); }
     /** The index in memory of a row of the period. */
@@ -59,19 +60,19 @@ struct GridLayout {
         return y < shape.size[1] - reach ? y : y - (shape.size[1] - storedRows());
     }
     /**
-     * Call visit(row, outer) with the indices of outer rows and of the rows that they are
-     * reflections of.
+     * Call visit(row, outer) with the index of each outer row and of the inner row that it
+     * reflects.
      */
     template <class Visit>
     void forOuterRows(const Visit& visit) const {
         for (int i = 0; i < reach; i++) {
             visit(numRows - 1 - i, place(numRows + i));
-            // Where the outer rows meet, the row was already visited as one above.
+            // Where the outer rows meet, this row was already visited as one of the rows above.
             if (shape.size[1] - 1 - i >= numRows + reach) visit(i, place(shape.size[1] - 1 - i));
         }
     }
     size_t slabNumbers() const { return storedRows() * rowNumbers(); }
-    /** A column of modes along x, with padding to whole slabs. They lie one after the other. */
+    /** Numbers in a column of modes along x, padded to whole slabs. Columns are contiguous. */
     size_t columnNumbers() const { return (size_t)numSlabs * modeWidth; }
     size_t column(int y, int z) const { return ((size_t)y * numModes + z) * columnNumbers(); }
     size_t modeNumbers() const { return column(numRows, 0); }
@@ -97,7 +98,7 @@ template <typename T>
 struct GridScratch {
     AlignedArrayOf<T> slab, columns, transformed, noise;
     AlignedArrayOf<T> channels;     // columns of a channel and of their sum
-    AlignedArrayOf<T> flows, sums;  // between planes: all kz of two rows, and sums over them
+    AlignedArrayOf<T> flows, sums;  // between planes: all kz of two rows, and sums over kz
     GridSeconds seconds;
 
     GridSlab<T> nodes(const GridLayout& layout) {
@@ -106,7 +107,10 @@ struct GridScratch {
     }
 };
 
-/** Adds the seconds of its life to a number of GridSeconds, without those of transforms. */
+/**
+ * Adds the seconds from its construction to its destruction, without those of transforms, to a
+ * number of GridSeconds.
+ */
 class TimeBesideTransforms {
 public:
     TimeBesideTransforms(GridSeconds& all, double& seconds)
@@ -120,7 +124,7 @@ private:
     const ScopedTimer whole;
 };
 
-/** The transforms there and back. */
+/** The forward and backward transforms. */
 template <typename T>
 struct GridPlans {
     FourierPlan<T> there, back;
@@ -135,10 +139,12 @@ struct GridWork {
                            // 1; each twice
     const int* waveIndices;  // of each x
     const T* halfTurns;      // for a mirrored grid, cos and sin of pi m/(2 rows) for each ky
-    bool streams;            // whether modes are too many for caches
+    bool streams;            // whether the modes are too large for caches
 };
 
-/** A channel, with its own modes. Particles with envelopes of their own are one without factors. */
+/**
+ * A channel with its own modes. Particles with their own envelopes are a channel without factors.
+ */
 template <typename T>
 struct ChannelWork {
     const GridStencils* stencils;

@@ -41,7 +41,7 @@ void forNodes(const GridStencils& stencils, int p, const Visit& visit) {
     }
 }
 
-/** An envelope of a particle and its derivatives: the weights along the axes, and their slopes. */
+/** An envelope of a particle with its derivatives: the weights along the axes, and their slopes. */
 struct Envelope {
     const double *w[3], *slope[3];
     Envelope(const GridStencils& stencils, int p, Kind kind, Kind slopeKind) {
@@ -62,9 +62,7 @@ struct Envelope {
     }
 };
 
-/**
- * Call visit(number, indices, k, k^2) for all modes of a grid. k^2 = 0 for those that are left out.
- */
+/** Call visit(number, indices, k, k^2) for all modes of a grid, with k^2 = 0 for excluded modes. */
 template <class Visit>
 void forModes(const GridShape& shape, const Visit& visit) {
     size_t at = 0;
@@ -230,12 +228,12 @@ void PlainGridFluid::respond(double viscosity) {
         planes.respondToMean(reinterpret_cast<complex<double>*>(modes[c].data()), netForce[c]);
 }
 
-/** Likewise for a fluid that no planes confine, with the net force along x and y. */
+/** Likewise without planes. Also give the net force along x and y. */
 void PlainGridFluid::respondWithoutPlanes(double viscosity, double* netForce) {
     const ScopedTimer timer(seconds.transforms);
     forward();
-    // u(k) = (1 - k k/k^2) f(k)/(eta k^2); transforms there and back multiply by the number of
-    // nodes.
+    // u(k) = (1 - k k/k^2) f(k)/(eta k^2); a forward and a backward transform multiply by the
+    // number of nodes.
     const double scale = 1 / (viscosity * planned.numNodes());
     for (int c = 0; c < 2; c++) netForce[c] = scale * modes[c][0];
     forModes(planned, [&](size_t at, const int*, const double* k, double k2) {
@@ -249,8 +247,8 @@ void PlainGridFluid::respondWithoutPlanes(double viscosity, double* netForce) {
 }
 
 /**
- * Call add(x, y, forces) with the forces of planes for each wave vector along them, except 0.
- * respond(x, y, velocities, forces) finds them from the velocities on the planes.
+ * Call add(x, y, forces) with the forces of planes for each wave vector along the planes, except 0.
+ * respond(x, y, velocities, forces) finds the forces from the velocities on the planes.
  */
 template <class Respond, class Add>
 void PlainGridFluid::confine(const Respond& respond, const Add& add) {
@@ -285,7 +283,7 @@ void PlainGridFluid::confine(const Respond& respond, const Add& add) {
         }
 }
 
-/** Add the response to forces of planes to the modes of a wave vector along them. */
+/** Add the response to forces of planes to the modes of a wave vector along the planes. */
 void PlainGridFluid::addResponse(int x, int y, const complex<double>* forces) {
     const GridPlanes& planes = *planned.planes;
     for (int z = 0; z < (planned.size[2] + 1) / 2; z++) {
@@ -321,7 +319,7 @@ void PlainGridFluid::drawModes(const GridStencils& stencils, double viscosity,
 /**
  * Draw the modes of the random field.
  *
- * @param factors  null: 1/|k|
+ * @param factors  null for 1/|k|
  */
 void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const ModeNoise& noise,
                               const GridFactors* factors) {
@@ -333,7 +331,7 @@ void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const Mo
             noise.fill(&nx, 1, shape.waveIndex(1, index[1]), index[2], zeta);
             project(k, k2, scale * (factors ? factorOf(*factors, index, k2) : 1 / std::sqrt(k2)),
                     zeta);
-            // The random numbers are those of modes whose origin is y = 0. The modes here have
+            // The random numbers belong to modes with their origin at y = 0. The modes here have
             // their origin at the first node.
             for (complex<double>& u : zeta) u *= std::polar(1.0, k[1] * shape.firstNode(1));
         }
@@ -359,14 +357,14 @@ void PlainGridFluid::drawInto(const GridShape& shape, double viscosity, const Mo
                                      ofMean.along(c), ofPlanes);
 }
 
-// ---- Channels: envelopes of any shape, by a factor for each mode
+// ---- Channels: envelopes of any shape, with a factor for each mode
 
 namespace {
 
-/** The flows of walls of channels (GridWalls), or nothing where a grid has no walls. */
+/** The flows of walls for channels (GridWalls); nothing if the grid has no walls. */
 class WallFactors {
 public:
-    /** @param modes  of the forces of channels, three for each */
+    /** @param modes  modes of the forces of channels, three for each channel */
     WallFactors(const GridShape& shape, const std::vector<GridChannel>& channels,
                 const std::vector<AlignedArray>& modes)
         : WallFactors(shape, channels) {
@@ -376,8 +374,8 @@ public:
             if (!(k2 > 0)) return;
             double values[GridWalls::numProfiles];
             profilesAt(index, values);
-            // Of kz and -kz, the modes of the latter are the conjugates of those of -kx, -ky and
-            // kz. Half of the modes with kz = 0 come from there, too.
+            // The modes of -kz are the conjugates of those of -kx, -ky and kz. Half of the modes
+            // with kz = 0 come from there, too.
             const double half = index[2] == 0 ? 0.5 : 1;
             for (int g = 0; g < numChannels; g++)
                 for (int c = 0; c < 3; c++) {
@@ -436,10 +434,10 @@ protected:
     std::vector<complex<double>> sums;
 };
 
-/** Likewise of random fields, with the forces of planes on the modes that the grid lacks. */
+/** Likewise for random fields, with the forces of planes on the modes that the grid lacks. */
 class RandomWallFactors : public WallFactors {
 public:
-    /** @param bare  call bare(index, k, k2, u) sets the field of a mode without factors */
+    /** @param bare  bare(index, k, k2, u) sets the field of a mode without factors */
     template <class Bare>
     RandomWallFactors(const GridShape& shape, const std::vector<GridChannel>& channels,
                       double viscosity, const ModeNoise& noise, const Bare& bare)
@@ -605,7 +603,7 @@ void GridFlow::spread(const GridStencils& stencils, double viscosity, const doub
         fluid.respond(viscosity);
         return;
     }
-    // The forces of planes are kept, because their flow at points has more modes than the grid.
+    // Keep the forces of planes, because their flow at points has more modes than the grid.
     const GridPlanes& planes = *fluid.planned.planes;
     double netForce[2];
     fluid.respondWithoutPlanes(viscosity, netForce);
@@ -635,7 +633,7 @@ void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor,
                      Eigen::Matrix3Xd& velocities) {
     const GridShape& shape = fluid.planned;
     const int m = shape.numRowModes(), numPoints = points.size();
-    Eigen::MatrixXcd phases[3];  // exp(ikx) of index and point
+    Eigen::MatrixXcd phases[3];  // exp(ikx), index by point
     for (int axis = 0; axis < 3; axis++) {
         phases[axis].resize(axis == 2 ? m : shape.size[axis], numPoints);
         for (int i = 0; i < phases[axis].rows(); i++)
@@ -644,7 +642,7 @@ void GridFlow::addAt(const std::vector<OpenMM::Vec3>& points, double factor,
                     1.0, shape.waveNumber(axis, i) *
                              (shape.skew.toGrid(points[p])[axis] - shape.firstNode(axis)));
     }
-    // The other half of the modes are conjugates. Of the modes with kz = 0 both halves are stored.
+    // The other half of the modes are conjugates. Both halves of the modes with kz = 0 are stored.
     phases[2].bottomRows(m - 1) *= 2;
     factor /= std::sqrt(shape.volume() / shape.numNodes());
     Eigen::MatrixXcd rows;
@@ -676,8 +674,7 @@ double amplitudeOfMode(const GridShape& shape, double viscosity, const ModeNoise
     std::array<double, 3> k = {0, 0, 0};
     k[wave.waveAxis] = wave.k;
     std::array<int, 3> n = shape.indicesOf(k);
-    const bool isConjugate =
-        n[2] < 0;  // in a triclinic box; numbers are those of the opposite mode
+    const bool isConjugate = n[2] < 0;  // in a triclinic box: take the numbers of the opposite mode
     if (isConjugate)
         for (int& index : n) index = -index;
     complex<double> u[3];

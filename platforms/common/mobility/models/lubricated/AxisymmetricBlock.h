@@ -9,12 +9,12 @@
 namespace RigidHIPlugin {
 
 /**
- * A symmetric matrix of forces and torques by velocities and angular velocities of one or two
- * spheres that is the same for all turns about an axis d, and for reflections at planes through the
- * axis. It falls into parts along the axis (velocities), about it (angular velocities), and across
- * it. The part across couples U, the velocity across the axis, with V = d x Omega, and gives F
- * across and G = d x T; both directions across the axis have the same matrix. Rows of `across` are
- * U of all spheres, then V of all spheres.
+ * A symmetric matrix that gives forces and torques from velocities and angular velocities of one or
+ * two spheres, and that is invariant under rotations about an axis d and reflections in planes
+ * through this axis. It splits into three parts: `along` the axis (velocities), `about` it (angular
+ * velocities), and `across` it. The last part acts on U, the velocity across the axis, together
+ * with V = d x Omega, and gives F across the axis and G = d x T; both directions across the axis
+ * have the same matrix. Rows of `across` are U of all spheres, then V of all spheres.
  *
  * The same form serves mobilities. Functions of the matrix are functions of its parts.
  */
@@ -53,7 +53,7 @@ struct AxisymmetricBlock {
     }
     /**
      * The symmetric square root of the nearest matrix without negative eigenvalues, and this
-     * matrix. Lengths are in units of `length`, so that forces and torques are compared.
+     * matrix. Lengths in units of `length` make forces and torques comparable.
      */
     void factorise(double length, AxisymmetricBlock& root, AxisymmetricBlock& positive) const {
         factorise(along, root.along, positive.along);

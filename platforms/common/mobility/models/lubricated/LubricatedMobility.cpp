@@ -19,16 +19,16 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Pairs nearer than this, in mean radii, are in the preconditioner. */
+/** The preconditioner includes pairs nearer than this, in mean radii. */
 const double nearInPreconditioner = 2.5;
 
 /**
- * The preconditioned residual is this part of the error at least: 0.2 in suspensions of spheres
- * whose gaps are down to a thousandth of a radius.
+ * The preconditioned residual is at least this part of the error. It was 0.2 of the error in
+ * suspensions of spheres with gaps down to a thousandth of a radius.
  */
 const double residualOfError = 0.15;
 
-/** The tolerance of products that are to be exact. */
+/** The tolerance of exact products. */
 const double exactProduct = 1e-11;
 
 class LubricatedMobilityAt : public MobilityAt, public NearAndFar {
@@ -72,7 +72,7 @@ protected:
 
 private:
     void findBlocks();
-    /** forces += the part of Delta of single spheres and walls, times velocities */
+    /** forces += the terms of Delta for spheres and walls, times velocities */
     void addWalls(const MatrixXd& velocities, MatrixXd& forces);
     void makePreconditioner();
     void gather(const MatrixXd& x, MatrixXd& blocks) const;
@@ -86,7 +86,7 @@ private:
     vector<Lubrication::Single> wallDeltas, wallRoots, own;  // of spheres
     bool blocksAreKnown = false, preconditionerIsKnown = false, mobilityIsKnown = false;
     vector<int> spheres, blockOf;
-    Eigen::VectorXd ownScale;  // of rows of particles without torque: the root of their friction
+    Eigen::VectorXd ownScale;  // for rows of particles without torque: the root of their friction
     BlockIncompleteCholesky nearFactor;
     Gmres gmres;
     CholeskyFactor factor;
@@ -141,7 +141,7 @@ long long LubricatedMobilityAt::addNearNoise(const NoiseStream& noise, uint32_t 
     MatrixXd numbers(6, 1), ofSphere(6, 1);
     const int only[1] = {0};
     for (size_t k = 0; k < spheres.size(); k++) {
-        // A sphere and the wall have the numbers of the sphere and itself.
+        // A sphere and the wall use the random numbers of the pair of the sphere with itself.
         lubrication.keyOfPair({spheres[k], spheres[k], {0, 0, 0}, {}, 0}, stream.field, index);
         for (int b = 0; b < 3; b++)
             stream.pair(purpose, index, b, numbers(2 * b, 0), numbers(2 * b + 1, 0));
@@ -182,7 +182,9 @@ void LubricatedMobilityAt::dense(MatrixXd& mobility) {
 
 // ---- Products
 
-/** Rows of spheres only, six each, from rows of particles; and back. */
+/**
+ * Copy the rows of spheres, six each, from the rows of all particles; scatter() copies them back.
+ */
 void LubricatedMobilityAt::gather(const MatrixXd& x, MatrixXd& to) const {
     to.resize(6 * spheres.size(), x.cols());
     for (size_t k = 0; k < spheres.size(); k++)
@@ -209,8 +211,9 @@ void LubricatedMobilityAt::makePreconditioner() {
 }
 
 /**
- * With L L^T near own frictions plus Delta and D the own frictions, the iteration is for y = L^T U:
- * L^-1 D (1 + M Delta) L^-T y = L^-1 D b. The 2-norm of y is near the norm of U in the friction.
+ * Let D be the own frictions of the particles, and L L^T an approximation of D plus Delta. The
+ * iteration solves L^-1 D (1 + M Delta) L^-T y = L^-1 D b for y = L^T U. The 2-norm of y
+ * approximates the friction norm of U.
  */
 void LubricatedMobilityAt::solve(double tolerance, MatrixXd& velocities) {
     makePreconditioner();
@@ -266,8 +269,9 @@ void LubricatedMobilityAt::multiply(const MatrixXd& forces, MatrixXd& velocities
 }
 
 /**
- * What spheres do to each other adds up to nothing far away, so that the fluid has the whole force
- * on them. What a wall does to a sphere beside it the fluid does not have.
+ * The lubrication forces of a pair of spheres cancel each other far away, so the forces on spheres
+ * reach the fluid in full. The lubrication force between a sphere and a wall goes into the wall, so
+ * it is no source of flow.
  */
 FlowSources LubricatedMobilityAt::sources(const MatrixXd& forces, const DrivenFlow* flow) {
     if (!lubrication.getScene().hasWalls()) return inner->sources(forces, flow);

@@ -11,18 +11,18 @@
 namespace RigidHIPlugin {
 
 /**
- * Another model with the lubrication of spheres that are close to each other or to a wall.
+ * Adds to another model the lubrication of spheres that are close to each other or to a wall.
  *
- * Equation:  N = (M^-1 + Delta)^-1, with M of the other model in its boundary and Delta of
- *            Lubrication. N acts on the velocities of particles relative to those of a driven flow:
- *            near spheres do not resist strain together.
- * Accuracy:  Exact for one sphere at a wall and for two spheres in unbounded fluid. More: the page
- *            of the model.
- * Method:    Matrices: the friction of the other model, plus Delta. Products: GMRES for (1 + M
- *            Delta) U = M F, preconditioned with an incomplete Cholesky factor of the particles'
- *            own frictions and of Delta of near pairs.
- * Cost:      By matrices a factorisation more than that of the other model. By products those of
- *            some ten to forty products of the other model.
+ * Equation:  N = (M^-1 + Delta)^-1, with M of the other model with its boundary, and Delta of
+ *            Lubrication. N gives the velocities of particles relative to a driven flow:
+ *            lubrication adds no joint resistance of near spheres to strain.
+ * Accuracy:  Exact for one sphere at a wall and for two spheres in unbounded fluid. The page of the
+ *            model has more.
+ * Method:    Matrices: the friction of the other model plus Delta. Products: GMRES for (1 + M
+ *            Delta) U = M F, with an incomplete Cholesky factor of the particles' own frictions and
+ *            of Delta of near pairs as the preconditioner.
+ * Cost:      With matrices, one factorisation more than the other model. With products, each takes
+ *            about ten to forty products of the other model.
  * Limits:    Those of Lubrication.
  */
 class LubricatedMobility : public MobilityModel {

@@ -18,10 +18,10 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** A length far beyond any other stands for a direction without a period. */
+/** The length of the cell along directions without a period, far beyond any other length. */
 const double noPeriod = 1e12;
 
-/** The cell of the periods, with a direction in place of each missing one. */
+/** The cell of the periods. A direction stands in for each missing period. */
 class Cell {
 public:
     Cell(const BoxVectors& box, int numPeriods) : numPeriods(numPeriods) {
@@ -29,7 +29,9 @@ public:
         for (int k = 0; k < numPeriods; k++) vectors.col(k) = toEigen(box[k]);
         inverse = vectors.inverse();
     }
-    /** Call use(image, vector) for all difference + image vectors that are not longer than `most`.
+    /**
+     * Call use(image, vector) for all vectors from the difference to an image that are not longer
+     * than `most`.
      */
     template <class Use>
     void imagesWithin(const Vector3d& difference, double most, const Use& use) const {
@@ -54,7 +56,7 @@ public:
     double coordinate(const Vector3d& x, int k) const {
         return inverse.row(k).dot(x) * (isPeriod(k) ? 1 : noPeriod);
     }
-    /** The distance of the planes that bound the cell, nm; 1 where there is no period. */
+    /** The distance between the planes that bound the cell, nm; 1 without a period. */
     double height(int k) const { return isPeriod(k) ? 1 / inverse.row(k).norm() : 1; }
 
 private:
@@ -62,7 +64,10 @@ private:
     Matrix3d vectors, inverse;
 };
 
-/** Positions in boxes that are at least as wide as a distance, so that a search is linear. */
+/**
+ * Positions sorted into boxes at least as wide as a distance, so that a search for neighbours takes
+ * linear time.
+ */
 class Neighbours {
 public:
     Neighbours(const Cell& cell, const vector<Vector3d>& x, double distance) {
@@ -74,7 +79,7 @@ public:
             if (wraps[k]) {
                 for (double& c : at[k]) c -= floor(c);
                 number[k] = min(most, floor(cell.height(k) / distance));
-                if (number[k] < 3) number[k] = 1;  // its neighbours on both sides are the same
+                if (number[k] < 3) number[k] = 1;  // else both neighbours are the same box
                 continue;
             }
             const auto ends = minmax_element(at[k].begin(), at[k].end());
@@ -91,7 +96,10 @@ public:
             members[indexOf(box)].push_back(i);
         }
     }
-    /** All positions up to this one that may be so near to it or to an image of it, ascending. */
+    /**
+     * All positions up to this one, ascending, that may be within the distance of it or of an image
+     * of it.
+     */
     void upTo(int i, vector<int>& found) const {
         found.clear();
         array<int, 3> offset, box;
@@ -121,20 +129,24 @@ private:
     vector<vector<int>> members;
 };
 
-/** Of an image and its opposite one, which are the same pair of a sphere and itself, one counts. */
+/**
+ * An image and its opposite are the same pair of a sphere with itself, so only one of them counts.
+ */
 bool isFirstOfTwo(const array<int, 3>& n) {
     for (int k = 0; k < 3; k++)
         if (n[k] != 0) return n[k] > 0;
     return false;
 }
 
-/** The friction of a sphere above a wall from its mobility over 1/(6 pi eta a), axis: the normal.
+/**
+ * The friction of a sphere above a wall, from its mobility over 1/(6 pi eta a). The axis is the
+ * normal.
  */
 Lubrication::Single frictionAtWall(const SphereWallMobility& m, double a, double stokes) {
     Lubrication::Single friction;
     friction.along(0, 0) = stokes / m.across;
     friction.about(0, 0) = stokes * a * a / m.turnNormal;
-    // V = n x Omega, so that rolling has the opposite sign.
+    // V = n x Omega, so rolling has the opposite sign.
     friction.across << m.along, -m.rolling, -m.rolling, m.turnAlong;
     friction.across = stokes * friction.across.inverse().eval();
     friction.across.row(1) *= a;
@@ -199,8 +211,8 @@ Lubrication::Lubrication(const HydrodynamicParticles& particles, double viscosit
 }
 
 /**
- * Call use(i, j, image, vector, mirrored) for all pairs of spheres with distances up to so many
- * mean radii, i <= j, in a fixed order.
+ * Call use(i, j, image, vector, mirrored) for all pairs of spheres, i <= j, with distances up to so
+ * many mean radii, in a fixed order.
  */
 template <class Use>
 void Lubrication::forPairsWithin(const Placement& placement, double meanRadii,
@@ -317,7 +329,7 @@ void Lubrication::findPairs(const Placement& placement, vector<NearPair>& pairs)
                    });
 }
 
-/** Tables are for sphere 1 the larger. */
+/** In the tables, sphere 1 is the larger. */
 const TwoSphereResistance& Lubrication::tableOf(int i, int j) const {
     return particles.radii[i] < particles.radii[j] ? *tables[kind[j]][kind[i]]
                                                    : *tables[kind[i]][kind[j]];
@@ -329,7 +341,7 @@ double Lubrication::gapOf(int i, int j, double distance) const {
     return (distance - larger - smaller) / meanRadius(i, j);
 }
 
-/** The axis is from i to j. */
+/** The axis points from i to j. */
 template <class Values>
 Lubrication::Pair Lubrication::frictionOf(const Values& f, int i, int j) const {
     const bool swapped = particles.radii[i] < particles.radii[j];
@@ -339,7 +351,7 @@ Lubrication::Pair Lubrication::frictionOf(const Values& f, int i, int j) const {
     for (int p = 0; p < 2; p++)
         for (int q = 0; q < 2; q++) {
             const double sum = a[p] + a[q], unit = M_PI * viscosity * sum;
-            // The other order turns the axis around, and V with it.
+            // In the swapped order the axis is reversed, and so is V.
             const int to = swapped ? 1 - p : p, from = swapped ? 1 - q : q;
             friction.along(to, from) = 3 * unit * f[XA11 + p + q];
             friction.across(to, from) = 3 * unit * f[YA11 + p + q];
@@ -389,7 +401,7 @@ void Lubrication::ofPair(const NearPair& pair, Pair& delta, Pair& root) const {
 void Lubrication::keyOfPair(const NearPair& pair, uint32_t& field, uint32_t& index) const {
     const uint64_t a = particles.systemIndex[pair.i], b = particles.systemIndex[pair.j],
                    larger = max(a, b), number = larger * (larger + 1) / 2 + min(a, b);
-    // The image belongs to the order of the indices.
+    // The image has the sign for this order of the indices.
     const int sign = a <= b ? 1 : -1;
     uint32_t image = 0;
     for (int k = 0; k < 3; k++)
@@ -511,7 +523,7 @@ void Lubrication::ofSphere(int i, double z, Single& delta, Single& root, Single&
                                             : atWall[kind[i]].at(a / height),
                                         a, stokes),
                exact = frictionAtWall(SphereWallMobility::bestKnown((height - a) / a), a, stokes);
-        // With the axis up, a sphere below a wall has V the other way round.
+        // The axis points up, so V changes sign for a sphere below a wall.
         if (height != z - scene.low)
             for (Single* block : {&inModel, &exact}) {
                 block->across(0, 1) *= -1;

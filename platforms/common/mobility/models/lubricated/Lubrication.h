@@ -19,14 +19,16 @@
 
 namespace RigidHIPlugin {
 
-/** What the lubrication of a model depends on besides its particles. */
+/** Everything besides its particles that determines the lubrication of a model. */
 struct LubricationScene {
     LubricationReach reach;
-    /** In mean radii of a pair: smaller gaps, and overlaps, count as this gap. 0: none. */
+    /**
+     * In mean radii of a pair; smaller gaps, and overlaps, count as this gap. 0 for no minimum gap.
+     */
     double minimumGap = 0;
-    /** How many vectors of the box are periods: 0, 2 (the first two) or 3. */
+    /** The number of box vectors that are periods: 0, 2 (the first two) or 3. */
     int numPeriods = 0;
-    /** The no-slip walls across z, nm; infinite where there is none. */
+    /** z of the no-slip walls, nm; infinite without a wall. */
     double low = -std::numeric_limits<double>::infinity(),
            high = std::numeric_limits<double>::infinity();
     /** How far behind them ForceCoupling has another plane at rest, nm. */
@@ -51,24 +53,24 @@ struct LubricationScene {
 };
 
 /**
- * What a mobility without lubrication lacks of the friction of spheres that are close to each other
- * or to a wall.
+ * The friction of spheres close to each other or to a wall that a mobility without lubrication
+ * lacks.
  *
  * Equation:  Delta = sum over pairs w(r) (R_exact - M_pair^-1) + sum over spheres and walls
  *            (R_exact - M_wall^-1). R_exact is the friction of two rigid spheres alone in unbounded
  *            fluid, or of one above a wall. M_pair and M_wall are the mobilities of the same
- *            spheres in the model, so that the sum with the model's friction is exact for two
- *            spheres, and for one above a wall. Forces and torques take part, strains do not. A
- *            reach of 0 is for overlaps alone.
+ *            spheres in the model. The sum of Delta and the model's friction is therefore exact for
+ *            two spheres, and for one above a wall. Delta includes forces and torques, but no
+ *            strains. With a reach of 0 this class only detects overlaps.
  * Mirrors:   A plane along which the fluid slips, a wall of SlipChannel or the surface of a Film,
  *            makes a mirror image of each sphere. Spheres have the terms of pairs with their own
- *            images and with those of others, w times P^T (R_exact - M_pair^-1) P, where P gives an
- *            image the mirrored velocity. The terms of a sphere and its own image count half, since
- *            the other half is the friction of the image.
- * Accuracy:  Pairs 1e-10 of the friction, walls 3e-8. Each term is positive semidefinite except
- *            for these errors; negative eigenvalues are set to 0, so that square roots exist.
- * Limits:    Spheres with torque; other particles have none. Ratios of radii up to 10. Surfaces
- *            must not touch, unless there is a minimum gap, and never touch a wall.
+ *            images and with those of others, w P^T (R_exact - M_pair^-1) P, where P gives an image
+ *            the mirrored velocity. The term of a sphere and its own image counts half, since the
+ *            other half is the friction of the image.
+ * Accuracy:  1e-10 of the friction for pairs, 3e-8 for walls. Except for these errors each term is
+ *            positive semidefinite. Negative eigenvalues are set to 0, so that square roots exist.
+ * Limits:    Only particles with torque (spheres) have lubrication. Ratios of radii up to 10.
+ *            Surfaces must not touch each other without a minimum gap, and must never touch a wall.
  */
 class Lubrication {
 public:
@@ -77,27 +79,33 @@ public:
 
     /**
      * @param spreading  the pair mobility of the model in unbounded fluid
-     * @param name       of the model in messages
-     * @throws OpenMMException  for radii in too large a ratio
+     * @param name       the name of the model in messages
+     * @throws OpenMMException  if the ratio of radii is too large
      */
     Lubrication(const HydrodynamicParticles& particles, double viscosity,
                 const Spreading& spreading, const LubricationScene& scene, const char* name)
         : Lubrication(particles, viscosity, &spreading, scene, name) {}
-    /** Likewise for the model of forces, torques and stresslets, FTS. */
+    /** Likewise for the model of forces, torques and stresslets (FTS). */
     Lubrication(const HydrodynamicParticles& particles, double viscosity,
                 const LubricationScene& scene, const char* name)
         : Lubrication(particles, viscosity, nullptr, scene, name) {}
     const LubricationScene& getScene() const { return scene; }
     const HydrodynamicParticles& getParticles() const { return particles; }
-    /** Whether there is any sphere that can have lubrication. */
+    /** Whether any sphere can have lubrication. */
     static bool isAny(const HydrodynamicParticles& particles, const LubricationScene& scene);
 
-    /** Which spheres have lubrication, with what and how far, for describeEffects(). */
+    /**
+     * A text for describeEffects(): which spheres have lubrication, with what, and up to what
+     * distance.
+     */
     std::string describe() const;
-    /** Why the spheres have no lubrication at a placement, naming them; empty if they have. */
+    /**
+     * The reason why the spheres have no lubrication at a placement, with their names; empty if
+     * they have it.
+     */
     std::string objection(const Placement& placement) const;
 
-    /** Two spheres, j or an image of it, with the axis from i to j. i <= j. */
+    /** Sphere i and sphere j, or an image of j, with the axis from i to j. i <= j. */
     struct NearPair {
         int i, j;
         std::array<int, 3> image;  // in vectors of the box
@@ -105,11 +113,11 @@ public:
         double distance;
         bool mirrored = false;  // whether the second is a mirror image
     };
-    /** The first pair that touches or overlaps; with a minimum gap, that is at the same place. */
+    /** The first pair that touches or overlaps; with a minimum gap, the first pair at one place. */
     bool findOverlap(const Placement& placement, NearPair& found) const;
-    /** All pairs nearer than where nothing is left of lubrication, in a fixed order. */
+    /** All pairs within the reach of lubrication, in a fixed order. */
     void findPairs(const Placement& placement, std::vector<NearPair>& pairs) const;
-    /** A pair's term of Delta, and a square root, Delta = root root^T. */
+    /** A pair's term of Delta and its square root, Delta = root root^T. */
     void ofPair(const NearPair& pair, Pair& delta, Pair& root) const;
     /** The pairs of a placement, with the terms of Delta and their square roots. */
     struct Terms {
@@ -121,27 +129,30 @@ public:
     void addProduct(const Terms& terms, const Eigen::MatrixXd& velocities,
                     Eigen::MatrixXd& forces) const;
     /**
-     * forces += roots of the terms times random numbers. The numbers belong to the indices of the
-     * particles in the System and to the image.
+     * forces += roots of the terms times random numbers. The indices of the particles in the System
+     * and the image determine the numbers.
      *
-     * @return how many numbers
+     * @return the number of random numbers
      */
     long long addNoise(const Terms& terms, const NoiseStream& noise, uint32_t purpose,
                        Eigen::MatrixXd& forces) const;
-    /** Which of a stream's fields the numbers of a pair belong to, and its index there. */
+    /**
+     * The field of a stream to which the random numbers of a pair belong, and the pair's index
+     * there.
+     */
     void keyOfPair(const NearPair& pair, uint32_t& field, uint32_t& index) const;
     /**
      * Add the terms of pairs nearer than so many mean radii to a preconditioner.
      *
-     * @param blockOf  of each particle, its row of blocks
+     * @param blockOf  the row of blocks of each particle
      */
     void addNearer(double meanRadii, const Terms& terms, const std::vector<int>& blockOf,
                    BlockIncompleteCholesky& matrix) const;
     /** Add all terms to a friction matrix. */
     void addTo(const Terms& terms, Eigen::MatrixXd& friction) const;
     /**
-     * A sphere's term of Delta at the walls, its root, and its friction in the model by itself, all
-     * with the axis z.
+     * A sphere's term of Delta at the walls, the root of this term, and the sphere's own friction
+     * in the model, all with the axis z.
      */
     void ofSphere(int i, double z, Single& delta, Single& root, Single& own) const;
 
@@ -151,7 +162,7 @@ private:
     }
     Lubrication(const HydrodynamicParticles& particles, double viscosity,
                 const Spreading* spreading, const LubricationScene& scene, const char* name);
-    /** The friction of scaled functions of a pair in the order of the tables. */
+    /** The friction of a pair from scaled functions in the order of the tables. */
     template <class Values>
     Pair frictionOf(const Values& f, int i, int j) const;
     const TwoSphereResistance& tableOf(int i, int j) const;
@@ -171,7 +182,7 @@ private:
     const LubricationScene scene;
     const char* const name;
     std::vector<int> spheres;  // the particles with torque
-    std::vector<int> kind;     // of each particle: index of its radius among those of spheres
+    std::vector<int> kind;     // the index of each particle's radius among the radii of spheres
     double largestRadius = 0;
     std::vector<std::vector<std::shared_ptr<const TwoSphereResistance>>>
         tables;                               // [kind of the larger][kind of the smaller]

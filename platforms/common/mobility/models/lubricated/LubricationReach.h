@@ -4,9 +4,9 @@
 namespace RigidHIPlugin {
 
 /**
- * How far the lubrication of a pair reaches, in mean radii of the pair: it is whole up to one
- * distance of the centres and nothing from another one on. Between them it falls as w = 1 - 10 z^3
- * + 15 z^4 - 6 z^5, which has two continuous derivatives.
+ * How far the lubrication of a pair reaches, in mean radii of the pair. It has its full strength up
+ * to a distance `whole` of the centres, and vanishes from the distance `nothing` on. In between its
+ * weight is w = 1 - 10 z^3 + 15 z^4 - 6 z^5, which has two continuous derivatives.
  */
 struct LubricationReach {
     double whole, nothing;

@@ -23,11 +23,11 @@ void sortByLength(Matrix3d& v) {
 }
 
 /**
- * Minkowski's reduction: no vector gets shorter when whole multiples of the shorter vectors are
- * added.
+ * Minkowski's reduction: afterwards no vector gets shorter by adding integer multiples of the
+ * shorter vectors.
  */
 void reduce(Matrix3d& v) {
-    const double gain = 1 - 1e-12;  // ties are left as they are
+    const double gain = 1 - 1e-12;  // leaves ties unchanged
     for (bool shorter = true; shorter;) {
         sortByLength(v);
         shorter = false;
@@ -38,7 +38,7 @@ void reduce(Matrix3d& v) {
             shorter = true;
             continue;
         }
-        // Take from the third vector its part along the plane of the other two, and choose the
+        // Remove from the third vector its part in the plane of the other two, and choose the
         // shortest of the neighbouring candidates.
         Eigen::Matrix2d gram;
         gram << v.col(0).squaredNorm(), v.col(0).dot(v.col(1)), v.col(0).dot(v.col(1)),
@@ -56,7 +56,9 @@ void reduce(Matrix3d& v) {
     }
 }
 
-/** How many of each reciprocal (lattice) vector a sphere can need: |n_i| = |v.a_i| <= length |a_i|.
+/**
+ * The largest multiple of each vector within a sphere of radius `length`: |n_i| = |v.a_i| <= length
+ * |a_i|, with the dual vectors a_i.
  */
 Vector3i counts(const Matrix3d& dual, double length) {
     Vector3i n;

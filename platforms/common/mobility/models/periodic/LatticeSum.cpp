@@ -19,16 +19,16 @@ using std::min;
 
 namespace {
 
-/** Terms are cut off where their Gaussians are exp(-q^2) = 2e-16. */
+/** The depth q at which Gaussians are cut off: exp(-q^2) = 2e-16. */
 const double depth = 6;
 
 /**
- * Times in ns, measured: for a function of the distance at one node for one image, and for one
+ * Measured times in ns: for a function of the distance at one node for one image, and for one
  * multiplication in the product of waves.
  */
 const double timeOfNode = 4, timeOfProduct = 0.06;
 
-/** Waves that are summed at once. So many columns stay in a cache. */
+/** The number of waves summed at once. Their columns fit in a cache. */
 const int wavesAtOnce = 128;
 
 /** H(k). @param x  k/(2 xi) */
@@ -53,9 +53,9 @@ LatticeSum::LatticeSum(const HydrodynamicParticles& particles, const Spreading& 
 }
 
 // -------------------------------------------------------------------------------------------------
-// What depends on the box
+// Data that depend on the box
 
-/** Time of a pair, ns, up to a constant. */
+/** The time of a pair, ns, up to a constant. */
 double LatticeSum::estimateCost(double inverse) const {
     const double wave = spreading.largestWave(depth, inverse, smallest, hasTorques),
                  rows = stresslets   ? 11
@@ -121,8 +121,8 @@ void LatticeSum::setBox(const BoxVectors& newBox) {
     if (inverseSplitting == 0) return;
     reach = spreading.reach(depth, inverseSplitting, largest);
     images = lattice.within(reach + lattice.getReach());
-    // The trapezoidal rule adds the functions of other periods. These are beyond twice the reach of
-    // the functions, for distances within the reach.
+    // The trapezoidal rule adds copies of the functions at other periods. For distances within the
+    // reach, these copies are farther away than twice the reach.
     step = M_PI / reach;
     const int numNodes = std::ceil(largestWave / step);
     nodes = ArrayXd::LinSpaced(numNodes + 1, 0, numNodes * step);
@@ -174,8 +174,8 @@ struct Across {
 }  // namespace
 
 /**
- * Fill the columns for k, both directions e across it, cosine and sine, with the sum over particles
- * D_j exp(-i k.r_j), along e.
+ * Fill the columns of waves k (both directions e across k, each with cosine and sine) with D_j
+ * exp(-i k.r_j) along e, for the rows of each particle j.
  */
 void LatticeSum::fillColumns(int first, int size) {
     for (int w = first; w < first + size; w++) {
@@ -236,7 +236,7 @@ void LatticeSum::setPairWeights(int kind_i, int kind_j, bool torques) {
     tt = nodeWeights * t_i * t_j;
 }
 
-/** The integrals over k of a pair with H, at any distance. */
+/** The integrals over k with H for a pair at any distance. */
 void LatticeSum::screenedNear(double distance, PairFunctions& f) const {
     f = PairFunctions();
     for (int n = 0; n < nodes.size(); n++) {
@@ -256,8 +256,8 @@ void LatticeSum::screenedNear(double distance, PairFunctions& f) const {
 }
 
 /**
- * The same integrals for several images, where k r >= 1 except at k = 0. They are made by
- * recurrences from node to node, and upwards in the order.
+ * The same integrals for several images with k r >= 1 except at k = 0, by recurrences from node to
+ * node and upwards in the order.
  */
 void LatticeSum::screenedFar(const Lanes& squares, PairFunctions (&f)[numLanes]) const {
     const Lanes r = squares.sqrt(), inverseR = 1 / r, inverse2 = 1 / squares;
@@ -301,7 +301,7 @@ void LatticeSum::screenedFar(const Lanes& squares, PairFunctions (&f)[numLanes])
 }
 
 /**
- * Call add(r, |r|, screened) for the images of a pair that are within reach.
+ * Call add(r, |r|, screened) for the images of a pair within reach.
  *
  * @param difference  of the positions of the pair
  */
@@ -340,8 +340,7 @@ void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool conta
             pair.setZero();
             forImages(lattice.wrapped(positions[i] - positions[j]),
                       [&](const Vector3d& r, double distance, const PairFunctions& screened) {
-                          // Two particles at one place have no direction between them. Contact is
-                          // taken along the line of centres.
+                          // Contact needs a line of centres, which two particles at one place lack.
                           const bool moved = contact && distance < a_i + a_j && distance > 0;
                           if (!moved)
                               pair.add(spreading.free(a_i, a_j, distance, withTorques, stresslets) -
@@ -355,7 +354,8 @@ void LatticeSum::addPairs(const std::vector<OpenMM::Vec3>& positions, bool conta
                           }
                       });
             if (i == j) {
-                // For a particle itself, these contributions of images on both sides cancel.
+                // For a particle with itself, the contributions of opposite images to these blocks
+                // cancel.
                 pair.tr.setZero();
                 pair.rt.setZero();
                 pair.ts.setZero();

@@ -12,8 +12,8 @@
 namespace RigidHIPlugin {
 
 /**
- * How a model spreads the force and the torque of a particle over the fluid. It does so by s(k) and
- * t(k) of the equation of LatticeSum, which depend on the radius alone, and by the pair functions
+ * How a model spreads the force and the torque of a particle over the fluid. A Spreading gives s(k)
+ * and t(k) of the equation of LatticeSum, which depend on the radius alone, and the pair functions
  * of two such particles in unbounded fluid.
  */
 class Spreading {
@@ -32,17 +32,17 @@ public:
      * The functions of two particles in unbounded fluid, at any distance. a_i = 0 is a point of the
      * fluid, outside or inside particle j.
      *
-     * @param torques, stresslets  whether their functions are asked for too
+     * @param torques, stresslets  whether to compute their functions, too
      */
     virtual PairFunctions free(double a_i, double a_j, double distance, bool torques,
                                bool stresslets) const = 0;
     /**
-     * The cut-offs of sums of depth q, whose terms are cut off where they are exp(-q^2). With a
-     * splitting of width 1/xi, functions of the distance, for particles up to the radius `largest`,
-     * are negligible beyond reach(). Waves, for radii from `smallest`, are negligible beyond the
-     * wave number largestWave().
+     * The cut-offs of sums of depth q, which neglect terms below exp(-q^2). With a splitting of
+     * width 1/xi, functions of the distance are negligible beyond reach() for particles up to the
+     * radius `largest`. Waves are negligible beyond the wave number largestWave() for radii from
+     * `smallest` on.
      *
-     * @param inverseSplitting  1/xi, nm; 0: no splitting, waves alone
+     * @param inverseSplitting  1/xi, nm; 0 for no splitting, with waves alone
      */
     virtual double reach(double q, double inverseSplitting, double largest) const = 0;
     virtual double largestWave(double q, double inverseSplitting, double smallest,
@@ -58,24 +58,24 @@ public:
  * Equation:  With D(F) = s(k) F, D(T) = i/2 t(k) k x T and D(S) = -i t(k) S.k,
  *                M_ij = 1/(eta V) sum over k != 0 of D_i^T (1 - kk) k^-2 D_j exp(i k.r_ij).
  * Method:    Ewald's splitting by Hasimoto's H(k) = (1 + k^2/4 xi^2) exp(-k^2/4 xi^2). The part
- *            with H is summed over waves, as B B^T of real columns, which is one symmetric product
- *            of matrices. The part without H is summed pair by pair and image by image: the closed
- *            form in unbounded fluid, less the integral over k with H. Its integrand is even,
- *            analytic and cut off by a Gaussian, so the trapezoidal rule converges faster than any
- *            power. It takes some 25 nodes, and nothing cancels for any radii and distances.
- * Accuracy:  1e-13 of own mobilities. xi and the cut-offs follow from the box, the radii and this
- *            accuracy. xi is chosen such that both parts cost alike.
- * Cost:      10 us a pair of spheres with torque, 4 us without, 21 us with stresslets (one thread
- *            of a machine of 2023), whatever the box.
+ *            with H is a sum over waves, B B^T of real columns, which is one symmetric product of
+ *            matrices. The part without H is a sum over pairs and images: the closed form in
+ *            unbounded fluid, minus the integral over k with H. The integrand is even, analytic and
+ *            cut off by a Gaussian, so the trapezoidal rule converges faster than any power. It
+ *            takes some 25 nodes, and no radii or distances cause cancellation.
+ * Accuracy:  1e-13 of own mobilities. The box, the radii and this accuracy determine xi and the
+ *            cut-offs. xi is chosen for the least cost of both parts together.
+ * Cost:      10 us for each pair of spheres with torque, 4 us without, 21 us with stresslets (one
+ *            thread of a machine of 2023), in any box.
  * Reference: Hasimoto, J. Fluid Mech. 5:317 (1959); Beenakker, J. Chem. Phys. 85:1581 (1986);
  *            docs/theory/periodic_fluid.md.
  */
 class LatticeSum {
 public:
     /**
-     * @param stresslets  whether there are 5 more rows for each particle, after all others:
-     *     stresslets and rates of strain
-     * @param forPoints  whether the sum is asked for the flow at points of the fluid: addFlowAt()
+     * @param stresslets  whether each particle has 5 more rows, after all others: stresslets and
+     *     strain rates
+     * @param forPoints  whether the sum serves addFlowAt() (the flow at points of the fluid)
      *     instead of compute()
      */
     LatticeSum(const HydrodynamicParticles& particles, const Spreading& spreading, bool stresslets,
@@ -88,8 +88,7 @@ public:
     /**
      * The matrix, in units of 1/(8 pi eta). It is symmetric to the last bit.
      *
-     * @param contact  whether the functions of overlapping pairs in unbounded fluid are to be those
-     *     of contact
+     * @param contact  whether overlapping pairs have the functions of contact in unbounded fluid
      */
     void compute(const std::vector<OpenMM::Vec3>& positions, bool contact, Eigen::MatrixXd& matrix);
 
@@ -100,7 +99,7 @@ public:
     void addFlowAt(const std::vector<OpenMM::Vec3>& positions, const FlowSources& sources,
                    const std::vector<OpenMM::Vec3>& points, double factor, Velocities& velocities);
 
-    /** For tests: split at this xi (1/nm); 0: at the cheapest. To be called before setBox(). */
+    /** For tests: split at this xi (1/nm); 0 for the cheapest xi. Call this before setBox(). */
     void setSplitting(double xi) { wantedSplitting = xi; }
     double getSplitting() const { return inverseSplitting > 0 ? 1 / inverseSplitting : 0; }
 
@@ -144,7 +143,7 @@ private:
     bool hasTorques = false;
     double smallest = 0, largest = 0;  // radii
     double wantedSplitting = 0;
-    std::vector<int> kind;      // of each particle, among distinct radii
+    std::vector<int> kind;      // the index of each particle's radius among the distinct radii
     std::vector<double> kinds;  // distinct radii
 
     BoxVectors box = {};
@@ -158,7 +157,7 @@ private:
     Eigen::ArrayXd nodes, nodeWeights;
     Factors ofNodes;
 
-    // of the present pair
+    // weights of the present pair
     Eigen::ArrayXd ss, st, ts, tt;
     bool withTorques = false;
     // of the present waves

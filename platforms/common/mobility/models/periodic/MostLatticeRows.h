@@ -4,7 +4,7 @@
 namespace RigidHIPlugin {
 
 /**
- * The largest matrix of lattice sums. With so many rows it has 1.2 GB and is made in half a minute.
+ * The number of rows of the largest matrix of lattice sums. It then takes 1.2 GB and half a minute.
  * A step needs four such matrices.
  */
 const int mostLatticeRows = 12000;

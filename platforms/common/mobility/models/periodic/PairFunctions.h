@@ -6,7 +6,7 @@
 namespace RigidHIPlugin {
 
 /**
- * The mutual mobility of particles i and j, with r = r_i - r_j, by functions of the distance, in
+ * The mutual mobility of particles i and j, with r = r_i - r_j, as functions of the distance, in
  * units of 1/(8 pi eta):
  *
  *     V_i = ttI F_j + ttR r (r.F_j) + tr T_j x r + ts S_j.r + tsR r (r.S_j.r)
@@ -19,11 +19,11 @@ struct PairFunctions {
     double ts = 0, tsR = 0, st = 0, stR = 0, rs = 0, ssI = 0, ssV = 0, ssR = 0;
 };
 
-/** All functions of a less those of b. */
+/** All functions of a minus those of b. */
 PairFunctions operator-(PairFunctions a, const PairFunctions& b);
 
 /**
- * Add the functions of stresslets of one wave number k, whose spreadings have these weights.
+ * Add the functions of stresslets for one wave number k, with these weights of the spreadings.
  *
  * @param phi  besselQuotients() of k times the distance
  */
@@ -40,7 +40,7 @@ inline void addStressletsOfWave(double k2, double st, double ts, double tt, cons
     f.ssR -= tt * k4 * k2 * phi[4];
 }
 
-/** The velocity V_i above that force, torque and stresslet (five numbers, or null) of j cause. */
+/** The velocity V_i above from the force, torque and stresslet (five numbers, or null) of j. */
 Eigen::Vector3d velocityOf(const PairFunctions& f, const Eigen::Vector3d& r,
                            const Eigen::Vector3d& force, const Eigen::Vector3d& torque,
                            const double* stresslet);
@@ -56,16 +56,14 @@ struct PairBlocks {
     Eigen::Matrix<double, 5, 5> ss;
 
     void setZero();
-    /**
-     * @param stresslets  whether there are any; otherwise their blocks are not touched
-     */
+    /** @param stresslets  whether to add to their blocks, too */
     void add(const PairFunctions& f, const Eigen::Vector3d& r, bool stresslets);
 };
 
 /**
- * phi_n(x) = j_n(x)/x^n for n = 0 ... 4, of spherical Bessel functions, which are entire functions
- * of x^2. Where x is small they are computed by series and the downward recurrence, elsewhere by
- * the upward recurrence. Relative error 1e-15.
+ * phi_n(x) = j_n(x)/x^n for n = 0 ... 4, with spherical Bessel functions j_n. They are entire
+ * functions of x^2, computed by series and the downward recurrence for small x, and by the upward
+ * recurrence elsewhere. Relative error 1e-15.
  */
 void besselQuotients(double x, double (&phi)[5]);
 

@@ -9,13 +9,13 @@
 namespace RigidHIPlugin {
 
 /**
- * The common part of models of periodic fluids by lattice sums. Particles feel all images of all
- * particles, themselves included. The matrix is formed, there are no products without it, and the
- * number of rows is limited.
+ * The common part of models of periodic fluids with lattice sums. Particles feel all images of all
+ * particles, including their own. These models have no products without the matrix, so the number
+ * of rows is limited.
  *
- * The mobility is the same when all particles are shifted, or moved by lattice vectors, but not
- * when they are turned. The mean velocity of fluid and bodies is zero: a uniform force density
- * balances the sum of the forces.
+ * Shifts of all particles, and shifts of single particles by lattice vectors, leave the mobility
+ * unchanged, but rotations do not. The mean velocity of fluid and bodies is zero: a uniform force
+ * density balances the sum of the forces.
  */
 class PeriodicMobility : public MobilityModel, BoxOfModel {
 public:
@@ -28,8 +28,8 @@ public:
     }
     const BoxOfModel* box() const override { return this; }
     /**
-     * Why the particles have no mobility in this box at all, which is so where images of two
-     * particles of one radius coincide; empty where they have a mobility.
+     * The reason why the particles have no mobility in this box: images of two particles of one
+     * radius coincide. Empty where they have a mobility.
      */
     std::string coincidence(const Placement& placement, const Lattice& lattice) const;
 
@@ -39,14 +39,14 @@ private:
 };
 
 /**
- * @throws OpenMMException if a wave of so many periods along an axis is not periodic in the box,
- *     which is then triclinic
+ * @throws OpenMMException if a wave of so many periods along an axis is not periodic in the box, as
+ *     in some triclinic boxes
  */
 void checkPeriodicWave(const BoxVectors& box, int axis, int periods);
 /** @throws OpenMMException for more rows than a dense matrix may have */
 void checkPeriodicRows(int rows, int largestRows);
 
-/** A model that is a lattice sum and nothing else, at a placement. */
+/** A model that is just a lattice sum, at a placement. */
 class LatticeSumAt : public MobilityAt {
 public:
     explicit LatticeSumAt(const PeriodicMobility& model);
@@ -74,7 +74,7 @@ private:
  * lattice.
  *
  * Equation:  LatticeSum.h with s(k) = sin(ka)/(ka) and t(k) = 3 j_1(ka)/(ka). Forces are spread
- *            evenly over the surfaces of spheres, and velocities are averaged likewise.
+ *            evenly over the surfaces of spheres, and velocities are averaged over them.
  * Limits:    The mobility is pairwise and has no lubrication near contact.
  */
 class PeriodicRotnePragerYamakawa : public PeriodicMobility {
@@ -87,11 +87,11 @@ protected:
 };
 
 /**
- * Force coupling in a periodic box: as Rotne-Prager-Yamakawa, with Gaussians in place of surfaces.
+ * Force coupling in a periodic box: as Rotne-Prager-Yamakawa, with Gaussians instead of surfaces.
  *
  * Equation:  LatticeSum.h with s(k) = exp(-sigma^2 k^2/2), sigma = a/sqrt(pi), and t(k) =
- *            exp(-sigma_D^2 k^2/2), sigma_D = a/(6 sqrt(pi))^(1/3). A sphere by itself has its
- *            Stokes drag in translation and rotation.
+ *            exp(-sigma_D^2 k^2/2), sigma_D = a/(6 sqrt(pi))^(1/3). A single sphere has its Stokes
+ *            drag in translation and rotation.
  * Reference: Maxey and Patel, Int. J. Multiphase Flow 27:1603 (2001); Lomholt and Maxey, J. Comput.
  *            Phys. 184:381 (2003).
  * Limits:    The mobility is pairwise and has no lubrication near contact.
@@ -100,7 +100,7 @@ class PeriodicForceCoupling : public PeriodicMobility {
 public:
     PeriodicForceCoupling(const HydrodynamicParticles& particles, double viscosity);
     const Spreading& spreading() const override;
-    /** The matrix in unbounded fluid, also by Gaussians. */
+    /** The matrix in unbounded fluid, also with Gaussians. */
     void ownMobility(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                      Eigen::MatrixXd& mobility) const override;
 
@@ -112,7 +112,9 @@ protected:
 void freeForceCoupling(const HydrodynamicParticles& body, const std::vector<OpenMM::Vec3>& sites,
                        double viscosity, Eigen::MatrixXd& mobility);
 
-/** The spreadings of these models. PeriodicStokesianDynamics has the former, with stresslets. */
+/**
+ * The spreadings of these models. PeriodicStokesianDynamics uses overSurfaces(), with stresslets.
+ */
 const Spreading& overSurfaces();
 const Spreading& overGaussians();
 

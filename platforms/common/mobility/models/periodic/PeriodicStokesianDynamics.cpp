@@ -19,13 +19,14 @@ using Eigen::Vector3d;
 namespace {
 
 /**
- * Rows of M_FTS. So many take as many gigabytes and minutes as the other periodic models may take.
+ * The largest number of rows of M_FTS. It takes as much memory and time as the largest matrices of
+ * the other periodic models.
  */
 const int largestRows = 11000;
 
 /**
- * Whether R is the one of R and -R that counts. A sphere and its image on one side are the same
- * pair as the sphere and its image on the other side.
+ * Whether R, and not -R, counts. A sphere with its image on one side is the same pair as the sphere
+ * with its image on the other side.
  */
 bool isFirstOfTwo(const Vector3d& R) {
     return R[0] > 0 || (R[0] == 0 && (R[1] > 0 || (R[1] == 0 && R[2] > 0)));
@@ -54,7 +55,7 @@ protected:
     void visitPairs(const PairVisitor& visit) const override;
     const StressletResponse& farFieldResponse() override {
         if (responseIsKnown) return response;
-        responseIsWanted = true;  // the response is kept from now on
+        responseIsWanted = true;  // keep the response from now on
         farFieldIsKnown = false;
         makeFarField();
         return response;
@@ -87,8 +88,8 @@ void PeriodicStokesianDynamicsAt::moveTo(const Placement& placement, bool) {
 }
 
 /**
- * Compute the mobility from forces and torques, where the stresslets S = -M_ES^-1 M_EF F keep every
- * sphere rigid.
+ * Compute the mobility for forces and torques, with the stresslets S = -M_ES^-1 M_EF F that keep
+ * every sphere rigid.
  */
 void PeriodicStokesianDynamicsAt::makeFarField() {
     if (farFieldIsKnown) return;

@@ -12,12 +12,13 @@ namespace RigidHIPlugin {
  * Rigid spheres in a periodic box: forces, torques and stresslets by lattice sums, and exact pair
  * lubrication, also with images.
  *
- * Equation:  R = M_FTS^-1 + sum over pairs, images of them and of spheres themselves of w(r)
- *            (R_exact - R_FTS)(pair), w of LubricationReach, 8 and 10 mean radii by default.
- * Accuracy:  M_FTS is accurate to 1e-13. What w cuts off is by default at most 7e-6 of 6 pi eta a.
- * A pair's term is positive semidefinite, so any w from 0 to 1 keeps R positive definite. R is a
- *            smooth function of positions and box.
- * Cost:      That of StokesianDynamics, and 20 us a pair for the lattice sums.
+ * Equation:  R = M_FTS^-1 + sum of w(r) (R_exact - R_FTS)(pair) over pairs, including images of
+ *            other spheres and of the sphere itself, with w of LubricationReach, by default 8 and
+ *            10 mean radii.
+ * Accuracy:  M_FTS is accurate to 1e-13. The part that w cuts off is by default at most 7e-6 of
+ *            6 pi eta a. A pair's term is positive semidefinite, so any w from 0 to 1 keeps R
+ *            positive definite. R is a smooth function of positions and box.
+ * Cost:      That of StokesianDynamics, and 20 us for each pair for the lattice sums.
  * Limits:    Those of StokesianDynamics. Spheres must not touch their own images.
  */
 class PeriodicStokesianDynamics : public StokesianDynamics, BoxOfModel {

@@ -1,4 +1,4 @@
-// How forces are spread: over surfaces of spheres, or by Gaussians.
+// Spreading of forces over surfaces of spheres, or with Gaussians.
 
 #include <cmath>
 
@@ -62,8 +62,8 @@ public:
 
 private:
     /**
-     * The flow in a sphere over whose surface forces are spread. It is that of the surface:
-     * uniform, a rotation or a strain.
+     * The flow inside a sphere with forces spread over its surface. It equals the motion of the
+     * surface: uniform, a rotation or a strain.
      */
     static PairFunctions insideOf(double a, bool stresslets) {
         PairFunctions f;
@@ -120,7 +120,7 @@ private:
         Integrals(double variance, double r) {
             const double width = std::sqrt(variance), farFrom = 4;
             if (r > farFrom * width) {
-                // The closed form, where differences do not cancel.
+                // Here the closed form has no cancellation.
                 const double E = 2 * std::erf(r / (width * std::sqrt(2.0))), r2 = r * r,
                              r3 = r2 * r;
                 const double g = 2 * std::sqrt(2 / M_PI) / width *
@@ -133,8 +133,8 @@ private:
                 k4phi2 = (3 * k2phi1 - k2phi0) / r2;
                 return;
             }
-            // The trapezoidal rule, as in LatticeSum: the Gaussian ends at deep/width, its
-            // transform at deep width.
+            // The trapezoidal rule, as in LatticeSum: the Gaussian is negligible beyond deep/width,
+            // and its transform beyond deep width.
             const double deep = 9.5, step = 2 * M_PI / (r + deep * width), end = deep / width;
             for (int n = 0; n * step <= end; n++) {
                 const double k = n * step, k2 = k * k,

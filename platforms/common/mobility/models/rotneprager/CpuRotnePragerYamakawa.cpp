@@ -1,5 +1,5 @@
-// The Rotne-Prager-Yamakawa mobility with SIMD and threads. The code that fills the matrix is
-// compiled once for each instruction set.
+// The Rotne-Prager-Yamakawa mobility with SIMD and threads. The build compiles the code that fills
+// the matrix once for each instruction set.
 
 #include "simd/SimdTargets.h"  // must precede foreach_target.h
 
@@ -26,7 +26,7 @@ namespace RigidHIPlugin {
 /** The data of a CpuRotnePragerYamakawaAt that the loops use. */
 struct RotnePragerYamakawaArrays {
     static const int blockSize = PairSumArrays::alignment;
-    const double *x, *y, *z, *radius, *weight;  // of target slots; z from the wall, if there is one
+    const double *x, *y, *z, *radius, *weight;  // of target slots; with a wall, z counts from it
     const int* rowOfSlot;
     int numSphereBlocks, numBlocks;
     const double* sources;  // x, y, z, radius of each; spheres first
@@ -34,7 +34,7 @@ struct RotnePragerYamakawaArrays {
     int numSpheres, numSources;
     bool hasWall;
     double scale;    // 1/(8 pi eta)
-    double* result;  // columns of it
+    double* result;  // columns of the matrix
     int numRows;
 };
 
@@ -52,7 +52,7 @@ using Arrays = RotnePragerYamakawaArrays;
 
 /** A pack of targets i with all their data. */
 struct Targets {
-    Pack x, y, z, radius, square;  // z from the wall, if there is one
+    Pack x, y, z, radius, square;  // with a wall, z counts from it
     Targets(const Arrays& arrays, int slot) {
         load(arrays.x + slot, x);
         load(arrays.y + slot, y);
@@ -63,8 +63,8 @@ struct Targets {
 };
 
 /**
- * Pairs some of which overlap. The function is not inlined, because such pairs are rare and would
- * take the registers of the loop.
+ * Pairs of which some overlap. The function is not inlined, because such pairs are rare and would
+ * use the registers of the loop.
  */
 HWY_NOINLINE PairMobility<Pack> mixedPairMobility(const Targets& targets, const double* source) {
     const Vector3<Pack> r = {targets.x - Pack(source[0]), targets.y - Pack(source[1]),
@@ -83,7 +83,7 @@ struct FreePairs {
         if (HWY_UNLIKELY(!allGreater(distance2, contact2)))
             m = mixedPairMobility(targets, source);
         else
-            m = farPairMobility(distance2, targets.square + a * a);  // rounded as in pairMobility()
+            m = farPairMobility(distance2, targets.square + a * a);  // rounds as pairMobility()
     }
     template <bool targetTorque, bool sourceTorque>
     HWY_INLINE void fillBlocks(const Pack& scale, PairBlocks<Pack>& blocks) const {
@@ -119,8 +119,8 @@ HWY_INLINE void storeColumn(const Arrays& arrays, int slot, int column, const Pa
 }
 
 /**
- * Fill the blocks of a pack of targets and source j. They are formed such that the matrix is
- * symmetric to the last bit.
+ * Fill the blocks of a pack of targets and source j, such that the matrix is symmetric to the last
+ * bit.
  */
 template <class Pairs, bool targetTorque, bool sourceTorque>
 HWY_INLINE void fillPack(const Arrays& arrays, int slot, int j) {
@@ -185,8 +185,8 @@ HWY_EXPORT(fillMatrix);
 namespace {
 
 /**
- * Whether floats hold the particles' interactions. A float can hold the fifth power of the inverse
- * of distances up to a thousand times these radii.
+ * Whether floats can represent the particles' interactions. A float can hold the fifth power of the
+ * inverse distance up to a thousand times these radii.
  */
 bool fitSingle(const HydrodynamicParticles& particles) {
     const double smallest = 1e-4, largest = 1e4;
@@ -204,7 +204,7 @@ MobilityTraits traitsOf(const HydrodynamicParticles& particles,
     traits.hasSinglePrecision = fitSingle(particles);
     traits.hasFastSinglePrecision = fastSinglePrecision && traits.hasSinglePrecision;
     traits.rowsWorthIterations = 425;
-    // Products for differences keep the cubes of the placement before.
+    // Products for differences keep the cubes of the previous placement.
     const double coarsest = 1e-2;
     traits.isAnchored =
         fastSums && FastSum::choose(coarsest, particles.size(), wall.has_value()) != nullptr;
@@ -235,8 +235,8 @@ CpuRotnePragerYamakawa::CpuRotnePragerYamakawa(const HydrodynamicParticles& part
             numSphereBlocks = numBlocks;
         }
     }
-    // Chunks are small enough that there are many of them for threads. They are large enough that
-    // sums of lanes cost little beside their pairs.
+    // Chunks are so small that threads have many of them, and so large that summing lanes costs
+    // little compared with their pairs.
     for (bool spheres : {true, false}) {
         const int begin = spheres ? 0 : numSphereBlocks * blockSize;
         const int end = begin + (spheres ? numSpheres : particles.size() - numSpheres);
@@ -308,7 +308,7 @@ void CpuRotnePragerYamakawaAt::moveTo(const Placement& placement, bool nearby) {
     if (nearby && !anchor.empty()) return;
     for (auto& each : smooth) each.second.hasCubes = false;
     if (!model.getTraits().isAnchored) return;
-    // Nearby particles are not lifted from a wall.
+    // A nearby placement does not lift particles from the wall, so neither does the anchor.
     anchor = placement.positions;
     if (wall)
         for (OpenMM::Vec3& r : anchor) r[2] = std::max(0.0, r[2] - wall->getHeight());
@@ -406,7 +406,7 @@ bool CpuRotnePragerYamakawaAt::preparePlacesInSingle() {
     return placesFitSingle;
 }
 
-/** Call task(row) for the rows of a range, for all columns. */
+/** Call task(row) for the rows of a range in all columns. */
 template <class Task>
 static void forRows(const SlotRange& range, int columns, const Task& task) {
     for (int c = 0; c < columns; c++)
@@ -457,7 +457,7 @@ void CpuRotnePragerYamakawaAt::placesInFormulas(std::vector<OpenMM::Vec3>& posit
     }
 }
 
-/** The sum by multipoles at this placement. */
+/** The multipole sum at this placement. */
 FastSum& CpuRotnePragerYamakawaAt::sumHere(const FastSum::Accuracy& accuracy) {
     Fast& own = fast[accuracy.order];
     if (!own.sum)
@@ -473,7 +473,7 @@ FastSum& CpuRotnePragerYamakawaAt::sumHere(const FastSum::Accuracy& accuracy) {
     return *own.sum;
 }
 
-/** Likewise with the cubes of the accepted placement, in double precision, for differences. */
+/** Likewise for differences: in double precision, with the cubes of the accepted placement. */
 FastSum& CpuRotnePragerYamakawaAt::sumNearby(const FastSum::Accuracy& accuracy) {
     Fast& own = smooth[accuracy.order];
     if (!own.sum) {
@@ -499,7 +499,7 @@ void CpuRotnePragerYamakawaAt::multiplyPairs(const Eigen::MatrixXd& forces,
                                              Eigen::MatrixXd& velocities) {
     const size_t numSlots = x.size();
     velocities.resize(particles.numRows, forces.cols());
-    buffer.resize(6 * maxColumns * numSlots);  // zeros, and padding stays zero
+    buffer.resize(6 * maxColumns * numSlots);  // starts at zero; padding stays zero
     sums.resize(6 * maxColumns * numSlots);
     PairSumArrays arrays = {};
     arrays.x = x.data();

@@ -15,20 +15,20 @@ namespace RigidHIPlugin {
 /**
  * Rotne-Prager-Yamakawa mobility in unbounded fluid or above a no-slip wall, with SIMD and threads.
  * Formulas, references and limits are in mobility/models/rotneprager/RotnePragerYamakawa-inl.h and
- * mobility/models/wall/RotnePragerYamakawaWall-inl.h; for particles at the wall see
- * mobility/models/wall/NoSlipPlane.h.
+ * mobility/models/wall/RotnePragerYamakawaWall-inl.h; mobility/models/wall/NoSlipPlane.h treats
+ * particles at the wall.
  *
- * Products take each pair once and both ways (PairSums.h), by chunks of 128 particles. Chunks meet
- * in rounds in which each is in one pair (PairTournament.h), so that the contributions of pairs to
- * a particle are always added in the same order. Results therefore do not depend on the number of
- * threads. They do not depend on the width of packs either where the machine can multiply and add
- * in one rounding (from AVX2 on). They agree with RotnePragerYamakawa and RotnePragerYamakawaWall
- * to rounding.
+ * Products visit each pair once for both directions (PairSums.h), by chunks of 128 particles.
+ * Chunks meet in rounds, each chunk in one pair a round (PairTournament.h), so the contributions of
+ * pairs to a particle are always added in the same order. Results therefore do not depend on the
+ * number of threads. Where the machine can multiply and add in one rounding (from AVX2 on), they do
+ * not depend on the width of packs either. They agree with RotnePragerYamakawa and
+ * RotnePragerYamakawaWall to rounding.
  *
  * Cost: n^2/2 pairs with one square root and one division each (two above a wall), shared by two
- * columns at a time. Pairs near contact are computed again in a slower way. Measurements beside a
- * plain loop over pairs: benchmarks/README.md. Nothing is allocated after the first call of each
- * method of a MobilityAt if the number of columns stays the same, unless threads are used.
+ * columns at a time. Pairs near contact take a second, slower pass. benchmarks/README.md compares
+ * times with a plain loop over pairs. Nothing is allocated after the first call of each method of a
+ * MobilityAt if the number of columns stays the same, unless threads are used.
  */
 class CpuRotnePragerYamakawa : public MobilityModel {
 public:
@@ -36,11 +36,11 @@ public:
     using ForRanges = std::function<void(int count, const std::function<void(int, int)>& task)>;
 
     /**
-     * @param forRanges  called only for work that is worth waking threads for; it should divide any
+     * @param forRanges  called only for work that is worth waking threads for; it must accept any
      *     count. Empty: no threads.
-     * @param wall  if there is one
-     * @param fastSums  whether products that need not be exact are made by FastSum where that takes
-     *     less time
+     * @param wall  the wall; empty without one
+     * @param fastSums  whether FastSum makes products that need not be exact where it takes less
+     *     time
      * @param fastSinglePrecision  MobilityTraits::hasFastSinglePrecision
      */
     CpuRotnePragerYamakawa(const HydrodynamicParticles& particles, double viscosity,
@@ -67,16 +67,16 @@ protected:
     std::unique_ptr<MobilityAt> makePlace() const override;
 
 private:
-    /** By which multipoles products of such an error are made; null: by none. */
+    /** The multipole parameters for products with this error; null if no multipoles are used. */
     const FastSum::Accuracy* fastAccuracy(double error) const;
     friend class CpuRotnePragerYamakawaAt;
 
     const ForRanges forRanges;
     const std::optional<NoSlipPlane> wall;
     // Particles with torque come first, so that blocks of targets and ranges of sources are of one
-    // kind. Slots of targets are padded to whole blocks for each kind, and sources are not padded.
-    // Sums over pairs go by chunks of slots of one kind. The number of chunks follows from the
-    // particles alone.
+    // kind. Padding fills the slots of targets up to whole blocks for each kind; sources have no
+    // padding. Sums over pairs go by chunks of slots of one kind. The number of chunks depends on
+    // the particles alone.
     static constexpr int chunkSize = 128;
     int numSpheres, numSphereBlocks, numBlocks;
     std::vector<SlotRange> chunks;
@@ -95,15 +95,14 @@ class CpuRotnePragerYamakawaAt : public MobilityAt {
 public:
     explicit CpuRotnePragerYamakawaAt(const CpuRotnePragerYamakawa& model);
     /**
-     * Sums over all pairs, or where the error is large enough:
+     * Sums over all pairs, or, if the allowed error is large enough:
      *
-     *  - By a FastSum, where there are so many particles that it takes less time
-     *    (FastSum::choose()). For differences the FastSum is in double precision and has the cubes
-     *    of the accepted placement.
-     *  - In single precision, in about half the time. Differences of positions, overlapping pairs,
-     *    and sums over more than 64 particles are in double precision. All is in double precision
-     *    if radii are not between 1e-4 and 1e4 nm. Results do not depend on the number of threads,
-     *    but they depend on the width of packs.
+     *  - A FastSum, where so many particles make it faster (FastSum::choose()). For differences the
+     *    FastSum is in double precision and has the cubes of the accepted placement.
+     *  - Single precision, in about half the time. Differences of positions, overlapping pairs, and
+     *    sums over more than 64 particles are in double precision. Everything is in double
+     *    precision if radii are not between 1e-4 and 1e4 nm. Results do not depend on the number of
+     *    threads, but they depend on the width of packs.
      */
     void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
                   const Accuracy& accuracy) override;
@@ -115,8 +114,8 @@ public:
 protected:
     void moveTo(const Placement& placement, bool nearby) override;
     bool placesAreFinite() const;
-    bool preparePlacesInSingle();  // whether floats can hold them
-    /** Of particles in their own order. */
+    bool preparePlacesInSingle();  // whether floats can hold the positions
+    /** Positions and weights of particles, in the order of particles. */
     void placesInFormulas(std::vector<OpenMM::Vec3>& positions, std::vector<double>& weights) const;
 
 private:
@@ -135,20 +134,20 @@ private:
 
     const CpuRotnePragerYamakawa& model;
     std::vector<double> x, y, z;  // of slots
-    std::vector<double> weight;   // of slots: the factors by which velocities and forces are
-                                  // multiplied, 1 without a wall
+    std::vector<double> weight;   // of slots: factors that multiply velocities and forces, 1
+                                  // without a wall
     std::vector<double> sources;  // x, y, z, radius of each
-    // Of slots, as PairSumArrays has them.
+    // Of slots, in the layout of PairSumArrays.
     std::vector<double> loads, sums;
     std::vector<float> singleLoads, singlePlaces;
     bool placesFitSingle;
     PairTournament tournament;
     struct Fast {
         std::unique_ptr<FastSum> sum;
-        bool isHere = false;    // whether it has been moved to this placement
-        bool hasCubes = false;  // whether it has those of the anchor
+        bool isHere = false;    // whether the sum is at this placement
+        bool hasCubes = false;  // whether the sum has the cubes of the anchor
     };
-    std::map<int, Fast> fast, smooth;  // by orders, made when first needed; smooth: for differences
+    std::map<int, Fast> fast, smooth;  // by order, made on first use; smooth: for differences
     std::vector<OpenMM::Vec3> anchor;  // the last accepted placement, z from the wall
 };
 

@@ -1,5 +1,5 @@
-// Sums over pairs for the Rotne-Prager-Yamakawa mobility, each pair once, compiled once for each
-// instruction set.
+// Sums over pairs for the Rotne-Prager-Yamakawa mobility, each pair once. The build compiles this
+// file once for each instruction set.
 
 #include "simd/SimdTargets.h"  // must precede foreach_target.h
 
@@ -28,14 +28,14 @@ namespace HWY_NAMESPACE {
 
 using Arrays = PairSumArrays;
 
-/** What differs between sums in double and in single precision. */
+/** The differences between sums in double and in single precision. */
 template <class Real>
 struct Precision;
 template <>
 struct Precision<Pack> {
     using Tag = Doubles;
     static const int places = 3;  // numbers of a position
-    static const int block = 16;  // targets whose sums are kept in lanes at once
+    static const int block = 16;  // targets whose sums stay in lanes at once
     static const int lanes = 8;   // of the widest pack
     static const double* loads(const Arrays& a) { return a.loads; }
     static const double* place(const Arrays& a, int k) { return k == 0 ? a.x : k == 1 ? a.y : a.z; }
@@ -98,7 +98,10 @@ HWY_INLINE double sumOfLanes(const float* x) {
 #endif
 }
 
-/** Some targets, copied so that one register finds everything, with the lanes of their sums. */
+/**
+ * Some targets, copied so that one register can address all their data, with the lanes of their
+ * sums.
+ */
 template <class Number, int columns, bool torque>
 struct Targets {
     using Real = Number;
@@ -181,7 +184,7 @@ struct SourcePlaces {
     using Kind = Precision<Real>;
     Real place[Kind::places], third, contact2;
 
-    /** @param radius  contact with none of this radius is missed */
+    /** @param radius  detects contact with spheres up to this radius */
     HWY_INLINE SourcePlaces(const Arrays& arrays, int slot, double radius) {
         for (int k = 0; k < Kind::places; k++) load(Kind::place(arrays, k) + slot, place[k]);
         Pack contacts[Real::packs];
@@ -204,8 +207,10 @@ HWY_INLINE void getLoads(const Arrays& arrays, int slot, LinearAndAngular<Real, 
     }
 }
 
-/** Sums of a pack of sources: in double precision they go on from memory, in single precision they
- * start anew. */
+/**
+ * Sums of a pack of sources. In double precision they continue from memory, in single precision
+ * they start at zero.
+ */
 template <int columns, bool torque>
 HWY_INLINE void beginSums(const double* sums, std::size_t stride,
                           LinearAndAngular<Pack, columns>& v) {
@@ -238,8 +243,10 @@ HWY_INLINE void endSums(const LinearAndAngular<Real, columns>& v, double* sums,
     }
 }
 
-/** r_i - r_j. In single precision what rounding left of positions is added, so that near spheres
- * have their true distance. */
+/**
+ * r_i - r_j. Single precision adds the rounding errors of the positions, so that near spheres have
+ * their true distance.
+ */
 template <class T>
 HWY_INLINE Vector3<Pack> separation(const T& targets, int i, const SourcePlaces<Pack>& sources) {
     const auto& r = targets.place;
@@ -256,12 +263,17 @@ HWY_INLINE Vector3<SinglePack> separation(const T& targets, int i,
     return {difference(0), difference(1), difference(2)};
 }
 
-/** Which pairs of target i and a pack of sources are to be taken, and are far enough for the plain
- * formulas. */
+/**
+ * Which pairs of target i and a pack of sources count, and which are far enough for the plain
+ * formulas.
+ */
 template <class Real, bool diagonal>
 struct Choice {
     hn::Mask<typename Precision<Real>::Tag> taken, far;
-    /** @param numbers  diagonal: of sources as targets are counted; taken are those behind i */
+    /**
+     * @param numbers  if diagonal: the numbers of the sources, counted as targets. Only sources
+     *     after i count
+     */
     HWY_INLINE Choice(const Real& distance2, const Real& contact2, int i, const Real& numbers) {
         using Tag = typename Precision<Real>::Tag;
         far = hn::Gt(distance2.v, contact2.v);
@@ -270,7 +282,7 @@ struct Choice {
         if (diagonal) far = hn::And(far, taken);
     }
 };
-/** The numbers of a pack of sources, as targets are counted. */
+/** The numbers of a pack of sources, counted as targets. */
 template <class Real, class T>
 HWY_INLINE Real numbersOf(const T& targets, int slot) {
     return Real(hn::Iota(typename Precision<Real>::Tag(),
@@ -278,9 +290,9 @@ HWY_INLINE Real numbersOf(const T& targets, int slot) {
 }
 
 /**
- * Inverse distances of targets and a pack of sources. They are found a pack ahead of the sums:
- * roots and divisions take long, and while a processor waits for them it can hold only so much of
- * what else there is to do.
+ * Inverse distances of targets and a pack of sources, computed one pack ahead of the sums. Roots
+ * and divisions take long, and a processor can hold only a limited number of other operations while
+ * it waits for them.
  */
 template <class Number, bool wall>
 struct Distances {
@@ -292,7 +304,7 @@ struct Distances {
                                [Kind::lanes];  // of i and the mirror image of j; 0: no pair
 };
 
-/** What is found ahead for one pack. */
+/** Computes the distances of one pack ahead. */
 template <class Real, bool wall, bool diagonal, class T>
 struct Ahead {
     using Tag = typename Precision<Real>::Tag;
@@ -320,7 +332,11 @@ struct Ahead {
     }
     HWY_INLINE bool isFar() const { return hn::AllTrue(Tag(), allFar); }
 };
-/** All of them. @return whether none are left for addNearPairs() */
+/**
+ * All distances of a pack.
+ *
+ * @return whether no pairs are left for addNearPairs()
+ */
 template <class Real, bool wall, bool diagonal, class T>
 HWY_NOINLINE bool findDistances(const Arrays& arrays, const T& targets, int end, int slot,
                                 Distances<Real, wall>& to) {
@@ -329,8 +345,10 @@ HWY_NOINLINE bool findDistances(const Arrays& arrays, const T& targets, int end,
     return ahead.isFar();
 }
 
-/** The free part of pairs near contact, of which some overlap. Out of line: rare, and it would take
- * the registers of the loop. */
+/**
+ * The free part of pairs near contact, of which some overlap. The function is not inlined, because
+ * such pairs are rare and would use the registers of the loop.
+ */
 template <class Real>
 HWY_NOINLINE PairMobility<Real> exactPairMobility(const Arrays& arrays, int target, int source) {
     return roundedPairs<Real>([&](int k) {
@@ -346,7 +364,7 @@ HWY_NOINLINE PairMobility<Real> exactPairMobility(const Arrays& arrays, int targ
     });
 }
 
-/** What addPack() left out. */
+/** Add the pairs near contact, which addPack() leaves out. */
 template <class Real, int columns, bool torque_i, bool torque_j, bool diagonal>
 HWY_NOINLINE void addNearPairs(const Arrays& arrays, Targets<Real, columns, torque_i>& targets,
                                int slot, double* sums, std::size_t stride) {
@@ -377,13 +395,13 @@ HWY_NOINLINE void addNearPairs(const Arrays& arrays, Targets<Real, columns, torq
 }
 
 /**
- * Targets and a pack of sources.
+ * Add the pairs of targets and a pack of sources.
  *
  * @param end        of the targets
  * @param sums       of the first source
  * @param distances  of these pairs
- * @param next       prepare: where the next pack of sources is, to find the distances of, which are
- * told to be far or not
+ * @param next       if `prepare`: the slot of the next pack of sources, whose distances to compute
+ * @return whether all pairs of the next pack are far
  */
 template <class Real, bool wall, int columns, bool torque_i, bool torque_j, bool prepare>
 HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>& targets, int end,
@@ -406,7 +424,7 @@ HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>
         if (wall) load(distances.image[i], p);
         LinearAndAngular<Real, columns> loads_i, v_i;
         targets.getLoad(i, loads_i);
-        // Out of line it would take twice the time.
+        // Inlined, because a call would double the time.
         const auto add = [&](const auto& factors) __attribute__((always_inline)) {
             factors.template addToSecond<columns, torque_i, torque_j>(loads_i, v_j);
             targets.getSums(i, slot, v_i);
@@ -423,7 +441,7 @@ HWY_NOINLINE bool addPack(const Arrays& arrays, Targets<Real, columns, torque_i>
     return prepare && ahead.isFar();
 }
 
-/** What spheres do to themselves, in double precision. */
+/** Add the spheres' own mobility, in double precision. */
 template <class Real, bool wall, int columns, bool torque>
 HWY_NOINLINE void addSelf(const Arrays& arrays, int first, int end, double* sums,
                           std::size_t stride) {
@@ -453,7 +471,7 @@ HWY_NOINLINE void addSelf(const Arrays& arrays, int first, int end, double* sums
     }
 }
 
-/** @param second  null: the same as the first */
+/** @param second  null if it is the first */
 template <class Real, bool wall, int columns, bool torque_i, bool torque_j>
 void addRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* second,
                double* firstSums, double* secondSums, std::size_t stride) {
@@ -470,7 +488,7 @@ void addRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* se
                                                        stride);
                 for (; slot < HWY_MIN(start + Block::size, first.end); slot += width) {
                     double* to = firstSums + (slot - first.first);
-                    // Further targets come after all of these sources.
+                    // Later targets come after all of these sources.
                     const int end = HWY_MIN(targets.count, slot - start + width - 1);
                     const bool isFar =
                         findDistances<Real, wall, true>(arrays, targets, end, slot, both[0]);
@@ -506,7 +524,7 @@ void addRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* se
     }
 }
 
-/** Spheres with torque come first, if kinds differ. */
+/** If kinds differ, spheres with torque must come first. */
 void addPairsOfRanges(const Arrays& arrays, const SlotRange& first, const SlotRange* second,
                       double* firstSums, double* secondSums, std::size_t stride) {
     withFlags(

@@ -9,9 +9,9 @@ namespace RigidHIPlugin {
  * Spheres, and the forces and torques on them, for sums over pairs with the Rotne-Prager-Yamakawa
  * mobility.
  *
- * All data are in slots, one for each sphere. At `loads` begin rows of numbers for slots: row 6 c +
- * k is component k (force, then torque) of column c. Rows are `stride` numbers apart. There are one
- * or two columns.
+ * All data are in slots, one for each sphere. `loads` points to rows of numbers for slots: row
+ * 6 c + k is component k (force, then torque) of column c. Rows are `stride` numbers apart. The
+ * number of columns is one or two.
  */
 struct PairSumArrays {
     /**
@@ -20,43 +20,45 @@ struct PairSumArrays {
      */
     static constexpr int alignment = 16;
     /**
-     * The position of padding. No power of it that the sums make is infinite, and nothing overlaps
-     * it. In floats nothing else may be so far away.
+     * The position of padding. All its powers in the sums are finite, and no sphere overlaps it. In
+     * floats no other sphere may be as far away.
      */
     static constexpr double farAway = 1e30, farAwaySingle = 1e10, farthestSingle = 1e9;
 
-    const double *x, *y, *z, *radius;  // of slots; z from the wall, if there is one
+    const double *x, *y, *z, *radius;  // of slots; with a wall, z counts from it
     bool hasWall;
     int columns;
     std::size_t stride;
     const double* loads;
     /**
-     * Null, or all these data in floats. The sums are then in single precision, as
-     * Accuracy::errorOfSinglePrecision promises.
+     * Null, or all these data in floats. The sums are then in single precision, with the error
+     * Accuracy::errorOfSinglePrecision.
      */
     const float* singleLoads;
     const float* singlePlaces;  // rows: x, y, z, the rounding errors of x, y, z, and a third of the
                                 // square of the radius
 };
 
-/** Slots of one kind: their spheres either all have torques and angular velocities, or none has. */
+/**
+ * Slots of one kind: either all of their spheres have torques and angular velocities, or none has.
+ */
 struct SlotRange {
     int first, end;
     bool hasTorque;
 };
 
 /**
- * Add the velocities, times 8 pi eta, that two ranges of slots give each other. Each pair is taken
- * once, and both ways. If the ranges are the same, these are all pairs within the range, and the
- * own mobility of each sphere. Otherwise the ranges must have nothing in common.
+ * Add the velocities, times 8 pi eta, that two ranges of slots induce in each other. The sum visits
+ * each pair once, for both directions. If the ranges are the same, it covers all pairs within the
+ * range and the own mobility of each sphere. Otherwise the ranges must be disjoint.
  *
- * Sums are added in an order that does not depend on the width of packs. With fused multiplications
- * and additions (from AVX2 on and on NEON) their bits do not depend on this width either. In single
- * precision they do.
+ * The order of additions does not depend on the width of packs. With fused multiplications and
+ * additions (from AVX2 on and on NEON) the bits of sums in double precision do not depend on this
+ * width either. In single precision they do.
  *
- * @param firstSums, secondSums  the sums to which the velocities are added: row 6 c + k,
- *     `sumsStride` numbers apart, of the slots from the range's first one on, up to a multiple of
- *     PairSumArrays::alignment. If the ranges are the same, secondSums is firstSums.
+ * @param firstSums, secondSums  the sums of velocities: rows 6 c + k, `sumsStride` numbers apart,
+ *     for the slots from the range's first slot on, up to a multiple of PairSumArrays::alignment.
+ *     If the ranges are the same, secondSums is firstSums.
  */
 void addPairs(const PairSumArrays& arrays, const SlotRange& first, const SlotRange& second,
               double* firstSums, double* secondSums, std::size_t sumsStride);

@@ -13,26 +13,26 @@ namespace RigidHIPlugin {
  *
  * In round r, chunks with a + b = r modulo the number of chunks meet. Each chunk is in one pair a
  * round (or meets itself), and each pair meets once. Threads take pairs in this order, compute them
- * independently, and add to a chunk when it is that round's turn. The thread that holds the first
- * of the pairs that are not done never waits. So the work is also done by one thread alone, or by
- * threads one after the other.
+ * independently, and add to a chunk when it is the turn of that round. The thread with the earliest
+ * unfinished pair never waits. So one thread alone, or threads one after the other, also finish the
+ * work.
  */
 class PairTournament {
 public:
     explicit PairTournament(int numChunks)
         : numChunks(numChunks), turns(new std::atomic<int>[numChunks]) {}
     int getNumPairs() const { return numChunks * (numChunks + 1) / 2; }
-    /** To be called before threads call play(). */
+    /** Call this before threads call play(). */
     void begin() {
         next = 0;
         for (int a = 0; a < numChunks; a++) turns[a].store(0, std::memory_order_relaxed);
     }
     /**
-     * Take pairs until there are none left.
+     * Take pairs until none is left.
      *
      * @param compute  compute(a, b)
-     * @param add  add(a, second): add what compute() found for chunk a. `second` says whether a is
-     *     the second chunk of the pair, and not the first or only one.
+     * @param add  add(a, second) adds the results of compute() for chunk a. `second` says whether a
+     *     is the second chunk of the pair; otherwise it is the first or only chunk.
      */
     template <class Compute, class Add>
     void play(const Compute& compute, const Add& add) {
@@ -42,8 +42,8 @@ public:
             const int round = static_cast<int>(place / perRound),
                       k = static_cast<int>(place % perRound);
             if (round >= numChunks) return;
-            // First the pairs with a + b = round, then those with a + b = round + numChunks. In
-            // some rounds there is one place too many.
+            // First the pairs with a + b = round, then those with a + b = round + numChunks. Some
+            // rounds have one place too many.
             const int a = k <= round / 2 ? k : k + (round + 1) / 2;
             const int b = k <= round / 2 ? round - a : round + numChunks - a;
             if (a > b) continue;

@@ -1,21 +1,20 @@
 // The Rotne-Prager-Yamakawa mobility of two spheres, in unbounded fluid or above a no-slip wall,
-// for sums that take each pair once. The same few factors give the velocities of i because of j,
-// and of j because of i.
+// for sums that visit each pair once. The same few factors give the velocities of i from j, and of
+// j from i.
 //
 // Equation:  That of mobility/models/rotneprager/RotnePragerYamakawa-inl.h and
 //            mobility/models/wall/RotnePragerYamakawaWall-inl.h. Above a wall the free part and the
-//            image are summed block by block. With (x, y, z) = r_i - r_j and s = x F_x + y F_y,
-//            symmetry leaves of a block
+//            image are added block by block. With (x, y, z) = r_i - r_j and s = x F_x + y F_y,
+//            symmetry reduces the blocks to
 //     tt:  V_xy = P F_xy + (x, y) (Q s + U F_z)                         V_z = W s + C F_z
 //     tr:  V_xy = a t + (x, y) c R + b T_z (y, -x)                      V_z = d R
 //     rt:  W_xy = (-a F_y, a F_x) + (y, -x) (c s + d F_z)               W_z = b (y F_x - x F_y)
 //     rr:  W_xy = I T_xy + (x, y) (N S + G T_z) + (y, -x) around R      W_z = H S + E T_z
 //            with t = (T_y, -T_x), R = y T_x - x T_y, S = x T_x + y T_y. The swapped pair has the
-//            transpose: U and W, G and H, and the a, b, c, d of tr and rt change places.
+//            transpose: U and W, G and H, and the a, b, c, d of tr and rt are exchanged.
 // Cost:      Multiplications for each column and direction: 10 for blobs, free or above a wall; for
 //            spheres 32 and 43.
-// Limits:    Those of the two files. Where spheres overlap, the free factors are those of
-//            PairMobility.
+// Limits:    Those of the two files. Overlapping spheres take the free factors from PairMobility.
 
 #if defined(RIGIDHI_PAIRS_BOTH_WAYS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_PAIRS_BOTH_WAYS_INL_H_
@@ -30,8 +29,7 @@
 namespace RigidHIPlugin {
 namespace RIGIDHI_TARGET {
 
-/** Forces and torques on a sphere, or its velocity and angular velocity, in several cases
- * (columns). */
+/** Forces and torques on a sphere, or its velocity and angular velocity, for several columns. */
 template <class Real, int columns>
 struct LinearAndAngular {
     Vector3<Real> linear[columns], angular[columns];
@@ -67,7 +65,7 @@ struct FreeFactors {
                                                                        m.tr * r.z},
           ttI(m.ttI), ttR(m.ttR), rrI(m.rrI), rrR(m.rrR) {}
     /**
-     * Add the velocities of i because of forces and torques on j, times 8 pi eta. Without torque_i
+     * Add the velocities of i induced by forces and torques on j, times 8 pi eta. Without torque_i
      * sphere i has no W, and without torque_j sphere j has no T.
      */
     template <int columns, bool torque_i, bool torque_j>
@@ -81,7 +79,7 @@ struct FreeFactors {
         }
     }
     /**
-     * Add the velocities of j because of forces and torques on i: the same with -r, and with tr and
+     * Add the velocities of j induced by forces and torques on i: the same with -r, and with tr and
      * rt swapped.
      */
     template <int columns, bool torque_i, bool torque_j>
@@ -116,14 +114,14 @@ struct WallFactors {
     };
     Real x, y;
     Real P, Q, U, W, C;
-    Coupling ij, ji;  // tr of i because of j, and of j because of i
+    Coupling ij, ji;  // tr of i from j, and of j from i
     Real I, N, G, H, E, around;
 
     /**
      * @param r, free   r_i - r_j, and the free part of spheres that do not overlap (0 if they do)
-     * @param p         1 over the distance of i from the mirror image of j, or 0: then the image is
-     * 0
-     * @param z_i, z_j  heights over the wall
+     * @param p         the inverse distance of i from the mirror image of j; 0 makes the image part
+     *     0
+     * @param z_i, z_j  heights above the wall
      * @param b_i, b_j  a third of the squares of radii
      */
     HWY_INLINE WallFactors(const Vector3<Real>& r, const PairMobility<Real>& free, const Real& p,

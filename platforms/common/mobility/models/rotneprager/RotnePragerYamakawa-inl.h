@@ -1,6 +1,6 @@
 // Rotne-Prager-Yamakawa mobility of two spheres of any radii in unbounded fluid, for a pair (Real =
-// double) or a SIMD pack of pairs. Sphere i moves with V_i, W_i because a force F_j and a torque
-// T_j act on sphere j; r = r_i - r_j:
+// double) or a SIMD pack of pairs. A force F_j and a torque T_j on sphere j move sphere i with V_i,
+// W_i; r = r_i - r_j:
 //
 //     8 pi eta V_i = ttI F_j + ttR r (r.F_j) + tr T_j x r
 //     8 pi eta W_i = rt F_j x r + rrI T_j + rrR r (r.T_j)
@@ -8,12 +8,12 @@
 // Method:    Surface averages of the Stokeslet over both spheres, which may be far apart,
 //            overlapping, or one inside the other. The whole matrix is positive definite for all
 //            positions, continuous, and symmetric (tr of a pair is rt of the swapped pair). Its
-//            divergence with respect to positions is 0, as that of the Stokeslet:
+//            divergence with respect to positions is 0, like that of the Stokeslet:
 //            docs/theory/details_of_steps.md.
 // Reference: Rotne, Prager, J. Chem. Phys. 50, 4831 (1969); Yamakawa, ibid. 53, 436 (1970);
 //            overlapping and unequal: Zuk et al., J. Fluid Mech. 741, R5 (2014).
-// Limits:    The mobility is pairwise, and spheres nearly in contact have no lubrication. Spheres
-//            of one radius at one place cannot move apart: the matrix is then singular.
+// Limits:    The mobility is pairwise and has no lubrication near contact. Spheres of one radius at
+//            one place cannot move apart: the matrix is then singular.
 
 #if defined(RIGIDHI_ROTNE_PRAGER_YAMAKAWA_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_ROTNE_PRAGER_YAMAKAWA_INL_H_
@@ -66,19 +66,19 @@ inline PairMobility<Real> farPairMobility(const Real& distance2, const Real& squ
 }
 
 /**
- * The mobility of spheres that overlap, or are inside one another, or are the same. r = 0 and a_i =
- * a_j gives the mobility of a sphere itself.
+ * The mobility of spheres that overlap, or of which one is inside the other. r = 0 and a_i = a_j
+ * gives the own mobility of a sphere.
  *
- * The published polynomials over R^3 are rewritten in x = ((a_i - a_j)/R)^2 <= 1, so that nothing
- * small is divided by something small. Once one sphere is inside the other, the functions keep
- * their values at R = |a_i - a_j|, with rt growing like r from the large sphere's centre. So the
- * formula is the same with R held at that value.
+ * The published polynomials over R^3 are rewritten in x = ((a_i - a_j)/R)^2 <= 1, which avoids
+ * quotients of small numbers. Once one sphere is inside the other, the functions keep their values
+ * at R = |a_i - a_j|, and rt grows like r from the large sphere's centre. So the same formula holds
+ * with R fixed at that value.
  */
 template <class Real>
 inline PairMobility<Real> overlappingPairMobility(const Real& distance2, const Real& a_i,
                                                   const Real& a_j) {
-    // Below this distance r is 0 beside any radius. Its square and the inverse of the square are
-    // still finite.
+    // Below this distance r is negligible compared with any radius. Its square and the inverse of
+    // the square are still finite.
     const double tiny = 1e-150;
     const Real s = a_i - a_j, sum = a_i + a_j, product = a_i * a_j;
     const Real R = maximum(maximum(squareRoot(distance2), maximum(s, Real(0.0) - s)), Real(tiny));
@@ -103,7 +103,7 @@ inline PairMobility<Real> overlappingPairMobility(const Real& distance2, const R
     return m;
 }
 
-/** The mobility of any pair. Packs compute the overlap only if there is one. */
+/** The mobility of any pair. Packs compute overlaps only if some lane has one. */
 template <class Real>
 inline PairMobility<Real> pairMobility(const Real& distance2, const Real& a_i, const Real& a_j) {
     const Real sum = a_i + a_j, contact2 = sum * sum;
@@ -137,9 +137,9 @@ inline Real addedDot(const Vector3<Real>& a, const Vector3<Real>& b) {
 }
 
 /**
- * Add the velocities of sphere i because of forces and torques on sphere j, times 8 pi eta, for
- * several cases (columns) at once. Without targetTorque sphere i has no W, and without sourceTorque
- * sphere j has no T. These arrays are then not touched.
+ * Add the velocities of sphere i induced by forces and torques on sphere j, times 8 pi eta, for
+ * several columns at once. Without targetTorque sphere i has no W, and without sourceTorque sphere
+ * j has no T; the function then leaves these arrays alone.
  */
 template <int columns, bool targetTorque, bool sourceTorque, class Real>
 inline void addPairVelocities(const PairMobility<Real>& m, const Vector3<Real>& r,

@@ -1,5 +1,5 @@
-// Packs of pairs of which some overlap: their mobility is computed in double precision, whatever
-// the precision of the sum that they are part of. Compiled once for each instruction set.
+// Packs of pairs of which some overlap. Their mobility is computed in double precision, whatever
+// the precision of the sum. The build compiles this file once for each instruction set.
 
 #if defined(RIGIDHI_ROUNDED_PAIRS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_ROUNDED_PAIRS_INL_H_
@@ -17,7 +17,8 @@ namespace RIGIDHI_TARGET {
 /**
  * The mobility of a pack of pairs, rounded to the precision of Real.
  *
- * @param pairs  of k = 0 ... Real::packs - 1 the PairMobility<Pack> of the k-th doubles
+ * @param pairs  pairs(k), k = 0 ... Real::packs - 1, gives the PairMobility<Pack> of the k-th
+ *     doubles
  */
 template <class Real, class Pairs>
 HWY_INLINE PairMobility<Real> roundedPairs(Pairs pairs) {

@@ -15,8 +15,8 @@ using Eigen::Vector3d;
 namespace {
 
 /**
- * The mutual mobility of two spheres at the centre distance r, with the direction n from j to i, in
- * units of 1/(8 pi viscosity).
+ * The mutual mobility of two spheres with the distance r of their centres and the direction n from
+ * j to i, in units of 1/(8 pi viscosity).
  */
 struct PairResponse {
     Matrix3d tt, rt, rr;  // of (F_j, T_j) on (U_i, Omega_i); the coupling of T_j to U_i equals rt

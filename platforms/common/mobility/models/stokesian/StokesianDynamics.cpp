@@ -36,9 +36,7 @@ double distanceBetween(const Vec3& a, const Vec3& b) {
     return std::sqrt(d.dot(d));
 }
 
-/**
- * Write the Cholesky factor into the lower triangle of a matrix made for these particles, in place.
- */
+/** Replace the lower triangle of a matrix of these spheres by its Cholesky factor. */
 void factorize(MatrixXd& matrix) {
     const Eigen::LLT<Eigen::Ref<MatrixXd>> factor(matrix);
     if (factor.info() != Eigen::Success) refuseIndefiniteSpheres(matrix.rows() / 6);
@@ -212,7 +210,7 @@ void StokesianDynamics::addLubricationForces(const Vector3d& toJ, int i, int j, 
             const Vector3d U = twists.segment<3>(rowQ), Omega = twists.segment<3>(rowQ + 3);
             const Eigen::Matrix<double, 5, 1> E = strains.segment<5>(strainQ);
             const double b = unit * sum, c = b * sum, m = 5 * c / 6;
-            // Forces and torques of velocities, as in addLubrication().
+            // Forces and torques from velocities, as in addLubrication().
             const auto mixed = [&](double x, double y, const Vector3d& of) -> Vector3d {
                 return (x - y) * d.dot(of) * d + y * of;
             };
@@ -229,11 +227,11 @@ void StokesianDynamics::addLubricationForces(const Vector3d& toJ, int i, int j, 
                 b * (f[XG11 + 2 * p + q] * d.dot(U) * s +
                      2 * f[YG11 + 2 * p + q] * (v.transpose() * U - d.dot(U) * s)) -
                 2 * c * f[YH11 + 2 * p + q] * (v.transpose() * d.cross(Omega));
-            // Forces and torques of strains, the transposes.
+            // Forces and torques from strains: the transposes.
             forces.segment<3>(rowP) += b * (f[XG11 + 2 * q + p] * s.dot(E) * d +
                                             2 * f[YG11 + 2 * q + p] * (v * E - s.dot(E) * d));
             forces.segment<3>(rowP + 3) -= 2 * c * f[YH11 + 2 * q + p] * (v * E).cross(d);
-            // Stresslets of strains: the parts of azimuthal order 0, 1 and 2 about the direction.
+            // Stresslets from strains: the parts of azimuthal order 0, 1 and 2 about the direction.
             const Eigen::Matrix<double, 5, 1> part0 = 1.5 * s * s.dot(E),
                                               part1 = 2 * (v.transpose() * (v * E) - s * s.dot(E));
             stresslets.segment<5>(strainP) +=
@@ -267,16 +265,16 @@ bool SpheresAt::strainsPairs(const DrivenFlow* flow) const {
 }
 
 void SpheresAt::relativeVelocities(const DrivenFlow& flow, VectorXd& velocities) {
-    // The far field's velocities u answer to the stresslets alone. With lubrication R w = M^-1 u +
-    // Delta_FE E, which is R (w - u) = Delta_FE E - Delta_FF u.
+    // Without lubrication the stresslets induce the velocities u of the far field. With lubrication
+    // R w = M^-1 u + Delta_FE E, which is R (w - u) = Delta_FE E - Delta_FF u.
     //
-    // This is so for a flow whose gradient is the mean one of the whole suspension. A wave is
-    // driven by forces, and u has a wave, too, which makes the suspension's flow slower than the
-    // driven one. A pair term resists that two spheres move alike, a little. In Delta_FF u it would
-    // hold the spheres back in the driven flow, as a porous medium does, with a force that does not
-    // vanish with k as it must: arrays at a volume fraction of 0.216 would have the viscosities
-    // 1.64, 1.77, ... in longer and longer waves, and denser ones none at all. So the wave's part
-    // is u alone.
+    // This holds for a flow whose gradient is the mean gradient of the whole suspension. A wave is
+    // driven by forces. Then u contains a wave, too, which makes the suspension's flow slower than
+    // the driven flow. A pair term slightly resists a common motion of two spheres. In Delta_FF u
+    // this would hold the spheres back in the driven flow, as a porous medium does, with a force
+    // that does not vanish with k as it must: arrays at a volume fraction of 0.216 would have the
+    // viscosities 1.64, 1.77, ... in longer and longer waves, and denser arrays none at all. So a
+    // wave gives u alone.
     model.strainRates(flow, positions, ofStrains);
     velocities.setZero(particles.numRows);
     farFieldResponse().addVelocities(ofStrains, velocities);
@@ -339,7 +337,7 @@ protected:
     }
 
 private:
-    // Each matrix is made when it is first asked for.
+    // Each matrix is made on first use.
     void makeFarField();
     void makeFriction();
     void makeFactor();

@@ -35,12 +35,13 @@ namespace {
  *
  * The unknowns are the coefficients of Q and v_z (order m), v_x + i v_y (m+1) and v_x - i v_y (m-1;
  * for m = 0 it mirrors the former). The coefficient of + is stored times exp(k alpha), and that of
- * - times exp(k beta). Each is then its part of the value at the sphere in which it is singular.
+ * - times exp(k beta). Each number is then the part that the function contributes at the sphere in
+ * which it is singular.
  */
 template <class Real, int m>
 class Bispherical {
 public:
-    // Motions of each sphere, and what it does to the fluid: velocity and force along z (m = 0) or
+    // Motions of each sphere, with the response of the fluid: velocity and force along z (m = 0) or
     // x (m = 1), angular velocity and torque about y (m = 1), strain and stresslet.
     static constexpr int ofVelocity = 0, ofSpin = 1,
                          ofStrain = m == 0   ? 1
@@ -55,7 +56,7 @@ public:
     /**
      * The force, torque and stresslet of each sphere on the fluid for the same motions, about the
      * spheres' centres. Strains and stresslets are multiples of zz - (xx + yy)/2 (m = 0), xz + zx
-     * (1) and xx - yy (2). Each sphere's surface is strained by itself.
+     * (1) and xx - yy (2). Each motion strains the surface of one sphere only.
      */
     Resistance resistance() const {
         // block elimination upwards, substitution downwards
@@ -123,7 +124,7 @@ private:
                 (decay(n + 1, sphere) / beyond - decay(n - 1, sphere) / below) / sqrt2;
             const Real previous = n > 0 ? sqrt2 * decay(n - 1, sphere) : Real(0),
                        next = sqrt2 * decay(n + 1, sphere);
-            // of h^{1/2} rho (m = 1) and of h^{1/2} (z - z_centre) (m = 0)
+            // coefficients of h^{1/2} rho (m = 1) and of h^{1/2} (z - z_centre) (m = 0)
             const Real across = previous / below - next / beyond;
             const Real along = (cosine * (n * previous / below + (n + 1) * next / beyond) -
                                 sqrt2 * decay(n, sphere)) /
@@ -184,7 +185,7 @@ private:
 
     /**
      * Far away v is F/(8 pi r) + T x r/(8 pi r³), and the pressure Q of a stresslet is 3 r.S.r/(4
-     * pi r^5). Terms that are singular in a sphere come from that sphere. Far from +, f_n is
+     * pi r^5). Terms that are singular inside a sphere belong to that sphere. Far from +, f_n is
      * sqrt 2 times 1/r + (2n+1) z/r³ + (n² + n + 1/2) (3z² - r²)/r^5 for m = 0, n (n+1) [x/r³ +
      * (2n+1) xz/r^5] for m = 1, and (n-1) n (n+1) (n+2)/2 (x² - y²)/r^5 for m = 2.
      */
@@ -250,10 +251,7 @@ Eigen::Matrix<Real, 2, 2> spinResistance(Real alpha, Real beta, int maxOrder) {
  * double's at 27. */
 constexpr int digitsOrders = 22, longDigitsOrders = 27;
 
-/**
- * Scales that make the functions from resistances about the line (rows: spheres) and across it
- * (rows: force along x, torque about y of each).
- */
+/** The units of the functions A, B and G, C and H, and M, for a sum of radii and unit viscosity. */
 template <class Real>
 struct Scales {
     Real A, B, C, M;
@@ -266,7 +264,7 @@ struct Scales {
     }
 };
 
-/** Index of the pair 11, 12, 22 among functions that have no 21. */
+/** The index of 11, 12 or 22 among functions that have no 21. */
 int symmetricIndex(int i, int j) { return i + j; }
 
 }  // namespace
@@ -319,8 +317,8 @@ TwoSphereValues<double> forceTorqueStressletPair(double ratio, double gap) {
     const Eigen::LLT<Eigen::Matrix<double, 12, 12>> factor(mobility);
     const Eigen::Matrix<double, 12, 12> resistance =
         factor.solve(Eigen::Matrix<double, 12, 12>::Identity());
-    // Forces and stresslets of rigid motions U, and of strains E that the surfaces have: with L L^T
-    // = G and the coupling C, S = G^-1 (8 pi eta E - C f) and f = R (U - C^T G^-1 E).
+    // Forces and stresslets from rigid motions U and from strains E of the surfaces: with L L^T = G
+    // and the coupling C, S = G^-1 (8 pi eta E - C f) and f = R (U - C^T G^-1 E).
     const Eigen::Matrix<double, 10, 10> L = response.factor.triangularView<Eigen::Lower>();
     const Eigen::Matrix<double, 10, 12> ofForces =
         L.transpose().triangularView<Eigen::Upper>().solve(response.halfCoupling);
@@ -357,10 +355,10 @@ namespace {
 
 /**
  * Coefficients of 1/xi, ln xi and xi ln xi near contact for the functions 11 of ratio l (Jeffrey
- * and Onishi 1984; those of strain from Jeffrey 1992, and that of Z^M and those of Y^M_12 from fits
- * to solveTwoSpheres(); all are compared with solveTwoSpheres() in the tests). Those of 22 are the
- * 11 of 1/l. Only relative motion is singular, so those of 12 are minus those of 11 in true units,
- * except for rotations and strains, whose own functions are given.
+ * and Onishi 1984; those of strain from Jeffrey 1992; those of Z^M and Y^M_12 from fits to
+ * solveTwoSpheres(); the tests compare all with solveTwoSpheres()). The coefficients of 22 are
+ * those of 11 for 1/l. Only relative motion is singular, so the coefficients of 12 are minus those
+ * of 11 in true units. Rotations and strains are exceptions and have their own coefficients here.
  */
 struct LubricationConstants {
     double XA[3], YA[2], YB[2], XC, YC[2], YC12[2];
@@ -404,20 +402,19 @@ struct LubricationConstants {
 };
 
 /**
- * The gaps below which the expansion near contact replaces the solution, and up to which it is
- * fitted to the solution, in units of twice the reduced radius.
+ * The expansion near contact replaces the solution below the gap `nearContact` and is fitted to the
+ * solution up to the gap `fitTo`, in units of twice the reduced radius.
  */
 constexpr double nearContact = 1e-3, fitTo = 4e-2;
 constexpr int numFitGaps = 20, fitPower = 6;
 /**
- * Beyond this gap the part that FTS lacks, of order (a/r)^6, is 1e-13 and below the rounding of the
- * difference.
+ * Beyond this gap the part that FTS lacks, of order (a/r)^6, is 1e-13 and less than the rounding of
+ * the difference.
  */
 constexpr double farApart = 300;
 
 /**
- * 1, u, then u^k and u^k ln u for k = 2 ... fitPower: the terms of a lubrication expansion besides
- * its singular ones.
+ * The regular terms of a lubrication expansion: 1, u, then u^k and u^k ln u for k = 2 ... fitPower.
  */
 Eigen::Array<double, 2 * fitPower, 1> nearContactTerms(double u, double scale) {
     Eigen::Array<double, 2 * fitPower, 1> terms;
@@ -469,7 +466,7 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
     set(YC11, 0, one.YC[0], one.YC[1]);
     set(YC12, 0, one.YC12[0], one.YC12[1]);
     set(YC22, 0, two.YC[0], two.YC[1]);
-    // The direction from 1 to 2 is reversed with the spheres' numbers: G changes sign.
+    // Exchanging the spheres reverses the direction from 1 to 2, so G changes sign.
     set(XG11, one.XG[0], one.XG[1], one.XG[2]);
     set(XG12, B12 * one.XG[0], B12 * one.XG[1], B12 * one.XG[2]);
     set(XG22, -two.XG[0], -two.XG[1], -two.XG[2]);
@@ -492,7 +489,7 @@ TwoSphereResistance::TwoSphereResistance(double ratio) : ratio(ratio) {
     set(ZM12, 0, 0, C12 * one.ZM);
     set(ZM22, 0, 0, two.ZM);
 
-    // The rest, exact - FTS - singular, at a gap at which the solution can be computed.
+    // The rest, exact - FTS - singular, at a gap for which solveTwoSpheres() works.
     const auto remainder = [&](double u) -> Values {
         const double gap = relativeGap(u);
         if (gap > farApart) return -singularTerms(u);

@@ -14,9 +14,9 @@ namespace RigidHIPlugin {
 namespace {
 
 /**
- * A body's pose determines z of its particles to some roundings of the largest of z, the wall's
- * height and the body's size. The size is not known here, so this is many roundings: enough for
- * bodies a thousand times as large as the others.
+ * A body's pose determines z of its particles only up to a few rounding errors of z, of the wall's
+ * height or of the body's size, whichever is largest. The size is unknown here, so the tolerance is
+ * many rounding errors: enough for bodies a thousand times as large as z and the height.
  */
 const double touchTolerance = 1e-12;
 

@@ -11,15 +11,15 @@
 namespace RigidHIPlugin {
 
 /**
- * A no-slip plane z = height with the fluid above it, and where particles may be.
+ * A no-slip plane z = height with the fluid above it, and the positions that it allows.
  *
  * Where the surface of a particle reaches through the wall, the formulas for its mobility do not
- * hold. Without crossing such positions are refused, except for rounding, which counts as touching.
- * With crossing allowed, every particle of radius a with its centre at 0 < z < a over the wall
- * counts as touching it. Its velocities and its forces, and likewise those of rotation, are then
- * multiplied by z/a: M -> B M B, B = diag(min(1, z/a)), with M at max(z, a). This mobility is
- * continuous, and the matrix stays symmetric positive definite. Centres on the wall or behind it
- * are refused.
+ * hold. Without crossing the plane refuses such positions, except for rounding, which counts as
+ * touching. With crossing allowed, every particle of radius a with its centre at 0 < z < a above
+ * the wall counts as touching it, and the factor z/a multiplies its velocities and forces, and also
+ * its angular velocities and torques: M -> B M B, B = diag(min(1, z/a)), with M at max(z, a). This
+ * mobility is continuous, and the matrix stays symmetric positive definite. The plane always
+ * refuses centres on or behind the wall.
  */
 class NoSlipPlane {
 public:
@@ -29,10 +29,13 @@ public:
      * @throws OpenMMException if the height is not finite
      */
     NoSlipPlane(double height, bool crossingAllowed);
-    /** Why a particle may not be where it is, naming the first such particle; empty if all may. */
+    /**
+     * The reason why a position is not allowed, with the name of the first such particle; empty if
+     * all positions are allowed.
+     */
     std::string objection(const HydrodynamicParticles& particles,
                           const std::vector<OpenMM::Vec3>& positions) const;
-    /** The height over the wall at which the formulas are evaluated, at least the radius. */
+    /** The height above the wall at which the formulas are evaluated, at least the radius. */
     double heightOver(double z, double radius) const;
     /** A particle lifted to contact, if its surface reaches through the wall. */
     OpenMM::Vec3 placeInFormulas(const OpenMM::Vec3& position, double radius) const {
@@ -42,8 +45,8 @@ public:
     double weight(double z, double radius) const;
     double getHeight() const { return height; }
     /**
-     * Whether the formulas hold a little below contact too, as finite differences from there need.
-     * They do not where velocities are damped.
+     * Whether the formulas hold a little below contact, too, as finite differences need. Where
+     * velocities are damped they do not.
      */
     bool reachesBeyond() const { return !crossingAllowed; }
     bool acceptsNearby(const HydrodynamicParticles& particles,

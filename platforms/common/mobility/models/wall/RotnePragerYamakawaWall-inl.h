@@ -2,10 +2,10 @@
 // (or of one sphere with itself), for a pair (Real = double) or a SIMD pack of pairs.
 //
 // Equation:  8 pi eta M = (1 + a_i^2/6 lap_i) (1 + a_j^2/6 lap_j) G for forces and velocities, with
-//            Blake's image G of a point force. For a torque or an angular velocity, a half curl
-//            takes the place of an operator. Let z_i, z_j be heights over the wall, R the vector
-//            from the mirror image of j to i (R_z = z_i + z_j), p = 1/|R|, ' a mirrored vector, e =
-//            e_z, H the matrix of second derivatives of p, d_z the derivative by R_z. Then
+//            Blake's image G of a point force. For a torque or an angular velocity, half of a curl
+//            replaces an operator. Let z_i, z_j be heights above the wall, R the vector from the
+//            mirror image of j to i (R_z = z_i + z_j), p = 1/|R|, ' a mirrored vector, e = e_z, H
+//            the matrix of second derivatives of p, d_z the derivative by R_z. Then
 //               G f = - p f + grad p (R.f') + 2 z_i f_z grad p - 2 z_j e (f'.grad p)
 //                     + 2 z_i z_j H f'.
 //            As p is harmonic, the operators only add (a_i^2 + a_j^2)/3 H f' and replace z by
@@ -17,9 +17,9 @@
 //            (2007), there for equal radii.
 // Limits:    z_i >= a_i, z_j >= a_j. The spheres may overlap each other, because the average of the
 //            image over a sphere is then the same. Together with the free mobility, the whole
-//            matrix is symmetric positive definite. There is no lubrication with the wall: at
-//            contact a sphere moves towards it with a quarter of the free mobility, where the true
-//            one is 0.
+//            matrix is symmetric positive definite. The mobility has no lubrication with the wall:
+//            at contact a sphere moves towards the wall with a quarter of the free mobility, where
+//            the true mobility is 0.
 
 #if defined(RIGIDHI_ROTNE_PRAGER_YAMAKAWA_WALL_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef RIGIDHI_ROTNE_PRAGER_YAMAKAWA_WALL_INL_H_
@@ -51,7 +51,7 @@ struct WallMobility {
  * The factors for a pair of spheres.
  *
  * @param r  r_i - r_j; (0, 0, 0) for a sphere itself
- * @param z_i  height of i's centre over the wall
+ * @param z_i  height of i's centre above the wall
  */
 template <class Real>
 inline WallMobility<Real> wallMobility(const Vector3<Real>& r, const Real& z_i, const Real& z_j,
@@ -98,7 +98,7 @@ inline WallMobility<Real> wallMobility(const Vector3<Real>& r, const Real& z_i, 
 }
 
 /**
- * As addPairVelocities(): add the velocities of sphere i that the wall causes because of forces and
+ * As addPairVelocities(): add the velocities of sphere i that the wall induces under forces and
  * torques on sphere j, times 8 pi eta.
  */
 template <int columns, bool targetTorque, bool sourceTorque, class Real>
@@ -146,14 +146,14 @@ struct PairBlocks {
 };
 
 /**
- * Fill the blocks of the free mobility, times `scale`. Those of particles without torque are not
- * touched.
+ * Fill the blocks of the free mobility, times `scale`. Blocks of torques or rotations that
+ * particles lack stay untouched.
  */
 template <bool targetTorque, bool sourceTorque, class Real>
 inline void fillPairBlocks(const PairMobility<Real>& m, const Vector3<Real>& r, const Real& scale,
                            PairBlocks<Real>& blocks) {
     const Real zero(0.0), v[3] = {r.x, r.y, r.z};
-    // Entries at mirrored positions in the matrix are formed by the same products.
+    // The same products form entries at mirrored positions in the matrix.
     const auto symmetric = [&](const Real& identity, const Real& outer, Real(&block)[3][3]) {
         for (int a = 0; a < 3; a++) {
             block[a][a] = scale * (identity + outer * (v[a] * v[a]));
@@ -174,9 +174,9 @@ inline void fillPairBlocks(const PairMobility<Real>& m, const Vector3<Real>& r, 
 }
 
 /**
- * Add the wall's contribution to the blocks, times `scale`, which is addWallVelocities() for unit
- * forces and torques. Entries at mirrored positions in the matrix (those of the swapped pair, where
- * x and y change signs) are formed in the same way, so they agree to the last bit.
+ * Add the wall's contribution to the blocks, times `scale`: addWallVelocities() for unit forces and
+ * torques. The same operations form entries at mirrored positions in the matrix (those of the
+ * swapped pair, where x and y change signs), so these entries agree to the last bit.
  */
 template <bool targetTorque, bool sourceTorque, class Real>
 inline void addWallBlocks(const WallMobility<Real>& m, const Real& scale,

@@ -18,7 +18,7 @@ namespace {
 
 using Vector = Vector3<double>;
 
-/** Particle i relative to particle j, in free fluid and by way of the wall. */
+/** The mobility of particle i with particle j: the free part and the part of the wall. */
 struct Pair {
     Vector r;
     PairMobility<double> free;
@@ -28,8 +28,8 @@ struct Pair {
           free(pairMobility(dot(r, r), a_i, a_j)), wall(wallMobility(r, r_i[2], r_j[2], a_i, a_j)) {
     }
     /**
-     * Add the velocities of i because of forces and torques on j, for particles with torque or
-     * without.
+     * Add the velocities of i induced by forces and torques on j, for particles with or without
+     * torque.
      */
     template <int columns>
     void addVelocities(bool torque_i, bool torque_j, const Vector* force, const Vector* torque,

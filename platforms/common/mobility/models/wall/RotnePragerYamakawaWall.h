@@ -10,11 +10,11 @@ namespace RigidHIPlugin {
  * in the wall, pair by pair, in plain loops. Formulas, references and limits:
  * RotnePragerYamakawaWall-inl.h and RotnePragerYamakawa-inl.h.
  *
- * Particles may overlap each other. Two of one radius at the same place make the matrix singular,
- * not indefinite. With crossing, so do two particles above each other whose centres are both below
- * their radius. Cost: two to three times that of unbounded fluid; dense() about twice. Nothing is
- * allocated after the first call of each method of a MobilityAt, if the number of columns stays the
- * same.
+ * Particles may overlap each other. Two particles of one radius at the same place make the matrix
+ * singular, not indefinite. With crossing, the same holds for two particles of one radius above
+ * each other whose centres are both lower than this radius. Cost: two to three times that of
+ * unbounded fluid, about twice for dense(). Nothing is allocated after the first call of each
+ * method of a MobilityAt, if the number of columns stays the same.
  */
 class RotnePragerYamakawaWall : public MobilityModel {
 public:
@@ -43,7 +43,7 @@ private:
  * As addFreeFlowAt(), above the wall.
  *
  * @param positions  z from the wall, at least the radius
- * @param weights  of particles: the factors by which their forces are multiplied
+ * @param weights  factors that multiply the forces of particles
  */
 void addWallFlowAt(const HydrodynamicParticles& particles,
                    const std::vector<OpenMM::Vec3>& positions, const std::vector<double>& weights,

@@ -16,14 +16,14 @@ namespace RigidHIPlugin {
 
 namespace {
 
-/** Compute the sum of the upper half of rows and the reflected lower half, times a factor. */
+/** Compute `factor` times the sum of the upper half of the rows and the reflected lower half. */
 void fold(const SlipChannel& model, MatrixXd& both, double factor, MatrixXd& result) {
     const int rows = model.getParticles().numRows;
     model.reflectRows(both.bottomRows(rows));
     result = factor * (both.topRows(rows) + both.bottomRows(rows));
 }
 
-/** The mobility at a placement in a periodic fluid of the particles and their images. */
+/** The mobility at a placement, from a periodic fluid with the particles and their images. */
 class PlaceOfImages : public MobilityAt {
 public:
     explicit PlaceOfImages(const SlipChannel& model) : MobilityAt(model), model(model) {}
@@ -71,7 +71,7 @@ private:
     MatrixXd bothForces, bothVelocities;
 };
 
-/** The mobility at a placement in a mirrored fluid, which has the images itself. */
+/** The mobility at a placement, from a mirrored fluid, which includes the images. */
 class PlaceInMirrored : public MobilityAt {
 public:
     explicit PlaceInMirrored(const SlipChannel& model) : MobilityAt(model), model(model) {}
@@ -132,7 +132,7 @@ private:
 
 namespace {
 
-/** There are walls, anywhere, and images double the matrix. */
+/** Traits of a fluid between walls at unknown heights, whose images double the matrix. */
 MobilityTraits betweenWalls(MobilityTraits traits) {
     traits.mayObject = traits.holdsNearby = true;
     traits.isHomogeneous = traits.isIsotropic = traits.isDivergenceFree = false;
@@ -189,8 +189,8 @@ bool SlipChannel::isWithin(const Placement& placement, int i, double distance) c
 }
 
 std::string SlipChannel::objection(const Placement& placement) const {
-    // A pose determines y of its particles to some roundings. A centre on a wall is its own image,
-    // and the matrix is then singular.
+    // A pose determines y of its particles only up to a few rounding errors. A centre on a wall
+    // coincides with its image, and the matrix is then singular.
     for (int i = 0; i < particles.size(); i++) {
         const double y = placement.positions[i][1], radius = particles.radii[i],
                      rounding =

@@ -9,18 +9,18 @@
 namespace RigidHIPlugin {
 
 /**
- * Two walls y = low and y = high with the fluid between them. The fluid slips along them without
- * friction.
+ * Two walls y = low and y = high with the fluid between them. The fluid slips along the walls
+ * without friction.
  */
 struct SlipWalls {
     double low, high;  // nm
-    /** Whether surfaces of particles may reach through a wall, or only so far as to touch it. */
+    /** Whether surfaces of particles may reach through a wall. Otherwise they may only touch it. */
     bool crossingAllowed;
 };
 
 /**
- * A fluid between two slip walls, periodic along them: a periodic fluid of twice the width with the
- * mirror images of all particles in it.
+ * A fluid between two slip walls, periodic along the walls, as a periodic fluid of twice the width
+ * with the mirror images of all particles.
  *
  * Equation:  Let P be the reflection at the lower wall: (Fx, -Fy, Fz) at (x, -y, z) and (-Tx, Ty,
  *            -Tz). A flow with u(Pr) = P u(r) has no normal velocity and no shear at both walls.
@@ -28,23 +28,23 @@ struct SlipWalls {
  *            M_2 the periodic mobility of particles and images. A random field v_2 of covariance
  *            M_2 gives v = (v_2 + P v_2(P r))/sqrt(2) of covariance M (Westwood 2022, section 4.3).
  * Accuracy:  That of the periodic model. M is positive definite wherever centres are between the
- *            walls, so images need no damping. A mirrored grid (GridShape) has such flows and
- *            fields only, with half of the nodes and modes.
- * Cost:      As a matrix, that of the periodic model of twice as many particles in a box of twice
- *            the width. On a grid half of that, which is the cost of a periodic box of the
- *            channel's own width.
- * Limits:    Boxes with edges along the axes, whose y edge is longer than the channel is wide.
+ *            walls, so images need no damping. A mirrored grid (GridShape) represents only such
+ *            flows and fields, with half of the nodes and modes.
+ * Cost:      As a matrix, that of the periodic model with twice as many particles in a box of twice
+ *            the width. On a grid, half of that: the cost of a periodic box of the channel's own
+ *            width.
+ * Limits:    The box must have edges along the axes, and a y edge longer than the channel is wide.
  */
 class SlipChannel : public MobilityModel, BoxOfModel, GridOfModel, FieldOfModel {
 public:
     /**
-     * @param inPeriodicBox  the periodic model: of the particles themselves where it is mirrored
-     *     (MobilityTraits::isMirrored), else of those of withImages(). A model with a random field
-     *     of its own must be mirrored.
+     * @param inPeriodicBox  the periodic model. If it is mirrored (MobilityTraits::isMirrored), its
+     *     particles are the particles themselves, otherwise those of withImages(). A model with a
+     *     random field must be mirrored.
      */
     SlipChannel(const HydrodynamicParticles& particles, double viscosity, const SlipWalls& walls,
                 std::unique_ptr<MobilityModel> inPeriodicBox);
-    /** The particles, and after them their images in the same order. */
+    /** The particles, followed by their images in the same order. */
     static HydrodynamicParticles withImages(const HydrodynamicParticles& particles);
     /**
      * The same placement in the box of twice the width, where y counts from the lower wall.
@@ -58,7 +58,10 @@ public:
     const MobilityModel& inPeriodicBox() const { return *periodic; }
 
     std::string objection(const Placement& placement) const override;
-    /** The formulas hold beyond contact as well. A particle behind the wall would be an image. */
+    /**
+     * The formulas hold beyond contact, too, as long as centres are between the walls. A particle
+     * behind a wall would be an image.
+     */
     bool acceptsNearby(const Placement& placement) const override;
     bool hasFastProducts(double error) const override { return periodic->hasFastProducts(error); }
     std::string describeFastProducts(double error) const override {

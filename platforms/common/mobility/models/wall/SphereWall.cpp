@@ -12,8 +12,9 @@ namespace {
 
 /**
  * A resistance function of one sphere: start + pole/gap + u^power (sum_k powers_k u^k + ln(1 - u)
- * sum_k logarithms_k (1 - u)^k), with the leading terms of both ends exact. The numbers are made by
- * tools/sphere_wall_mobility.py. Errors are those between the points of the fit.
+ * sum_k logarithms_k (1 - u)^k), with exact leading terms at both ends.
+ * tools/sphere_wall_mobility.py makes the numbers. The errors given below are those between the
+ * points of the fit.
  */
 struct ResistanceFit {
     double start, pole;
@@ -47,7 +48,7 @@ const ResistanceFit coupling = {
     {-0.09375, 5.4303645829, -10.2019277675, 5.76008087791, -0.465724313095, -0.351245155238,
      0.369699585537, -0.442671296769, 0.268857229337, -0.0807313098384},
     {0.1, 0.571602442913, 1.8211001125, 2.90261891978}};
-/** Torque from turning about an axis along the wall over 8 pi eta a^3; relative error 2e-8. */
+/** Torque from rotation about an axis along the wall over 8 pi eta a^3; relative error 2e-8. */
 const ResistanceFit turning = {
     1,
     0,
@@ -55,7 +56,7 @@ const ResistanceFit turning = {
     {0.3125, -13.8041835667, 25.222347999, -14.0195572787, 0.760276115961, 1.93928653647,
      -2.64208373715, 2.73365557553, -1.52384269531, 0.392493887677},
     {-0.4, -1.72755541093, -4.61583996735, -7.06183688695}};
-/** The same about the normal; relative error 3e-8. */
+/** Torque from rotation about the normal over 8 pi eta a^3; relative error 3e-8. */
 const ResistanceFit spinning = {
     1,
     0,
@@ -77,8 +78,8 @@ const ResistanceFit approaching = {
 using Matrix2 = array<array<double, 2>, 2>;
 
 /**
- * The square root of a symmetric positive definite matrix, by the theorem of Cayley and Hamilton:
- * (A + sqrt(det A))/sqrt(tr A + 2 sqrt(det A)).
+ * The square root of a symmetric positive definite matrix, by the Cayley-Hamilton theorem: (A +
+ * sqrt(det A))/sqrt(tr A + 2 sqrt(det A)).
  */
 Matrix2 squareRoot(double a, double b, double c) {
     const double s = sqrt(a * c - b * b), t = sqrt(a + c + 2 * s);
@@ -116,7 +117,10 @@ bool isSingleSphere(const HydrodynamicParticles& particles, int i) {
     return particles.hasTorque[i] || particles.body[i] < 0;
 }
 
-/** B of a particle: V_x and a W_y from F_x and T_y/a, and the others as in SphereWallMobility. */
+/**
+ * B of a particle. `along` acts on V_x and a W_y, or on F_x and T_y/a; other components as in
+ * SphereWallMobility.
+ */
 struct Factor {
     double across = 1, turnNormal = 1;
     double along[2][2] = {{1, 0}, {0, 1}};
@@ -147,7 +151,10 @@ public:
     SphereWallCongruenceAt(const SphereWallCongruence& congruence, const NoSlipPlane& wall,
                            const MobilityModel& model)
         : MobilityAt(congruence), wall(wall), model(model), factors(particles.size()) {}
-    /** B is a smooth function of the positions, and so the errors of the model stay alike. */
+    /**
+     * B is a smooth function of the positions, so differences of products are as accurate as those
+     * of the model.
+     */
     void multiply(const Eigen::MatrixXd& forces, Eigen::MatrixXd& velocities,
                   const Accuracy& accuracy) override;
     void dense(Eigen::MatrixXd& mobility) override;
@@ -205,8 +212,8 @@ void SphereWallCongruenceAt::multiplyByFactors(Rows&& rows, bool transposed) con
                 continue;
             }
             column[row + 5] *= B.turnNormal;
-            // B couples V with a W, and F with T/a. Its off-diagonal entries therefore have a
-            // length.
+            // B couples V with a W, and F with T/a. In V and W its off-diagonal entries therefore
+            // contain a length.
             const double up = transposed ? B.along[1][0] / a : B.along[0][1] * a;
             const double down = transposed ? B.along[0][1] * a : B.along[1][0] / a;
             for (int k = 0; k < 2; k++) {
@@ -235,7 +242,7 @@ void SphereWallCongruenceAt::addStressletsOf(const DrivenFlow& flow, Eigen::Matr
     slips += scaled;
 }
 
-/** The forces stay those on particles, because addFlowAt() scales them. */
+/** The sources keep the unscaled forces, because addFlowAt() scales them. */
 FlowSources SphereWallCongruenceAt::sources(const Eigen::MatrixXd& forces, const DrivenFlow* flow) {
     scaled = forces;
     multiplyByFactors(scaled, true);
@@ -257,8 +264,9 @@ void SphereWallCongruenceAt::dense(Eigen::MatrixXd& mobility) {
 namespace {
 
 /**
- * B depends on the heights of spheres above the wall and on nothing else. The friction is made
- * from M. There is no random field, because one would have the covariance M.
+ * Traits of the model with the factors B, which depend only on the heights of spheres above the
+ * wall. The friction comes from the matrix. The model has no random field, because a field would
+ * have the covariance M of the other model.
  */
 MobilityTraits withFactors(MobilityTraits traits) {
     traits.mayObject = true;
