@@ -55,8 +55,8 @@ public:
     /** Say that somebody else has evaluated forces at the present positions. */
     void wereEvaluated() { evaluatedAfter = scene.numChanges(); }
     /**
-     * Say that a step was given up, and that bodies and free particles have the forces that it
-     * began with.
+     * Say that a step was given up. StartOfStep gives bodies and free particles the forces that the
+     * step began with.
      */
     void stepFailed();
 
