@@ -187,8 +187,8 @@ public:
      * The sources of the fluid's flow of the solve with these getBlobForces(), at the poses set
      * last.
      *
-     * @param flow the driven flow, if the solve contained it; else null @param active whether the
-     * solve contained the slips of active bodies
+     * @param flow    the driven flow, if the solve contained it; else null
+     * @param active  whether the solve contained the slips of active bodies
      */
     FlowSources flowSources(const MatrixXd& forces, const DrivenFlow* flow, bool active);
     /** MobilityAt::addFlowAt() at the poses set last. */

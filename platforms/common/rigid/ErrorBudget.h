@@ -79,7 +79,7 @@ public:
     /**
      * The budget of a step without momenta.
      *
-     * @param step the finite-difference step
+     * @param step  the finite-difference step
      */
     static ErrorBudget ofDifferencing(double tolerance, const Differencing& differencing,
                                       double step);

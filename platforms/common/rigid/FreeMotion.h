@@ -39,7 +39,7 @@ public:
     /**
      * xi <- Z^T xi Z.
      *
-     * @param friction its lower triangle is read; both triangles are written
+     * @param friction  its lower triangle is read; both triangles are written
      */
     void order(const std::vector<Eigen::Matrix3d>& turns, Eigen::MatrixXd& friction) const;
     /** Set the fixed components of twists or wrenches to 0. */

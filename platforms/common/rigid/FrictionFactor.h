@@ -31,7 +31,7 @@ public:
     /**
      * A wrench with the covariance xi.
      *
-     * @param W independent standard normal numbers, with the rows of bodies
+     * @param W  independent standard normal numbers, with the rows of bodies
      */
     void thermalWrench(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& W,
                        Eigen::MatrixXd& wrench);

@@ -101,7 +101,7 @@ private:
 /**
  * The generalised inverse of one body's friction in its own frame.
  *
- * @param nullVector of unit length; empty if the friction has none
+ * @param nullVector  of unit length; empty if the friction has none
  */
 Eigen::MatrixXd generalisedInverse(const Eigen::MatrixXd& friction,
                                    const Eigen::VectorXd& nullVector);

@@ -47,7 +47,7 @@ public:
     /**
      * The twists (K^T K)^-1 K^T s nearest to slips (Westwood 2022, eq. 38).
      *
-     * @param turns rotations of the bodies
+     * @param turns  rotations of the bodies
      */
     void nearestTwists(const std::vector<Eigen::Matrix3d>& turns, const Eigen::MatrixXd& slips,
                        Eigen::MatrixXd& twists) const;

@@ -24,7 +24,7 @@ public:
     /**
      * Evaluate and gather forces at the present positions.
      *
-     * @param time for CustomBodyForces, ps
+     * @param time  for CustomBodyForces, ps
      */
     void evaluate(double time);
     /**
