@@ -108,9 +108,9 @@ bool DeviceSteps::begin() {
             bringBack();
     }
     if (!isHere) {
-        // The kernels will write particles with all digits, so do not push them here: OpenMM may
-        // sort particles that it is given, and a run from a checkpoint would then differ in last
-        // bits.
+        // The kernels will write particles with all digits, so OpenMM need not get numbers that
+        // differ by rounding only. It may sort particles that it gets, and a run from a checkpoint
+        // would then differ in last bits.
         scene.arrays->leaveRounding(conditionForHost().empty());
         try {
             stepper.makeReady();
