@@ -9,7 +9,7 @@
  */
 struct PlainPairs {
     int count;
-    std::vector<double> x, y, z;  // z from the wall, if there is one
+    std::vector<double> x, y, z;  // with a wall, z is the height above it
     double radius;
     bool hasWall, torques;
     int columns;                             // 1 or 2

@@ -28,7 +28,7 @@ void CollectiveModes::clear() {
     vectors.clear();
 }
 
-/** Halve members along the longest edge of their box until there are `count` groups. */
+/** Halve members along the longest edge of their box, down to `count` groups. */
 void CollectiveModes::divide(const vector<Member>& members, int first, int end, int count) {
     if (count <= 1 || end - first <= 1) {
         groups.emplace_back();

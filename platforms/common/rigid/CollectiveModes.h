@@ -50,7 +50,7 @@ public:
      */
     static int numGroups(int numMembers, int numParticles);
     /**
-     * @param mostGroups  at most so many groups
+     * @param mostGroups  the largest number of groups
      * @return whether B has such modes; if not, B = 1
      */
     bool compute(const MobilityModel& model, const std::vector<Member>& members, int mostGroups);

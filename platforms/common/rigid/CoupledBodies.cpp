@@ -144,7 +144,7 @@ void CoupledBodies::checkForcesOnFluid(int e) const {
     throw OpenMM::OpenMMException(text.str());
 }
 
-/** The sites of a body's blobs are constant, so that one check is enough. */
+/** Check the sites of a body's blobs once, since they are constant. */
 void CoupledBodies::checkSites(int e) const {
     const FluidElement& element = getElements()[e];
     CoincidenceCheck().check(particlesOf({element}), sitesOf(element), 1);

@@ -50,7 +50,7 @@ double amplificationOf(const MatrixXd& M) {
     return scaled.norm() / sqrt(n) * probes.squaredNorm() / numProbes / n;
 }
 
-/** An orthonormal basis of the columns of A, with as many columns: zeros if there are fewer. */
+/** An orthonormal basis of the columns of A, filled up with zeros to the number of columns of A. */
 MatrixXd basisOf(const MatrixXd& A) {
     const ColPivHouseholderQR<MatrixXd> decomposition(A);
     MatrixXd basis =
@@ -281,7 +281,7 @@ public:
         }
         return true;
     }
-    /** If the attempt was given up: one more than its limit. */
+    /** The number of iterations; one more than the limit if the attempt was given up. */
     int getNumIterations() const { return numIterations; }
 
 private:

@@ -55,7 +55,7 @@ class RigidMotion;
  */
 class MultiblobSolver {
 public:
-    /** @param model  gives the mobility of a body by itself, which makes the preconditioner */
+    /** @param model  gives the mobility of a body by itself, for the preconditioner */
     MultiblobSolver(const RigidMotion& motion, const NullTwists& nullTwists,
                     const MobilityModel& model);
     /**
@@ -191,7 +191,7 @@ private:
     const NullTwists& nullTwists;
     const MobilityModel& model;
     const bool hasSinglePrecision;
-    std::unique_ptr<HeldBlock> heldBlock;  // null: own matrices precondition what is held
+    std::unique_ptr<HeldBlock> heldBlock;  // null: own matrices precondition held blobs
     /** Elements with some fixed components: each has a shape of its own. */
     std::vector<std::pair<int, std::shared_ptr<Shape>>> restricted;
     int numFreeRows = 0;

@@ -36,7 +36,7 @@ public:
     void fix(int element, const FluidElement& components);
     bool has(int element) const { return twists_body[element].size() > 0; }
     bool any() const { return hasAny; }
-    /** In the body frame, of unit length; empty if there is none. */
+    /** The null twist in the body frame, of unit length; empty if the element has none. */
     const Eigen::VectorXd& inBody(int element) const { return twists_body[element]; }
 
     /**

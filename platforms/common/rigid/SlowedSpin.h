@@ -13,7 +13,7 @@ namespace RigidHIPlugin {
  * component along axis k, with mu_1 >= mu_2 >= mu_3 the rotational mobilities of the body alone,
  * and v_2 = v_3. To first order, axis 1 then tumbles at 1 + (2 v_2 - v_1)/12 times the right rate
  * (docs/theory/details_of_steps.md). A body that is straight to the decimals of its file has
- * mu_1/mu_2 up to 1e9, so that v_1 is huge and axis 1 does not tumble correctly at all.
+ * mu_1/mu_2 up to 1e9, so that v_1 is huge and steps lose the tumbling of axis 1.
  *
  * Equation:  N = N_rest + mu_1 t t^T, where t = N e_1/mu_1 is the screw (twist) that a torque about
  *            axis 1 causes, and N_rest e_1 = 0. Let t = s + p, where p is the advance of the screw

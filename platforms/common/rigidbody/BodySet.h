@@ -166,7 +166,7 @@ public:
     // Sites, block by block: entry s of a block holds site s of each of its bodies.
     std::vector<double>
         sites;  // [(entry * 3 + component) * blockSize + lane], inner body frame, nm
-    std::vector<double> siteMass;    // [entry * blockSize + lane], 0 where there is no such site
+    std::vector<double> siteMass;    // [entry * blockSize + lane], 0: no such site
     std::vector<int> siteParticle;   // [entry * blockSize + lane], -1: no such site
     std::vector<int> forceParticle;  // likewise, -1 also for virtual sites
 
