@@ -43,8 +43,7 @@ public:
      * Set one pose for each element; the rotation of a free particle is not used.
      *
      * @param nearby  the poses are a small displacement from accepted ones: near() of the model
-     *
-     *     @throws OpenMMException as the model's at(), and for two particles of one radius at one
+     * @throws OpenMMException  as the model's at(), and for two particles of one radius at one
      *     place
      */
     void setPoses(const std::vector<Pose>& newPoses, bool nearby = false);

@@ -17,9 +17,9 @@ namespace RigidHIPlugin {
  * The mobility of one group of bodies at one configuration: all that callers ask of the fluid.
  * Three strategies implement it:
  *
- *   ConstantMobility for a body alone in a uniform fluid: a tensor, computed once DenseMobility by
- *   matrices: Cholesky's factors of M and of the friction KrylovMobility by products with M alone,
- *   to the tolerance: MultiblobSolver for U and Lanczos
+ *   ConstantMobility  for a body alone in a uniform fluid: a tensor, computed once
+ *   DenseMobility     by matrices: Cholesky's factors of M and of the friction
+ *   KrylovMobility    by products with M alone, to the tolerance: MultiblobSolver for U and Lanczos
  *                     for the noise
  *
  * Equation:  M lambda + s = K U, K^T lambda = F, so U = N (F + K^T M^-1 s), N = (K^T M^-1 K)^-1. U
@@ -115,7 +115,7 @@ public:
      * getBlobForces(). Both poses are small displacements away from those set last.
      *
      * @param noiseIsFrozen  whether the wrenches of near pairs in a step's noise stay the same
-     * wherever the bodies are. If so, slips of parts lack the wrenches of near pairs.
+     *     wherever the bodies are. If so, slips of parts lack the wrenches of near pairs.
      */
     virtual void differenceNearby(const std::vector<Pose>& forward,
                                   const std::vector<Pose>& backward, const MatrixXd& lambda,
@@ -209,7 +209,7 @@ public:
      * Draw the model's random field, for any number of poses.
      *
      * @return whether slips have to come from the field: the model has one, and slips belong to
-     * particles or to parts
+     *     particles or to parts
      */
     bool drawField(const NoiseStream& noise, uint32_t purpose,
                    std::unique_ptr<RandomField>& field) const;

@@ -14,11 +14,10 @@ namespace RigidHIPlugin {
  *
  * Equation:  with Z_f the free components and xi the friction of all bodies,
  *            N_c = Z_f (Z_f^T xi Z_f)^-1 Z_f^T
- *            is the mobility of the free components. It differs from the free block of N, in which
- *            the other bodies are free to move.
- * Method:    Z is an orthogonal basis of twists, in which all free components come first, then all
- *            fixed ones. Z is a permutation of rows; elements with components fixed in their own
- *            frame are turned to their axes first.
+ *            is the mobility of the free components. It differs from the free block of N, which
+ * lets the fixed components move, too. Method:    Z is an orthogonal basis of twists, in which all
+ * free components come first, then all fixed ones. Z is a permutation of rows; elements with
+ * components fixed in their own frame are turned to their axes first.
  */
 class FreeMotion {
 public:

@@ -76,7 +76,7 @@ public:
      * Invert C N C^T.
      *
      * @throws OpenMMException naming the joint, if a condition follows from the others or cannot be
-     * met
+     *     met
      */
     void factorise(const Eigen::MatrixXd& CNC, Eigen::MatrixXd& inverse) const;
     /**
