@@ -17,7 +17,7 @@ namespace RigidHIPlugin {
  * Register the integrator's kernel for one of OpenMM's platforms with devices.
  *
  * @tparam Platform  OpenMM's class. These platforms differ only in the class of their platform
- * data.
+ *     data.
  */
 template <class Platform>
 void registerDevicePlatform(const std::string& name) {

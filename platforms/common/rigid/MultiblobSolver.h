@@ -97,8 +97,8 @@ public:
     /** The largest error of products with which a solve to this tolerance needs no exact ones. */
     double errorFor(double tolerance) const;
     /**
-     * Let products with random forces have an error, relative to such a product. The error of
-     * multiplyScaled() with random vectors is larger by this factor.
+     * The ratio of two relative errors of products: the error of multiplyScaled() with random
+     * vectors, over that of a product with random forces.
      */
     double getAmplification() const { return amplification; }
     /** Keep a column of the last solve. It turns with the bodies. */
